@@ -1,0 +1,1 @@
+"""Postures and accuracy of articulated-arm coordinate measuring machines, on Pinocchio."""

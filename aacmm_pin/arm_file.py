@@ -1,0 +1,213 @@
+"""Arm files (TOML): the DH table of an arm with its uncertainties, limits and masses.
+
+The file speaks millimetres and radians; the properties of :class:`ArmFile` speak SI.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from aacmm_pin.checks import Array
+from aacmm_pin.dh import KINDS, DHTable, table
+from aacmm_pin.errors import ArmFileError, UnknownNameError
+from aacmm_pin.parameter import Parameter
+from aacmm_pin.units import MM
+
+SCHEMA = "aacmm-pin/arm/1"
+
+NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
+Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists_are_tuples(cls, data: Any) -> Any:
+        # TOML has arrays only; strict validation would refuse them where a tuple is meant.
+        if isinstance(data, dict):
+            return {k: tuple(v) if isinstance(v, list) and k != "joints" else v for k, v in data.items()}
+        return data
+
+
+class Uncertainty(_Part):
+    """Half-widths of the calibration of one row: each value lies within ± the half-width."""
+
+    a_mm: NonNegative
+    d_mm: NonNegative
+    alpha_rad: NonNegative
+    theta_offset_rad: NonNegative
+
+
+class Row(_Part):
+    """One DH row: a joint, or with ``fixed = true`` a rigid piece such as a stylus."""
+
+    a_mm: FiniteFloat
+    d_mm: FiniteFloat
+    alpha_rad: FiniteFloat
+    theta_offset_rad: FiniteFloat
+    fixed: bool = False
+    limits_rad: tuple[FiniteFloat, FiniteFloat] | None = None
+    uncertainty: Uncertainty | None = None
+    encoder_noise_rad: NonNegative | None = None
+    mass_kg: NonNegative | None = None
+    com_mm: Vector3 | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Row:
+        if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
+            raise ValueError("a fixed row has no joint: expected no limits_rad and no encoder_noise_rad")
+        if not self.fixed and self.limits_rad is None:
+            raise ValueError("limits_rad is missing, expected [lower, upper] for a joint")
+        if self.limits_rad is not None and not self.limits_rad[0] < self.limits_rad[1]:
+            raise ValueError(f"limits_rad is {list(self.limits_rad)}, expected the lower limit first")
+        if self.com_mm is not None and self.mass_kg is None:
+            raise ValueError("com_mm without mass_kg, expected both")
+        return self
+
+
+class Stylus(_Part):
+    """Direction of the stylus in the last frame."""
+
+    axis: Vector3
+
+    @model_validator(mode="after")
+    def _has_length(self) -> Stylus:
+        if not any(self.axis):
+            raise ValueError("axis is [0, 0, 0], expected a direction")
+        return self
+
+
+class ArmFile(_Part):
+    """A validated arm file."""
+
+    schema_: Literal["aacmm-pin/arm/1"] = Field(alias="schema")
+    name: Annotated[str, Field(min_length=1)]
+    source: str = ""
+    convention: Literal["standard-dh", "modified-dh"]
+    reference_temperature_c: FiniteFloat = 20.0
+    gravity_m_s2: Vector3 = (0.0, 0.0, -9.81)
+    joints: Annotated[list[Row], Field(min_length=1)]
+    stylus: Stylus | None = None
+
+    @model_validator(mode="after")
+    def _has_a_joint(self) -> ArmFile:
+        if all(row.fixed for row in self.joints):
+            raise ValueError("every row is fixed, expected at least one joint")
+        return self
+
+    @property
+    def dh(self) -> DHTable:
+        """The DH table in SI."""
+        rows = np.array([[r.a_mm * MM, r.d_mm * MM, r.alpha_rad, r.theta_offset_rad] for r in self.joints])
+        return table(rows, self.convention, [not r.fixed for r in self.joints])
+
+    @property
+    def moving_rows(self) -> list[Row]:
+        """The rows that have a joint, in order."""
+        return [row for row in self.joints if not row.fixed]
+
+    @property
+    def limits(self) -> Array:
+        """Joint limits, (nq, 2) [rad]."""
+        return np.array([row.limits_rad for row in self.moving_rows], dtype=np.float64)
+
+    @property
+    def encoder_noise(self) -> Array | None:
+        """Standard uncertainty of one reading, (nq,) [rad]; None where the file states it for no joint."""
+        noise = [row.encoder_noise_rad for row in self.moving_rows]
+        return None if all(u is None for u in noise) else np.array([u or 0.0 for u in noise])
+
+    def dh_parameters(self) -> tuple[Parameter, ...]:
+        """The four values of every row in the order of :meth:`DHTable.sensitivity`; rows without uncertainty have u = 0."""
+        parameters = []
+        for number, row in enumerate(self.joints, start=1):
+            widths = row.uncertainty
+            for kind, field, unit, scale in zip(KINDS, _FIELDS, ("m", "m", "rad", "rad"), (MM, MM, 1, 1), strict=True):
+                half = 0.0 if widths is None else getattr(widths, field) * scale
+                value = getattr(row, field) * scale
+                parameters.append(Parameter.bounded(f"{kind}{number}", kind, number, unit, value, half))
+        return tuple(parameters)
+
+
+_FIELDS = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
+
+
+def bundled_arms() -> list[str]:
+    """Names of the arms that come with the package."""
+    folder = importlib.resources.files("aacmm_pin") / "arms"
+    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_arm_file(name_or_path: str | Path) -> ArmFile:
+    """Read a bundled arm by name (``sino6``) or an arm file by path.
+
+    Raises:
+        UnknownNameError: neither a bundled name nor a file; lists the names.
+        ArmFileError: the file is not TOML, or a key is unknown, missing, of the wrong type or out of range.
+    """
+    name = str(name_or_path)
+    if name in bundled_arms():
+        resource = importlib.resources.files("aacmm_pin") / "arms" / f"{name}.toml"
+        return parse_arm_file(resource.read_bytes(), f"{name}.toml")
+    path = Path(name_or_path)
+    if not path.is_file():
+        if path.suffix == ".toml" or path.exists():
+            raise ArmFileError(name, "", "no such file")
+        raise UnknownNameError("arm", name, bundled_arms(), "or the path of an arm file, *.toml")
+    try:
+        return parse_arm_file(path.read_bytes(), name)
+    except OSError as error:
+        raise ArmFileError(name, "", f"cannot be read: {error.strerror}") from None
+
+
+def parse_arm_file(content: bytes, path: str) -> ArmFile:
+    """Validate the content of an arm file; ``path`` is only for messages."""
+    try:
+        data = tomllib.loads(content.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise ArmFileError(path, "", f"not UTF-8 text (byte {error.start})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ArmFileError(path, "", f"not TOML: {error}") from None
+    try:
+        return ArmFile.model_validate(data)
+    except ValidationError as error:
+        raise _explained(error, path) from None
+
+
+def _explained(error: ValidationError, path: str) -> ArmFileError:
+    """Say in one line a problem what came and what was expected, and where."""
+    problems = [_problem(item) for item in error.errors()]
+    key, message = problems[0]
+    rest = "".join(f"\n{path}: {k}: {m}" if k else f"\n{path}: {m}" for k, m in problems[1:])
+    return ArmFileError(path, key, message + rest)
+
+
+def _problem(item: Any) -> tuple[str, str]:
+    key = ""
+    for part in item["loc"]:
+        key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else str(part)
+    match item["type"]:
+        case "extra_forbidden":
+            model = _model_at(item["loc"])
+            known = sorted(field.alias or name for name, field in model.model_fields.items())
+            return key, f"unknown key; known here: {', '.join(known)}"
+        case "missing":
+            return key, "missing"
+        case "value_error":
+            return key, str(item["ctx"]["error"])
+        case _:
+            expected = item["msg"].removeprefix("Input should be ")
+            return key, f"is {item['input']!r}, expected {expected}"
+
+
+def _model_at(location: tuple[Any, ...]) -> type[_Part]:
+    names = [part for part in location[:-1] if isinstance(part, str)]
+    return {"joints": Row, "uncertainty": Uncertainty, "stylus": Stylus}.get(names[-1], ArmFile) if names else ArmFile

@@ -1,0 +1,55 @@
+"""The one door for arrays: shape and finiteness, with messages that say what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aacmm_pin.errors import ShapeError
+
+Array = NDArray[np.float64]
+
+
+def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
+    """Return ``values`` as a float array of shape (n, columns).
+
+    Raises:
+        ShapeError: not two-dimensional, another number of columns, not numbers, or not finite.
+    """
+    array = _floats(values, name)
+    if array.ndim == 1 and array.size == columns:
+        raise ShapeError(
+            f"{name} has shape {array.shape}, expected (n, {columns}) [{unit}]: one row a record; "
+            f"for a single one pass {name}[None, :]"
+        )
+    if array.ndim != 2 or array.shape[1] != columns:
+        raise ShapeError(f"{name} has shape {array.shape}, expected (n, {columns}) [{unit}]")
+    _finite(array, name)
+    return array
+
+
+def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
+    """Return ``values`` as a float array of shape (length,).
+
+    Raises:
+        ShapeError: another shape, not numbers, or not finite.
+    """
+    array = _floats(values, name)
+    if array.shape != (length,):
+        raise ShapeError(f"{name} has shape {array.shape}, expected ({length},) [{unit}]")
+    _finite(array, name)
+    return array
+
+
+def _floats(values: ArrayLike, name: str) -> Array:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name} is not an array of numbers: {error}") from None
+
+
+def _finite(array: Array, name: str) -> None:
+    bad = np.argwhere(~np.isfinite(array))
+    if bad.size:
+        where = ", ".join(str(i) for i in bad[0])
+        raise ShapeError(f"{name}[{where}] is {array[tuple(bad[0])]}, expected a finite number")

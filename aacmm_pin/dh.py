@@ -1,0 +1,191 @@
+"""The Denavit–Hartenberg table as a value, and its geometry in pure NumPy.
+
+A row is a transform from frame i-1 to frame i:
+
+- ``standard-dh``: ``T_i = Rz(θ_i + θ0_i) Tz(d_i) Tx(a_i) Rx(α_i)``
+- ``modified-dh`` (Craig): ``T_i = Rx(α_i) Tx(a_i) Rz(θ_i + θ0_i) Tz(d_i)``
+
+A row that does not move (``moving[i] = False``: a stylus) has θ_i = 0. Batches run along the *last* axis inside this
+module, because whole-array arithmetic on contiguous components is several times faster than stacks of 3×3 products.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin.checks import Array, batch
+from aacmm_pin.errors import ShapeError
+
+Convention = Literal["standard-dh", "modified-dh"]
+KINDS = ("a", "d", "alpha", "theta")
+"""The four values of a row, in the order in which sensitivities list them."""
+
+CHUNK = 2048
+"""Configurations handled at once: their frames stay in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class DHTable:
+    """Denavit–Hartenberg values of an arm.
+
+    Attributes:
+        a: link lengths, (rows,) [m].
+        d: joint distances, (rows,) [m].
+        alpha: link twists, (rows,) [rad].
+        theta_offset: joint zero offsets, (rows,) [rad].
+        moving: (rows,) True where the row has a joint.
+        convention: ``standard-dh`` or ``modified-dh``.
+    """
+
+    a: Array
+    d: Array
+    alpha: Array
+    theta_offset: Array
+    moving: NDArray[np.bool_]
+    convention: Convention = "standard-dh"
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return int(self.a.shape[0])
+
+    @property
+    def nq(self) -> int:
+        """Number of joints."""
+        return int(self.moving.sum())
+
+    @property
+    def standard(self) -> bool:
+        """True for standard DH."""
+        return self.convention == "standard-dh"
+
+    def values(self) -> Array:
+        """All values as (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad]."""
+        return np.stack([self.a, self.d, self.alpha, self.theta_offset], axis=1)
+
+    def placements(self, q: Array) -> Array:
+        """Placements of all frames in the base for configurations ``q`` (n, nq) [rad]: (n, rows + 1, 4, 4) [m]."""
+        x, y, z, o = self.axes(batch(q, self.nq, "q", "rad"))
+        n = o.shape[2]
+        placements = np.zeros((n, self.rows + 1, 4, 4))
+        for column, axis in enumerate((x, y, z, o)):
+            placements[:, :, :3, column] = axis.transpose(2, 0, 1)
+        placements[:, :, 3, 3] = 1.0
+        return placements
+
+    def positions(self, q: Array, row: int | None = None, errors: Array | None = None) -> Array:
+        """Origin of frame ``row`` (default: the last) for ``q`` (n, nq) [rad]: (n, 3) [m].
+
+        Args:
+            q: configurations (n, nq) [rad].
+            row: number of the frame, 0 the base.
+            errors: (n, rows, 4) or (rows, 4), added to a, d, alpha, theta_offset; exact, nothing is linearised.
+        """
+        q = batch(q, self.nq, "q", "rad")
+        row = self.rows if row is None else row
+        positions = np.empty((q.shape[0], 3))
+        for part in chunks(q.shape[0]):
+            these = errors[part] if errors is not None and errors.ndim == 3 else errors
+            positions[part] = self.axes(q[part], these, row)[3][row].T
+        return positions
+
+    def jacobian(self, q: Array, row: int | None = None) -> Array:
+        """∂(origin of frame ``row``)/∂q for ``q`` (n, nq) [rad]: (n, 3, nq) [m/rad]."""
+        columns = [4 * i + 3 for i in range(self.rows) if self.moving[i]]
+        return self.sensitivity(q, row)[:, :, columns]
+
+    def sensitivity(self, q: Array, row: int | None = None) -> Array:
+        """∂(origin of frame ``row``)/∂(a, d, alpha, theta of each row), closed form: (n, 3, 4 rows) [m/m, m/rad].
+
+        A length moves the point along its own axis, an angle turns the point about its own axis; so for standard DH
+        ``∂p/∂d_i = z_{i-1}``, ``∂p/∂a_i = x_i``, ``∂p/∂θ_i = z_{i-1} × (p - o_{i-1})``, ``∂p/∂α_i = x_i × (p - o_i)``.
+        In modified DH the axis of a and alpha is x_{i-1}, the axis of d and theta is z_i. Rows beyond ``row`` give zeros.
+        """
+        q = batch(q, self.nq, "q", "rad")
+        row = self.rows if row is None else row
+        columns = np.zeros((3, 4 * self.rows, q.shape[0]))
+        for part in chunks(q.shape[0]):
+            self._fill_sensitivity(q[part], row, columns[:, :, part])
+        return columns.transpose(2, 0, 1)
+
+    def _fill_sensitivity(self, q: Array, row: int, out: Array) -> None:
+        x, _, z, o = self.axes(q, None, row)
+        for i in range(row):
+            z_frame, x_frame = (i, i + 1) if self.standard else (i + 1, i)
+            out[:, 4 * i] = x[x_frame]
+            out[:, 4 * i + 1] = z[z_frame]
+            _cross(x[x_frame], o[row] - o[x_frame], out[:, 4 * i + 2])
+            _cross(z[z_frame], o[row] - o[z_frame], out[:, 4 * i + 3])
+
+    def axes(self, q: Array, errors: Array | None = None, row: int | None = None) -> tuple[Array, Array, Array, Array]:
+        """Axes and origins of the frames 0..row in the base, for already checked ``q`` (n, nq).
+
+        Returns:
+            x, y, z, o: each (row + 1, 3, n), components along the middle axis, the batch last.
+        """
+        row = self.rows if row is None else row
+        n = q.shape[0]
+        values = self.values() if errors is None else self.values() + errors  # (rows, 4) or (n, rows, 4)
+        x, y, z, o = (np.empty((row + 1, 3, n)) for _ in range(4))
+        for axis, unit in ((x, (1, 0, 0)), (y, (0, 1, 0)), (z, (0, 0, 1)), (o, (0, 0, 0))):
+            axis[0] = np.array(unit, dtype=np.float64)[:, None]
+        joint_of_row = np.cumsum(self.moving) - 1
+        step = _standard_row if self.standard else _modified_row
+        for i in range(row):
+            a, d, alpha, theta = values[..., i, 0], values[..., i, 1], values[..., i, 2], values[..., i, 3]
+            angle = q[:, joint_of_row[i]] + theta if self.moving[i] else np.broadcast_to(theta, (n,))
+            step(x, y, z, o, i, a, d, alpha, angle)
+        return x, y, z, o
+
+
+def _standard_row(
+    x: Array, y: Array, z: Array, o: Array, i: int, a: Array, d: Array, alpha: Array, angle: Array
+) -> None:
+    """Frame i+1 from frame i: turn about z, then shift along z and the new x, then tilt about the new x."""
+    c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+    x[i + 1] = c * x[i] + s * y[i]
+    turned = c * y[i] - s * x[i]
+    y[i + 1] = ca * turned + sa * z[i]
+    z[i + 1] = ca * z[i] - sa * turned
+    o[i + 1] = o[i] + d * z[i] + a * x[i + 1]
+
+
+def _modified_row(
+    x: Array, y: Array, z: Array, o: Array, i: int, a: Array, d: Array, alpha: Array, angle: Array
+) -> None:
+    """Frame i+1 from frame i: tilt about x and shift along it, then turn about the new z and shift along that."""
+    c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+    tilted = ca * y[i] + sa * z[i]
+    z[i + 1] = ca * z[i] - sa * y[i]
+    x[i + 1] = c * x[i] + s * tilted
+    y[i + 1] = c * tilted - s * x[i]
+    o[i + 1] = o[i] + a * x[i] + d * z[i + 1]
+
+
+def _cross(u: Array, v: Array, out: Array) -> None:
+    """u × v for component-first arrays (3, n); numpy.cross copies and is several times slower here."""
+    out[0] = u[1] * v[2] - u[2] * v[1]
+    out[1] = u[2] * v[0] - u[0] * v[2]
+    out[2] = u[0] * v[1] - u[1] * v[0]
+
+
+def chunks(n: int, size: int = CHUNK) -> list[slice]:
+    """Slices that cover ``range(n)`` in parts of ``size``."""
+    return [slice(start, min(start + size, n)) for start in range(0, n, size)]
+
+
+def table(rows: Array, convention: Convention = "standard-dh", moving: list[bool] | None = None) -> DHTable:
+    """Make a table from ``rows`` (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad].
+
+    Raises:
+        ShapeError: wrong shape, not finite, or another number of ``moving``.
+    """
+    rows = batch(rows, 4, "rows", "m, m, rad, rad")
+    flags = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
+    if flags.shape != (len(rows),):
+        raise ShapeError(f"moving has {flags.size} entries, expected one for each of the {len(rows)} rows")
+    return DHTable(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], flags, convention)

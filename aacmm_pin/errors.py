@@ -1,0 +1,47 @@
+"""What this package raises when it cannot use what it was given."""
+
+from __future__ import annotations
+
+
+class AacmmError(Exception):
+    """Base of every error that this package raises on purpose; its text is meant for the user."""
+
+
+class ShapeError(AacmmError):
+    """An array has the wrong shape or holds numbers that are not finite."""
+
+
+class ArmFileError(AacmmError):
+    """An arm file cannot be used.
+
+    Attributes:
+        path: the file, as the caller named it.
+        key: the dotted key inside the file, or "" where the whole file is meant.
+    """
+
+    def __init__(self, path: str, key: str, message: str) -> None:
+        self.path = path
+        self.key = key
+        super().__init__(f"{path}: {key}: {message}" if key else f"{path}: {message}")
+
+
+class UnknownNameError(AacmmError):
+    """A name (arm, frame, method, ...) is none of the known ones.
+
+    Attributes:
+        name: what came.
+        known: what would have been understood.
+    """
+
+    def __init__(self, what: str, name: str, known: list[str], hint: str = "") -> None:
+        self.name = name
+        self.known = known
+        super().__init__(f"unknown {what} {name!r}; known: {', '.join(known)}" + (f" ({hint})" if hint else ""))
+
+
+class UnsupportedArmError(AacmmError):
+    """The arm's geometry lacks what this computation needs."""
+
+
+class OutputError(AacmmError):
+    """A result cannot be written where it was asked to be."""
