@@ -210,4 +210,5 @@ def _problem(item: Any) -> tuple[str, str]:
 
 def _model_at(location: tuple[Any, ...]) -> type[_Part]:
     names = [part for part in location[:-1] if isinstance(part, str)]
-    return {"joints": Row, "uncertainty": Uncertainty, "stylus": Stylus}.get(names[-1], ArmFile) if names else ArmFile
+    parts: dict[str, type[_Part]] = {"joints": Row, "uncertainty": Uncertainty, "stylus": Stylus}
+    return parts.get(names[-1], ArmFile) if names else ArmFile

@@ -142,9 +142,7 @@ class DHTable:
         return x, y, z, o
 
 
-def _standard_row(
-    x: Array, y: Array, z: Array, o: Array, i: int, a: Array, d: Array, alpha: Array, angle: Array
-) -> None:
+def _standard_row(x: Array, y: Array, z: Array, o: Array, i: int, a: Array, d: Array, alpha: Array, angle: Array) -> None:
     """Frame i+1 from frame i: turn about z, then shift along z and the new x, then tilt about the new x."""
     c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
     x[i + 1] = c * x[i] + s * y[i]
@@ -154,9 +152,7 @@ def _standard_row(
     o[i + 1] = o[i] + d * z[i] + a * x[i + 1]
 
 
-def _modified_row(
-    x: Array, y: Array, z: Array, o: Array, i: int, a: Array, d: Array, alpha: Array, angle: Array
-) -> None:
+def _modified_row(x: Array, y: Array, z: Array, o: Array, i: int, a: Array, d: Array, alpha: Array, angle: Array) -> None:
     """Frame i+1 from frame i: tilt about x and shift along it, then turn about the new z and shift along that."""
     c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
     tilted = ca * y[i] + sa * z[i]
