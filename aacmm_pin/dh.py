@@ -93,6 +93,27 @@ class DHTable:
             positions[part] = self.axes(q[part], these, row)[3][row].T
         return positions
 
+    def links(self) -> Array:
+        """Constant transforms L of ``L_0 Rz(q_1) L_1 Rz(q_2) ... Rz(q_nq) L_nq``: (nq + 1, 4, 4) [m]."""
+        links = [np.eye(4)]
+        for i in range(self.rows):
+            before, after = _row_constants(self, i)
+            links[-1] = links[-1] @ before
+            if self.moving[i]:
+                links.append(after)
+            else:
+                links[-1] = links[-1] @ after
+        return np.stack(links)
+
+    def position_and_jacobian(self, q: Array) -> tuple[Array, Array]:
+        """Origin of the last frame and its derivative, for already checked ``q`` (n, nq): (n, 3) [m], (n, 3, nq) [m/rad]."""
+        _, _, z, o = self.axes(q)
+        jacobian = np.empty((self.nq, 3, q.shape[0]))
+        for joint, i in enumerate(np.flatnonzero(self.moving)):
+            frame = i if self.standard else i + 1
+            _cross(z[frame], o[-1] - o[frame], jacobian[joint])
+        return np.ascontiguousarray(o[-1].T), np.ascontiguousarray(jacobian.transpose(2, 1, 0))
+
     def jacobian(self, q: Array, row: int | None = None) -> Array:
         """∂(origin of frame ``row``)/∂q for ``q`` (n, nq) [rad]: (n, 3, nq) [m/rad]."""
         columns = [4 * i + 3 for i in range(self.rows) if self.moving[i]]
@@ -160,6 +181,15 @@ def _modified_row(x: Array, y: Array, z: Array, o: Array, i: int, a: Array, d: A
     x[i + 1] = c * x[i] + s * tilted
     y[i + 1] = c * tilted - s * x[i]
     o[i + 1] = o[i] + a * x[i] + d * z[i + 1]
+
+
+def _row_constants(dh: DHTable, i: int) -> tuple[Array, Array]:
+    """What stands before and behind the joint of row i; Rz(θ0) commutes with the joint and is put behind it."""
+    ca, sa = np.cos(dh.alpha[i]), np.sin(dh.alpha[i])
+    c, s = np.cos(dh.theta_offset[i]), np.sin(dh.theta_offset[i])
+    turn = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, dh.d[i]], [0, 0, 0, 1]])
+    tilt = np.array([[1, 0, 0, dh.a[i]], [0, ca, -sa, 0], [0, sa, ca, 0], [0, 0, 0, 1]])
+    return (np.eye(4), turn @ tilt) if dh.standard else (tilt, turn)
 
 
 def _cross(u: Array, v: Array, out: Array) -> None:

@@ -1,0 +1,286 @@
+"""Closed curves of solutions of k equations in k + 1 angles, many at once, by predictor and corrector.
+
+Source of the method: E. Allgower, K. Georg, "Introduction to Numerical Continuation Methods", SIAM 2003.
+Each curve keeps its own step length. The sign of ``det [J; tᵀ]`` is constant along a smooth curve and changes where a step
+jumps across a narrow gap to another branch; such a step is taken back and shortened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin.checks import Array
+from aacmm_pin.dh import chunks
+
+Index = NDArray[np.intp]
+System = Callable[[Array, Index], tuple[Array, Array]]
+"""``system(q, problem) -> F (n, k), J (n, k, k + 1)`` for angles q (n, k + 1) and the number of each row's problem (n,)."""
+
+CLOSE_ENOUGH = 1e-12
+"""Largest residual of a solution [unit of F: m, or 1 for directions]."""
+LONGEST_STEP = 0.16
+SHORTEST_STEP = 1e-7
+LARGEST_TURN = 0.30
+"""Largest angle between the tangents at the two ends of a step [rad]."""
+SAME_POINT = 1e-6
+"""Two solutions nearer to each other than this are one [rad]."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve: its vertices in order (the first is not repeated at the end) and whether it returned to its start.
+
+    Attributes:
+        q: (m, k + 1) [rad], unwrapped: it follows the curve and may leave [-π, π].
+        closed: True where the last vertex is followed by the first.
+        problem: number of the problem that it belongs to.
+    """
+
+    q: Array
+    closed: bool
+    problem: int
+
+
+def polish(system: System, q: Array, problem: Index, iterations: int = 40) -> tuple[Array, NDArray[np.bool_]]:
+    """Move each row to the nearest solution by damped least-norm Newton steps.
+
+    Returns:
+        q (n, k + 1) [rad] and the flags (n,) of those that reached a residual of ``CLOSE_ENOUGH``.
+    """
+    q, best = q.copy(), np.full(len(q), np.inf)
+    result = q.copy()
+    active = np.arange(len(q))
+    for _ in range(iterations):
+        f, jacobian = system(q[active], problem[active])
+        size = np.abs(f).max(axis=1, initial=0.0)
+        better = size < best[active]
+        result[active[better]], best[active[better]] = q[active[better]], size[better]
+        going = size > 0.02 * CLOSE_ENOUGH
+        active, f, jacobian = active[going], f[going], jacobian[going]
+        if not active.size:
+            break
+        step = -_least_norm(jacobian, f)
+        length = np.linalg.norm(step, axis=1)
+        q[active] += step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))[:, None]
+    return result, best <= CLOSE_ENOUGH
+
+
+def trace(system: System, start: Array, problem: Index, max_vertices: int = 4000) -> list[Curve]:
+    """Follow the curve through each of ``start`` (n, k + 1), which must be solutions, once round.
+
+    Args:
+        system: the equations.
+        start: solutions to start from (n, k + 1) [rad].
+        problem: number of the problem of each (n,).
+        max_vertices: a curve longer than that is returned with ``closed = False``.
+
+    Returns:
+        One curve for each start, in order. Two starts on one curve give it twice: see :func:`on_curves`.
+    """
+    state = _State(system, start, problem)
+    for _ in range(max_vertices):
+        if not state.step():
+            break
+    return state.curves()
+
+
+class _State:
+    """All curves that are still under way."""
+
+    def __init__(self, system: System, start: Array, problem: Index) -> None:
+        self.system, self.start, self.problem = system, start, problem
+        n = len(start)
+        self.q = start.copy()
+        self.tangent = _null_vectors(system(start, problem)[1])
+        self.start_tangent = self.tangent.copy()
+        self.sign = self._orientation(np.arange(n), start, self.tangent)
+        self.curvature = np.zeros_like(start)
+        self.length = np.full(n, 0.25 * LONGEST_STEP)
+        self.travelled = np.zeros(n)
+        self.closed = np.zeros(n, dtype=bool)
+        self.active = np.arange(n)
+        self.history: list[tuple[Index, Array]] = [(self.active, start.copy())]
+
+    def step(self) -> bool:
+        """One step of every active curve; False when none is left."""
+        who = self.active
+        if not who.size:
+            return False
+        h, t = self.length[who, None], self.tangent[who]
+        guess = self.q[who] + h * t + 0.5 * h**2 * self.curvature[who]
+        q, jacobian, good = _correct(self.system, guess, t, self.problem[who])
+        tangent, sign = _next_tangent(jacobian, t)
+        cosine = np.einsum("ni,ni->n", tangent, t)
+        good &= (cosine > np.cos(LARGEST_TURN)) & (np.linalg.norm(q - guess, axis=1) < 0.4 * h[:, 0])
+        crossing = h[:, 0] <= 2 * SHORTEST_STEP  # a gap that narrow is a crossing: go straight on
+        good &= (sign == self.sign[who]) | crossing
+        self.length[who[~good]] *= 0.4
+        stuck = self.length[who] < SHORTEST_STEP
+        self._accept(who[good], q[good], tangent[good], sign[good], np.sqrt(np.maximum(0.0, 1 - cosine[good] ** 2)))
+        self.active = who[~(self.closed[who] | stuck)]
+        return True
+
+    def _accept(self, who: Index, q: Array, tangent: Array, sign: Array, turn: Array) -> None:
+        moved = q - self.q[who]
+        distance = np.linalg.norm(moved, axis=1)
+        closed = self._returned(who, moved, distance)
+        keep = ~closed
+        self.closed[who[closed]] = True
+        self.history.append((who[keep], q[keep]))
+        self.curvature[who] = (tangent - self.tangent[who]) / distance[:, None]
+        self.q[who], self.tangent[who], self.sign[who] = q, tangent, sign
+        self.travelled[who] += distance
+        wanted = np.clip(0.6 * LARGEST_TURN / np.maximum(turn, 1e-3), 0.5, 1.8)
+        self.length[who] = np.clip(self.length[who] * wanted, SHORTEST_STEP, LONGEST_STEP)
+
+    def _returned(self, who: Index, moved: Array, distance: Array) -> NDArray[np.bool_]:
+        """Did this step pass the start (modulo full turns)? Near it, the start is solved for and compared."""
+        to_start = _wrapped(self.start[who] - self.q[who])
+        along = np.einsum("ni,ni->n", to_start, moved) / distance
+        aside = np.linalg.norm(to_start - (along / distance)[:, None] * moved, axis=1)
+        near = (along > 0) & (along <= distance * 1.0001) & (aside < 0.3 * distance) & (self.travelled[who] > 0)
+        returned = np.zeros(len(who), dtype=bool)
+        if near.any():
+            some = np.flatnonzero(near)
+            guess = self.q[who[some]] + (along[some] / distance[some])[:, None] * moved[some]
+            goal = guess + _wrapped(self.start[who[some]] - guess)
+            returned[some] = _meets(self.system, guess, goal, self.start_tangent[who[some]], self.problem[who[some]])
+        return returned
+
+    def _orientation(self, who: Index, q: Array, tangent: Array) -> Array:
+        jacobian = self.system(q, self.problem[who])[1]
+        return np.asarray(np.sign(np.linalg.det(_bordered(jacobian, tangent))))
+
+    def curves(self) -> list[Curve]:
+        """The vertices gathered by curve."""
+        who = np.concatenate([w for w, _ in self.history])
+        q = np.concatenate([v for _, v in self.history])
+        order = np.argsort(who, kind="stable")
+        parts = np.split(q[order], np.searchsorted(who[order], np.arange(1, len(self.start))))
+        return [Curve(part, bool(c), int(p)) for part, c, p in zip(parts, self.closed, self.problem, strict=True)]
+
+
+def all_curves(system: System, seeds: Array, problem: Index) -> list[Curve]:
+    """Every curve that holds one of the ``seeds`` (n, k + 1), which must be solutions, once."""
+    curves: list[Curve] = []
+    while len(seeds):
+        _, first = np.unique(problem, return_index=True)
+        new = trace(system, seeds[first], problem[first])
+        curves += new
+        left = np.ones(len(seeds), dtype=bool)
+        left[first] = False
+        left[left] = ~on_curves(system, seeds[left], problem[left], new)
+        seeds, problem = seeds[left], problem[left]
+    return sorted(curves, key=lambda curve: curve.problem)
+
+
+def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> NDArray[np.bool_]:
+    """Which of the solutions ``q`` (n, k + 1) lie on one of the ``curves`` (at most one for each problem): (n,).
+
+    From the vertices nearest to a solution, the curve's point in the plane through the solution and across its tangent is
+    solved for; the solution is on the curve where that point is the solution itself.
+    """
+    found = np.zeros(len(q), dtype=bool)
+    row_of = {curve.problem: row for row, curve in enumerate(curves)}
+    open_ = np.array([i for i, p in enumerate(problem) if int(p) in row_of], dtype=np.intp)
+    if not open_.size:
+        return found
+    longest = max(len(curve.q) for curve in curves)
+    vertices = np.full((len(curves), longest, q.shape[1]), np.nan)
+    for row, curve in enumerate(curves):
+        vertices[row, : len(curve.q)] = curve.q
+    rows = np.array([row_of[int(p)] for p in problem[open_]])
+    tangents = _null_vectors(system(q[open_], problem[open_])[1])
+    nearest = _nearest(q[open_], vertices, rows)
+    for k in range(nearest.shape[1]):  # then the next nearest: the first may lie on a neighbouring strand
+        left = np.flatnonzero(~found[open_])
+        who, guess = open_[left], vertices[rows[left], nearest[left, k]]
+        goal = guess + _wrapped(q[who] - guess)
+        found[who] = _meets(system, guess, goal, tangents[left], problem[who])
+    return found
+
+
+def _nearest(q: Array, vertices: Array, rows: Index, count: int = 3) -> Index:
+    """Numbers of the ``count`` vertices of row ``rows[i]`` that are nearest to ``q[i]``: (n, count)."""
+    count = min(count, vertices.shape[1])
+    nearest = np.empty((len(q), count), dtype=np.intp)
+    for part in chunks(len(q), max(1, 1_000_000 // vertices.shape[1])):
+        gaps = np.square(_wrapped(vertices[rows[part]] - q[part, None, :])).sum(axis=2)
+        gaps[np.isnan(gaps)] = np.inf
+        nearest[part] = np.argpartition(gaps, count - 1, axis=1)[:, :count]
+        nearest[part] = np.take_along_axis(
+            nearest[part], np.argsort(np.take_along_axis(gaps, nearest[part], axis=1), axis=1), axis=1
+        )
+    return nearest
+
+
+def _meets(system: System, guess: Array, goal: Array, tangent: Array, problem: Index) -> NDArray[np.bool_]:
+    """Does the curve near ``guess`` cut the plane through ``goal`` across ``tangent`` in ``goal`` itself?"""
+    if not len(guess):
+        return np.zeros(0, dtype=bool)
+    shifted = guess - np.einsum("ni,ni->n", guess - goal, tangent)[:, None] * tangent
+    near = np.linalg.norm(shifted - goal, axis=1) < 2 * LONGEST_STEP
+    met = np.zeros(len(guess), dtype=bool)
+    if near.any():
+        q, _, good = _correct(system, shifted[near], tangent[near], problem[near], iterations=8)
+        met[near] = good & (np.linalg.norm(q - goal[near], axis=1) < SAME_POINT)
+    return met
+
+
+def _correct(
+    system: System, guess: Array, tangent: Array, problem: Index, iterations: int = 5
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Newton across the tangent: solutions, their Jacobians, and which of them converged."""
+    q = guess.copy()
+    f, jacobian = system(q, problem)
+    for _ in range(iterations):
+        open_ = np.flatnonzero(np.abs(f).max(axis=1) > 0.2 * CLOSE_ENOUGH)
+        if not open_.size:
+            break
+        right = np.zeros((len(open_), q.shape[1], 1))
+        right[:, :-1, 0] = -f[open_]
+        q[open_] += _solve(_bordered(jacobian[open_], tangent[open_]), right)[:, :, 0]
+        f[open_], jacobian[open_] = system(q[open_], problem[open_])
+    return q, jacobian, np.abs(f).max(axis=1) <= CLOSE_ENOUGH
+
+
+def _next_tangent(jacobian: Array, tangent: Array) -> tuple[Array, Array]:
+    """Unit null vectors that go on in the sense of ``tangent``, and the sign of the bordered determinant."""
+    matrix = _bordered(jacobian, tangent)
+    right = np.zeros((len(matrix), matrix.shape[1], 1))
+    right[:, -1] = 1.0
+    new = _solve(matrix, right)[:, :, 0]
+    new /= np.linalg.norm(new, axis=1)[:, None]
+    return new, np.sign(np.linalg.det(matrix))
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    """Batched solve; a singular matrix gives a step that the caller refuses, not an exception for the whole batch."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(matrix) @ right)
+
+
+def _bordered(jacobian: Array, tangent: Array) -> Array:
+    return np.concatenate([jacobian, tangent[:, None, :]], axis=1)
+
+
+def _null_vectors(jacobian: Array) -> Array:
+    return np.asarray(np.linalg.svd(jacobian)[2][:, -1, :])
+
+
+def _least_norm(jacobian: Array, f: Array) -> Array:
+    """Least-norm solution of J x = f, damped only where J is nearly singular."""
+    gram = jacobian @ jacobian.transpose(0, 2, 1)
+    damping = 1e-14 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
+    return np.asarray((jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram + damping, f[:, :, None]))[:, :, 0])
+
+
+def _wrapped(angles: Array) -> Array:
+    """Angles in [-π, π)."""
+    return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)

@@ -1,0 +1,228 @@
+"""All configurations that bring a point of the arm to given places, as closed curves; limits play no part here.
+
+Seeds come from the closed form of :mod:`aacmm_pin.three_revolutes` with each of the joints 1 to 4 held in turn at many
+angles: no single joint will do, because near the base axis the curves run at almost constant θ3, and on it θ1 is free.
+Newton's method then moves every candidate to the nearest solution, and continuation follows each curve once round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin.checks import Array
+from aacmm_pin.continuation import Curve, Index, all_curves, polish
+from aacmm_pin.dh import DHTable
+from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.three_revolutes import candidates
+
+POSITIONING = 4
+"""Number of joints that place the wrist."""
+WRIST_ROW = 5
+"""The wrist is the origin of this frame."""
+COLLINEAR = 1e-9
+
+
+@dataclass(frozen=True)
+class Wrist:
+    """The origin of frame 5 as a function of joints 1 to 4, the others held.
+
+    Attributes:
+        table: rows 1 to 5 with the fifth fixed at its held angle.
+        rest: held angles of the joints after the fourth, (nq - 4,) [rad].
+    """
+
+    table: DHTable
+    rest: Array
+
+    @staticmethod
+    def of(dh: DHTable, rest: Array) -> Wrist:
+        """Hold joints 5 and up at ``rest``.
+
+        Raises:
+            UnsupportedArmError: fewer than five rows, or one of the first five has no joint.
+        """
+        if dh.rows < WRIST_ROW or not dh.moving[:WRIST_ROW].all():
+            raise UnsupportedArmError("configurations need an arm whose first five DH rows are joints")
+        offsets = dh.theta_offset[:WRIST_ROW].copy()
+        offsets[-1] += rest[0]
+        moving = np.array([True] * POSITIONING + [False])
+        first = slice(0, WRIST_ROW)
+        return Wrist(DHTable(dh.a[first], dh.d[first], dh.alpha[first], offsets, moving, dh.convention), rest)
+
+    def full(self, q: Array) -> Array:
+        """All joints from the first four: (n, nq) [rad]."""
+        return np.column_stack([q, np.broadcast_to(self.rest, (len(q), len(self.rest)))])
+
+
+def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:
+    """Curves of joints 1 to 4 on which the wrist is at ``points`` (m, 3) [m], sorted by the number of the point.
+
+    Args:
+        wrist: which point of the arm.
+        points: where it shall be (m, 3) [m].
+        per_turn: angles at which each of the joints 1 to 4 is held to find seeds.
+    """
+
+    def system(q: Array, problem: Index) -> tuple[Array, Array]:
+        position, jacobian = wrist.table.position_and_jacobian(q)
+        return position - points[problem], jacobian
+
+    seeds, problem = _held_seeds(wrist.table.links(), points, per_turn)
+    seeds, good = polish(system, seeds, problem)
+    return all_curves(system, seeds[good], problem[good])
+
+
+def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
+    """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
+    angles = -np.pi + (np.arange(per_turn) + 0.37) * (2 * np.pi / per_turn)  # off the symmetric angles 0 and ±π
+    seeds, numbers = [], []
+    for held in range(POSITIONING):
+        constants, c = _chain_with_held(links, held, angles)
+        which, angle = (grid.ravel() for grid in np.meshgrid(np.arange(len(points)), np.arange(per_turn), indexing="ij"))
+        found, who = candidates(*(constant[angle] for constant in constants), c[angle], points[which])
+        free = [joint for joint in range(POSITIONING) if joint != held]
+        q = np.empty((len(found), POSITIONING))
+        q[:, free], q[:, held] = found, angles[angle[who]]
+        seeds.append(q)
+        numbers.append(which[who])
+    return np.concatenate(seeds), np.concatenate(numbers)
+
+
+def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array], Array]:
+    """Constants B0, B1, B2 (n, 4, 4) and the point c (n, 3) of the three joints that stay free."""
+    turns = np.zeros((len(angles), 4, 4))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0] = np.sin(angles)
+    turns[:, 0, 1] = -turns[:, 1, 0]
+    turns[:, 2, 2] = turns[:, 3, 3] = 1.0
+    constants = [np.broadcast_to(links[0], turns.shape)]
+    for joint in range(POSITIONING):
+        if joint == held:
+            constants[-1] = constants[-1] @ turns @ links[joint + 1]
+        else:
+            constants.append(np.broadcast_to(links[joint + 1], turns.shape))
+    return constants[:3], np.ascontiguousarray(constants[3][:, :3, 3])
+
+
+def tip_curves(dh: DHTable, point: Array, stylus: Array, axis: Array, per_turn: int, directions: int = 48) -> list[Curve]:
+    """Curves of six joints on which the tip is at ``point`` and the stylus points along ``axis``.
+
+    The body behind joint 6 may still turn about the stylus. For each of many such turns the wrist's place is known; where
+    along its circle joint axis 5 makes the angle with joint axis 6 that row 5 demands, there is a seed.
+
+    Args:
+        dh: table with exactly six joints, the first six rows.
+        point: (3,) [m].
+        stylus: unit direction of the stylus in the last frame (3,).
+        axis: unit direction that it shall have in the base (3,).
+        per_turn: see :func:`wrist_curves`.
+        directions: number of turns about the stylus that are tried.
+
+    Raises:
+        UnsupportedArmError: the arm has not six joints in its first six rows.
+    """
+    if dh.nq != 6 or not dh.moving[:6].all():
+        raise UnsupportedArmError("configurations of the tip need an arm with six joints in its first six DH rows")
+    system = _tip_system(dh, point, stylus, axis)
+    seeds = _tip_seeds(dh, point, stylus, axis, per_turn, directions)
+    problem = np.zeros(len(seeds), dtype=np.intp)
+    seeds, good = polish(system, seeds, problem)
+    towards = np.einsum("nij,j,i->n", dh.placements(seeds)[:, -1, :3, :3], stylus, axis) > 0
+    return all_curves(system, seeds[good & towards], problem[good & towards])
+
+
+def _tip_system(dh: DHTable, point: Array, stylus: Array, axis: Array):  # type: ignore[no-untyped-def]
+    """Residual (n, 5): the tip's place [m] and the stylus across two directions normal to ``axis`` [1]."""
+    normals = np.linalg.svd(axis[None, :])[2][1:]
+    joints = np.flatnonzero(dh.moving)
+
+    def system(q: Array, problem: Index) -> tuple[Array, Array]:
+        x, y, z, o = dh.axes(q)
+        direction = stylus[0] * x[-1] + stylus[1] * y[-1] + stylus[2] * z[-1]
+        f = np.concatenate([o[-1] - point[:, None], normals @ direction]).T
+        jacobian = np.empty((len(q), 5, len(joints)))
+        for column, i in enumerate(joints):
+            frame = i if dh.standard else i + 1
+            jacobian[:, :3, column] = np.cross(z[frame], o[-1] - o[frame], axis=0).T
+            jacobian[:, 3:, column] = (normals @ np.cross(z[frame], direction, axis=0)).T
+        return f, jacobian
+
+    return system
+
+
+def _tip_seeds(dh: DHTable, point: Array, stylus: Array, axis: Array, per_turn: int, directions: int) -> Array:
+    """Starting values (n, 6) [rad], near solutions."""
+    links = dh.links()
+    behind = links[6]  # from joint 6 to the tip
+    stylus_in_6 = behind[:3, :3] @ stylus
+    bodies = _bodies_about(axis, stylus_in_6, directions)
+    places = point - bodies @ behind[:3, 3]  # origin of frame 5 lies where the axes of joint 6 start
+    wrist = Wrist.of(dh, np.zeros(dh.nq - POSITIONING))
+    places = places - np.einsum("nij,j->ni", bodies, _wrist_in_6(dh, links))
+    seeds = []
+    for curve in wrist_curves(wrist, places, per_turn):
+        seeds.append(_wrist_angles(wrist.full(curve.q), bodies[curve.problem], links))
+    return np.concatenate(seeds) if seeds else np.empty((0, 6))
+
+
+def _wrist_in_6(dh: DHTable, links: Array) -> Array:
+    """Origin of frame 5 seen from the axes of joint 6 before it turns: zero for standard DH (the frames coincide)."""
+    return np.zeros(3) if dh.standard else -links[5][:3, 3]
+
+
+def _bodies_about(axis: Array, stylus: Array, count: int) -> Array:
+    """Orientations (n, 3, 3) of the body behind joint 6 that have ``stylus`` along ``axis``."""
+    start = _rotation_between(stylus, axis)
+    angles = np.arange(count) * (2 * np.pi / count)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    turn = np.eye(3) + np.sin(angles)[:, None, None] * cross + (1 - np.cos(angles))[:, None, None] * (cross @ cross)
+    return np.asarray(turn @ start)
+
+
+def _rotation_between(u: Array, v: Array) -> Array:
+    """A rotation that takes the unit vector u to the unit vector v."""
+    frames = []
+    for direction in (u, v):
+        other = np.eye(3)[np.argmin(np.abs(direction))]
+        second = np.cross(direction, other)
+        second /= np.linalg.norm(second)
+        frames.append(np.column_stack([direction, second, np.cross(direction, second)]))
+    return np.asarray(frames[1] @ frames[0].T)
+
+
+def _wrist_angles(q: Array, body: Array, links: Array) -> Array:
+    """Of one wrist curve, the places where joint 6 can carry ``body``, with θ5 and θ6: (n, 6) [rad].
+
+    In the axes of joint 5 joint 6's axis is ``Rz(θ5) L5 e_z``; its z component does not depend on θ5, which gives the
+    condition on joints 1 to 4.
+    """
+    before = _rotation_before_5(q, links)
+    axis = np.einsum("nji,j->ni", before, body[:, 2])
+    wanted = links[5][:3, 2]
+    gap = axis[:, 2] - wanted[2]
+    following = np.roll(gap, -1)
+    size = np.abs(gap)
+    least = (size <= np.roll(size, 1)) & (size <= np.abs(following)) & (size < 0.05)
+    pick = np.flatnonzero((gap * following <= 0) | least)
+    seeds = q[pick].copy()
+    seeds[:, 4] = np.arctan2(axis[pick, 1], axis[pick, 0]) - np.arctan2(wanted[1], wanted[0])
+    c, s = np.cos(seeds[:, 4]), np.sin(seeds[:, 4])
+    turn = np.zeros((len(pick), 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = c
+    turn[:, 1, 0], turn[:, 0, 1], turn[:, 2, 2] = s, -s, 1.0
+    rest = np.einsum("nji,jk->nik", before[pick] @ turn @ links[5][:3, :3], body)
+    seeds[:, 5] = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
+    return seeds
+
+
+def _rotation_before_5(q: Array, links: Array) -> Array:
+    rotation = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
+    for joint in range(POSITIONING):
+        c, s = np.cos(q[:, joint]), np.sin(q[:, joint])
+        turn = np.zeros((len(q), 3, 3))
+        turn[:, 0, 0] = turn[:, 1, 1] = c
+        turn[:, 1, 0], turn[:, 0, 1], turn[:, 2, 2] = s, -s, 1.0
+        rotation = rotation @ turn @ links[joint + 1][:3, :3]
+    return np.asarray(rotation)

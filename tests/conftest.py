@@ -1,0 +1,59 @@
+"""What the tests share: a seeded generator, the bundled arms, variants of them, and robots of another package."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile, load_arm_file
+
+# bundled arm, convention, rows (from 1) that are made rigid
+VARIANTS = [
+    ("sino6", "standard-dh", ()),
+    ("sino6", "modified-dh", ()),
+    ("sino6", "standard-dh", (1, 4)),
+    ("sino6", "modified-dh", (1, 4)),
+    ("zero6", "standard-dh", ()),
+    ("zero6", "modified-dh", ()),
+]
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20190427)
+
+
+@pytest.fixture(scope="session")
+def sino6() -> Arm:
+    return Arm.load("sino6")
+
+
+@pytest.fixture(scope="session")
+def zero6() -> Arm:
+    return Arm.load("zero6")
+
+
+@pytest.fixture(params=VARIANTS, ids=lambda v: f"{v[0]}-{v[1]}" + "-rigid" * bool(v[2]))
+def arm_file(request: pytest.FixtureRequest) -> ArmFile:
+    """The bundled arms as they are, read in the other convention, and with rows that do not move."""
+    name, convention, rigid = request.param
+    arm = load_arm_file(name)
+    no_joint = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
+    rows = [row.model_copy(update=no_joint) if n in rigid else row for n, row in enumerate(arm.joints, start=1)]
+    return arm.model_copy(update={"convention": convention, "joints": rows})
+
+
+@pytest.fixture(scope="session")
+def robot_file() -> Callable[[str], Path]:
+    """Path of a URDF of example-robot-data by its file name."""
+    robots = importlib.metadata.distribution("example-robot-data")
+
+    def find(name: str) -> Path:
+        return next(Path(str(robots.locate_file(file))) for file in robots.files or [] if file.name == name)
+
+    return find

@@ -1,0 +1,180 @@
+"""Arm files: what the bundled ones say, and what each mistake is answered with."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aacmm_pin.arm_file import bundled_arms, load_arm_file, parse_arm_file
+from aacmm_pin.errors import ArmFileError, UnknownNameError
+
+GOOD = """\
+schema = "aacmm-pin/arm/1"
+name = "two rows"
+convention = "modified-dh"
+
+[[joints]]
+a_mm = 100
+d_mm = 20.0
+alpha_rad = 1.5
+theta_offset_rad = 0.1
+limits_rad = [-1.0, 2]
+uncertainty = { a_mm = 0.01, d_mm = 0.02, alpha_rad = 1e-5, theta_offset_rad = 3e-5 }
+encoder_noise_rad = 1e-5
+mass_kg = 0.5
+com_mm = [1, 2.0, 3.0]
+
+[[joints]]
+a_mm = 0.0
+d_mm = 50.0
+alpha_rad = 0.0
+theta_offset_rad = 0.0
+fixed = true
+
+[stylus]
+axis = [0, 0.0, 1.0]
+"""
+
+# Xu You et al. 2019 (doi:10.19650/j.cnki.cjsi.J1905059), Table 1: l, Δl, d, Δd [mm], α, Δα, θ, Δθ [rad]
+TABLE_1 = np.array(
+    [
+        [-0.31989, 0.00852, 0.00000, 0.00000, -1.57184, 2.70805e-5, 0.00000, 0.00000],
+        [-60.73090, 0.02726, -0.23520, 0.00552, 1.57245, 3.47396e-5, 0.00123, 2.90574e-5],
+        [53.10897, 0.00315, -700.95392, 0.02707, -1.57211, 2.37007e-5, -0.01226, 0.00018],
+        [-0.71931, 0.01556, 0.63853, 0.01601, 1.57621, 0.000133, 0.00106, 8.74044e-6],
+        [0.03657, 0.00094, -500.22110, 0.00449, 1.57149, 1.93687e-5, -0.00334, 2.12920e-5],
+        [144.49193, 0.01713, 58.87229, 0.00247, 0.00000, 0.00000, 0.00243, 3.49447e-5],
+    ]
+)
+
+
+@pytest.mark.parametrize("name", ["sino6", "zero6"])
+def test_bundled_arm_loads(name: str) -> None:
+    assert name in bundled_arms()
+    arm = load_arm_file(name)
+    assert arm.name.lower() == name
+    assert arm.dh.nq == len(arm.limits) == 6
+
+
+def test_sino6_is_table_1_of_its_paper() -> None:
+    parameters = load_arm_file("sino6").dh_parameters()
+    si = TABLE_1.reshape(6, 4, 2) * np.array([1e-3, 1e-3, 1, 1])[:, None]
+    assert [p.name for p in parameters[:5]] == ["a1", "d1", "alpha1", "theta1", "a2"]
+    np.testing.assert_allclose([p.value for p in parameters], si[..., 0].ravel(), rtol=1e-15)
+    np.testing.assert_allclose([p.half_width for p in parameters], si[..., 1].ravel(), rtol=1e-15)
+    np.testing.assert_allclose([p.u for p in parameters], si[..., 1].ravel() / math.sqrt(3), rtol=1e-15)
+    np.testing.assert_allclose(load_arm_file("sino6").dh.values(), si[..., 0], rtol=1e-15)
+
+
+def test_every_key_is_read_in_its_unit(tmp_path: Path) -> None:
+    path = tmp_path / "two.toml"
+    path.write_text(GOOD, encoding="utf-8")
+    arm = load_arm_file(path)
+    assert arm == load_arm_file(str(path))
+    np.testing.assert_allclose(arm.dh.values(), [[0.1, 0.02, 1.5, 0.1], [0, 0.05, 0, 0]])
+    assert (arm.dh.convention, arm.dh.moving.tolist()) == ("modified-dh", [True, False])
+    np.testing.assert_array_equal(arm.limits, [[-1, 2]])
+    np.testing.assert_array_equal(arm.encoder_noise, [1e-5])
+    assert [p.half_width for p in arm.dh_parameters()] == pytest.approx([1e-5, 2e-5, 1e-5, 3e-5, 0, 0, 0, 0])
+    assert (arm.joints[0].mass_kg, arm.joints[0].com_mm) == (0.5, (1, 2, 3))
+    assert (arm.reference_temperature_c, arm.gravity_m_s2) == (20, (0, 0, -9.81))
+    assert arm.stylus is not None
+    assert arm.stylus.axis == (0, 0, 1)
+
+
+# what is replaced, by what, and the words of the answer
+MISTAKES = {
+    "unknown key": ("name =", 'colour = "red"\nname =', ["colour", "unknown key", "schema", "reference_temperature_c"]),
+    "unknown key of a joint": ("a_mm = 100", "a_mm = 100\nb_mm = 1", ["joints[1].b_mm", "unknown key", "limits_rad"]),
+    "unknown key of an uncertainty": (
+        "{ a_mm = 0.01",
+        "{ z_mm = 1, a_mm = 0.01",
+        ["joints[1].uncertainty.z_mm", "unknown key", "theta_offset_rad"],
+    ),
+    "unknown key of the stylus": ("axis = [0", "tip = 1\naxis = [0", ["stylus.tip", "unknown key; known here: axis"]),
+    "no schema": ('schema = "aacmm-pin/arm/1"', "", ["schema: missing"]),
+    "wrong schema": ("arm/1", "arm/9", ["schema", "'aacmm-pin/arm/9'", "expected 'aacmm-pin/arm/1'"]),
+    "no convention": ('convention = "modified-dh"', "", ["convention: missing"]),
+    "wrong convention": ("modified-dh", "dh", ["convention", "'dh'", "'standard-dh' or 'modified-dh'"]),
+    "missing value": ("d_mm = 20.0", "", ["joints[1].d_mm: missing"]),
+    "missing value of row 2": ("d_mm = 50.0", "", ["joints[2].d_mm: missing"]),
+    "missing value of an uncertainty": (", d_mm = 0.02", "", ["joints[1].uncertainty.d_mm: missing"]),
+    "missing limits": ("limits_rad = [-1.0, 2]", "", ["joints[1]", "limits_rad is missing", "[lower, upper]"]),
+    "text for a number": ("d_mm = 20.0", 'd_mm = "20"', ["joints[1].d_mm", "'20'", "expected a valid number"]),
+    "bool for a number": ("d_mm = 20.0", "d_mm = true", ["joints[1].d_mm", "True", "expected a valid number"]),
+    "number for a bool": ("fixed = true", "fixed = 1", ["joints[2].fixed", "is 1", "expected a valid boolean"]),
+    "number for a text": ('"two rows"', "2", ["name", "is 2", "expected a valid string"]),
+    "number for a list": ("[-1.0, 2]", "2", ["joints[1].limits_rad", "is 2", "expected"]),
+    "empty name": ('"two rows"', '""', ["name", "''", "at least 1 character"]),
+    "nan": ("d_mm = 20.0", "d_mm = nan", ["joints[1].d_mm", "nan", "expected a finite number"]),
+    "inf": ("[-1.0, 2]", "[-1.0, inf]", ["joints[1].limits_rad[2]", "inf", "expected a finite number"]),
+    "too large": ("d_mm = 20.0", "d_mm = 1e999", ["joints[1].d_mm", "inf", "expected a finite number"]),
+    "limits reversed": ("[-1.0, 2]", "[2.0, -1.0]", ["joints[1]", "limits_rad is [2.0, -1.0]", "lower limit first"]),
+    "limits equal": ("[-1.0, 2]", "[2.0, 2.0]", ["joints[1]", "limits_rad is [2.0, 2.0]", "lower limit first"]),
+    "one limit": ("[-1.0, 2]", "[2.0]", ["joints[1].limits_rad[2]: missing"]),
+    "three limits": ("[-1.0, 2]", "[1, 2, 3]", ["joints[1].limits_rad", "(1, 2, 3)", "at most 2 items"]),
+    "negative half-width": ("a_mm = 0.01", "a_mm = -0.01", ["joints[1].uncertainty.a_mm", "-0.01", "greater than or equal to 0"]),
+    "negative noise": ("encoder_noise_rad = 1e-5", "encoder_noise_rad = -1.0", ["joints[1].encoder_noise_rad", "-1.0"]),
+    "negative mass": ("mass_kg = 0.5", "mass_kg = -0.5", ["joints[1].mass_kg", "-0.5", "greater than or equal to 0"]),
+    "centre without mass": ("mass_kg = 0.5", "", ["joints[1]", "com_mm without mass_kg", "expected both"]),
+    "fixed row with limits": ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", ["joints[2]", "fixed row", "no limits_rad"]),
+    "fixed row with noise": ("fixed = true", "fixed = true\nencoder_noise_rad = 0", ["joints[2]", "no encoder_noise_rad"]),
+    "all rows fixed": (
+        GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],
+        "fixed = true\n",
+        ["every row is fixed", "expected at least one joint"],
+    ),
+    "no joints": (GOOD[GOOD.index("[[joints]]") :], "", ["joints: missing"]),
+    "empty joints": (GOOD[GOOD.index("[[joints]]") :], "joints = []", ["joints", "[]", "at least 1 item"]),
+    "joints is a number": (GOOD[GOOD.index("[[joints]]") :], "joints = 6", ["joints", "is 6", "expected a valid list"]),
+    "zero stylus": ("axis = [0, 0.0, 1.0]", "axis = [0, 0, 0]", ["stylus", "axis is [0, 0, 0]", "expected a direction"]),
+    "flat stylus": ("axis = [0, 0.0, 1.0]", "axis = [0, 1]", ["stylus.axis[3]: missing"]),
+    "not TOML": ("[[joints]]", "[[joints", ["not TOML", "line 5"]),
+    "twice": ("name =", 'name = "a"\nname =', ["not TOML", "line 3"]),
+    "nested without end": ("name =", f"x = {'[' * 9000}\nname =", ["not TOML"]),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "words"), MISTAKES.values(), ids=MISTAKES)
+def test_mistake_is_named(tmp_path: Path, old: str, new: str, words: list[str]) -> None:
+    assert old in GOOD
+    path = tmp_path / "bad.toml"
+    path.write_text(GOOD.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ArmFileError) as caught:
+        load_arm_file(path)
+    assert caught.value.path == str(path)
+    for word in [str(path), caught.value.key, *words]:
+        assert word in str(caught.value)
+
+
+def test_every_mistake_is_listed() -> None:
+    bad = GOOD.replace("d_mm = 20.0", "d_mm = nan").replace("fixed = true", "fixed = 1")
+    with pytest.raises(ArmFileError, match=r"joints\[1\].d_mm: is nan(.|\n)*joints\[2\].fixed: is 1") as caught:
+        parse_arm_file(bad.encode(), "bad.toml")
+    assert caught.value.key == "joints[1].d_mm"
+
+
+def test_not_utf8() -> None:
+    with pytest.raises(ArmFileError, match=r"bad.toml: not UTF-8 text \(byte 8\)"):
+        parse_arm_file('name = "Ä"'.encode("latin-1"), "bad.toml")
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(ArmFileError, match=r"none.toml: no such file"):
+        load_arm_file(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("name", ["folder", "folder.toml"])
+def test_folder_is_called_a_folder(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir()
+    with pytest.raises(ArmFileError, match=rf"{name}: .*folder"):
+        load_arm_file(tmp_path / name)
+
+
+def test_unknown_name_lists_the_bundled_arms() -> None:
+    with pytest.raises(UnknownNameError, match=r"'sino7'; known: sino6, zero6 \(or the path of an arm file") as caught:
+        load_arm_file("sino7")
+    assert caught.value.known == bundled_arms()

@@ -1,0 +1,162 @@
+"""The DH table against plain matrix products, finite differences and printed coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile
+from aacmm_pin.checks import Array
+from aacmm_pin.dh import CHUNK, DHTable, table
+from aacmm_pin.errors import AacmmError, ShapeError
+from aacmm_pin.units import DEG, MM
+
+H = 1e-6  # step of central differences: truncation 1e-13, rounding 1e-10
+
+
+@pytest.fixture
+def dh(arm_file: ArmFile) -> DHTable:
+    return arm_file.dh
+
+
+def random_q(dh: DHTable, rng: np.random.Generator, n: int) -> Array:
+    return rng.uniform(-np.pi, np.pi, (n, dh.nq))
+
+
+def about_x(angle: float, shift: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1, 0, 0, shift], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
+
+
+def about_z(angle: float, shift: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, shift], [0, 0, 0, 1]])
+
+
+def by_matrices(dh: DHTable, q: Array) -> Array:
+    """Placements (rows + 1, 4, 4) for one configuration, by the definition."""
+    angles = iter(q)
+    frames = [np.eye(4)]
+    for a, d, alpha, theta, moving in zip(dh.a, dh.d, dh.alpha, dh.theta_offset, dh.moving, strict=True):
+        x, z = about_x(alpha, a), about_z(theta + (next(angles) if moving else 0.0), d)
+        frames.append(frames[-1] @ (z @ x if dh.standard else x @ z))
+    return np.array(frames)
+
+
+def central_differences(function: Callable[[Array], Array], size: int) -> Array:
+    return np.stack([(function(H * e) - function(-H * e)) / (2 * H) for e in np.eye(size)], axis=-1)
+
+
+def test_placements_are_the_matrix_products(dh: DHTable, rng: np.random.Generator) -> None:
+    q = random_q(dh, rng, 20)
+    expected = np.array([by_matrices(dh, each) for each in q])
+    np.testing.assert_allclose(dh.placements(q), expected, rtol=0, atol=1e-14)
+    for row in range(dh.rows + 1):
+        np.testing.assert_allclose(dh.positions(q, row), expected[:, row, :3, 3], rtol=0, atol=1e-14)
+
+
+def test_sensitivity_is_the_derivative_for_every_row(dh: DHTable, rng: np.random.Generator) -> None:
+    q = random_q(dh, rng, 10)
+    for row in range(dh.rows + 1):
+        by_differences = central_differences(lambda e, row=row: dh.positions(q, row, e.reshape(-1, 4)), 4 * dh.rows)
+        np.testing.assert_allclose(dh.sensitivity(q, row), by_differences, rtol=0, atol=1e-9)
+
+
+def test_jacobian_is_the_derivative_for_every_row(dh: DHTable, rng: np.random.Generator) -> None:
+    q = random_q(dh, rng, 10)
+    for row in range(dh.rows + 1):
+        by_differences = central_differences(lambda e, row=row: dh.positions(q + e, row), dh.nq)
+        np.testing.assert_allclose(dh.jacobian(q, row), by_differences, rtol=0, atol=1e-9)
+
+
+def test_errors_move_the_arm_as_a_changed_table_does(dh: DHTable, rng: np.random.Generator) -> None:
+    q, errors = random_q(dh, rng, 5), rng.normal(0, 0.1, (5, dh.rows, 4))
+    changed = [table(dh.values() + e, dh.convention, list(dh.moving)) for e in errors]
+    one_each = np.concatenate([t.positions(q[k : k + 1]) for k, t in enumerate(changed)])
+    np.testing.assert_allclose(dh.positions(q, errors=errors), one_each, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(dh.positions(q, errors=errors[0]), changed[0].positions(q), rtol=0, atol=1e-14)
+
+
+def test_chunking_does_not_change_results(dh: DHTable, rng: np.random.Generator) -> None:
+    n = 2 * CHUNK + 3
+    q, errors = random_q(dh, rng, n), rng.normal(0, 1e-3, (n, dh.rows, 4))
+    some = [0, CHUNK - 1, CHUNK, 2 * CHUNK - 1, 2 * CHUNK, n - 1]
+    np.testing.assert_allclose(dh.positions(q)[some], dh.positions(q[some]), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(dh.sensitivity(q)[some], dh.sensitivity(q[some]), rtol=0, atol=1e-15)
+    one_by_one = dh.positions(q[some], errors=errors[some])
+    np.testing.assert_allclose(dh.positions(q, errors=errors)[some], one_by_one, rtol=0, atol=1e-15)
+
+
+def test_no_configurations_give_empty_arrays(dh: DHTable) -> None:
+    none = np.empty((0, dh.nq))
+    assert dh.placements(none).shape == (0, dh.rows + 1, 4, 4)
+    assert dh.positions(none).shape == (0, 3)
+    assert dh.sensitivity(none).shape == (0, 3, 4 * dh.rows)
+    assert dh.jacobian(none).shape == (0, 3, dh.nq)
+
+
+# The simulated measurements of the 2010 paper on the zero offsets of a six-joint measuring arm: angles [deg], tip [mm].
+PRINTED = np.array(
+    [
+        [-90, -90, 0, 90, 0, 90, 138.558, 575.782, -283.282],
+        [120, 90, 120, -20, 70, 50, -652.092, 645.842, 202.687],
+        [-90, 0, 0, 90, 0, 0, 142.570, 522.883, 503.830],
+        [-90, 10, 10, 90, 10, 10, 61.557, 434.090, 594.691],
+        [0, 90, 0, -90, 0, 90, 320.850, 157.437, -251.305],
+        [-120, 140, 20, 60, 10, 150, -148.998, -518.998, -237.442],
+        [50, -80, 50, 40, -60, 40, -463.903, -760.076, 176.659],
+        [10, 80, 30, 150, 30, 140, 186.165, 160.292, 290.970],
+        [40, 30, 60, 150, 90, -90, 179.320, 102.388, 101.179],
+    ]
+)
+
+
+def test_zero6_returns_the_27_printed_coordinates(zero6: Arm) -> None:
+    tip = zero6.require_dh("this test").positions(PRINTED[:, :6] * DEG)
+    assert np.abs(tip / MM - PRINTED[:, 6:]).max() <= 0.0005  # half of the last printed digit
+
+
+@pytest.mark.parametrize("method", ["placements", "positions", "sensitivity", "jacobian"])
+@pytest.mark.parametrize(
+    ("q", "said"),
+    [
+        (np.zeros(6), r"q has shape \(6,\), expected \(n, 6\) \[rad\].*q\[None, :\]"),
+        (np.zeros((2, 5)), r"q has shape \(2, 5\), expected \(n, 6\) \[rad\]"),
+        (np.zeros((1, 2, 6)), r"q has shape \(1, 2, 6\)"),
+        ([[0, 0, 0, 0, 0, 0], [0, 0, np.nan, 0, 0, 0]], r"q\[1, 2\] is nan, expected a finite number"),
+        ([[0, 0, 0, 0, np.inf, 0]], r"q\[0, 4\] is inf"),
+        ([["a"] * 6], "q is not an array of numbers"),
+    ],
+)
+def test_unusable_q_is_refused(sino6: Arm, method: str, q: object, said: str) -> None:
+    with pytest.raises(ShapeError, match=said):
+        getattr(sino6.dh, method)(q)
+
+
+@pytest.mark.parametrize(
+    ("rows", "moving", "said"),
+    [
+        (np.zeros((2, 3)), None, r"rows has shape \(2, 3\), expected \(n, 4\)"),
+        (np.full((2, 4), np.nan), None, r"rows\[0, 0\] is nan"),
+        (np.zeros((2, 4)), [True], "moving has 1 entries, expected one for each of the 2 rows"),
+    ],
+)
+def test_unusable_table_is_refused(rows: Array, moving: list[bool] | None, said: str) -> None:
+    with pytest.raises(ShapeError, match=said):
+        table(rows, "standard-dh", moving)
+
+
+def test_unknown_convention_is_refused() -> None:
+    with pytest.raises(AacmmError, match=r"'standard'.*standard-dh, modified-dh"):
+        table(np.zeros((2, 4)), "standard")  # type: ignore[arg-type]
+
+
+def test_table_keeps_its_own_numbers() -> None:
+    rows = np.arange(8.0).reshape(2, 4)
+    mine = table(rows)
+    rows[:] = 0.0
+    mine.values()[:] = 0.0
+    np.testing.assert_array_equal(mine.values(), np.arange(8.0).reshape(2, 4))

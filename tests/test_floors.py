@@ -1,0 +1,125 @@
+"""A module imports only from floors below its own; only the arm speaks to Pinocchio."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import aacmm_pin
+
+FLOORS = {
+    "errors": 0,
+    "units": 0,
+    "checks": 1,
+    "parameter": 1,
+    "dh": 2,
+    "arm_file": 3,
+    "continuation": 3,
+    "three_revolutes": 3,
+    "urdf": 4,
+    "arm": 5,
+    "configurations": 6,
+    "single_point": 6,
+    "sino6_paper": 6,
+    "accuracy": 7,
+    "workspace": 8,
+    "plots": 9,
+    "report": 10,
+    "demo": 11,
+    "cli": 12,
+}
+IMPORT_PINOCCHIO = {"arm", "display"}
+
+ROOT = Path(aacmm_pin.__file__).parent
+MODULES = sorted(".".join(p.relative_to(ROOT).with_suffix("").parts) for p in ROOT.rglob("*.py"))
+
+
+def imports(source: str, module: str) -> list[str]:
+    """Absolute dotted names of all that ``module`` (``dh``, ``sino6_paper.tables``) imports, wherever in its text."""
+    package = ["aacmm_pin", *module.split(".")[:-1]]
+    names = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else []
+            origin = ".".join(above + ([node.module] if node.module else []))
+            names += [f"{origin}.{alias.name}" for alias in node.names]
+    return names
+
+
+def violations(source: str, module: str) -> list[str]:
+    here = module.split(".")[0]
+    if here == "__init__":
+        return []
+    if here not in FLOORS:
+        return [f"{module} has no floor: give it one in FLOORS of tests/test_floors.py"]
+    found = []
+    for name in imports(source, module):
+        package, _, inside = name.partition(".")
+        there = inside.split(".")[0]
+        if package != "aacmm_pin" or there == here:
+            continue
+        if there not in FLOORS:
+            found.append(f"{module} imports {name}, which has no floor: import the module that defines it")
+        elif FLOORS[there] >= FLOORS[here]:
+            found.append(f"{module} (floor {FLOORS[here]}) imports {name} (floor {FLOORS[there]})")
+    return found
+
+
+def imports_pinocchio(source: str, module: str) -> bool:
+    return any(name.split(".")[0] == "pinocchio" for name in imports(source, module))
+
+
+def text(module: str) -> str:
+    return ROOT.joinpath(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_imports_only_from_lower_floors(module: str) -> None:
+    assert violations(text(module), module) == []
+
+
+def test_only_the_arm_imports_pinocchio() -> None:
+    assert {module for module in MODULES if imports_pinocchio(text(module), module)} <= IMPORT_PINOCCHIO
+
+
+@pytest.mark.parametrize(
+    ("source", "module", "said"),
+    [
+        ("import aacmm_pin.arm", "dh", "dh (floor 2) imports aacmm_pin.arm (floor 5)"),
+        ("from aacmm_pin.arm import Arm", "arm_file", "(floor 5)"),
+        ("from aacmm_pin import arm", "checks", "(floor 5)"),
+        ("from aacmm_pin.units import MM", "errors", "(floor 0)"),  # same floor
+        ("from .cli import main", "dh", "(floor 12)"),
+        ("from . import cli", "dh", "(floor 12)"),
+        ("from ..cli import main", "sino6_paper.tables", "(floor 12)"),
+        ("def f():\n    from aacmm_pin.arm import Arm", "dh", "(floor 5)"),
+        ("if TYPE_CHECKING:\n    from aacmm_pin.arm import Arm", "dh", "(floor 5)"),
+        ("import aacmm_pin", "arm", "no floor"),
+        ("from aacmm_pin import Arm", "cli", "no floor"),
+        ("", "brand_new", "give it one"),
+    ],
+)
+def test_a_violation_is_caught(source: str, module: str, said: str) -> None:
+    (found,) = violations(source, module)
+    assert said in found
+
+
+@pytest.mark.parametrize(
+    ("source", "module"),
+    [
+        ("from aacmm_pin.errors import AacmmError\nfrom .units import MM\nimport numpy.linalg", "dh"),
+        ("from aacmm_pin.sino6_paper.tables import A\nfrom . import tables\nfrom ..arm import Arm", "sino6_paper.figures"),
+        ("from aacmm_pin.cli import main", "__init__"),
+    ],
+)
+def test_an_allowed_import_passes(source: str, module: str) -> None:
+    assert violations(source, module) == []
+
+
+@pytest.mark.parametrize("source", ["import pinocchio as pin", "from pinocchio.utils import rotate"])
+def test_pinocchio_is_seen(source: str) -> None:
+    assert imports_pinocchio(source, "dh")

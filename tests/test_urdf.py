@@ -1,0 +1,124 @@
+"""The generated URDF against two parsers that share no code with it, and against the files that are kept of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yourdfpy
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile, bundled_arms, load_arm_file
+from aacmm_pin.checks import Array
+from aacmm_pin.units import MM
+from aacmm_pin.urdf import SHORTEST_DRAWN, urdf_text
+
+KEPT = Path(__file__).parents[1] / "urdf"
+
+
+def limits(arm: ArmFile) -> Array:
+    return np.array([row.limits_rad for row in arm.joints if not row.fixed])
+
+
+def configurations(arm: ArmFile, rng: np.random.Generator, n: int) -> Array:
+    return rng.uniform(*limits(arm).T, (n, arm.dh.nq))
+
+
+@pytest.fixture
+def parsed(arm_file: ArmFile, tmp_path: Path) -> yourdfpy.URDF:
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf_text(arm_file), encoding="utf-8")
+    return yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=True)
+
+
+@pytest.mark.parametrize("name", bundled_arms())
+def test_kept_file_is_the_generated_text(name: str) -> None:
+    assert (KEPT / f"{name}.urdf").read_bytes() == urdf_text(load_arm_file(name)).encode()
+
+
+def test_no_file_is_kept_without_an_arm() -> None:
+    assert sorted(path.stem for path in KEPT.glob("*.urdf")) == bundled_arms()
+
+
+def test_pinocchio_agrees_with_the_table(arm_file: ArmFile, rng: np.random.Generator) -> None:
+    arm, q = Arm.from_file(arm_file), configurations(arm_file, rng, 1000)
+    expected = arm_file.dh.placements(q)
+    for at, row in (("tip", -1), ("frame5", 5)):
+        np.testing.assert_allclose(arm.poses(q, at).placement, expected[:, row], rtol=0, atol=1e-12)
+
+
+def test_yourdfpy_agrees_with_the_table(arm_file: ArmFile, parsed: yourdfpy.URDF, rng: np.random.Generator) -> None:
+    q = configurations(arm_file, rng, 1000)
+    expected = arm_file.dh.placements(q)
+    assert len(parsed.actuated_joint_names) == arm_file.dh.nq
+    for each, frames in zip(q, expected, strict=True):
+        parsed.update_cfg(each)
+        for at, row in (("tip", -1), ("frame5", 5)):
+            np.testing.assert_allclose(parsed.get_transform(at), frames[row], rtol=0, atol=1e-12)
+
+
+def test_joints_and_limits_survive(arm_file: ArmFile, parsed: yourdfpy.URDF) -> None:
+    model = pin.buildModelFromXML(urdf_text(arm_file))
+    assert model.nq == model.nv == arm_file.dh.nq
+    stated = limits(arm_file)
+    np.testing.assert_array_equal(np.column_stack([model.lowerPositionLimit, model.upperPositionLimit]), stated)
+    np.testing.assert_array_equal([[j.limit.lower, j.limit.upper] for j in parsed.actuated_joints], stated)
+
+
+def test_masses_and_centres_survive(arm_file: ArmFile, parsed: yourdfpy.URDF) -> None:
+    stated = {
+        f"frame{n}": (row.mass_kg, [c * MM for c in row.com_mm or (0, 0, 0)])
+        for n, row in enumerate(arm_file.joints, start=1)
+        if row.mass_kg is not None
+    }
+    bodies = {name: link.inertial for name, link in parsed.link_map.items() if link.inertial is not None}
+    assert {name: (body.mass, body.origin[:3, 3].tolist()) for name, body in bodies.items()} == stated
+
+
+def test_pinocchio_finds_the_centre_of_mass(rng: np.random.Generator) -> None:
+    arm = load_arm_file("sino6")
+    model, q = pin.buildModelFromXML(urdf_text(arm)), configurations(arm, rng, 20)
+    masses = np.array([row.mass_kg for row in arm.joints])
+    centres = np.array([[*(c * MM for c in row.com_mm), 1.0] for row in arm.joints])
+    expected = np.einsum("r,nrij,rj->ni", masses / masses.sum(), arm.dh.placements(q)[:, 1:], centres)
+    found = [pin.centerOfMass(model, model.createData(), each).copy() for each in q]
+    np.testing.assert_allclose(found, expected[:, :3], rtol=0, atol=1e-12)
+
+
+def cylinder_ends(link: yourdfpy.Link) -> Iterator[tuple[Array, Array]]:
+    for visual in link.visuals:
+        if visual.geometry.cylinder is not None:
+            half = visual.origin[:3, 2] * visual.geometry.cylinder.length / 2
+            yield visual.origin[:3, 3] - half, visual.origin[:3, 3] + half
+
+
+def test_every_length_is_drawn_from_end_to_end(arm_file: ArmFile, parsed: yourdfpy.URDF) -> None:
+    parsed.update_cfg(np.zeros(arm_file.dh.nq))
+    drawn = [
+        np.sort((parsed.get_transform(name) @ np.array([[*p, 1.0] for p in ends]).T)[:3].T, axis=0)
+        for name, link in parsed.link_map.items()
+        for ends in cylinder_ends(link)
+    ]
+    frames = arm_file.dh.placements(np.zeros((1, arm_file.dh.nq)))[0]
+    missing = []
+    for n, row in enumerate(arm_file.joints, start=1):
+        before, after = frames[n - 1], frames[n]
+        along_a, along_d = (after, before) if arm_file.convention == "standard-dh" else (before, after)
+        start, end = before[:3, 3], after[:3, 3]
+        a, d = row.a_mm * MM * along_a[:3, 0], row.d_mm * MM * along_d[:3, 2]
+        a_from, d_from = (end - a, start) if arm_file.convention == "standard-dh" else (start, end - d)
+        for value, origin, way in (("a", a_from, a), ("d", d_from, d)):
+            tube = np.sort([origin, origin + way], axis=0)
+            if np.linalg.norm(way) > SHORTEST_DRAWN and not any(np.allclose(tube, each, atol=1e-9) for each in drawn):
+                missing.append(f"{value}{n}")
+    assert missing == []
+
+
+@pytest.mark.parametrize("source", ['a "<&>', "a -- b", "ends with -", "tab\tand \x01"])
+def test_text_is_xml_whatever_the_names_say(source: str) -> None:
+    arm = load_arm_file("zero6").model_copy(update={"source": source, "name": "Ä <&> \""})
+    assert ET.fromstring(urdf_text(arm)).get("name") == "Ä <&> \""
