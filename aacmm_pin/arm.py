@@ -195,10 +195,10 @@ class Arm:
         return self.dh.jacobian(q, row)
 
     def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
-        """Exact positions of one configuration under many draws of parameter errors; nothing is linearised.
+        """Exact positions under many draws of parameter errors; nothing is linearised.
 
         Args:
-            q: one configuration (1, nq) [rad].
+            q: one configuration (1, nq), or one for each draw (m, nq) [rad].
             errors: (m, len(parameters)), added to the parameters [their units].
             at: frame (default: the tip).
 
@@ -207,13 +207,13 @@ class Arm:
         """
         q = batch(q, self.nq, "q", "rad")
         errors = batch(errors, len(self.parameters), "errors", "m or rad")
-        if len(q) != 1:
-            raise ShapeError(f"q has {len(q)} rows, expected one configuration, (1, {self.nq})")
+        if len(q) not in (1, len(errors)):
+            raise ShapeError(f"q has {len(q)} rows, expected 1 or as many as errors has, {len(errors)}")
+        q = np.broadcast_to(q, (len(errors), self.nq))
         row = self.dh_row(at)
         if self.dh is None or row is None:
-            return self._perturbed_by_pinocchio(q[0], errors, self._frame_id(at))
-        repeated = np.broadcast_to(q, (len(errors), self.nq))
-        return self.dh.positions(repeated, row, errors.reshape(len(errors), -1, 4))
+            return self._perturbed_by_pinocchio(q, errors, self._frame_id(at))
+        return self.dh.positions(q, row, errors.reshape(len(errors), -1, 4))
 
     def _perturbed_by_pinocchio(self, q: Array, errors: Array, frame: int) -> Array:
         model = self.model.copy()
@@ -224,7 +224,7 @@ class Arm:
             for joint, step in enumerate(error, start=1):
                 shift = pin.SE3(pin.exp3(step[3:]), step[:3])
                 model.jointPlacements[joint] = nominal[joint] * shift
-            pin.forwardKinematics(model, data, q)
+            pin.forwardKinematics(model, data, q[k])
             positions[k] = pin.updateFramePlacement(model, data, frame).translation
         return positions
 

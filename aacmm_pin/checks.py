@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin.errors import ShapeError
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 
 def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:

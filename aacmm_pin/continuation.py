@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin.checks import Array
+from aacmm_pin.checks import Array, Index
 from aacmm_pin.dh import chunks
 
-Index = NDArray[np.intp]
 System = Callable[[Array, Index], tuple[Array, Array]]
 """``system(q, problem) -> F (n, k), J (n, k, k + 1)`` for angles q (n, k + 1) and the number of each row's problem (n,)."""
 

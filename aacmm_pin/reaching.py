@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin.checks import Array
-from aacmm_pin.continuation import Curve, Index, all_curves, polish
+from aacmm_pin.checks import Array, Index
+from aacmm_pin.continuation import Curve, System, all_curves, polish
 from aacmm_pin.dh import DHTable
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.three_revolutes import candidates
@@ -56,6 +56,16 @@ class Wrist:
         return np.column_stack([q, np.broadcast_to(self.rest, (len(q), len(self.rest)))])
 
 
+def wrist_system(wrist: Wrist, points: Array) -> System:
+    """The wrist's distance (n, 3) [m] from its point among ``points`` (m, 3), as a function of joints 1 to 4."""
+
+    def system(q: Array, problem: Index) -> tuple[Array, Array]:
+        position, jacobian = wrist.table.position_and_jacobian(q)
+        return position - points[problem], jacobian
+
+    return system
+
+
 def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:
     """Curves of joints 1 to 4 on which the wrist is at ``points`` (m, 3) [m], sorted by the number of the point.
 
@@ -64,11 +74,7 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:
         points: where it shall be (m, 3) [m].
         per_turn: angles at which each of the joints 1 to 4 is held to find seeds.
     """
-
-    def system(q: Array, problem: Index) -> tuple[Array, Array]:
-        position, jacobian = wrist.table.position_and_jacobian(q)
-        return position - points[problem], jacobian
-
+    system = wrist_system(wrist, points)
     seeds, problem = _held_seeds(wrist.table.links(), points, per_turn)
     seeds, good = polish(system, seeds, problem)
     return all_curves(system, seeds[good], problem[good])
@@ -76,12 +82,12 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
     """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
-    angles = -np.pi + (np.arange(per_turn) + 0.37) * (2 * np.pi / per_turn)  # off the symmetric angles 0 and ±π
+    angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37  # off the symmetric angles 0 and ±π
     seeds, numbers = [], []
     for held in range(POSITIONING):
-        constants, c = _chain_with_held(links, held, angles)
+        (b0, b1, b2), c = _chain_with_held(links, held, angles)
         which, angle = (grid.ravel() for grid in np.meshgrid(np.arange(len(points)), np.arange(per_turn), indexing="ij"))
-        found, who = candidates(*(constant[angle] for constant in constants), c[angle], points[which])
+        found, who = candidates(b0[angle], b1[angle], b2[angle], c[angle], points[which])
         free = [joint for joint in range(POSITIONING) if joint != held]
         q = np.empty((len(found), POSITIONING))
         q[:, free], q[:, held] = found, angles[angle[who]]
@@ -92,11 +98,7 @@ def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Inde
 
 def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array], Array]:
     """Constants B0, B1, B2 (n, 4, 4) and the point c (n, 3) of the three joints that stay free."""
-    turns = np.zeros((len(angles), 4, 4))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
-    turns[:, 1, 0] = np.sin(angles)
-    turns[:, 0, 1] = -turns[:, 1, 0]
-    turns[:, 2, 2] = turns[:, 3, 3] = 1.0
+    turns = _turns_about_z(angles)
     constants = [np.broadcast_to(links[0], turns.shape)]
     for joint in range(POSITIONING):
         if joint == held:
@@ -104,6 +106,16 @@ def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array
         else:
             constants.append(np.broadcast_to(links[joint + 1], turns.shape))
     return constants[:3], np.ascontiguousarray(constants[3][:, :3, 3])
+
+
+def _turns_about_z(angles: Array) -> Array:
+    """Rz of each angle (n,) [rad]: (n, 4, 4)."""
+    turns = np.zeros((len(angles), 4, 4))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0] = np.sin(angles)
+    turns[:, 0, 1] = -turns[:, 1, 0]
+    turns[:, 2, 2] = turns[:, 3, 3] = 1.0
+    return turns
 
 
 def tip_curves(dh: DHTable, point: Array, stylus: Array, axis: Array, per_turn: int, directions: int = 48) -> list[Curve]:
@@ -125,7 +137,7 @@ def tip_curves(dh: DHTable, point: Array, stylus: Array, axis: Array, per_turn: 
     """
     if dh.nq != 6 or not dh.moving[:6].all():
         raise UnsupportedArmError("configurations of the tip need an arm with six joints in its first six DH rows")
-    system = _tip_system(dh, point, stylus, axis)
+    system = tip_system(dh, point, stylus, axis)
     seeds = _tip_seeds(dh, point, stylus, axis, per_turn, directions)
     problem = np.zeros(len(seeds), dtype=np.intp)
     seeds, good = polish(system, seeds, problem)
@@ -133,7 +145,7 @@ def tip_curves(dh: DHTable, point: Array, stylus: Array, axis: Array, per_turn: 
     return all_curves(system, seeds[good & towards], problem[good & towards])
 
 
-def _tip_system(dh: DHTable, point: Array, stylus: Array, axis: Array):  # type: ignore[no-untyped-def]
+def tip_system(dh: DHTable, point: Array, stylus: Array, axis: Array) -> System:
     """Residual (n, 5): the tip's place [m] and the stylus across two directions normal to ``axis`` [1]."""
     normals = np.linalg.svd(axis[None, :])[2][1:]
     joints = np.flatnonzero(dh.moving)
@@ -208,11 +220,7 @@ def _wrist_angles(q: Array, body: Array, links: Array) -> Array:
     pick = np.flatnonzero((gap * following <= 0) | least)
     seeds = q[pick].copy()
     seeds[:, 4] = np.arctan2(axis[pick, 1], axis[pick, 0]) - np.arctan2(wanted[1], wanted[0])
-    c, s = np.cos(seeds[:, 4]), np.sin(seeds[:, 4])
-    turn = np.zeros((len(pick), 3, 3))
-    turn[:, 0, 0] = turn[:, 1, 1] = c
-    turn[:, 1, 0], turn[:, 0, 1], turn[:, 2, 2] = s, -s, 1.0
-    rest = np.einsum("nji,jk->nik", before[pick] @ turn @ links[5][:3, :3], body)
+    rest = np.einsum("nji,jk->nik", before[pick] @ _turns_about_z(seeds[:, 4])[:, :3, :3] @ links[5][:3, :3], body)
     seeds[:, 5] = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
     return seeds
 
@@ -220,9 +228,5 @@ def _wrist_angles(q: Array, body: Array, links: Array) -> Array:
 def _rotation_before_5(q: Array, links: Array) -> Array:
     rotation = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
     for joint in range(POSITIONING):
-        c, s = np.cos(q[:, joint]), np.sin(q[:, joint])
-        turn = np.zeros((len(q), 3, 3))
-        turn[:, 0, 0] = turn[:, 1, 1] = c
-        turn[:, 1, 0], turn[:, 0, 1], turn[:, 2, 2] = s, -s, 1.0
-        rotation = rotation @ turn @ links[joint + 1][:3, :3]
+        rotation = rotation @ _turns_about_z(q[:, joint])[:, :3, :3] @ links[joint + 1][:3, :3]
     return np.asarray(rotation)

@@ -35,7 +35,7 @@ class Swivel:
         """The point of joint axis 1 next to joint axis 2, (3,) [m]; it does not move."""
         x, _, _, o = self.dh.axes(np.zeros((1, self.dh.nq)), row=1)
         origin = o[1, :, 0]
-        return origin - self.dh.a[0] * x[1, :, 0] if self.dh.standard else origin
+        return np.asarray(origin - self.dh.a[0] * x[1, :, 0] if self.dh.standard else origin)
 
     @property
     def elbow_row(self) -> int:
@@ -44,7 +44,7 @@ class Swivel:
 
     def elbow(self, q: Array) -> Array:
         """Position of the elbow for checked ``q`` (n, nq): (n, 3) [m]."""
-        return self.dh.axes(q, row=self.elbow_row)[3][self.elbow_row].T
+        return np.asarray(self.dh.axes(q, row=self.elbow_row)[3][self.elbow_row].T)
 
     def angle(self, q: Array, points: Array) -> Array:
         """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in [-π, π]."""

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aacmm_pin.checks import Array
-from aacmm_pin.continuation import Index
+from aacmm_pin.checks import Array, Index
 
 ON_CIRCLE = 0.25
 """Roots whose modulus differs from 1 by less are kept as candidates: paired roots lose half their digits."""

@@ -116,11 +116,19 @@ MISTAKES = {
     "limits equal": ("[-1.0, 2]", "[2.0, 2.0]", ["joints[1]", "limits_rad is [2.0, 2.0]", "lower limit first"]),
     "one limit": ("[-1.0, 2]", "[2.0]", ["joints[1].limits_rad[2]: missing"]),
     "three limits": ("[-1.0, 2]", "[1, 2, 3]", ["joints[1].limits_rad", "(1, 2, 3)", "at most 2 items"]),
-    "negative half-width": ("a_mm = 0.01", "a_mm = -0.01", ["joints[1].uncertainty.a_mm", "-0.01", "greater than or equal to 0"]),
+    "negative half-width": (
+        "a_mm = 0.01",
+        "a_mm = -0.01",
+        ["joints[1].uncertainty.a_mm", "-0.01", "greater than or equal to 0"],
+    ),
     "negative noise": ("encoder_noise_rad = 1e-5", "encoder_noise_rad = -1.0", ["joints[1].encoder_noise_rad", "-1.0"]),
     "negative mass": ("mass_kg = 0.5", "mass_kg = -0.5", ["joints[1].mass_kg", "-0.5", "greater than or equal to 0"]),
     "centre without mass": ("mass_kg = 0.5", "", ["joints[1]", "com_mm without mass_kg", "expected both"]),
-    "fixed row with limits": ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", ["joints[2]", "fixed row", "no limits_rad"]),
+    "fixed row with limits": (
+        "fixed = true",
+        "fixed = true\nlimits_rad = [0, 1]",
+        ["joints[2]", "fixed row", "no limits_rad"],
+    ),
     "fixed row with noise": ("fixed = true", "fixed = true\nencoder_noise_rad = 0", ["joints[2]", "no encoder_noise_rad"]),
     "all rows fixed": (
         GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -89,36 +88,31 @@ def test_pinocchio_finds_the_centre_of_mass(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(found, expected[:, :3], rtol=0, atol=1e-12)
 
 
-def cylinder_ends(link: yourdfpy.Link) -> Iterator[tuple[Array, Array]]:
-    for visual in link.visuals:
-        if visual.geometry.cylinder is not None:
-            half = visual.origin[:3, 2] * visual.geometry.cylinder.length / 2
-            yield visual.origin[:3, 3] - half, visual.origin[:3, 3] + half
+def drawn_tubes(robot: yourdfpy.URDF) -> list[tuple[Array, Array]]:
+    """Both ends of every cylinder in the base."""
+    tubes = []
+    for name, link in robot.link_map.items():
+        for visual in link.visuals:
+            if visual.geometry.cylinder is not None:
+                place, half = robot.get_transform(name) @ visual.origin, visual.geometry.cylinder.length / 2
+                tubes.append((place[:3, 3] - half * place[:3, 2], place[:3, 3] + half * place[:3, 2]))
+    return tubes
 
 
 def test_every_length_is_drawn_from_end_to_end(arm_file: ArmFile, parsed: yourdfpy.URDF) -> None:
-    parsed.update_cfg(np.zeros(arm_file.dh.nq))
-    drawn = [
-        np.sort((parsed.get_transform(name) @ np.array([[*p, 1.0] for p in ends]).T)[:3].T, axis=0)
-        for name, link in parsed.link_map.items()
-        for ends in cylinder_ends(link)
-    ]
+    tubes, missing = drawn_tubes(parsed), []
     frames = arm_file.dh.placements(np.zeros((1, arm_file.dh.nq)))[0]
-    missing = []
     for n, row in enumerate(arm_file.joints, start=1):
-        before, after = frames[n - 1], frames[n]
-        along_a, along_d = (after, before) if arm_file.convention == "standard-dh" else (before, after)
-        start, end = before[:3, 3], after[:3, 3]
-        a, d = row.a_mm * MM * along_a[:3, 0], row.d_mm * MM * along_d[:3, 2]
-        a_from, d_from = (end - a, start) if arm_file.convention == "standard-dh" else (start, end - d)
-        for value, origin, way in (("a", a_from, a), ("d", d_from, d)):
-            tube = np.sort([origin, origin + way], axis=0)
-            if np.linalg.norm(way) > SHORTEST_DRAWN and not any(np.allclose(tube, each, atol=1e-9) for each in drawn):
-                missing.append(f"{value}{n}")
+        x, z, start, end = *frames[n - 1][:3, [0, 2, 3]].T, frames[n][:3, 3]
+        knee = start + (z * row.d_mm if arm_file.convention == "standard-dh" else x * row.a_mm) * MM
+        for piece in ((start, knee), (knee, end)):
+            found = any(np.allclose(piece, tube, atol=1e-9) or np.allclose(piece[::-1], tube, atol=1e-9) for tube in tubes)
+            if np.linalg.norm(piece[1] - piece[0]) > SHORTEST_DRAWN and not found:
+                missing.append(f"row {n}: {piece[0]} to {piece[1]}")
     assert missing == []
 
 
 @pytest.mark.parametrize("source", ['a "<&>', "a -- b", "ends with -", "tab\tand \x01"])
 def test_text_is_xml_whatever_the_names_say(source: str) -> None:
-    arm = load_arm_file("zero6").model_copy(update={"source": source, "name": "Ä <&> \""})
-    assert ET.fromstring(urdf_text(arm)).get("name") == "Ä <&> \""
+    arm = load_arm_file("zero6").model_copy(update={"source": source, "name": 'Ä <&> "'})
+    assert ET.fromstring(urdf_text(arm)).get("name") == 'Ä <&> "'

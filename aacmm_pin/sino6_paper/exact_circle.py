@@ -82,19 +82,54 @@ def _line_axes(points: Array) -> tuple[Array, Array, Array]:
 
 def _search(arm: NominalArm, point: Array, outward: Array, pairs: NDArray[np.int64]) -> tuple[Array, Array]:
     """Numbers of the pairs (m,) and configurations (m, 4) for points and outward directions (3, len(pairs))."""
-    # Half a step off zero, so that the planar configurations at θ3 = 0 and π lie between samples.
-    samples = (np.arange(SAMPLES + 1) + 0.5) * 2.0 * np.pi / SAMPLES - np.pi
+    samples = _samples()
     found_pairs, found_q = [], []
     for branch in (-1.0, 1.0):
         condition = _upper_arm(arm, point[..., None], outward[..., None], samples, branch)[0]
-        pair, left = np.nonzero(condition[:, :-1] * condition[:, 1:] <= 0.0)
+        pair, low, high = _gaps(arm, point, outward, branch, samples, condition)
         here, there = point[:, pair], outward[:, pair]
-        theta3 = _bisect(arm, here, there, branch, samples[left], samples[left + 1])
+        theta3 = _bisect(arm, here, there, branch, low, high)
         q = _configuration(arm, here, there, theta3, branch)
         sound = np.isfinite(q).all(axis=1)
         found_pairs.append(pairs[pair[sound]])
         found_q.append(q[sound])
     return np.concatenate(found_pairs), np.concatenate(found_q)
+
+
+def _samples() -> Array:
+    """Values of θ3 round the circle, (SAMPLES + 1,) [rad], closer together near 0 and π.
+
+    An elbow near the base axis can be reached near those two only. They start half a step off, so that the planar
+    configurations at 0 and π lie between samples.
+    """
+    even = (np.arange(SAMPLES + 1) + 0.5) * 2.0 * np.pi / SAMPLES - np.pi
+    return even - 0.45 * np.sin(2.0 * even)
+
+
+def _gaps(
+    arm: NominalArm, point: Array, outward: Array, branch: float, samples: Array, condition: Array
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Numbers of the pairs and θ3 on both sides of each change of sign, all (m,); also between a sample and the reach's end.
+
+    Where E goes out of reach the two branches meet, often with a zero on one of them just before.
+    """
+    pair, left = np.nonzero(condition[:, :-1] * condition[:, 1:] <= 0.0)
+    exists = np.isfinite(condition)
+    edge_pair, edge = np.nonzero(exists[:, :-1] != exists[:, 1:])
+    inside = np.where(exists[edge_pair, edge], edge, edge + 1)
+    reachable, beyond = samples[inside], samples[2 * edge + 1 - inside]
+    here, there = point[:, edge_pair], outward[:, edge_pair]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (reachable + beyond)
+        within = np.isfinite(_upper_arm(arm, here, there, middle, branch)[0])
+        reachable, beyond = np.where(within, middle, reachable), np.where(within, beyond, middle)
+    at_end = _upper_arm(arm, here, there, reachable, branch)[0]
+    changes = condition[edge_pair, inside] * at_end <= 0.0
+    return (
+        np.concatenate([pair, edge_pair[changes]]),
+        np.concatenate([samples[left], samples[inside][changes]]),
+        np.concatenate([samples[left + 1], reachable[changes]]),
+    )
 
 
 def _bisect(arm: NominalArm, point: Array, outward: Array, branch: float, low: Array, high: Array) -> Array:

@@ -1,0 +1,212 @@
+"""Sampling closed curves of configurations: evenly, at given swivel angles, and how much of them is inside the limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin.checks import Array, Index
+from aacmm_pin.continuation import Curve, System, polish
+from aacmm_pin.limits import broken_limits, into_limits, margin
+from aacmm_pin.reaching import Wrist
+from aacmm_pin.swivel import Swivel
+
+ARC_BINS = 3600
+"""Resolution of the fraction of arc: a tenth of a degree of swivel."""
+STILL = 1e-9
+"""An elbow that moves less than this along a whole curve gives no measure of it [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """Closed curves of configurations of one arm that reach one or many points.
+
+    Attributes:
+        swivel: swivel angles of the arm.
+        system: the equations that the curves solve.
+        points: working points (m, 3) [m].
+        curves: the curves, each with the number of its point.
+        wrist: how joints 1 to 4 make a whole configuration; None where the curves have all joints.
+    """
+
+    swivel: Swivel
+    system: System
+    points: Array
+    curves: list[Curve]
+    wrist: Wrist | None
+
+    def full(self, q: Array) -> Array:
+        """Whole configurations (n, nq) from those of the curves."""
+        return q if self.wrist is None else self.wrist.full(q)
+
+    @property
+    def nq(self) -> int:
+        """Number of joints of a whole configuration."""
+        return self.swivel.dh.nq
+
+
+@dataclass(frozen=True)
+class Flexibility:
+    """Flexibility ζ of a working point (eq. 1 of Xu You et al. 2019): working over theoretical configurations.
+
+    A swivel angle is theoretical where some configuration, limits apart, has it; working where one inside the limits has.
+
+    Attributes:
+        zeta: working over theoretical sectors, judged at their centres; nan where nothing is theoretical.
+        sectors: which sectors work; sector k has its centre at swivel (k + 1/2) 360°/count.
+        arc_fraction: working over theoretical range of the swivel angle, to 0.1°; nan where nothing is theoretical.
+    """
+
+    zeta: float
+    sectors: tuple[bool, ...]
+    arc_fraction: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Segments:
+    """Pieces between neighbouring vertices of all curves.
+
+    Attributes:
+        start, end: configurations of the curves (s, k) [rad], not wrapped.
+        swivel: at the start (s,) [rad].
+        turn: change of the swivel along the piece (s,) [rad], in (-π, π).
+        problem: number of the point (s,).
+    """
+
+    start: Array
+    end: Array
+    swivel: Array
+    turn: Array
+    problem: Index
+
+
+def _segments(components: Components) -> _Segments:
+    curves = components.curves
+    start = np.concatenate([c.q for c in curves])
+    problem = np.concatenate([np.full(len(c.q), c.problem) for c in curves])
+    ends = np.concatenate([np.roll(c.q, -1, axis=0) for c in curves])
+    end = start + (ends - start + np.pi) % (2 * np.pi) - np.pi
+    swivel = components.swivel.angle(components.full(start), components.points[problem])
+    lengths = np.array([len(c.q) for c in curves])
+    following = np.arange(1, len(start) + 1)
+    following[np.cumsum(lengths) - 1] = np.cumsum(lengths) - lengths  # the last vertex is followed by the first
+    turn = (swivel[following] - swivel + np.pi) % (2 * np.pi) - np.pi
+    open_ends = (np.cumsum(lengths) - 1)[[not c.closed for c in curves]]
+    keep = np.delete(np.arange(len(start)), open_ends)
+    return _Segments(start[keep], end[keep], swivel[keep], turn[keep], problem[keep])
+
+
+def resample(components: Components, count: int) -> tuple[Array, NDArray[np.intp]]:
+    """``count`` configurations on each curve, evenly spaced along the elbow's path, and their component from 1."""
+    if not components.curves:
+        return np.empty((0, components.nq)), np.empty(0, dtype=np.intp)
+    guesses = []
+    for curve in components.curves:
+        closed = np.vstack([curve.q, curve.q[:1] + _turns(curve)])
+        path = np.linalg.norm(np.diff(components.swivel.elbow(components.full(closed)), axis=0), axis=1)
+        if path.sum() < STILL:
+            path = np.linalg.norm(np.diff(closed, axis=0), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(path)])
+        wanted = np.arange(count) * (along[-1] / count)
+        guesses.append(np.column_stack([np.interp(wanted, along, column) for column in closed.T]))
+    number = np.repeat(np.arange(len(guesses)), count)
+    problem = np.array([c.problem for c in components.curves])[number]
+    return components.full(to_solution(components.system, np.concatenate(guesses), problem)), number + 1
+
+
+def _turns(curve: Curve) -> Array:
+    """Full turns that each joint has made when the curve is back at its start."""
+    return np.asarray(np.round((curve.q[-1] - curve.q[0]) / (2 * np.pi)) * 2 * np.pi)
+
+
+def to_solution(system: System, guess: Array, problem: Index) -> Array:
+    """Points between vertices, moved onto the curve."""
+    q, good = polish(system, guess, problem)
+    if not good.all():
+        raise ArithmeticError(f"{(~good).sum()} of {len(good)} points between vertices did not converge")
+    return q
+
+
+def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Index]:
+    """Every configuration whose swivel angle is one of ``angles`` (s,) [rad].
+
+    Returns:
+        whole configurations (n, nq) [rad], the number of the angle (n,), the number of the point (n,).
+    """
+    if not components.curves:
+        return np.empty((0, components.nq)), np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+    pieces = _segments(components)
+    ahead = (angles[None, :] - pieces.swivel[:, None] + np.pi) % (2 * np.pi) - np.pi
+    turn = pieces.turn[:, None]
+    passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
+    piece, which = np.nonzero(passed)
+    part = (ahead[piece, which] / pieces.turn[piece])[:, None]
+    start, end, problem = pieces.start[piece], pieces.end[piece], pieces.problem[piece]
+    q = start + part * (end - start)
+    slope = pieces.turn[piece] / np.linalg.norm(end - start, axis=1)
+    direction = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    for _ in range(2):  # secant steps along the piece, each followed by a return to the curve
+        q = to_solution(components.system, q, problem)
+        gap = angles[which] - components.swivel.angle(components.full(q), components.points[problem])
+        gap = (gap + np.pi) % (2 * np.pi) - np.pi
+        q = q + np.clip(gap / slope, -0.1, 0.1)[:, None] * direction
+    return components.full(to_solution(components.system, q, problem)), which, problem
+
+
+def sector_centres(sectors: int) -> Array:
+    """Swivel angles of the centres of equal sectors (sectors,) [rad]."""
+    return np.asarray((np.arange(sectors) + 0.5) * (2 * np.pi / sectors), dtype=np.float64)
+
+
+def flexibility(components: Components, limits: Array, sectors: int) -> Flexibility:
+    """Flexibility of the one point of ``components``."""
+    q, which, _ = at_swivel(components, sector_centres(sectors))
+    inside = ~broken_limits(into_limits(q, limits), limits).any(axis=1)
+    theoretical = np.bincount(which, minlength=sectors) > 0
+    working = np.bincount(which[inside], minlength=sectors) > 0
+    zeta = working.sum() / theoretical.sum() if theoretical.any() else float("nan")
+    arc = arc_fractions(components, limits, ARC_BINS)
+    return Flexibility(float(zeta), tuple(bool(w) for w in working), float(arc[0]))
+
+
+def arc_fractions(components: Components, limits: Array, bins: int = ARC_BINS) -> Array:
+    """Working over theoretical range of the swivel angle for every point: (m,), nan where nothing is theoretical."""
+    m = len(components.points)
+    if not components.curves:
+        return np.full(m, np.nan)
+    pieces = _segments(components)
+    first, last = _inside_part(components, pieces, limits)
+    theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m, bins)
+    some = last > first
+    start = pieces.swivel[some] + first[some] * pieces.turn[some]
+    working = _covered(pieces.problem[some], start, (last - first)[some] * pieces.turn[some], m, bins)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(working.sum(axis=1) / theoretical.sum(axis=1))
+
+
+def _inside_part(components: Components, pieces: _Segments, limits: Array) -> tuple[Array, Array]:
+    """Which part of each piece, from 0 to 1, is inside the limits; where it crosses one, the place is interpolated."""
+    at_start = margin(into_limits(components.full(pieces.start), limits), limits)
+    at_end = margin(into_limits(components.full(pieces.end), limits), limits)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        crossing = np.clip(at_start / (at_start - at_end), 0.0, 1.0)
+    first = np.where(at_start >= 0, 0.0, np.where(at_end >= 0, crossing, 1.0))
+    last = np.where(at_end >= 0, 1.0, np.where(at_start >= 0, crossing, 0.0))
+    return first, last
+
+
+def _covered(problem: Index, start: Array, turn: Array, points: int, bins: int) -> NDArray[np.bool_]:
+    """Which bins of the full turn are covered by arcs from ``start`` over ``turn``: (points, bins).
+
+    A bin counts when an arc covers its centre; arcs are marked by +1 and -1 at their ends and summed up.
+    """
+    low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * (bins / (2 * np.pi))
+    first = np.ceil(low - 0.5).astype(np.intp)
+    end = np.ceil(low + np.abs(turn) * (bins / (2 * np.pi)) - 0.5).astype(np.intp)
+    marks = np.zeros((points, 2 * bins + 2), dtype=np.intp)
+    np.add.at(marks, (problem, first), 1)
+    np.add.at(marks, (problem, end), -1)
+    count = np.cumsum(marks, axis=1)
+    return np.asarray((count[:, :bins] > 0) | (count[:, bins : 2 * bins] > 0))

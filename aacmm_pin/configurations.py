@@ -1,0 +1,204 @@
+"""The configuration circle: every configuration with which the arm reaches a working point.
+
+The working point is the wrist (the origin of frame 5) with the joints behind the fourth held, or the tip with the stylus
+along a given axis. Source of the notions: Xu You et al. 2019, section 1; its closed forms hold for the nominal geometry,
+the enumeration here for the calibrated one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.checks import Array, vector
+from aacmm_pin.circle import Components, Flexibility, flexibility, resample
+from aacmm_pin.errors import AacmmError, UnsupportedArmError
+from aacmm_pin.limits import broken_limits, into_limits
+from aacmm_pin.reach import reach_of_wrist
+from aacmm_pin.reaching import POSITIONING, Wrist, tip_curves, tip_system, wrist_curves, wrist_system
+from aacmm_pin.swivel import Swivel
+from aacmm_pin.units import DEG, MM
+
+WRIST = "frame5"
+"""Name of the frame whose origin is the working point of the source paper."""
+SEEDS_PER_TURN = 24
+
+
+@dataclass(frozen=True, eq=False)
+class ConfigurationCircle:
+    """Every configuration that reaches a working point, in order along its closed components.
+
+    Attributes:
+        arm: the arm.
+        point: working point (3,) [m].
+        at: name of the frame whose origin is there: ``frame5`` or the tip.
+        q: configurations (n, nq) [rad]; each angle inside its limits where a full turn can bring it there.
+        component: number of the closed component of each, from 1, (n,).
+        swivel: swivel angle of the elbow (n,) [rad] in [-π, π], 0 where it is highest.
+        broken: which joints are outside their limits (n, nq).
+        components: the closed curves that were sampled.
+        reason: why there is no configuration; "" where there are some.
+    """
+
+    arm: Arm
+    point: Array
+    at: str
+    q: Array
+    component: NDArray[np.intp]
+    swivel: Array
+    broken: NDArray[np.bool_]
+    components: Components
+    reason: str = ""
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def within_limits(self) -> NDArray[np.bool_]:
+        """True where no limit is broken, (n,)."""
+        return np.asarray(~self.broken.any(axis=1))
+
+    @property
+    def theta3(self) -> Array:
+        """Angle of joint 3, by which the paper orders the configurations, (n,) [rad] in [-π, π)."""
+        return (self.q[:, 2] + np.pi) % (2 * np.pi) - np.pi
+
+    @cached_property
+    def branch(self) -> NDArray[np.intp]:
+        """Branch signs (n, 2): the wrist's side of the plane of joint axes 1 and 2, and the side to which the elbow bends.
+
+        The second is the sign of d|shoulder → wrist|/dθ4: +1 where a growing θ4 stretches the arm.
+        """
+        _, _, z, o = self.arm.require_dh("a branch").axes(self.q)
+        first, second, fourth, elbow = (0, 1, 3, 3) if self.components.swivel.dh.standard else (1, 2, 4, 4)
+        wrist = o[5] - self.components.swivel.shoulder[:, None]
+        side = np.einsum("in,in->n", np.cross(z[first], z[second], axis=0), wrist)
+        stretch = np.einsum("in,in->n", np.cross(z[fourth], o[5] - o[elbow], axis=0), wrist)
+        return np.where(np.column_stack([side, stretch]) >= 0, 1, -1)
+
+    def flexibility(self, sectors: int = 12) -> Flexibility:
+        """Flexibility ζ (eq. 1 of the paper): how much of the circle lies inside the limits.
+
+        Args:
+            sectors: number of equal sectors of the swivel angle; each is judged at its centre.
+        """
+        return flexibility(self.components, self.arm.limits, sectors)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each configuration, in the columns of ``aacmm-pin configurations``; x, y, z by Pinocchio."""
+        broken = [" ".join(str(j + 1) for j in np.flatnonzero(row)) for row in self.broken]
+        table: dict[str, ArrayLike] = {"component": self.component, "swivel_deg": self.swivel / DEG}
+        table |= {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.arm.nq)}
+        table |= {"within_limits": self.within_limits, "broken_limits": broken}
+        position = self.arm.poses(self.q, self.at).position / MM
+        table |= {f"{axis}_mm": position[:, i] for i, axis in enumerate("xyz")}
+        table |= {"shoulder_side": self.branch[:, 0], "elbow_side": self.branch[:, 1]}
+        return pd.DataFrame(table)
+
+    def _repr_html_(self) -> str:
+        return f"<p>{self}</p>" + self.to_frame().describe().to_html(float_format="{:.3f}".format)
+
+    def __str__(self) -> str:
+        x, y, z = self.point / MM
+        where = f"{self.arm.name}, {self.at} at ({x:.4f}, {y:.4f}, {z:.4f}) mm"
+        if self.reason:
+            return f"{where}: no configuration; {self.reason}"
+        zeta = self.flexibility()
+        return (
+            f"{where}: {len(self)} configurations on {self.component.max()} components, {self.within_limits.sum()} of them "
+            f"within limits, flexibility {zeta.zeta:.3f} by {len(zeta.sectors)} sectors, {zeta.arc_fraction:.3f} of arc"
+        )
+
+
+def configuration_circle(
+    arm: Arm,
+    point: ArrayLike,
+    *,
+    tip: bool = False,
+    axis: ArrayLike | None = None,
+    rest: ArrayLike | None = None,
+    count: int = 360,
+    seeds_per_turn: int = SEEDS_PER_TURN,
+) -> ConfigurationCircle:
+    """Enumerate the configurations of ``arm`` that reach ``point``.
+
+    Args:
+        arm: an arm with a DH table whose first five rows are joints.
+        point: working point (3,) [m].
+        tip: False: the wrist (origin of frame 5) is there, the joints behind the fourth are held at ``rest``.
+            True: the tip is there with the stylus along ``axis``; all six joints move.
+        axis: direction of the stylus in the base (3,), any length; needed with ``tip``, refused without.
+        rest: angles of the joints behind the fourth (nq - 4,) [rad], default 0. Row 5 of SINO6 has a length of
+            0.037 mm, so the circle of the wrist depends, a little, on θ5.
+        count: configurations on each closed component, evenly spaced along the elbow's path.
+        seeds_per_turn: angles at which each of the joints 1 to 4 is held to find the components.
+
+    Returns:
+        The circle; empty, with a ``reason``, for a point out of reach.
+
+    Raises:
+        ShapeError: a vector of the wrong shape or not finite.
+        AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count below 3.
+        UnsupportedArmError: no DH table, or one without the joints that this needs.
+    """
+    dh = arm.require_dh("a configuration circle")
+    point = vector(point, 3, "point", "m")
+    if count < 3 or seeds_per_turn < 2:
+        raise AacmmError(f"count is {count}, seeds_per_turn is {seeds_per_turn}; expected at least 3 and 2")
+    swivel = Swivel(dh, arm.up)
+    if tip:
+        if rest is not None:
+            raise AacmmError("rest was given, but with tip=True every joint moves")
+        stylus, direction = _stylus(arm), _direction(axis)
+        curves = tip_curves(dh, point, stylus, direction, seeds_per_turn)
+        system = tip_system(dh, point, stylus, direction)
+        components = Components(swivel, system, point[None, :], curves, None)
+    else:
+        if axis is not None:
+            raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
+        held = np.zeros(arm.nq - POSITIONING) if rest is None else vector(rest, arm.nq - POSITIONING, "rest", "rad")
+        wrist = Wrist.of(dh, held)
+        curves = wrist_curves(wrist, point[None, :], seeds_per_turn)
+        components = Components(swivel, wrist_system(wrist, point[None, :]), point[None, :], curves, wrist)
+    return _sampled(arm, point, arm.tip if tip else WRIST, components, count)
+
+
+def _sampled(arm: Arm, point: Array, at: str, components: Components, count: int) -> ConfigurationCircle:
+    q, component = resample(components, count)
+    q = into_limits(q, arm.limits)
+    points = np.broadcast_to(point, (len(q), 3))
+    swivel = components.swivel.angle(q, points)
+    reason = "" if len(q) else _why_not(components, point, at == arm.tip)
+    return ConfigurationCircle(arm, point, at, q, component, swivel, broken_limits(q, arm.limits), components, reason)
+
+
+def _why_not(components: Components, point: Array, tip: bool) -> str:
+    distance = float(np.linalg.norm(point - components.swivel.shoulder))
+    if tip or components.wrist is None:
+        return f"the point is {distance / MM:.3f} mm from the shoulder and cannot be reached with that stylus axis"
+    nearest, farthest = reach_of_wrist(components.wrist, components.swivel.shoulder)
+    return (
+        f"the point is {distance / MM:.3f} mm from the shoulder; the wrist reaches "
+        f"from {nearest / MM:.3f} mm to {farthest / MM:.3f} mm"
+    )
+
+
+def _stylus(arm: Arm) -> Array:
+    if arm.stylus_axis is None:
+        raise UnsupportedArmError(f"{arm.name}: tip=True needs the axis of the stylus ([stylus] in the arm file)")
+    return arm.stylus_axis
+
+
+def _direction(axis: ArrayLike | None) -> Array:
+    if axis is None:
+        raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
+    direction = vector(axis, 3, "axis", "1")
+    length = float(np.linalg.norm(direction))
+    if length == 0:
+        raise AacmmError("axis is [0, 0, 0], expected a direction")
+    return direction / length
