@@ -122,9 +122,6 @@ class Arm:
         for half_width in (translation_half_width, rotation_half_width):
             if not (np.isfinite(half_width) and half_width >= 0):
                 raise AacmmError(f"half-width is {half_width}, expected a number that is not negative")
-        names = [f.name for f in model.frames]
-        if frame not in names:
-            raise UnknownNameError("frame", frame, names)
         model = _serial_part(model, frame)
         return Arm(
             name=model.name,
@@ -182,10 +179,9 @@ class Arm:
 
         The closed form of :meth:`DHTable.sensitivity` where there is a DH table, Pinocchio's regressor elsewhere.
         """
-        row = self.dh_row(at)
-        if self.dh is None or row is None:
+        if self.dh is None:
             return self.poses(q, at).placement_sensitivity
-        return self.dh.sensitivity(q, row)
+        return self.dh.sensitivity(q, self._known_row(at))
 
     def jacobian(self, q: Array, at: str | None = None) -> Array:
         """∂(origin of frame ``at``)/∂q for ``q`` (n, nq) [rad]: (n, 3, nq) [m/rad]."""
@@ -210,10 +206,9 @@ class Arm:
         if len(q) not in (1, len(errors)):
             raise ShapeError(f"q has {len(q)} rows, expected 1 or as many as errors has, {len(errors)}")
         q = np.broadcast_to(q, (len(errors), self.nq))
-        row = self.dh_row(at)
-        if self.dh is None or row is None:
+        if self.dh is None:
             return self._perturbed_by_pinocchio(q, errors, self._frame_id(at))
-        return self.dh.positions(q, row, errors.reshape(len(errors), -1, 4))
+        return self.dh.positions(q, self._known_row(at), errors.reshape(len(errors), -1, 4))
 
     def _perturbed_by_pinocchio(self, q: Array, errors: Array, frame: int) -> Array:
         model = self.model.copy()
@@ -230,9 +225,13 @@ class Arm:
 
     def _frame_id(self, at: str | None) -> int:
         name = at or self.tip
-        if not self.model.existFrame(name):  # getFrameId would return nframes in silence
-            raise UnknownNameError("frame", name, [f.name for f in self.model.frames])
-        return int(self.model.getFrameId(name))
+        return _frame_number(self.model, name)
+
+    def _known_row(self, at: str | None) -> int:
+        row = self.dh_row(at)
+        if row is None:
+            raise UnsupportedArmError(f"{self.name}: frame {at!r} is not one of the DH table")
+        return row
 
     def dh_row(self, at: str | None = None) -> int | None:
         """Number of the DH row whose frame is ``at`` (default: the tip); None for frames that the table does not know.
@@ -286,7 +285,7 @@ class Poses:
         model, data = self.arm.model, self.arm.model.createData()
         jacobians = np.empty((len(self.q), 6, self.arm.nq))
         for k, q in enumerate(self.q):
-            jacobians[k] = pin.computeFrameJacobian(model, data, q, self.frame_id, pin.LOCAL_WORLD_ALIGNED)
+            jacobians[k] = pin.computeFrameJacobian(model, data, q, self.frame_id, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)
         return jacobians
 
     @cached_property
@@ -311,9 +310,7 @@ class Poses:
             UnsupportedArmError: the arm has no DH table, or the table does not know the frame.
         """
         dh = self.arm.require_dh("a DH sensitivity")
-        row = self.arm.dh_row(self.at)
-        if row is None:
-            raise UnsupportedArmError(f"{self.arm.name}: frame {self.at!r} is not one of the DH table")
+        row = self.arm._known_row(self.at)
         through_placements, behind_last_joint = _dh_columns(dh, row, self.arm.nq)
         return self.placement_sensitivity @ through_placements + self.placement[:, :3, :3] @ behind_last_joint
 
@@ -386,16 +383,28 @@ def _unit_twist(kind: str) -> Any:
     return pin.Motion(vector)
 
 
+def _frame_number(model: Any, name: str) -> int:
+    """Number of a frame; of a link and a joint with the same name, which URDF allows, the link (getFrameId would raise).
+
+    Raises:
+        UnknownNameError: no such frame; lists the frames.
+    """
+    same = [number for number, frame in enumerate(model.frames) if frame.name == name]
+    if not same:
+        raise UnknownNameError("frame", name, [frame.name for frame in model.frames])
+    links = [number for number in same if model.frames[number].type == pin.FrameType.BODY]
+    return (links or same)[0]
+
+
 def _serial_part(model: Any, frame: str) -> Any:
     """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their neutral place."""
-    joint = model.frames[model.getFrameId(frame)].parentJoint
+    joint = model.frames[_frame_number(model, frame)].parentJoint
     chain = []
     while joint > 0:
         chain.append(joint)
         joint = model.parents[joint]
     others = [j for j in range(1, model.njoints) if j not in chain]
-    if others:
-        model = pin.buildReducedModel(model, others, pin.neutral(model))
+    model = pin.buildReducedModel(model, others, pin.neutral(model)) if others else model.copy()
     wide = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq != 1 or model.joints[j].nv != 1]
     if wide:
         raise UnsupportedArmError(

@@ -158,6 +158,8 @@ def load_arm_file(name_or_path: str | Path) -> ArmFile:
         resource = importlib.resources.files("aacmm_pin") / "arms" / f"{name}.toml"
         return parse_arm_file(resource.read_bytes(), f"{name}.toml")
     path = Path(name_or_path)
+    if path.is_dir():
+        raise ArmFileError(name, "", "is a folder, expected an arm file, *.toml")
     if not path.is_file():
         if path.suffix == ".toml" or path.exists():
             raise ArmFileError(name, "", "no such file")
@@ -176,6 +178,8 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile:
         raise ArmFileError(path, "", f"not UTF-8 text (byte {error.start})") from None
     except tomllib.TOMLDecodeError as error:
         raise ArmFileError(path, "", f"not TOML: {error}") from None
+    except RecursionError:
+        raise ArmFileError(path, "", "not TOML: nested too deep") from None
     try:
         return ArmFile.model_validate(data)
     except ValidationError as error:

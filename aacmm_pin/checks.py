@@ -43,10 +43,15 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
 
 
 def _floats(values: ArrayLike, name: str) -> Array:
+    """A copy as floats; text, booleans, complex numbers and masks are refused rather than read as numbers."""
     try:
-        return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        array = np.array(values)
+    except ValueError as error:
         raise ShapeError(f"{name} is not an array of numbers: {error}") from None
+    if array.dtype.kind not in "iuf" or isinstance(values, np.ma.MaskedArray):
+        kind = "masked" if isinstance(values, np.ma.MaskedArray) else array.dtype
+        raise ShapeError(f"{name} is not an array of numbers: it is {kind}")
+    return array.astype(np.float64)
 
 
 def _finite(array: Array, name: str) -> None:

@@ -12,13 +12,13 @@ module, because whole-array arithmetic on contiguous components is several times
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin.checks import Array, batch
-from aacmm_pin.errors import ShapeError
+from aacmm_pin.errors import ShapeError, UnknownNameError
 
 Convention = Literal["standard-dh", "modified-dh"]
 KINDS = ("a", "d", "alpha", "theta")
@@ -28,7 +28,7 @@ CHUNK = 2048
 """Configurations handled at once: their frames stay in the processor's cache."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DHTable:
     """Denavit–Hartenberg values of an arm.
 
@@ -210,6 +210,8 @@ def table(rows: Array, convention: Convention = "standard-dh", moving: list[bool
     Raises:
         ShapeError: wrong shape, not finite, or another number of ``moving``.
     """
+    if convention not in get_args(Convention):
+        raise UnknownNameError("convention", convention, list(get_args(Convention)))
     rows = batch(rows, 4, "rows", "m, m, rad, rad")
     flags = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
     if flags.shape != (len(rows),):

@@ -32,7 +32,7 @@ def urdf_text(arm: ArmFile) -> str:
     Lengths in metres, angles in radians. The text depends on ``arm`` alone, so it can be compared with a stored one.
     """
     robot = ET.Element("robot", name=arm.name)
-    robot.append(ET.Comment(f" made by aacmm-pin urdf from: {arm.source or arm.name} "))
+    robot.append(ET.Comment(f" made by aacmm-pin urdf from: {_comment(arm.source or arm.name)} "))
     for name, rgba in _COLORS.items():
         ET.SubElement(ET.SubElement(robot, "material", name=name), "color", rgba=rgba)
     base = ET.SubElement(robot, "link", name="base_link")
@@ -53,6 +53,8 @@ def _add_row(robot: ET.Element, parent: str, number: int, row: Row, standard: bo
     turn = (0.0, 0.0, row.theta_offset_rad)
     if not standard:
         parent = _fixed_link(robot, parent, f"twist{number}", (a, 0.0, 0.0), (row.alpha_rad, 0.0, 0.0))
+        if abs(a) > SHORTEST_DRAWN:
+            _cylinder(robot.findall("link")[-1], "tube", TUBE_RADIUS, abs(a), (-a / 2, 0.0, 0.0), (0.0, math.pi / 2, 0.0))
     link = ET.SubElement(robot, "link", name=f"link{number}")
     joint = _joint(robot, f"joint{number}", "fixed" if row.fixed else "revolute", parent, f"link{number}", rpy=turn)
     if row.limits_rad is not None:
@@ -132,6 +134,12 @@ def _origin(element: ET.Element, xyz: tuple[float, ...], rpy: tuple[float, ...])
 
 def _texts(values: tuple[float, ...]) -> Iterator[str]:
     return (_text(value) for value in values)
+
+
+def _comment(text: str) -> str:
+    """``text`` without what an XML comment cannot hold: a double hyphen, control characters."""
+    printable = "".join(c if c.isprintable() else " " for c in text)
+    return printable.replace("--", "- -").replace("--", "- -")
 
 
 def _text(value: float) -> str:

@@ -233,7 +233,7 @@ def _dataset(
     shape = (len(x), len(z))
 
     def over_cells(name: str, unit: str, text: str, scale: float = 1.0, kind: type = float) -> Any:
-        values = (merged[name] / scale if scale != 1.0 else merged[name]).astype(kind)
+        values: Any = (merged[name] / scale if scale != 1.0 else merged[name]).astype(kind)
         dims = ("x_mm", "z_mm", *{"best_q": ("joint",), "worst_q": ("joint",), "works": ("sector",)}.get(name, ()))
         return dims, values.reshape(shape + values.shape[1:]), {"units": unit, "long_name": text}
 
