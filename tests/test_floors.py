@@ -13,6 +13,7 @@ FLOORS = {
     "errors": 0,
     "units": 0,
     "checks": 1,
+    "outputs": 1,
     "parameter": 1,
     "dh": 2,
     "limits": 2,
