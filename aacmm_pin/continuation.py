@@ -21,6 +21,8 @@ System = Callable[[Array, Index], tuple[Array, Array]]
 
 CLOSE_ENOUGH = 1e-12
 """Largest residual of a solution [unit of F: m, or 1 for directions]."""
+ON_THE_WAY = 1e-9
+"""The same for the vertices of a curve, which are polished where they are used."""
 LONGEST_STEP = 0.16
 SHORTEST_STEP = 1e-7
 LARGEST_TURN = 0.30
@@ -189,9 +191,10 @@ def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> 
     if not open_.size:
         return found
     longest = max(len(curve.q) for curve in curves)
-    vertices = np.full((len(curves), longest, q.shape[1]), np.nan)
+    vertices = np.empty((len(curves), longest, q.shape[1]))
     for row, curve in enumerate(curves):
         vertices[row, : len(curve.q)] = curve.q
+        vertices[row, len(curve.q) :] = curve.q[0]  # padding that changes no nearest vertex
     rows = np.array([row_of[int(p)] for p in problem[open_]])
     tangents = _null_vectors(system(q[open_], problem[open_])[1])
     nearest = _nearest(q[open_], vertices, rows)
@@ -207,14 +210,18 @@ def _nearest(q: Array, vertices: Array, rows: Index, count: int = 3) -> Index:
     """Numbers of the ``count`` vertices of row ``rows[i]`` that are nearest to ``q[i]``: (n, count)."""
     count = min(count, vertices.shape[1])
     nearest = np.empty((len(q), count), dtype=np.intp)
-    for part in chunks(len(q), max(1, 1_000_000 // vertices.shape[1])):
-        gaps = np.square(_wrapped(vertices[rows[part]] - q[part, None, :])).sum(axis=2)
-        gaps[np.isnan(gaps)] = np.inf
-        nearest[part] = np.argpartition(gaps, count - 1, axis=1)[:, :count]
-        nearest[part] = np.take_along_axis(
-            nearest[part], np.argsort(np.take_along_axis(gaps, nearest[part], axis=1), axis=1), axis=1
-        )
+    there, here = _on_circles(vertices).transpose(0, 2, 1), _on_circles(q)
+    for part in chunks(len(q), max(1, 200_000 // vertices.shape[1])):
+        closeness = (here[part, None, :] @ there[rows[part]])[:, 0, :]  # Σ cos(difference): largest where nearest
+        pick = np.argpartition(-closeness, count - 1, axis=1)[:, :count]
+        order = np.argsort(-np.take_along_axis(closeness, pick, axis=1), axis=1)
+        nearest[part] = np.take_along_axis(pick, order, axis=1)
     return nearest
+
+
+def _on_circles(angles: Array) -> Array:
+    """Each angle as a point of the unit circle, (..., 2 k)."""
+    return np.concatenate([np.cos(angles), np.sin(angles)], axis=-1)
 
 
 def _meets(system: System, guess: Array, goal: Array, tangent: Array, problem: Index) -> NDArray[np.bool_]:
@@ -237,14 +244,14 @@ def _correct(
     q = guess.copy()
     f, jacobian = system(q, problem)
     for _ in range(iterations):
-        open_ = np.flatnonzero(np.abs(f).max(axis=1) > 0.2 * CLOSE_ENOUGH)
+        open_ = np.flatnonzero(np.abs(f).max(axis=1) > ON_THE_WAY)
         if not open_.size:
             break
         right = np.zeros((len(open_), q.shape[1], 1))
         right[:, :-1, 0] = -f[open_]
         q[open_] += _solve(_bordered(jacobian[open_], tangent[open_]), right)[:, :, 0]
         f[open_], jacobian[open_] = system(q[open_], problem[open_])
-    return q, jacobian, np.abs(f).max(axis=1) <= CLOSE_ENOUGH
+    return q, jacobian, np.abs(f).max(axis=1) <= ON_THE_WAY
 
 
 def _next_tangent(jacobian: Array, tangent: Array) -> tuple[Array, Array]:
@@ -270,7 +277,13 @@ def _bordered(jacobian: Array, tangent: Array) -> Array:
 
 
 def _null_vectors(jacobian: Array) -> Array:
-    return np.asarray(np.linalg.svd(jacobian)[2][:, -1, :])
+    """Unit null vectors of J (n, k, k + 1), from one solve each: any border that is not orthogonal to them will do."""
+    n, k, _ = jacobian.shape
+    border = np.broadcast_to(np.sqrt(np.arange(2.0, k + 3.0)), (n, k + 1))
+    right = np.zeros((n, k + 1, 1))
+    right[:, -1] = 1.0
+    vectors = _solve(_bordered(jacobian, border), right)[:, :, 0]
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def _least_norm(jacobian: Array, f: Array) -> Array:

@@ -32,7 +32,7 @@ from aacmm_pin.reaching import POSITIONING, Wrist, wrist_curves, wrist_system
 from aacmm_pin.swivel import Swivel
 from aacmm_pin.units import DEG, MM, MM3
 
-CELLS_AT_ONCE = 96
+CELLS_AT_ONCE = 288
 SEEDS_PER_TURN = 4
 """Held angles of each joint for a map. Four find every component that twenty-four find on SINO6's 48 × 48 cells."""
 ROUND_EXTENT_TO = 0.05
