@@ -21,8 +21,6 @@ System = Callable[[Array, Index], tuple[Array, Array]]
 
 CLOSE_ENOUGH = 1e-12
 """Largest residual of a solution [unit of F: m, or 1 for directions]."""
-ON_THE_WAY = 1e-9
-"""The same for the vertices of a curve, which are polished where they are used."""
 LONGEST_STEP = 0.16
 SHORTEST_STEP = 1e-7
 LARGEST_TURN = 0.30
@@ -244,14 +242,14 @@ def _correct(
     q = guess.copy()
     f, jacobian = system(q, problem)
     for _ in range(iterations):
-        open_ = np.flatnonzero(np.abs(f).max(axis=1) > ON_THE_WAY)
+        open_ = np.flatnonzero(np.abs(f).max(axis=1) > 0.2 * CLOSE_ENOUGH)
         if not open_.size:
             break
         right = np.zeros((len(open_), q.shape[1], 1))
         right[:, :-1, 0] = -f[open_]
         q[open_] += _solve(_bordered(jacobian[open_], tangent[open_]), right)[:, :, 0]
         f[open_], jacobian[open_] = system(q[open_], problem[open_])
-    return q, jacobian, np.abs(f).max(axis=1) <= ON_THE_WAY
+    return q, jacobian, np.abs(f).max(axis=1) <= CLOSE_ENOUGH
 
 
 def _next_tangent(jacobian: Array, tangent: Array) -> tuple[Array, Array]:
@@ -283,7 +281,7 @@ def _null_vectors(jacobian: Array) -> Array:
     right = np.zeros((n, k + 1, 1))
     right[:, -1] = 1.0
     vectors = _solve(_bordered(jacobian, border), right)[:, :, 0]
-    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
 
 def _least_norm(jacobian: Array, f: Array) -> Array:
