@@ -1,8 +1,8 @@
 """The paper's equations (2) to (13), corrected where the print is wrong: configurations of the nominal arm by geometry.
 
-**Height.** The paper draws its vertical axis against the z axis of its own DH table, ``Z = -z_DH``: with the joint limits
-of Table 1's signs, θ3 = 0 puts the elbow at the *greatest* Z. Points enter and joint angles leave in the DH base frame;
-"highest" and "lowest" speak of Z.
+**Height.** The paper draws its vertical axis against the z axis of its own DH table, ``Z = -z_DH``: with the signs of its
+Table 1, θ3 = 0 puts the elbow at the *least* z_DH, where the paper calls it highest. Points enter and joint angles leave in
+the DH base frame; "highest" and "lowest" speak of Z.
 
 **Names.** O is the shoulder (origin of frame 1), P the working point (origin of frame 5), E the elbow (origin of frame 3,
 on the axis of joint 4), C the end of the upper tube (E without the offset l3). ``t = -θ2`` and ``-θ4`` are the angles that
@@ -14,6 +14,7 @@ answer is NaN.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aacmm_pin.checks import Array, batch
 from aacmm_pin.sino6_paper.nominal import NominalArm
@@ -96,9 +97,9 @@ def elevation(point: Array) -> Array:
 def highest_theta2(arm: NominalArm, point: Array) -> Array:
     """θ2 of the highest configuration, (3): (n,) [rad].
 
-    Corrected: the1 is the angle at O of the triangle O, foot of l2, E, so the opposite side is √((l3)² + d3²) reckoned as
-    the squared sum ``l2² + QD² - (l3² + d3²)``; the print has a square root and d5 there, and no cosine results. The sum
-    is the angle from the other end of the range, so π is taken off.
+    Corrected: the1 is an angle of the triangle with the sides l2, QD and √(l3² + d3²), so its cosine has
+    ``l2² + QD² - (l3² + d3²)``; the print has ``√(l3² + d5²)`` for the bracket, which gives no angle at all. The sum of
+    the three angles counts from the far end of the range, so π is taken off.
     """
     span = highest_elbow_span(arm)
     the1 = angle_in_triangle(arm.l2, span, np.hypot(arm.l3, arm.d3))
@@ -117,8 +118,8 @@ def highest_theta4(arm: NominalArm, point: Array) -> Array:
 def highest_configuration(arm: NominalArm, point: Array) -> Array:
     """θ1 to θ4 with the elbow at the greatest Z above OP, (2) to (5), with θ3 = 0 for the missing (4): (n, 4) [rad].
 
-    It is the one with the elbow bent towards the inside of the limits. An arm folded past arctan-small angles, |θ4| within
-    0.6° of π on SINO6, is the mirror image of this triangle about OP and is not what (3) and (5) describe.
+    For P in front of the base axis as the arm looks. Folded so far that |θ4| exceeds 3π/2 - ∠k, 179.4° on SINO6, the arm
+    is the mirror image of this triangle about OP, which (3) and (5) leave out.
     """
     theta1 = azimuth(point)
     return np.column_stack([theta1, highest_theta2(arm, point), np.zeros_like(theta1), highest_theta4(arm, point)])
@@ -132,8 +133,8 @@ def tube_end_to_point(arm: NominalArm, theta4: Array) -> Array:
     return np.sqrt(arm.l3**2 + arm.d5**2 - 2.0 * arm.l3 * arm.d5 * np.cos(QUARTER - np.asarray(theta4)))
 
 
-def theta2_sweep(arm: NominalArm, point: Array, theta4_highest: Array) -> Array:
-    """How far θ2 turns from the highest to the lowest configuration, ``thek`` of (7): (n,) [rad].
+def theta2_sweep_parts(arm: NominalArm, point: Array, theta4_highest: Array) -> Array:
+    """``thek1``, ``thek2``, ``thek3`` of (7): at O from C (highest) to P, on to E (lowest), on to C: (n, 3) [rad].
 
     Args:
         arm: the nominal arm.
@@ -144,17 +145,25 @@ def theta2_sweep(arm: NominalArm, point: Array, theta4_highest: Array) -> Array:
     thek1 = angle_in_triangle(upper, reach, tube_end_to_point(arm, theta4_highest))
     thek2 = angle_in_triangle(lowest, reach, arm.d5)
     thek3 = angle_in_triangle(lowest, upper, arm.l3)
-    return thek1 + thek2 + thek3
+    return np.column_stack([thek1, thek2, np.broadcast_to(thek3, reach.shape)])
 
 
-def lowest_exists(arm: NominalArm, point: Array) -> Array:
+def theta2_sweep(arm: NominalArm, point: Array, theta4_highest: Array) -> Array:
+    """How far θ2 turns from the highest to the lowest configuration, ``thek`` of (7): (n,) [rad]."""
+    return np.asarray(theta2_sweep_parts(arm, point, theta4_highest).sum(axis=1))
+
+
+def lowest_exists(arm: NominalArm, point: Array) -> NDArray[np.bool_]:
     """Whether the triangle of the lowest configuration closes: (n,) bool. The print has only one of the two conditions."""
     span, reach = lowest_elbow_span(arm), distance(point)
-    return (np.abs(span - arm.d5) <= reach) & (reach <= span + arm.d5)
+    return np.asarray((np.abs(span - arm.d5) <= reach) & (reach <= span + arm.d5))
 
 
 def lowest_theta2(arm: NominalArm, point: Array) -> Array:
-    """θ2 of the lowest configuration: (n,) [rad]. This line, θ2max - thek, is missing after (7)."""
+    """θ2 of the lowest configuration: (n,) [rad]. This line, θ2max - thek, is missing after (7).
+
+    It leans on the highest configuration; where that one is out of reach (|OP| > QD + d5) it is NaN.
+    """
     return highest_theta2(arm, point) - theta2_sweep(arm, point, highest_theta4(arm, point))
 
 
@@ -196,7 +205,7 @@ def crossing_to_tube_end(arm: NominalArm, theta2: Array) -> Array:
     The printed quotient of sines equals ``d3 - l2 cot|θ2|`` and changes its sign at |θ2| = arctan(l2/d3).
     """
     turned = np.abs(theta2) + np.arctan(arm.d3 / arm.l2) - QUARTER
-    return np.sin(turned) * crossing_height(arm, theta2) / np.sin(np.arctan(arm.l2 / arm.d3))
+    return np.asarray(np.sin(turned) * crossing_height(arm, theta2) / np.sin(np.arctan(arm.l2 / arm.d3)))
 
 
 def cosine_theta42(arm: NominalArm, point: Array, theta2: Array) -> Array:
@@ -230,8 +239,9 @@ def cosine_theta1(arm: NominalArm, point: Array, theta2: Array, theta4: Array) -
     squared = tube_end_to_point(arm, theta4) ** 2 - (vk - height(point)) ** 2  # Rq² of (12)
     rq = np.sqrt(squared, out=np.full_like(squared, np.nan), where=squared >= 0.0)
     both = 2.0 * radius(point) * uk
-    cosine = np.full_like(both, np.nan)
-    return np.divide(radius(point) ** 2 + uk**2 - rq**2, both, out=cosine, where=both != 0.0)
+    cosine: Array = np.full_like(both, np.nan)
+    np.divide(radius(point) ** 2 + uk**2 - rq**2, both, out=cosine, where=both != 0.0)
+    return cosine
 
 
 def theta1_pair(arm: NominalArm, point: Array, theta2: Array, theta4: Array) -> Array:
@@ -249,7 +259,7 @@ def theta3(arm: NominalArm, point: Array, theta1: Array, theta2: Array) -> Array
     point = batch(point, 3, "point", "m")
     turn = azimuth(point) - theta1
     ahead, aside = radius(point) * np.cos(turn), radius(point) * np.sin(turn)
-    return np.arctan2(aside, ahead * np.cos(theta2) - point[:, 2] * np.sin(theta2) + arm.l2)
+    return np.asarray(np.arctan2(aside, ahead * np.cos(theta2) - point[:, 2] * np.sin(theta2) + arm.l2))
 
 
 def configurations_at_theta2(arm: NominalArm, point: Array, theta2: Array) -> Array:

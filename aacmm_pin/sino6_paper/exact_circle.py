@@ -22,7 +22,7 @@ from aacmm_pin.sino6_paper.nominal import NominalArm
 SAMPLES = 180
 """Places round the circle of θ3 between which the condition is looked at for a change of sign."""
 HALVINGS = 50
-"""Bisections of such a gap: 2° / 2^50 is below the spacing of floating-point numbers near 1."""
+"""Bisections of such a gap, which is below 4°: what is left is below the spacing of floating-point numbers near 1."""
 AT_ONCE = 512
 """Pairs of point and swivel handled at once: their samples stay in the processor's cache."""
 
@@ -48,13 +48,14 @@ def elbow_swivel(points: Array, elbows: Array) -> Array:
     It counts from the direction square to the line that is nearest to -z_DH, right-handed about the line.
     """
     _, up, side = _line_axes(points)
-    return np.arctan2(np.sum(elbows * side, axis=1), np.sum(elbows * up, axis=1))
+    return np.asarray(np.arctan2(np.sum(elbows * side, axis=1), np.sum(elbows * up, axis=1)))
 
 
 def configurations_at_swivel(arm: NominalArm, points: Array, swivels: Array) -> SwivelConfigurations:
     """All configurations that reach ``points`` (n, 3) [m] with the elbow at each of ``swivels`` (s,) [rad].
 
-    Two configurations of one branch that lie within 2° of each other in θ3 may escape: the search sees changes of sign.
+    Two configurations of one branch between neighbouring samples of θ3 (0.2° to 4° apart) may escape: the search sees
+    changes of sign.
 
     Raises:
         ShapeError: ``points`` is not a finite (n, 3) array.

@@ -12,7 +12,7 @@ import numpy as np
 
 from aacmm_pin.dh import DHTable, table
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.sino6_paper.tables import table1
+from aacmm_pin.sino6_paper.tables import printed_table1
 from aacmm_pin.units import MM
 
 
@@ -47,5 +47,5 @@ class NominalArm:
 
 def sino6_nominal() -> NominalArm:
     """The nominal SINO6: the four lengths of Table 1, all else ideal."""
-    a, d = (np.abs(table1()[column].to_numpy()) * MM for column in ("a_mm", "d_mm"))
+    a, d = (np.abs(printed_table1()[column].to_numpy()) * MM for column in ("a_mm", "d_mm"))
     return NominalArm(l2=float(a[1]), l3=float(a[2]), d3=float(d[2]), d5=float(d[4]))

@@ -15,24 +15,24 @@ from aacmm_pin.checks import Array
 from aacmm_pin.units import MM
 
 
-def table1() -> pd.DataFrame:
+def printed_table1() -> pd.DataFrame:
     """DH values of SINO6 and the half-widths of their calibration, one row a joint [mm, rad]."""
     return _read("table1.csv")
 
 
-def table2() -> pd.DataFrame:
+def printed_table2() -> pd.DataFrame:
     """Number of the 48 × 48 working regions by their number of working sectors, 1 to 12."""
     return _read("table2.csv")
 
 
-def table3() -> pd.DataFrame:
+def printed_table3() -> pd.DataFrame:
     """The six measured seats: coordinates, spread (eq. 16), spread of the marked part and of the rest (eq. 18) [mm]."""
     return _read("table3.csv")
 
 
-def table3_points() -> Array:
+def printed_points() -> Array:
     """Coordinates of the six seats of Table 3 in the DH base frame, (6, 3) [m]."""
-    return np.array(table3()[["x_mm", "y_mm", "z_mm"]], dtype=np.float64) * MM
+    return np.array(printed_table3()[["x_mm", "y_mm", "z_mm"]], dtype=np.float64) * MM
 
 
 def _read(name: str) -> pd.DataFrame:
