@@ -1,0 +1,153 @@
+"""Compute the tour, write it, and say what was found."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aacmm_pin.checks import Array
+from aacmm_pin.demo.paper import paper_sections, ratio_text
+from aacmm_pin.demo.sections import about_accuracy, about_arm, about_assumptions, about_map, about_postures
+from aacmm_pin.demo.study import SEED, Study, make_study
+from aacmm_pin.outputs import whole_folder
+from aacmm_pin.report import Download, Part, Section, render_report
+from aacmm_pin.summaries import accuracy_summary, map_summary
+from aacmm_pin.units import UM
+from aacmm_pin.urdf import urdf_text
+
+
+@dataclass(frozen=True)
+class DemoSummary:
+    """What the tour found and where it was written.
+
+    Attributes:
+        folder: where the files are.
+        files: their names.
+        findings: one sentence each.
+        accuracy: content of accuracy.json.
+        map: content of map.json.
+        seconds: time that all took.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    findings: tuple[str, ...]
+    accuracy: dict[str, Any]
+    map: dict[str, Any]
+    seconds: float
+
+    def __str__(self) -> str:
+        end = f"{len(self.files)} files in {self.seconds:.0f} s; the page is {self.folder / 'index.html'}"
+        return "\n".join([*self.findings, end])
+
+
+def run_demo(
+    arm_name: str = "sino6",
+    folder: Path = Path("out"),
+    force: bool = False,
+    progress: bool = True,
+    cells: tuple[int, int] = (48, 48),
+    sectors: int = 12,
+) -> DemoSummary:
+    """Compute the tour and write it to ``folder``: index.html, the files behind it, all pictures as PNG.
+
+    The working point is the first one that the paper measured (its Table 3), for the wrist.
+
+    Args:
+        arm_name: bundled arm or arm file; it needs uncertainties.
+        folder: where to write; whole or not at all.
+        force: replace files of the same names.
+        progress: show a bar while the map is made.
+        cells: cells of the map along x and z.
+        sectors: sectors of the configuration circle.
+
+    Raises:
+        OutputError: the folder cannot be used.
+        UnknownNameError, ArmFileError: the arm cannot be read.
+        AacmmError: the arm states no uncertainty, or cannot reach the point within its limits.
+    """
+    started = time.perf_counter()
+    folder = Path(folder)
+    with whole_folder(folder, force) as out:
+        study = make_study(arm_name, progress, cells, sectors)
+        accuracy = accuracy_summary(study.circle, study.accuracy, sectors)
+        over_map = map_summary(study.map)
+        downloads = _write_data(study, accuracy, over_map, out)
+        sections = [
+            Section("What this arm is", about_arm(study)),
+            Section("Postures at the working point", about_postures(study, out)),
+            Section("Accuracy at the working point, and why", about_accuracy(study, accuracy, out)),
+            Section("Over the workspace", about_map(study, out)),
+            *paper_sections(study, out),
+            Section("What is assumed, and what is left out", about_assumptions(study)),
+            Section("Files", [_files_text(), *downloads]),
+        ]
+        page = render_report(
+            f"{study.arm.name}: postures and accuracy", f"Geometry and uncertainties: {study.arm.source}", sections
+        )
+        (out / "index.html").write_text(page, encoding="utf-8")
+        files = tuple(sorted(path.name for path in out.iterdir()))
+    seconds = time.perf_counter() - started
+    return DemoSummary(folder, files, _findings(study, accuracy), accuracy, over_map, seconds)
+
+
+def _write_data(study: Study, accuracy: dict[str, Any], over_map: dict[str, Any], out: Path) -> list[Download]:
+    urdf = f"{study.arm.name.lower()}.urdf"
+    (out / urdf).write_text(urdf_text(study.arm_file), encoding="utf-8")
+    study.circle.to_frame().to_csv(out / "configurations.csv", index=False)
+    for name, content in (("accuracy.json", accuracy), ("map.json", over_map)):
+        text = json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2)
+        (out / name).write_text(text + "\n", encoding="utf-8")
+    study.map.save(out / "map.nc")
+    described = (
+        (urdf, "application/xml", "the arm for Pinocchio and other robotics programs, lengths in metres"),
+        ("configurations.csv", "text/csv", "every configuration at the working point, angles in degrees"),
+        ("accuracy.json", "application/json", "accuracy at the working point"),
+        ("map.nc", "application/x-netcdf", "the map, cell by cell (netCDF)"),
+        ("map.json", "application/json", "summary of the map"),
+    )
+    return [Download(name, (out / name).read_bytes(), media, text) for name, media, text in described]
+
+
+def _files_text() -> Part:
+    return "The numbers behind this page are inside it; on screen each name below saves a file."
+
+
+def _findings(study: Study, summary: dict[str, Any]) -> tuple[str, ...]:
+    volume, u = summary["volume_mm3"], study.accuracy.u / UM
+    counts = study.map.working_sectors()
+    monte_carlo, zonotope = study.methods["monte-carlo"].volume, study.methods["zonotope"].volume
+    budget = study.accuracy.budget().head(3)
+    largest = ", ".join(f"{row['parameter']} {100 * row['share']:.0f} %" for row in budget.to_dict("records"))
+    findings = [
+        str(study.circle),
+        f"accuracy volume {volume['min']:.5f} to {volume['max']:.5f} mm³, comprehensive {volume['comprehensive']:.5f} mm³",
+        f"standard uncertainty of the position {u.min():.1f} to {u.max():.1f} µm, {u[study.best]:.1f} µm where the volume "
+        f"is smallest, {u[study.worst]:.1f} µm where it is largest",
+        f"Monte Carlo (seed {SEED}) against the zonotope: {_percent(monte_carlo / zonotope - 1)}",
+        f"budget: {largest} of the variance",
+        f"map: {counts[study.map.sectors]} of {sum(counts.values())} reachable cells have the full circle, "
+        f"mean flexibility {float(study.map.data['flexibility'].mean()):.3f}",
+    ]
+    return tuple(findings + _paper_findings(study))
+
+
+def _paper_findings(study: Study) -> list[str]:
+    if study.table2 is None or study.table3 is None:
+        return []
+    mean, points = study.table2.mean_flexibility, study.table3.points
+    return [
+        f"Table 2 of the paper: reproduced to {100 * study.table2.total_variation:.1f} % of the cells; mean flexibility "
+        f"{mean['paper']:.3f} printed, {mean['exact']:.3f} by exact geometry",
+        f"Table 3 of the paper: measured {points['measured_mm'].min():.4f} to {points['measured_mm'].max():.4f} mm, DH "
+        f"errors alone {points['dh_p05_mm'].min():.3f} to {points['dh_p95_mm'].max():.3f} mm (5–95 %), but "
+        f"{ratio_text(study.table3, len(study.table3.spreads))} give seat 6 over seat 5 as measured",
+    ]
+
+
+def _percent(values: Sequence[float] | Array) -> str:
+    return " and ".join(f"{100 * value:+.1f} %" for value in values)

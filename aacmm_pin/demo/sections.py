@@ -1,0 +1,317 @@
+"""What the page says about the arm: its postures and accuracy at a point and over the workspace."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from aacmm_pin import plots
+from aacmm_pin.accuracy import Method
+from aacmm_pin.checks import Array
+from aacmm_pin.configurations import ConfigurationCircle
+from aacmm_pin.demo.picture import new_axes, picture
+from aacmm_pin.demo.study import DRAWS, SEED, Study
+from aacmm_pin.report import Bullets, Paragraph, Part, Picture, Table
+from aacmm_pin.units import DEG, MM, MM3, UM
+
+
+def about_arm(study: Study) -> list[Part]:
+    """Dimensions, half-widths, limits."""
+    arm, dh = study.arm, study.arm.require_dh("the demo")
+    longest = np.sort(np.abs(np.concatenate([dh.a, dh.d])))[::-1] / MM
+    return [
+        f"{arm.name} is a passive measuring arm with {arm.nq} joints. Its longest pieces measure {longest[0]:.0f} mm and "
+        f"{longest[1]:.0f} mm. The table holds its {dh.convention} values; every value marked ± lies within that "
+        "half-width according to the calibration, and these half-widths are the only causes of error on this page.",
+        Table(_dh_table(study), f"Denavit–Hartenberg values of {arm.name} with the half-widths of their calibration"),
+        f"The working point is the wrist, the origin of {study.circle.at}: what lies behind it does not matter for the "
+        "position, so the probe and the stylus have no part in any number below.",
+    ]
+
+
+def _dh_table(study: Study) -> pd.DataFrame:
+    dh = study.arm.require_dh("the demo")
+    half = np.array([p.half_width or 0.0 for p in study.arm.parameters]).reshape(dh.rows, 4)
+    columns: dict[str, list[str]] = {"row": [str(i + 1) for i in range(dh.rows)]}
+    heads = (("a [mm]", MM, ".5f"), ("d [mm]", MM, ".5f"), ("α [rad]", 1.0, ".5f"), ("θ offset [rad]", 1.0, ".5f"))
+    for k, (head, unit, spec) in enumerate(heads):
+        values = dh.values()[:, k] / unit
+        widths = half[:, k] / unit
+        columns[head] = [
+            f"{v:{spec}}" + (f" ± {w:.5f}" if w >= 5e-6 else f" ± {w:.2g}" if w else "")
+            for v, w in zip(values, widths, strict=True)
+        ]
+    limits = iter(study.arm.limits / DEG)
+    columns["limits [deg]"] = [_limits(next(limits)) if moving else "rigid" for moving in dh.moving]
+    return pd.DataFrame(columns)
+
+
+def _limits(pair: Array) -> str:
+    return f"{pair[0]:.0f} to {pair[1]:.0f}"
+
+
+def about_postures(study: Study, out: Path) -> list[Part]:
+    """Components, limits, flexibility at the working point."""
+    circle = study.circle
+    x, y, z = circle.point / MM
+    zeta = circle.flexibility(study.sectors)
+    within = int(circle.within_limits.sum())
+    caption = (
+        f"{circle.arm.name} in five of the postures that reach the point, light to dark along the circle, each drawn to the "
+        "wrist. The closed line is the path of the elbow: coloured by the accuracy volume where all joints are within "
+        "limits, grey where not. Grey paths of other components may lie close beside or below the coloured one."
+    )
+    return [
+        f"With the wrist held at ({x:.4f}, {y:.4f}, {z:.4f}) mm the arm can still move: the elbow runs along closed curves. "
+        f"There are {len(circle.components.curves)} of them, sampled at {len(circle)} configurations.",
+        Paragraph(
+            f"{within} of {len(circle)} configurations respect the joint limits. Flexibility ζ = {zeta.zeta:.3f}, judged at "
+            f"the centres of {study.sectors} sectors of the swivel angle; by arc, {100 * zeta.arc_fraction:.1f} % of the "
+            "circle can be used.",
+            finding=True,
+        ),
+        Table(
+            _component_table(circle),
+            "Closed components. Side of the shoulder: of the plane of joint axes 1 and 2; bend: +1 where a growing θ4 "
+            "stretches the arm.",
+        ),
+        picture(
+            plots.plot_circle(circle, study.accuracy, ax=new_axes(7.2, 6.6, "3d")),
+            out,
+            "circle",
+            f"The elbow's path round the working point and {circle.arm.name} in five postures",
+            caption,
+        ),
+    ]
+
+
+def _component_table(circle: ConfigurationCircle) -> pd.DataFrame:
+    rows = []
+    for number in range(1, len(circle.components.curves) + 1):
+        mine = circle.component == number
+        side, bend = ("/".join(f"{v:+d}" for v in np.unique(circle.branch[mine, k])) for k in range(2))
+        broken = ", ".join(str(j + 1) for j in np.flatnonzero(circle.broken[mine].any(axis=0)))
+        works = int(circle.within_limits[mine].sum())
+        rows.append((number, int(mine.sum()), works, side, bend, broken or "none"))
+    heads = [
+        "component",
+        "configurations",
+        "within limits",
+        "side of the shoulder",
+        "bend of the elbow",
+        "joints outside limits",
+    ]
+    return pd.DataFrame(rows, columns=heads)
+
+
+def about_accuracy(study: Study, summary: dict[str, Any], out: Path) -> list[Part]:
+    """Volume, uncertainty, methods and budget at the working point."""
+    accuracy, circle = study.accuracy, study.circle
+    volume, u = summary["volume_mm3"], accuracy.u / UM
+    ratio = volume["max"] / volume["min"]
+    budget = accuracy.budget()
+    first = budget.head(2)
+    return [
+        "The accuracy volume is the volume of all positions that the wrist may take while every parameter lies anywhere "
+        "within its half-width; to first order this set is a zonotope, and its volume is exact. The standard uncertainty u "
+        "is the root of the summed variances of the three coordinates, with rectangular distributions.",
+        Paragraph(
+            f"The accuracy volume runs from {volume['min']:.5f} mm³ to {volume['max']:.5f} mm³ with the posture, a factor "
+            f"of {ratio:.2f}, as if lengths grew by {100 * (ratio ** (1 / 3) - 1):.0f} %. The standard uncertainty runs "
+            f"from {u.min():.1f} µm to {u.max():.1f} µm, {100 * (u.max() / u.min() - 1):.1f} %.",
+            finding=True,
+        ),
+        *_disagreement(study),
+        Table(
+            _posture_table(study),
+            "Four postures (angles in degrees)",
+            {"volume [mm³]": ".5f", "u [µm]": ".1f", "swivel": ".1f"} | {f"θ{j + 1}": ".2f" for j in range(study.arm.nq)},
+        ),
+        picture(
+            plots.plot_accuracy_over_swivel(circle, accuracy, new_axes(7.5, 4.2)),
+            out,
+            "accuracy_over_swivel",
+            "Accuracy volume and standard uncertainty over the swivel angle",
+            "Accuracy over the swivel angle of the elbow. Neither scale starts at zero.",
+        ),
+        picture(
+            plots.plot_accuracy_over_theta3(circle, accuracy, new_axes(6.0, 5.0)),
+            out,
+            "accuracy_over_theta3",
+            "Accuracy volume round the circle of joint angle 3",
+            "The same volumes over θ3, drawn as the source paper draws them.",
+        ),
+        f"Comprehensive accuracy (eq. 15 of the paper, weights that favour the θ3 that it finds handiest): "
+        f"{volume['comprehensive']:.5f} mm³; the median is {volume['median']:.5f} mm³.",
+        _methods_table(study),
+        _methods_text(study),
+        f"Where it comes from: {first['parameter'][0]} makes {100 * first['share'][0]:.0f} % of the variance and "
+        f"{first['parameter'][1]} another {100 * first['share'][1]:.0f} %, averaged over the postures within limits. "
+        f"{_without_part(study, budget)}",
+        _budget_picture(study, "parameter", 4.7, out),
+        _budget_picture(study, "joint", 2.5, out),
+    ]
+
+
+def _budget_picture(study: Study, by: Literal["parameter", "joint"], height: float, out: Path) -> Picture:
+    return picture(
+        plots.plot_budget(study.accuracy, by, new_axes(7.0, height)),
+        out,
+        f"budget_by_{by}",
+        f"Bars of the shares of the variance by {by}",
+        f"Uncertainty budget by {by}: share of the variance, and the standard uncertainty that it alone would cause.",
+    )
+
+
+def _disagreement(study: Study) -> list[Part]:
+    """A paragraph where volume and u rank the postures differently."""
+    accuracy, ends = study.accuracy, [study.best, study.worst]
+    low, high = accuracy.u[ends] / UM
+    if low <= high:
+        return []
+    axes = np.sqrt(np.linalg.eigvalsh(accuracy.covariance[ends])) / UM
+    return [
+        f"The two measures do not rank the postures alike: where the volume is smallest u is {low:.1f} µm, where it is "
+        f"largest {high:.1f} µm. The volume is like a product of three half-axes and follows the thinnest; u follows the "
+        f"longest. The standard uncertainties along the three principal axes are {_listed(axes[0])} µm in the first posture "
+        f"and {_listed(axes[1])} µm in the second. For distances u says more than the volume."
+    ]
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{value:.0f}" for value in values)
+
+
+def _posture_table(study: Study) -> pd.DataFrame:
+    accuracy = study.accuracy
+    picks = {
+        "smallest volume": study.best,
+        "largest volume": study.worst,
+        "elbow highest": int(np.argmin(np.abs(study.inside))),
+        "elbow lowest": int(np.argmax(np.abs(study.inside))),
+    }
+    rows = list(picks.values())
+    table = pd.DataFrame({"posture": list(picks), "swivel": study.inside[rows] / DEG})
+    for j in range(study.arm.nq):
+        table[f"θ{j + 1}"] = accuracy.q[rows, j] / DEG
+    table["volume [mm³]"], table["u [µm]"] = accuracy.volume[rows] / MM3, accuracy.u[rows] / UM
+    return table
+
+
+def _methods_table(study: Study) -> Table:
+    meaning: dict[Method, str] = {
+        "zonotope": "all that the half-widths allow together, first order",
+        "jointwise": "eq. 14: each row's own zonotope, added up",
+        "ellipsoid": "95 % coverage ellipsoid of the covariance",
+        "monte-carlo": f"hull of the real model at {DRAWS} corners of the box, seed {SEED}",
+    }
+    rows = [
+        (name, *(study.methods[name].volume / MM3), *(study.methods[name].u / UM), text) for name, text in meaning.items()
+    ]
+    heads = ["method", "smallest [mm³]", "largest [mm³]", "u there [µm]", "and there [µm]", "what it is"]
+    formats = dict(zip(heads[1:5], (".3g", ".3g", ".1f", ".1f"), strict=True))
+    caption = "Volume and standard uncertainty by four methods, in the postures with the smallest and the largest zonotope"
+    return Table(pd.DataFrame(rows, columns=heads), caption, formats)
+
+
+def _methods_text(study: Study) -> Part:
+    zonotope, monte_carlo = study.methods["zonotope"], study.methods["monte-carlo"]
+    missing = 1 - monte_carlo.volume / zonotope.volume
+    smaller = zonotope.volume / study.methods["jointwise"].volume
+    return (
+        f"Monte Carlo moves the real model, nothing is linearised; its hull lies inside the true set and is "
+        f"{100 * missing.min():.1f} % and {100 * missing.max():.1f} % smaller here, so first order is enough. Equation 14, "
+        f"read as a sum over rows, is smaller by factors of {smaller.min():.0f} and {smaller.max():.0f}: it leaves out all "
+        "volume that errors of different rows span together. It should not be read as the region where the wrist may be."
+    )
+
+
+def _without_part(study: Study, budget: pd.DataFrame) -> str:
+    stated = {p.name for p in study.accuracy.sources.parameters}
+    none = [name for name in budget.loc[budget["share"] < 1e-12, "parameter"] if name in stated]
+    return f"Without any effect on the wrist: {', '.join(none)}." if none else ""
+
+
+def about_map(study: Study, out: Path) -> list[Part]:
+    """Flexibility and comprehensive accuracy over the half-plane."""
+    map_, data = study.map, study.map.data
+    counts = map_.working_sectors()
+    reachable = sum(counts.values())
+    values = data["comprehensive_mm3"].values
+    (low, low_at), (high, high_at) = (_extreme(data, pick) for pick in (np.nanargmin, np.nanargmax))
+    table = pd.DataFrame({"working sectors": list(counts), "cells": list(counts.values())}).query("cells > 0")
+    return [
+        f"The arm turns about joint axis 1, so one half-plane stands for all of space. It is divided into {values.shape[0]} "
+        f"× {values.shape[1]} cells; at the centre of each the circle is judged at {map_.sectors} swivel angles. "
+        f"{map_.unreachable} centres are out of reach, {reachable} can be reached.",
+        Paragraph(
+            f"{counts[map_.sectors]} of the {reachable} reachable cells have the full circle, mean flexibility "
+            f"{float(data['flexibility'].mean()):.3f}. The comprehensive accuracy runs from {low:.5f} mm³ at {low_at} to "
+            f"{high:.5f} mm³ at {high_at}.",
+            finding=True,
+        ),
+        Table(table, "Reachable cells by their number of working sectors; numbers without a cell are left out"),
+        _map_picture(
+            study,
+            plots.plot_flexibility(map_, new_axes(5.4, 6.6)),
+            out,
+            "flexibility",
+            "Flexibility over the half-plane. The star is the working point of the sections above, turned into the plane.",
+        ),
+        _map_picture(
+            study,
+            plots.plot_comprehensive(map_, new_axes(5.4, 6.6)),
+            out,
+            "comprehensive",
+            "Comprehensive accuracy volume over the half-plane; smaller is better.",
+        ),
+    ]
+
+
+def _map_picture(study: Study, axes: Axes, out: Path, name: str, caption: str) -> Picture:
+    x, y, z = study.circle.point / MM
+    axes.plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
+    alt = f"Map of {study.arm.name} over distance from joint axis 1 and z: {name}"
+    return picture(axes, out, name, alt, caption)
+
+
+def _extreme(data: Any, pick: Any) -> tuple[float, str]:
+    values = data["comprehensive_mm3"].values
+    i, k = np.unravel_index(pick(values), values.shape)
+    where = f"x = {float(data['x_mm'][i]):.1f} mm, z = {float(data['z_mm'][k]):.1f} mm"
+    return float(values[i, k]), where
+
+
+def about_assumptions(study: Study) -> list[Part]:
+    """What the numbers take for granted and what they leave out."""
+    return [
+        *([_sino6_assumptions()] if study.table2 is not None else []),
+        Bullets(
+            [
+                "The errors of the parameters are taken as independent and, for u, as uniform within their half-widths. A "
+                "half-width from repeated calibrations is read as a bound; correlations between parameters are not known.",
+                "Only the geometry is uncertain here. Encoder noise, eccentricity, bending under gravity, temperature and "
+                "the contact with the part are not in these numbers; a real arm is worse.",
+                "Joints behind the fourth are held at zero. On SINO6 row 5 has a length of 0.04 mm, so the circle of the "
+                "wrist depends a little on θ5.",
+                "Volumes are first order in the errors; the Monte Carlo rows show how good that is in two postures.",
+                "A cell of the map is judged at its centre and a sector at its centre; narrow gaps between centres go "
+                "unseen.",
+                "The volume says how much room the errors have, not how long they are: see u.",
+                "Neither volume nor u is a maximum permissible error of any standard.",
+            ]
+        ),
+    ]
+
+
+def _sino6_assumptions() -> Part:
+    return (
+        "The paper does not state, and the arm file assumes: the limits of joints 5 and 6, all masses and centres of mass, "
+        "the axis of the stylus, and the mount. The masses and the stylus enter no number on this page. Gravity is taken "
+        "along -z of the DH base, because the measured seats then stand above the table; it decides only which elbow is "
+        "called highest, from where the sectors of the swivel angle count."
+    )

@@ -1,0 +1,75 @@
+"""What the tour computes, once, for all sections of its page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, accuracy_volume
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile, load_arm_file
+from aacmm_pin.checks import Array
+from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.sino6_paper import Table2, Table3, predict_table3, printed_points, reproduce_table2
+from aacmm_pin.workspace import WorkspaceMap, map_workspace
+
+SEED = 1
+"""Seed of every random number on the page."""
+DRAWS = 4000
+"""Monte Carlo draws for a configuration."""
+ARM_OF_THE_PAPER = "SINO6"
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What was computed for the page.
+
+    Attributes:
+        arm_file, arm: the arm.
+        circle: every configuration at the working point.
+        accuracy: of those within limits, by the zonotope.
+        best, worst: numbers of the configurations with the smallest and largest volume in ``accuracy``.
+        methods: accuracy of these two by every method.
+        map: flexibility and accuracy over the half-plane.
+        sectors: sectors of the configuration circle.
+        table2, table3: the paper's tables beside ours; None for another arm than the paper's.
+    """
+
+    arm_file: ArmFile
+    arm: Arm
+    circle: ConfigurationCircle
+    accuracy: AccuracyVolume
+    best: int
+    worst: int
+    methods: dict[Method, AccuracyVolume]
+    map: WorkspaceMap
+    sectors: int
+    table2: Table2 | None
+    table3: Table3 | None
+
+    @property
+    def inside(self) -> Array:
+        """Swivel angles of the configurations within limits [rad]."""
+        return self.circle.swivel[self.circle.within_limits]
+
+
+def make_study(arm_name: str, progress: bool, cells: tuple[int, int], sectors: int) -> Study:
+    """Compute everything; arguments and errors as in :func:`aacmm_pin.demo.run_demo`."""
+    arm_file = load_arm_file(arm_name)
+    arm = Arm.from_file(arm_file)
+    circle = configuration_circle(arm, printed_points()[0])
+    q = circle.q[circle.within_limits]
+    if not len(q):
+        raise AacmmError(f"{circle}: no configuration within limits to show")
+    accuracy = accuracy_volume(arm, q, at=circle.at)
+    best, worst = int(np.argmin(accuracy.volume)), int(np.argmax(accuracy.volume))
+    rng = np.random.default_rng(SEED)
+    ends = q[[best, worst]]
+    methods = {m: accuracy_volume(arm, ends, at=circle.at, method=m, rng=rng, draws=DRAWS) for m in METHODS}
+    map_ = map_workspace(arm, cells, sectors, progress=progress)
+    of_paper = arm.name == ARM_OF_THE_PAPER
+    table2 = reproduce_table2() if of_paper else None
+    table3 = predict_table3(np.random.default_rng(SEED), arm=arm) if of_paper else None
+    return Study(arm_file, arm, circle, accuracy, best, worst, methods, map_, sectors, table2, table3)

@@ -1,0 +1,220 @@
+"""How fast this package is beside the plain ways to the same numbers, both measured in one run.
+
+Skipped by a plain ``pytest``; run by ``pytest tests/benchmarks --benchmark-only``.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+from scipy.spatial import ConvexHull
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.checks import Array
+from aacmm_pin.workspace import map_workspace
+
+CONFIGURATIONS = 20_000
+CELLS, SECTORS = 48, 12
+SAMPLE = 80
+"""Sectors of cells that the plain way works out; its time is scaled to the whole map."""
+RESTARTS = 20
+DRAWS = 1000
+
+MILLION = """
+import resource, time
+import numpy as np
+from aacmm_pin.accuracy import accuracy_volume
+from aacmm_pin.arm import Arm
+arm = Arm.load("sino6")
+q = np.random.default_rng(1).uniform(*arm.limits.T, (1_000_000, arm.nq))
+accuracy_volume(arm, q[:1000])
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+start = time.perf_counter()
+result = accuracy_volume(arm, q)
+seconds = time.perf_counter() - start
+after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+kept = (result.q.nbytes + result.volume.nbytes + result.covariance.nbytes) // 1024
+print(seconds, before, after, kept)
+"""
+
+
+@pytest.fixture
+def say(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
+    def print_past_the_capture(text: str) -> None:
+        with capsys.disabled():
+            print(f"\n{text}")
+
+    return print_past_the_capture
+
+
+def shortest(work: Callable[[], object], times: int = 5) -> float:
+    """Least of some durations [s]."""
+    seconds = []
+    for _ in range(times):
+        start = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - start)
+    return min(seconds)
+
+
+# --- (1) forward kinematics with 24 sensitivities
+
+
+def pinocchio_loop(arm: Arm, q: Array, frame: int) -> tuple[Array, Array]:
+    """Position and kinematic regressor of every configuration, in a loop as plain as can be."""
+    model, data = arm.model, arm.model.createData()
+    positions, regressors = np.empty((len(q), 3)), np.empty((len(q), 6, 36))
+    for k in range(len(q)):
+        pin.forwardKinematics(model, data, q[k])
+        positions[k] = pin.updateFramePlacement(model, data, frame).translation
+        regressors[k] = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+    return positions, regressors
+
+
+def test_sensitivities_of_20_000_configurations(
+    benchmark: BenchmarkFixture, sino6: Arm, rng: np.random.Generator, say: Callable[[str], None]
+) -> None:
+    q = rng.uniform(*sino6.limits.T, (CONFIGURATIONS, 6))
+    frame, dh = sino6.model.getFrameId("tip"), sino6.require_dh("")
+
+    def batch() -> tuple[Array, Array]:
+        return dh.positions(q), dh.sensitivity(q)
+
+    benchmark(batch)
+    loop = shortest(lambda: pinocchio_loop(sino6, q, frame))
+    mine = shortest(batch)
+    positions, regressors = pinocchio_loop(sino6, q[:200], frame)
+    np.testing.assert_allclose(dh.positions(q[:200]), positions, atol=1e-12)
+    np.testing.assert_allclose(sino6.poses(q[:200]).placement_sensitivity, regressors[:, :3], atol=1e-12)
+    np.testing.assert_allclose(sino6.poses(q[:200]).dh_sensitivity(), dh.sensitivity(q[:200]), atol=1e-12)
+    benchmark.extra_info["ratio"] = loop / mine
+    say(
+        f"positions and 24 sensitivities of {CONFIGURATIONS} configurations: batch {mine * 1e3:.1f} ms, "
+        f"Pinocchio in a loop {loop * 1e3:.1f} ms, ratio {loop / mine:.2f}"
+    )
+    assert loop / mine >= 1.0
+
+
+# --- (2) the map, beside inverse kinematics by iteration and volumes by Monte Carlo
+
+
+@dataclass(frozen=True)
+class PlainWay:
+    """Closed-loop inverse kinematics of wrist and swivel by damped least squares, and hulls of moved models."""
+
+    arm: Arm
+    wrist: int
+    elbow: int
+
+    @staticmethod
+    def of(arm: Arm) -> PlainWay:
+        return PlainWay(arm, arm.model.getFrameId("frame5"), arm.model.getFrameId("frame3"))
+
+    def configuration(self, point: Array, swivel: float, rng: np.random.Generator) -> Array | None:
+        """A configuration inside the limits with the wrist at ``point`` and the elbow at ``swivel``, or None."""
+        model, data = self.arm.model, self.arm.model.createData()
+        lower, upper = model.lowerPositionLimit, model.upperPositionLimit
+        axis = point / np.linalg.norm(point)
+        top = np.array([0.0, 0.0, 1.0]) - axis * axis[2]
+        top /= np.linalg.norm(top)
+        side = np.cross(axis, top)
+        for _ in range(RESTARTS):
+            q = np.zeros(6)
+            q[:4] = rng.uniform(lower[:4], upper[:4])
+            for _ in range(60):
+                pin.computeJointJacobians(model, data, q)
+                wrist = pin.updateFramePlacement(model, data, self.wrist).translation
+                elbow = pin.updateFramePlacement(model, data, self.elbow).translation
+                u, v = top @ elbow, side @ elbow
+                turn = (swivel - np.arctan2(v, u) + np.pi) % (2 * np.pi) - np.pi
+                error = np.append(point - wrist, turn)
+                if np.abs(error).max() < 1e-8:
+                    q[:4] = lower[:4] + (q[:4] - lower[:4]) % (2 * np.pi)
+                    if (q[:4] <= upper[:4] + 1e-9).all():
+                        return q
+                    break
+                jacobian = np.empty((4, 4))
+                jacobian[:3] = pin.getFrameJacobian(model, data, self.wrist, pin.LOCAL_WORLD_ALIGNED)[:3, :4]
+                moved = pin.getFrameJacobian(model, data, self.elbow, pin.LOCAL_WORLD_ALIGNED)[:3, :4]
+                jacobian[3] = (u * side - v * top) @ moved / (u * u + v * v)
+                step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-8 * np.eye(4), error)
+                q[:4] += step * min(1.0, 0.5 / np.abs(step).max())
+        return None
+
+    def volume(self, q: Array, rng: np.random.Generator) -> float:
+        """Hull of the wrist under draws of all placement errors, each draw a model of its own [m³]."""
+        model = self.arm.model.copy()
+        data = model.createData()
+        nominal = [placement.copy() for placement in self.arm.model.jointPlacements]
+        widths = np.array([p.half_width for p in self.arm.parameters]).reshape(6, 4)
+        wrists = np.empty((DRAWS, 3))
+        for k, errors in enumerate(rng.uniform(-1.0, 1.0, (DRAWS, 6, 4)) * widths):
+            for row, (a, d, alpha, theta) in enumerate(errors[:5], start=1):  # row i stands in the placement of joint i + 1
+                step = pin.SE3(pin.exp3(np.array([alpha, 0.0, theta])), np.array([a, 0.0, d]))
+                model.jointPlacements[row + 1] = nominal[row + 1] * step
+            pin.forwardKinematics(model, data, q)
+            wrists[k] = pin.updateFramePlacement(model, data, self.wrist).translation
+        return float(ConvexHull(wrists).volume)
+
+
+def test_map_of_48_by_48_cells_and_12_sectors(
+    benchmark: BenchmarkFixture, sino6: Arm, rng: np.random.Generator, say: Callable[[str], None]
+) -> None:
+    started = time.perf_counter()
+    result = benchmark.pedantic(
+        lambda: map_workspace(sino6, (CELLS, CELLS), SECTORS, progress=False), rounds=1, iterations=1
+    )
+    mine = time.perf_counter() - started
+    data = result.data
+    plain, found, works = PlainWay.of(sino6), 0, 0
+    inverse = hulls = 0.0
+    for number in rng.choice(CELLS * CELLS * SECTORS, SAMPLE, replace=False):  # also out of reach: who would know before?
+        i, k, sector = np.unravel_index(number, (CELLS, CELLS, SECTORS))
+        point = np.array([float(data["x_mm"][i]), 0.0, float(data["z_mm"][k])]) * 1e-3
+        start = time.perf_counter()
+        q = plain.configuration(point, float(np.radians(data["sector_deg"][sector])), rng)
+        inverse += time.perf_counter() - start
+        works += int(data["sector_works"][i, k, sector])
+        if q is None:
+            continue
+        found += 1
+        assert data["sector_works"][i, k, sector]
+        start = time.perf_counter()
+        volume = plain.volume(q, rng)
+        hulls += time.perf_counter() - start
+        assert 0 < volume * 1e9 < float(data["worst_mm3"][i, k]) * 1.01  # draws fill the zonotope from inside
+    scale = CELLS * CELLS * SECTORS / SAMPLE
+    theirs = (inverse + hulls) * scale
+    benchmark.extra_info["ratio"] = theirs / mine
+    say(
+        f"map of {CELLS} × {CELLS} cells × {SECTORS} sectors: {mine:.1f} s; by iteration and Monte Carlo {theirs:.0f} s "
+        f"({inverse * scale:.0f} s inverse kinematics, {hulls * scale:.0f} s hulls; scaled from {SAMPLE} sectors, "
+        f"{found} found of {works} that work), ratio {theirs / mine:.0f}"
+    )
+    assert found >= 0.7 * works
+    assert theirs / mine >= 100
+
+
+# --- (3) a million configurations
+
+
+def test_accuracy_of_a_million_configurations(benchmark: BenchmarkFixture, say: Callable[[str], None]) -> None:
+    def run() -> list[float]:
+        done = subprocess.run([sys.executable, "-c", MILLION], capture_output=True, text=True, check=True)
+        return [float(word) for word in done.stdout.split()]
+
+    seconds, before, after, kept = benchmark.pedantic(run, rounds=1, iterations=1)
+    benchmark.extra_info |= {"seconds": seconds, "peak_mib": after / 1024}
+    say(
+        f"accuracy of a million configurations: {seconds:.1f} s, {seconds:.1f} µs each; peak memory {after / 1024:.0f} MiB, "
+        f"{(after - before) / 1024:.0f} MiB more than before, of which {kept / 1024:.0f} MiB are the result"
+    )
+    assert after - before < kept + 100 * 1024

@@ -1,0 +1,693 @@
+"""Configuration circles against brute force: nothing missed, nothing twice, every one exact.
+
+The kinematics and the Newton iterations of this file are its own: products of 4 × 4 matrices, and minimum-norm steps from
+random angles, that know nothing of closed forms, continuation or limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile, load_arm_file, parse_arm_file
+from aacmm_pin.checks import Array, Index
+from aacmm_pin.circle import Components, arc_fractions, at_swivel, sector_centres
+from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.continuation import Curve
+from aacmm_pin.dh import DHTable
+from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
+from aacmm_pin.limits import broken_limits, into_limits
+from aacmm_pin.reach import reach_of_wrist
+from aacmm_pin.reaching import Wrist, wrist_curves, wrist_system
+from aacmm_pin.swivel import Swivel
+
+System = Callable[[Array, Index], tuple[Array, Array]]
+
+NOMINAL = [(0.0, 0.0), (-60.7309, 0.0), (53.10897, -700.95392), (0.0, 0.0), (0.0, -500.2211), (144.49193, 58.87229)]
+SEAT = np.array([0.0336323, -0.6718702, 0.1829355])
+PER_TURN = {"one point": 24, "a map": 4}
+"""Held angles by which ``configuration_circle`` and ``map_workspace`` look for components."""
+
+
+# --- arms
+
+
+def _nominal() -> ArmFile:
+    """SINO6 as drawn: axes exactly at right angles, no small lengths, no zero offsets."""
+    text = [
+        'schema = "aacmm-pin/arm/1"',
+        'name = "nominal"',
+        'convention = "standard-dh"',
+        "[stylus]",
+        "axis = [1.0, 0.0, 0.0]",
+    ]
+    for (a, d), right, limits in zip(
+        NOMINAL,
+        (-1, 1, -1, 1, 1, 0),
+        ((0, 2 * np.pi), (-np.pi, 0), (0, 2 * np.pi), (-np.pi, 0), (-np.pi, np.pi), (-np.pi, np.pi)),
+        strict=True,
+    ):
+        text += ["[[joints]]", f"a_mm = {a}", f"d_mm = {d}", f"alpha_rad = {right * np.pi / 2!r}", "theta_offset_rad = 0.0"]
+        text.append(f"limits_rad = [{float(limits[0])!r}, {float(limits[1])!r}]")
+    return parse_arm_file("\n".join(text).encode(), "nominal.toml")
+
+
+def _craig() -> ArmFile:
+    """SINO6 written in modified DH: a and alpha move one row down, so the last row's stay behind."""
+    sino6 = load_arm_file("sino6")
+    before = [(0.0, 0.0), *[(row.a_mm, row.alpha_rad) for row in sino6.joints[:-1]]]
+    rows = [row.model_copy(update={"a_mm": a, "alpha_rad": t}) for row, (a, t) in zip(sino6.joints, before, strict=True)]
+    return sino6.model_copy(update={"convention": "modified-dh", "joints": rows})
+
+
+ARMS: dict[str, Callable[[], ArmFile]] = {
+    "sino6": lambda: load_arm_file("sino6"),
+    "zero6": lambda: load_arm_file("zero6"),
+    "nominal": _nominal,
+    "craig": _craig,
+}
+
+
+@pytest.fixture(scope="session", params=list(ARMS))
+def arm(request: pytest.FixtureRequest) -> Arm:
+    return Arm.from_file(ARMS[request.param]())
+
+
+# --- kinematics, Newton and the test "is it on that curve?" of this file's own
+
+
+def frames(dh: DHTable, q: Array, rows: int) -> tuple[Array, list[tuple[Array, Array]]]:
+    """Placement of frame ``rows`` (n, 4, 4), and (direction, point) of every joint axis before it."""
+    placement = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    axes, joint = [], 0
+    for i in range(rows):
+        tilt = np.eye(4)
+        tilt[0, 3] = dh.a[i]
+        tilt[1:3, 1:3] = [[np.cos(dh.alpha[i]), -np.sin(dh.alpha[i])], [np.sin(dh.alpha[i]), np.cos(dh.alpha[i])]]
+        angle = np.full(len(q), dh.theta_offset[i])
+        if not dh.standard:
+            placement = placement @ tilt
+        if dh.moving[i]:
+            angle = angle + q[:, joint]
+            joint += 1
+            axes.append((placement[:, :3, 2], placement[:, :3, 3]))
+        turn = np.zeros((len(q), 4, 4))
+        turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angle)
+        turn[:, 1, 0] = np.sin(angle)
+        turn[:, 0, 1] = -turn[:, 1, 0]
+        turn[:, 2, 2] = turn[:, 3, 3] = 1.0
+        turn[:, 2, 3] = dh.d[i]
+        placement = placement @ turn @ (tilt if dh.standard else np.eye(4))
+    return placement, axes
+
+
+def at_wrist(dh: DHTable, points: Array, theta5: float = 0.0) -> System:
+    def system(q: Array, which: Index) -> tuple[Array, Array]:
+        placement, axes = frames(dh, np.column_stack([q, np.full(len(q), theta5)]), 5)
+        place = placement[:, :3, 3]
+        return place - points[which], np.stack([np.cross(z, place - o) for z, o in axes[:4]], axis=2)
+
+    return system
+
+
+def at_tip(dh: DHTable, point: Array, stylus: Array, axis: Array) -> System:
+    """Place, and the whole direction of the stylus: six equations of rank five, so that the opposite one is no solution."""
+
+    def system(q: Array, which: Index) -> tuple[Array, Array]:
+        placement, axes = frames(dh, q, dh.rows)
+        place, direction = placement[:, :3, 3], placement[:, :3, :3] @ stylus
+        moved = [np.hstack([np.cross(z, place - o), np.cross(z, direction)]) for z, o in axes]
+        return np.hstack([place - point, direction - axis]), np.stack(moved, axis=2)
+
+    return system
+
+
+def solve(system: System, q: Array, which: Index, iterations: int = 60) -> tuple[Array, Index]:
+    """Minimum-norm Newton from each row of ``q``; the rows that arrive."""
+    q, going = q.copy(), np.arange(len(q))
+    arrived = np.zeros(len(q), dtype=bool)
+    for _ in range(iterations):
+        f, jacobian = system(q[going], which[going])
+        done = np.abs(f).max(axis=1) < 3e-13
+        arrived[going[done]] = True
+        going, f, jacobian = going[~done], f[~done], jacobian[~done]
+        if not going.size:
+            break
+        square = jacobian.transpose(0, 2, 1) @ jacobian  # least squares, damped a trifle: the equations have a null space
+        damping = 1e-13 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(square.shape[1])
+        step = -np.linalg.solve(square + damping, jacobian.transpose(0, 2, 1) @ f[:, :, None])[:, :, 0]
+        q[going] += step * np.minimum(1.0, 0.7 / np.maximum(np.linalg.norm(step, axis=1), 1e-30))[:, None]
+    return q[arrived], which[arrived]
+
+
+def wrapped(angles: Array) -> Array:
+    return (angles + np.pi) % (2 * np.pi) - np.pi
+
+
+def dense(system: System, curves: list[Curve], between: int = 8) -> tuple[Array, Index]:
+    """The curves' vertices with ``between - 1`` solutions on each piece."""
+    parts = np.arange(between)[None, :, None] / between
+    pieces = [(c.q[:, None] + wrapped(np.roll(c.q, -1, axis=0) - c.q)[:, None] * parts) for c in curves]
+    start = np.concatenate([p.reshape(-1, p.shape[2]) for p in pieces])
+    which = np.repeat([c.problem for c in curves], [len(c.q) * between for c in curves])
+    q, arrived = solve(system, start, which)
+    assert len(q) == len(start)
+    return q, arrived
+
+
+def missed(system: System, curves: list[Curve], q: Array, which: Index) -> Array:
+    """Which of the solutions ``q`` are on none of the curves of their problem: from the nearest dense solutions, Newton in
+    the hyperplane across the tangent at ``q`` must end at ``q``.
+    """
+    there, of = dense(system, curves)
+    far = 100.0 * np.arange(max(of.max(), which.max()) + 1)  # problems do not mix
+    tree = cKDTree(np.column_stack([np.cos(there), np.sin(there), far[of]]))
+    _, near = tree.query(np.column_stack([np.cos(q), np.sin(q), far[which]]), k=6)
+    tangent = np.linalg.svd(system(q, which)[1])[2][:, -1]
+    found = np.zeros(len(q), dtype=bool)
+    for column in near.T:
+        guess = q + wrapped(there[column] - q)
+        guess -= ((guess - q) * tangent).sum(axis=1)[:, None] * tangent
+        x = guess.copy()
+        for _ in range(6):
+            f, jacobian = system(x, which)
+            bordered = np.concatenate([jacobian, tangent[:, None]], axis=1)
+            right = np.concatenate([-f, ((q - x) * tangent).sum(axis=1)[:, None]], axis=1)
+            x = x + (np.linalg.pinv(bordered) @ right[:, :, None])[:, :, 0]
+        close = (np.linalg.norm(guess - q, axis=1) < 0.05) & (np.linalg.norm(x - guess, axis=1) < 3e-3)
+        found |= (of[column] == which) & close & (np.linalg.norm(x - q, axis=1) < 1e-6)
+    return ~found
+
+
+def twice(system: System, curves: list[Curve]) -> int:
+    """Number of pairs of curves of which one starts on the other."""
+    pairs = 0
+    for one, other in product(curves, curves):
+        if one is not other and one.problem == other.problem:
+            pairs += int(not missed(system, [one], other.q[:1], np.array([other.problem]))[0])
+    return pairs
+
+
+# --- (a) nothing is missed
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points of one kind with everything that brute force found there."""
+
+    points: Array
+    q: Array
+    which: Index
+
+
+def directions(rng: np.random.Generator, n: int) -> Array:
+    d = rng.normal(size=(n, 3))
+    return d / np.linalg.norm(d, axis=1)[:, None]
+
+
+def clouds_of(arm: Arm, rng: np.random.Generator, n: int) -> dict[str, Array]:
+    """Places that are hard, each kind ``n`` times [m]."""
+    dh = arm.require_dh("")
+    shoulder = Swivel(dh, arm.up).shoulder
+    near, far = reach_of_wrist(Wrist.of(dh, np.zeros(arm.nq - 4)), shoulder)
+    rho, azimuth, height = 10 ** rng.uniform(-9, np.log10(3e-2), n), rng.uniform(0, 2 * np.pi, n), rng.uniform(near, far, n)
+    height *= rng.choice([-1.0, 1.0], n)
+    little = 10 ** rng.uniform(-7, -3, (4, n, 1))
+    return {
+        "anywhere": shoulder + directions(rng, n) * rng.uniform(near, far, (n, 1)),
+        "near the base axis": shoulder + np.column_stack([rho * np.cos(azimuth), rho * np.sin(azimuth), height]),
+        "on the base axis": shoulder + np.column_stack([0 * height, 0 * height, np.roll(height, 1)]),
+        "almost stretched": shoulder + directions(rng, n) * (far - little[0]),
+        "just too far": shoulder + directions(rng, n) * (far + little[1]),
+        "almost folded": shoulder + directions(rng, n) * (near + little[2]),
+        "just in the hole": shoulder + directions(rng, n) * (near - little[3]),
+    }
+
+
+@pytest.fixture(scope="session")
+def clouds(arm: Arm) -> dict[str, Cloud]:
+    rng = np.random.default_rng(71)
+    n = 32 if arm.name == "SINO6" and arm.require_dh("").standard else 8
+    grid = np.array(list(product(np.linspace(-np.pi, np.pi, 4)[:-1] + 0.2, repeat=4)))
+    result = {}
+    for kind, points in clouds_of(arm, rng, n).items():
+        starts = np.concatenate([np.vstack([grid, rng.uniform(-np.pi, np.pi, (140, 4))]) for _ in points])
+        which = np.repeat(np.arange(n), len(grid) + 140)
+        q, which = solve(at_wrist(arm.require_dh(""), points), starts, which)
+        result[kind] = Cloud(points, q, which)
+    return result
+
+
+@pytest.mark.parametrize("per_turn", PER_TURN.values(), ids=PER_TURN)
+def test_brute_force_finds_nothing_that_the_circles_miss(arm: Arm, clouds: dict[str, Cloud], per_turn: int) -> None:
+    wrist = Wrist.of(arm.require_dh(""), np.zeros(arm.nq - 4))
+    total = 0
+    for kind, cloud in clouds.items():
+        system = at_wrist(arm.require_dh(""), cloud.points)
+        curves = wrist_curves(wrist, cloud.points, per_turn)
+        reached = {c.problem for c in curves}
+        assert reached >= set(cloud.which.tolist()), kind
+        assert all(c.closed for c in curves), kind
+        if curves:
+            lost = missed(system, curves, cloud.q, cloud.which)
+            assert not lost.any(), (kind, cloud.points[cloud.which[lost]], cloud.q[lost])
+            every = np.concatenate([c.q for c in curves])
+            of = np.repeat([c.problem for c in curves], [len(c.q) for c in curves])
+            place = arm.poses(np.column_stack([every, np.zeros((len(every), arm.nq - 4))]), "frame5").position
+            np.testing.assert_allclose(place, cloud.points[of], rtol=0, atol=1e-12)
+        total += len(cloud.q)
+    assert total > 2500
+    assert not len(clouds["just too far"].q)
+    assert not len(clouds["just in the hole"].q)
+
+
+def test_components_of_the_hard_places_are_found_once(arm: Arm, clouds: dict[str, Cloud]) -> None:
+    wrist = Wrist.of(arm.require_dh(""), np.zeros(arm.nq - 4))
+    for kind, cloud in clouds.items():
+        curves = wrist_curves(wrist, cloud.points[:4], PER_TURN["one point"])
+        assert twice(at_wrist(arm.require_dh(""), cloud.points), curves) == 0, kind
+
+
+def test_a_circle_holds_what_was_found_for_many_points_together(arm: Arm, clouds: dict[str, Cloud]) -> None:
+    for kind in ("anywhere", "near the base axis", "almost folded"):
+        cloud = clouds[kind]
+        for k, point in enumerate(cloud.points[:2]):
+            circle = configuration_circle(arm, point, count=8)
+            mine = cloud.which == k
+            assert bool(len(circle)) == bool(mine.any())
+            if mine.any():
+                zero = np.zeros(mine.sum(), dtype=np.intp)
+                assert not missed(
+                    at_wrist(arm.require_dh(""), point[None]), circle.components.curves, cloud.q[mine], zero
+                ).any()
+
+
+# --- (b, c) exact, in order, even
+
+
+@pytest.fixture(scope="session")
+def circles(arm: Arm) -> list[ConfigurationCircle]:
+    shoulder = Swivel(arm.require_dh(""), arm.up).shoulder
+    points = shoulder + np.array(
+        [[0.034, -0.6, 0.19], [-0.25, 0.1, -0.4], [2e-3, 1e-3, 0.5], [0.0, 0.0, -0.6], [0.4, 0.4, 0.5]]
+    )
+    return [configuration_circle(arm, point, count=120) for point in points]
+
+
+def test_pinocchio_returns_the_point(arm: Arm, circles: list[ConfigurationCircle]) -> None:
+    for circle in circles:
+        assert len(circle) >= 240
+        place = arm.poses(circle.q, "frame5").position
+        np.testing.assert_allclose(place, np.broadcast_to(circle.point, place.shape), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(circle.q[:, 4:], 0.0, atol=1e-15)
+
+
+def test_components_are_ordered_closed_and_even(arm: Arm, circles: list[ConfigurationCircle]) -> None:
+    for circle in circles:
+        assert list(np.unique(circle.component)) == list(range(1, len(circle) // 120 + 1))
+        assert twice(at_wrist(arm.require_dh(""), circle.point[None]), circle.components.curves) == 0
+        for number in np.unique(circle.component):
+            q = circle.q[circle.component == number]
+            assert len(q) == 120
+            elbow = frames(arm.require_dh(""), q, 3 if arm.require_dh("").standard else 4)[0][:, :3, 3]
+            steps = np.linalg.norm(np.roll(elbow, -1, axis=0) - elbow, axis=1)
+            turns = np.abs(wrapped(np.roll(q, -1, axis=0) - q)).max(axis=1)
+            assert turns.max() < 0.9  # near the base axis joint 1 turns fast while the elbow hardly moves
+            if steps.sum() > 1e-6:
+                assert steps.max() < 1.05 * steps.mean()
+                assert (steps < 0.95 * steps.mean()).sum() <= 4  # where the path turns back on itself a chord is shorter
+
+
+def test_samples_of_another_count_lie_on_the_same_curves(sino6: Arm) -> None:
+    few, many = (configuration_circle(sino6, SEAT, count=count) for count in (3, 50))
+    assert few.component.max() == many.component.max() == 4
+    system = at_wrist(sino6.require_dh(""), SEAT[None])
+    assert not missed(system, many.components.curves, few.q[:, :4], np.zeros(len(few), dtype=np.intp)).any()
+
+
+def test_theta5_at_rest_changes_the_circle_a_little(sino6: Arm) -> None:
+    zero = configuration_circle(sino6, SEAT, count=30)
+    turned = configuration_circle(sino6, SEAT, rest=[1.2, -0.4], count=30)
+    np.testing.assert_allclose(turned.q[:, 4:], np.tile([1.2, -0.4], (len(turned), 1)), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(sino6.poses(turned.q, "frame5").position - SEAT, 0.0, atol=1e-12)
+    rng = np.random.default_rng(4)
+    system = at_wrist(sino6.require_dh(""), SEAT[None], 1.2)
+    q, which = solve(system, rng.uniform(-np.pi, np.pi, (300, 4)), np.zeros(300, dtype=np.intp))
+    assert len(q) > 200
+    assert not missed(system, turned.components.curves, q, which).any()
+    without = sino6.poses(np.column_stack([turned.q[:, :4], np.zeros((len(turned), 2))]), "frame5").position
+    assert 1e-6 < np.linalg.norm(without - SEAT, axis=1).max() < 1e-4  # a5 is 0.037 mm
+    assert len(zero) == len(turned)
+
+
+# --- (d) swivel
+
+
+def own_swivel(elbow: Array, shoulder: Array, point: Array, up: Array) -> Array:
+    """Angle between two half-planes through the line shoulder → point, by a rotation about it."""
+    axis = (point - shoulder) / np.linalg.norm(point - shoulder)
+    across = np.eye(3) - np.outer(axis, axis)
+    top = across @ up / np.linalg.norm(across @ up)
+    side = np.cross(axis, top)  # a quarter turn by the right hand
+    return np.arctan2((elbow - shoulder) @ side, (elbow - shoulder) @ top)
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.0, 0.0, 9.81), (9.81, 0.0, 0.0), (1.0, -2.0, 3.0)])
+@pytest.mark.parametrize("name", ["sino6", "zero6", "craig"])
+def test_swivel_is_zero_at_the_top_and_right_handed(name: str, gravity: tuple[float, float, float]) -> None:
+    arm = Arm.from_file(ARMS[name]().model_copy(update={"gravity_m_s2": gravity}))
+    shoulder = np.array([0.0, 0.0, 0.09985 if name == "zero6" else 0.0])
+    up = -np.array(gravity) / np.linalg.norm(gravity)
+    point = shoulder + np.array([0.35, -0.3, 0.25])
+    circle = configuration_circle(arm, point, count=180)
+    elbow = arm.poses(circle.q, "frame4" if name == "craig" else "frame3").position
+    np.testing.assert_allclose(wrapped(circle.swivel - own_swivel(elbow, shoulder, point, up)), 0.0, atol=1e-9)
+    for number in np.unique(circle.component):
+        mine = circle.component == number
+        highest = np.argmax(elbow[mine] @ up)
+        assert abs(circle.swivel[mine][highest]) < np.radians(12)  # the elbow's path is nearly a circle, not quite
+    across = np.cross(point - shoulder, up)  # the right hand turns the top towards (point - shoulder) × up
+    np.testing.assert_array_equal(np.sign((elbow - shoulder) @ across), np.sign(np.sin(circle.swivel)))
+
+
+def test_reversed_gravity_turns_the_swivel_by_half_a_turn(sino6: Arm) -> None:
+    hanging = Arm.from_file(load_arm_file("sino6").model_copy(update={"gravity_m_s2": (0.0, 0.0, 9.81)}))
+    one, other = (configuration_circle(arm, SEAT, count=40) for arm in (sino6, hanging))
+    np.testing.assert_allclose(one.q, other.q, atol=1e-12)
+    np.testing.assert_allclose(np.abs(wrapped(one.swivel - other.swivel)), np.pi, atol=1e-9)
+
+
+def test_above_the_shoulder_x_takes_the_place_of_the_highest(sino6: Arm) -> None:
+    circle = configuration_circle(sino6, [0.0, 0.0, 0.6], count=48)
+    elbow = sino6.poses(circle.q, "frame3").position
+    np.testing.assert_allclose(wrapped(circle.swivel - np.arctan2(elbow[:, 1], elbow[:, 0])), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["sino6", "zero6"])
+def test_configurations_at_a_swivel_have_it(name: str) -> None:
+    """Also where the elbow's path is small and its swivel changes unevenly along the joints."""
+    arm = Arm.load(name)
+    rng, dh = np.random.default_rng(3), arm.require_dh("")
+    swivel, wrist = Swivel(dh, arm.up), Wrist.of(dh, np.zeros(2))
+    points = np.concatenate([p[:10] for p in clouds_of(arm, rng, 10).values()])
+    curves = wrist_curves(wrist, points, 8)
+    components = Components(swivel, wrist_system(wrist, points), points, curves, wrist)
+    q, sector, which = at_swivel(components, sector_centres(12))
+    assert len(q) > 500
+    np.testing.assert_allclose(arm.poses(q, "frame5").position, points[which], rtol=0, atol=1e-12)
+    gap = wrapped(swivel.angle(q, points[which]) - sector_centres(12)[sector])
+    np.testing.assert_allclose(gap, 0.0, atol=1e-6)
+
+
+# --- (e) limits
+
+
+def test_angles_are_turned_into_their_limits_by_whole_turns(rng: np.random.Generator) -> None:
+    lower = rng.uniform(-8, 5, (400, 1))
+    limits = np.hstack([lower, lower + rng.uniform(0.01, 9, (400, 1))])
+    for pair in limits:
+        q = rng.uniform(-30, 30, (50, 1))
+        inside = into_limits(q, pair[None])
+        np.testing.assert_allclose(wrapped(inside - q), 0.0, atol=1e-9)
+        every = q + 2 * np.pi * np.arange(-9, 10)
+        outside = np.maximum(np.maximum(pair[0] - every, every - pair[1]), 0.0).min(axis=1)
+        now = np.maximum(np.maximum(pair[0] - inside, inside - pair[1]), 0.0)[:, 0]
+        np.testing.assert_allclose(now, outside, atol=3e-9)
+        np.testing.assert_array_equal(broken_limits(inside, pair[None])[:, 0], outside > 1e-9)
+
+
+@pytest.mark.parametrize("edge", [0.0, 1e-10, -1e-10])
+def test_an_angle_on_its_limit_is_inside(edge: float) -> None:
+    limits = np.array([[-np.pi, 0.0], [0.0, 2 * np.pi], [-np.pi, np.pi]])
+    q = np.array([[0.0 + edge, 2 * np.pi + edge, np.pi + edge], [-np.pi - edge, 0.0 - edge, -np.pi - edge]])
+    for turns in (-2, 0, 3):
+        assert not broken_limits(into_limits(q + 2 * np.pi * turns, limits), limits).any()
+
+
+def test_circle_says_which_limits_are_broken(arm: Arm, circles: list[ConfigurationCircle]) -> None:
+    for circle in circles:
+        for j, (lower, upper) in enumerate(arm.limits):
+            every = circle.q[:, j : j + 1] + 2 * np.pi * np.arange(-3, 4)
+            fits = ((every >= lower - 1e-9) & (every <= upper + 1e-9)).any(axis=1)
+            np.testing.assert_array_equal(circle.broken[:, j], ~fits)
+        np.testing.assert_array_equal(circle.within_limits, ~circle.broken.any(axis=1))
+
+
+# --- (f) branches
+
+
+def test_branch_signs_are_those_of_the_geometry(arm: Arm, circles: list[ConfigurationCircle]) -> None:
+    dh = arm.require_dh("")
+    shoulder = Swivel(dh, arm.up).shoulder
+    for circle in circles:
+        step = np.array([[0.0, 0.0, 0.0, 1e-6, 0.0, 0.0]])
+        grown, shrunk = (
+            np.linalg.norm(frames(dh, circle.q + s * step, 5)[0][:, :3, 3] - shoulder, axis=1) for s in (1.0, -1.0)
+        )
+        clear = np.abs(grown - shrunk) > 1e-9
+        np.testing.assert_array_equal(circle.branch[clear, 1], np.sign(grown - shrunk)[clear])
+        _, axes = frames(dh, circle.q, 5)
+        side = np.cross(axes[0][0], axes[1][0]) @ (circle.point - shoulder)
+        clear = np.abs(side) > 1e-9
+        np.testing.assert_array_equal(circle.branch[clear, 0], np.sign(side)[clear])
+
+
+def test_four_components_have_the_four_branches(sino6: Arm) -> None:
+    circle = configuration_circle(sino6, SEAT, count=90)
+    branches = [np.unique(circle.branch[circle.component == k], axis=0) for k in range(1, 5)]
+    assert all(len(b) == 1 for b in branches)
+    assert {tuple(b[0].tolist()) for b in branches} == {(-1, -1), (-1, 1), (1, -1), (1, 1)}
+
+
+def test_theta3_is_folded(sino6: Arm) -> None:
+    circle = configuration_circle(sino6, SEAT, count=60)
+    assert circle.theta3.min() >= -np.pi
+    assert circle.theta3.max() < np.pi
+    np.testing.assert_allclose(wrapped(circle.theta3 - circle.q[:, 2]), 0.0, atol=1e-12)
+
+
+# --- (g) what cannot be reached, and what cannot be asked
+
+
+@pytest.mark.parametrize(
+    ("name", "point", "distance"),
+    [("sino6", (1.3, 0, 0), "1300.000"), ("sino6", (0.05, 0.1, -0.05), "122.474"), ("zero6", (0, 0, 1.0), "900.150")],
+)
+def test_out_of_reach_is_empty_with_a_reason(name: str, point: tuple[float, float, float], distance: str) -> None:
+    arm = Arm.load(name)
+    circle = configuration_circle(arm, point)
+    assert len(circle) == 0
+    assert circle.q.shape == (0, 6)
+    assert circle.branch.shape == (0, 2)
+    near, far = {"sino6": ("200.464", "1210.680"), "zero6": ("106.735", "839.921")}[name]
+    for part in (distance, near, far):
+        assert part in circle.reason
+        assert part in str(circle)
+    flexibility = circle.flexibility()
+    assert np.isnan(flexibility.zeta)
+    assert np.isnan(flexibility.arc_fraction)
+    assert flexibility.sectors == (False,) * 12
+    assert len(circle.to_frame()) == 0
+    assert "theta6_deg" in circle.to_frame().columns
+    assert "no configuration" in circle._repr_html_()
+
+
+def test_reach_is_what_brute_force_reaches(arm: Arm) -> None:
+    dh = arm.require_dh("")
+    shoulder = Swivel(dh, arm.up).shoulder
+    near, far = reach_of_wrist(Wrist.of(dh, np.zeros(arm.nq - 4)), shoulder)
+    q = np.random.default_rng(8).uniform(-np.pi, np.pi, (200_000, arm.nq))
+    q[:, 4:] = 0.0
+    distance = np.linalg.norm(frames(dh, q, 5)[0][:, :3, 3] - shoulder, axis=1)
+    assert near <= distance.min() < near + 3e-3
+    assert far - 3e-3 < distance.max() <= far
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        ({"point": [0.1, np.nan, 0.3]}, ShapeError, r"point\[1\] is nan"),
+        ({"point": [0.1, np.inf, 0.3]}, ShapeError, "finite"),
+        ({"point": [0.1, 0.2]}, ShapeError, r"\(2,\), expected \(3,\)"),
+        ({"point": [[0.1, 0.2, 0.3]]}, ShapeError, r"\(1, 3\), expected \(3,\)"),
+        ({"point": "here"}, ShapeError, "numbers"),
+        ({"point": SEAT, "tip": True}, AacmmError, "needs axis"),
+        ({"point": SEAT, "axis": [0, 0, 1]}, AacmmError, "without tip"),
+        ({"point": SEAT, "tip": True, "axis": [0, 0, 0]}, AacmmError, "direction"),
+        ({"point": SEAT, "tip": True, "axis": [0, 1]}, ShapeError, "axis has shape"),
+        ({"point": SEAT, "tip": True, "axis": [0, 0, 1], "rest": [0, 0]}, AacmmError, "rest"),
+        ({"point": SEAT, "rest": [0.0]}, ShapeError, r"rest has shape \(1,\), expected \(2,\)"),
+        ({"point": SEAT, "rest": [0.0, np.nan]}, ShapeError, "finite"),
+        ({"point": SEAT, "count": 2}, AacmmError, "count is 2"),
+        ({"point": SEAT, "seeds_per_turn": 1}, AacmmError, "seeds_per_turn is 1"),
+    ],
+)
+def test_what_cannot_be_asked(sino6: Arm, arguments: dict[str, object], error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        configuration_circle(sino6, **arguments)
+
+
+def test_arms_that_lack_what_is_needed(robot_file: Callable[[str], Path]) -> None:
+    with pytest.raises(UnsupportedArmError, match="DH table"):
+        configuration_circle(Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link"), SEAT)
+    file = load_arm_file("sino6")
+    with pytest.raises(UnsupportedArmError, match="stylus"):
+        configuration_circle(Arm.from_file(file.model_copy(update={"stylus": None})), SEAT, tip=True, axis=[0, 0, 1])
+    fixed = {"fixed": True, "limits_rad": None, "encoder_noise_rad": None}
+    for row in (2, 5):  # a rigid elbow, a rigid wrist
+        rows = [r.model_copy(update=fixed) if n == row else r for n, r in enumerate(file.joints)]
+        rigid = Arm.from_file(file.model_copy(update={"joints": rows}))
+        with pytest.raises(UnsupportedArmError, match="joint"):
+            configuration_circle(rigid, SEAT, tip=row == 5, axis=[0, 0, 1] if row == 5 else None)
+    four = Arm.from_file(file.model_copy(update={"joints": file.joints[:4]}))
+    with pytest.raises(UnsupportedArmError):
+        configuration_circle(four, SEAT)
+
+
+# --- (h) the tip with a given stylus axis
+
+
+TIPS = [
+    ("sino6", (0.3, -0.4, 0.2), (0.0, 0.0, -1.0)),
+    ("sino6", (-0.2, 0.3, -0.5), (0.6, 0.5, 0.3)),
+    ("sino6", (0.9, 0.2, 0.2), (0.0, -2.0, 0.1)),
+    ("sino6", (0.0, 0.0, 0.9), (1.0, 0.0, 0.0)),
+    ("sino6", (0.0, -1.32, 0.2), (0.0, -1.0, 0.2)),  # near the end of the reach
+    ("zero6", (0.3, -0.3, 0.2), (0.0, 0.0, -1.0)),
+    ("nominal", (0.4, 0.1, 0.3), (1.0, 0.0, 0.0)),
+    ("craig", (0.3, 0.3, 0.1), (0.3, -0.2, -1.0)),
+]
+
+
+@pytest.mark.parametrize(("name", "point", "axis"), TIPS)
+def test_tip_circles_are_exact_and_complete(name: str, point: tuple[float, ...], axis: tuple[float, ...]) -> None:
+    arm = Arm.from_file(ARMS[name]())
+    dh, place = arm.require_dh(""), np.array(point)
+    direction = np.array(axis) / np.linalg.norm(axis)
+    circle = configuration_circle(arm, place, tip=True, axis=axis, count=40)
+    assert circle.at == "tip"
+    assert len(circle)
+    assert all(c.closed for c in circle.components.curves)
+    placement = arm.poses(circle.q).placement
+    np.testing.assert_allclose(placement[:, :3, 3] - place, 0.0, atol=1e-12)
+    np.testing.assert_allclose(placement[:, :3, :3] @ arm.stylus_axis - direction, 0.0, atol=2e-12)
+
+    starts = np.random.default_rng(12).uniform(-np.pi, np.pi, (1200, 6))
+    system = at_tip(dh, place, arm.stylus_axis, direction)
+    q, which = solve(system, starts, np.zeros(1200, dtype=np.intp), iterations=80)
+    assert len(q) > 100
+    lost = missed(system, circle.components.curves, q, which)
+    assert not lost.any(), f"{lost.sum()} of {len(q)}: {q[lost][:2].tolist()}"
+    assert twice(system, circle.components.curves) == 0
+    np.testing.assert_allclose(
+        arm.poses(circle.q[circle.within_limits]).position - place, 0.0, atol=1e-12
+    )  # also after the turns into the limits
+
+
+def test_tip_out_of_reach(sino6: Arm) -> None:
+    circle = configuration_circle(sino6, [1.36, 0.0, 0.0], tip=True, axis=[-1, 0, 0])
+    assert len(circle) == 0
+    assert "1360.000 mm" in circle.reason
+    assert "stylus axis" in circle.reason
+
+
+# --- (i, j) as a table
+
+
+def test_table_has_the_columns_of_the_command(sino6: Arm) -> None:
+    circle = configuration_circle(sino6, SEAT, count=36)
+    table = circle.to_frame()
+    angles = [f"theta{j}_deg" for j in range(1, 7)]
+    expected = ["component", "swivel_deg", *angles, "within_limits", "broken_limits", "x_mm", "y_mm", "z_mm"]
+    assert list(table.columns[: len(expected)]) == expected
+    np.testing.assert_allclose(table[angles].to_numpy(), np.degrees(circle.q), rtol=1e-15)
+    np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]].to_numpy(), np.tile(SEAT * 1e3, (len(table), 1)), atol=1e-9)
+    np.testing.assert_allclose(table["swivel_deg"], np.degrees(circle.swivel))
+    assert table["within_limits"].dtype == bool
+    for row, text, inside in zip(circle.broken, table["broken_limits"], table["within_limits"], strict=True):
+        assert [int(n) for n in text.split()] == [j + 1 for j in range(6) if row[j]]
+        assert inside == (text == "")
+    assert table["broken_limits"].ne("").any()
+    assert table["broken_limits"].eq("").any()
+
+
+# --- (k) flexibility
+
+
+def brute_flexibility(circle: ConfigurationCircle, sectors: int) -> tuple[list[bool], list[bool], float]:
+    """From dense samples: which sector centres are crossed, crossed inside the limits, and the working range of swivel."""
+    crossed, works = [False] * sectors, [False] * sectors
+    bins = 720
+    any_bin, good_bin = np.zeros(bins, dtype=bool), np.zeros(bins, dtype=bool)
+    for number in np.unique(circle.component):
+        mine = circle.component == number
+        swivel, inside = circle.swivel[mine], circle.within_limits[mine]
+        turn = wrapped(np.roll(swivel, -1) - swivel)
+        middle = (swivel + turn / 2) % (2 * np.pi)
+        where = (middle / (2 * np.pi) * bins).astype(int) % bins
+        any_bin[where] = True
+        good_bin[where[inside]] = True
+        for k in range(sectors):
+            ahead = wrapped((k + 0.5) * 2 * np.pi / sectors - swivel)
+            passes = (ahead * turn >= 0) & (np.abs(ahead) < np.abs(turn))
+            crossed[k] |= bool(passes.any())
+            works[k] |= bool((passes & inside).any())
+    return crossed, works, float(good_bin.sum() / any_bin.sum())
+
+
+@pytest.mark.parametrize(
+    ("name", "point"),
+    [
+        ("sino6", tuple(SEAT)),
+        ("sino6", (0.02, 0.01, 0.62)),
+        ("sino6", (0.05, -0.05, -0.7)),
+        ("sino6", (0.3, 0.0, -0.3)),
+        ("sino6", (0.0, 1.19, 0.1)),
+        ("zero6", (0.2, 0.2, 0.4)),
+    ],
+)
+def test_flexibility_is_that_of_dense_samples(name: str, point: tuple[float, float, float]) -> None:
+    file = load_arm_file(name)
+    if name == "zero6":  # narrower limits, so that there is something to lose
+        rows = [row if row.fixed else row.model_copy(update={"limits_rad": (-1.9, 1.6)}) for row in file.joints]
+        file = file.model_copy(update={"joints": rows})
+    circle = configuration_circle(Arm.from_file(file), point, count=6000)
+    for sectors in (1, 7, 12):
+        result = circle.flexibility(sectors)
+        crossed, works, fraction = brute_flexibility(circle, sectors)
+        assert result.sectors == tuple(works)
+        assert result.zeta == pytest.approx(sum(works) / sum(crossed))
+        assert result.arc_fraction == pytest.approx(fraction, abs=0.004)
+
+
+def test_arc_fractions_of_many_points_are_those_of_each(sino6: Arm) -> None:
+    wrist = Wrist.of(sino6.require_dh(""), np.zeros(2))
+    points = np.array([[0.02, 0.01, 0.62], [2.0, 0.0, 0.0], [0.3, 0.0, -0.3]])
+    curves = wrist_curves(wrist, points, 24)
+    swivel = Swivel(sino6.require_dh(""), sino6.up)
+    together = arc_fractions(Components(swivel, wrist_system(wrist, points), points, curves, wrist), sino6.limits)
+    assert np.isnan(together[1])
+    for k in (0, 2):
+        assert together[k] == pytest.approx(
+            configuration_circle(sino6, points[k], count=3).flexibility().arc_fraction, abs=2e-3
+        )
+
+
+@pytest.mark.parametrize("sectors", [0, -3])
+def test_flexibility_needs_a_sector(sino6: Arm, sectors: int) -> None:
+    with pytest.raises(AacmmError, match="sectors"):
+        configuration_circle(sino6, SEAT, count=3).flexibility(sectors)
+
+
+def test_a_circle_shows_itself(sino6: Arm) -> None:
+    circle = configuration_circle(sino6, SEAT, count=36)
+    assert "SINO6" in str(circle)
+    assert "144 configurations on 4 components" in str(circle)
+    assert "<table" in circle._repr_html_()

@@ -1,0 +1,263 @@
+"""Pictures: units on every axis, what is drawn, colour bars, refusals, no pyplot state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection, QuadMesh
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import load_arm_file
+from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.errors import AacmmError, ShapeError
+from aacmm_pin.plots import (
+    plot_accuracy_over_swivel,
+    plot_accuracy_over_theta3,
+    plot_budget,
+    plot_circle,
+    plot_comprehensive,
+    plot_flexibility,
+)
+from aacmm_pin.workspace import WorkspaceMap, map_workspace
+
+mpl.use("Agg")
+
+POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
+HALF_IN_LIMITS = np.array([0.30, 0.0, 1.12])
+UNREACHABLE = np.array([5.0, 5.0, 5.0])
+
+
+@pytest.fixture(autouse=True)
+def _close_figures() -> Iterator[None]:
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def circle(sino6: Arm) -> ConfigurationCircle:
+    return configuration_circle(sino6, POINT, count=36)
+
+
+@pytest.fixture(scope="module")
+def accuracy(circle: ConfigurationCircle) -> AccuracyVolume:
+    return judged(circle)
+
+
+@pytest.fixture(scope="module")
+def map_(sino6: Arm) -> WorkspaceMap:
+    return map_workspace(sino6, (12, 24), 4, progress=False)
+
+
+def judged(circle: ConfigurationCircle) -> AccuracyVolume:
+    return accuracy_volume(circle.arm, circle.q[circle.within_limits], at=circle.at)
+
+
+def drawn(figure: Figure) -> None:
+    figure.canvas.draw()
+
+
+def colour_bar_labels(ax: Any) -> list[str]:
+    return [other.get_ylabel() for other in ax.figure.axes if other.get_label() == "<colorbar>"]
+
+
+def curves(ax: Axes3D) -> list[Line3DCollection]:
+    return [artist for artist in ax.collections if isinstance(artist, Line3DCollection)]
+
+
+def legend_texts(ax: Any) -> set[str]:
+    return {text.get_text() for text in ax.get_legend().get_texts()}
+
+
+def test_circle_shows_elbow_arm_axis_and_point(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
+    ax = plot_circle(circle, accuracy, postures=3)
+    drawn(ax.figure)
+    assert [ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()] == ["x [mm]", "y [mm]", "z [mm]"]
+    assert colour_bar_labels(ax) == ["accuracy volume [mm³]"]
+    texts = {"joint axis 1", "arm to the point", "elbow, within limits", "elbow, outside limits", "working point"}
+    assert legend_texts(ax) == texts
+    inside, outside = curves(ax)
+    assert inside.get_array().size == 36  # the only component within limits, closed
+    assert inside.get_array().min() >= accuracy.volume.min() * 1e9
+    assert len(outside._segments3d) == 3 * 36
+    assert len(ax.lines) == 2 + 2 * 3 + 1  # joint axis and shoulder, tubes and joints of each posture, point
+
+
+def test_tubes_end_in_the_working_point_and_all_is_in_view(circle: ConfigurationCircle) -> None:
+    ax = plot_circle(circle, postures=2)
+    tubes = [
+        np.array(line.get_data_3d()).T for line in ax.lines if line.get_linewidth() > 4 and len(line.get_data_3d()[0]) > 2
+    ]
+    assert len(tubes) == 2
+    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+    for tube in tubes:
+        np.testing.assert_allclose(tube[-1], POINT * 1e3, atol=1e-6)
+        assert (tube >= limits[:, 0]).all()
+        assert (tube <= limits[:, 1]).all()
+    assert np.ptp(np.ptp(limits, axis=1) / ax._box_aspect) == pytest.approx(0.0, abs=1e-6)  # one scale for all axes
+
+
+def test_circle_without_accuracy_has_no_colour_bar(circle: ConfigurationCircle) -> None:
+    ax = plot_circle(circle)
+    drawn(ax.figure)
+    assert colour_bar_labels(ax) == []
+    assert len(curves(ax)) == 2
+
+
+def test_circle_cut_by_limits_has_both_parts(sino6: Arm) -> None:
+    circle = configuration_circle(sino6, HALF_IN_LIMITS, count=36)
+    works = int(circle.within_limits.sum())
+    assert 0 < works < 36
+    inside, outside = curves(plot_circle(circle, judged(circle)))
+    assert len(inside._segments3d) == works - 1
+    assert len(inside._segments3d) + len(outside._segments3d) == len(circle)
+
+
+def test_circle_out_of_reach_says_so(sino6: Arm) -> None:
+    ax = plot_circle(configuration_circle(sino6, UNREACHABLE))
+    drawn(ax.figure)
+    assert "out of reach" in ax.get_title()
+    assert curves(ax) == []
+
+
+def test_circle_in_modified_dh() -> None:
+    file = load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
+    arm = Arm.from_file(file)
+    point = arm.positions(np.array([[0.3, -1.2, 1.0, -1.4, 0.0, 0.0]]), "frame5")[0]
+    circle = configuration_circle(arm, point, count=12)
+    assert len(circle)
+    ax = plot_circle(circle, postures=1)
+    drawn(ax.figure)
+    (tube,) = (np.array(line.get_data_3d()).T for line in ax.lines if line.get_linewidth() > 4)
+    np.testing.assert_allclose(tube[-1], point * 1e3, atol=1e-6)
+
+
+def test_theta3_ring(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
+    ax = plot_accuracy_over_theta3(circle, accuracy)
+    drawn(ax.figure)
+    assert [ax.get_xlabel(), ax.get_ylabel()] == ["cos θ3 [1]", "sin θ3 [1]"]
+    assert colour_bar_labels(ax) == ["accuracy volume [mm³]"]
+    (ring,) = (artist for artist in ax.collections if isinstance(artist, PathCollection))
+    np.testing.assert_allclose(np.linalg.norm(ring.get_offsets(), axis=1), 1.0)
+    theta3 = circle.q[circle.within_limits, 2]
+    np.testing.assert_allclose(ring.get_offsets(), np.column_stack([np.cos(theta3), np.sin(theta3)]), atol=1e-12)
+    np.testing.assert_allclose(ring.get_array(), accuracy.volume * 1e9)
+    assert ax.get_aspect() == 1.0
+
+
+def test_swivel_has_two_scales(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
+    ax = plot_accuracy_over_swivel(circle, accuracy)
+    drawn(ax.figure)
+    (right,) = (other for other in ax.figure.axes if other is not ax)
+    assert ax.get_xlabel().endswith("[deg]")
+    assert ax.get_ylabel() == "accuracy volume [mm³]"
+    assert right.get_ylabel() == "standard uncertainty u [µm]"
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), accuracy.volume * 1e9)
+    np.testing.assert_allclose(right.lines[0].get_ydata(), accuracy.u * 1e6)
+    np.testing.assert_allclose(right.lines[0].get_xdata(), np.degrees(circle.swivel[circle.within_limits]))
+
+
+@pytest.mark.parametrize("plot", [plot_accuracy_over_theta3, plot_accuracy_over_swivel])
+def test_no_configuration_within_limits_draws_empty_axes(plot: Callable[..., Axes], sino6: Arm) -> None:
+    circle = configuration_circle(sino6, UNREACHABLE)
+    drawn(plot(circle, judged(circle)).figure)
+
+
+@pytest.mark.parametrize("plot", [plot_circle, plot_accuracy_over_theta3, plot_accuracy_over_swivel])
+def test_accuracy_of_all_configurations_is_refused(plot: Callable[..., Any], circle: ConfigurationCircle) -> None:
+    wrong = accuracy_volume(circle.arm, circle.q, at=circle.at)
+    with pytest.raises(ShapeError, match=r"accuracy has 144 configurations, expected the 36 .*within_limits"):
+        plot(circle, wrong)
+
+
+def test_flat_axes_are_refused_for_the_circle(circle: ConfigurationCircle) -> None:
+    with pytest.raises(AacmmError, match="three-dimensional"):
+        plot_circle(circle, ax=Figure().add_subplot())
+
+
+@pytest.mark.parametrize(
+    ("plot", "label", "column"),
+    [
+        (plot_flexibility, "flexibility ζ [1]", "flexibility"),
+        (plot_comprehensive, "comprehensive accuracy volume [mm³]", "comprehensive_mm3"),
+    ],
+)
+def test_maps(plot: Callable[..., Axes], label: str, column: str, map_: WorkspaceMap) -> None:
+    ax = plot(map_)
+    drawn(ax.figure)
+    assert ax.get_xlabel().endswith("[mm]")
+    assert ax.get_ylabel().endswith("[mm]")
+    assert ax.get_aspect() == 1.0
+    assert colour_bar_labels(ax) == [label]
+    assert "out of reach" in legend_texts(ax)
+    image = next(artist for artist in ax.collections if isinstance(artist, QuadMesh))
+    np.testing.assert_array_equal(np.ma.filled(image.get_array(), np.nan), map_.data[column].values.T)
+    np.testing.assert_allclose([*ax.get_xlim(), *ax.get_ylim()], [0.0, 1200.0, -1200.0, 1200.0], atol=1e-9)
+
+
+def test_cells_in_reach_without_a_working_sector_have_their_own_colour(sino6: Arm) -> None:
+    map_ = map_workspace(sino6, (2, 2), 4, extent=[0.0, 0.02, -0.23, -0.21], progress=False)
+    assert "in reach, no sector within limits" in legend_texts(plot_comprehensive(map_))
+
+
+def test_a_map_of_one_cell_can_be_drawn(sino6: Arm) -> None:
+    drawn(plot_flexibility(map_workspace(sino6, (1, 1), 2, progress=False)).figure)
+
+
+@pytest.mark.parametrize("by", ["parameter", "joint", "kind"])
+def test_budget(by: Any, accuracy: AccuracyVolume) -> None:
+    ax = plot_budget(accuracy, by)
+    drawn(ax.figure)
+    assert "[%]" in ax.get_xlabel()
+    assert "[µm]" in ax.get_xlabel()
+    widths = [bar.get_width() for bar in ax.patches]
+    assert sum(widths) == pytest.approx(100.0)
+    assert any("µm" in text.get_text() for text in ax.texts)
+
+
+def test_budget_joins_what_is_left(accuracy: AccuracyVolume) -> None:
+    ax = plot_budget(accuracy, most=3)
+    names = [text.get_text() for text in ax.get_yticklabels()]
+    assert names == ["theta3", "alpha4", "rest (15)"]
+    assert sum(bar.get_width() for bar in ax.patches) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("most", [0, -1])
+def test_budget_of_no_bars_is_refused(most: int, accuracy: AccuracyVolume) -> None:
+    with pytest.raises(AacmmError, match="expected at least 1"):
+        plot_budget(accuracy, most=most)
+
+
+def test_given_axes_are_drawn_on_and_returned(
+    circle: ConfigurationCircle, accuracy: AccuracyVolume, map_: WorkspaceMap
+) -> None:
+    figure = Figure(figsize=(12, 12), layout="constrained")
+    flat = [figure.add_subplot(3, 2, k) for k in range(1, 6)]
+    solid = figure.add_subplot(3, 2, 6, projection="3d")
+    assert plot_accuracy_over_theta3(circle, accuracy, flat[0]) is flat[0]
+    assert plot_accuracy_over_swivel(circle, accuracy, flat[1]) is flat[1]
+    assert plot_flexibility(map_, flat[2]) is flat[2]
+    assert plot_comprehensive(map_, flat[3]) is flat[3]
+    assert plot_budget(accuracy, ax=flat[4]) is flat[4]
+    assert plot_circle(circle, accuracy, ax=solid) is solid
+    drawn(figure)
+
+
+def test_own_axes_leave_pyplot_alone(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
+    plot_budget(accuracy, ax=Figure().add_subplot())
+    plot_circle(circle, accuracy, ax=Figure().add_subplot(projection="3d"))
+    assert plt.get_fignums() == []
+
+
+def test_without_axes_a_notebook_has_a_figure_to_show(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
+    figures = [plot_budget(accuracy).figure, plot_circle(circle).figure]
+    assert [plt.figure(number) for number in plt.get_fignums()] == figures

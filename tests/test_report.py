@@ -1,0 +1,202 @@
+"""The page: self-contained, escaped, readable; the demo: whole, strict, and in agreement with itself."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+from aacmm_pin.demo import DemoSummary, run_demo
+from aacmm_pin.errors import AacmmError, OutputError
+from aacmm_pin.report import Bullets, Download, Paragraph, Picture, Section, Table, render_report
+from aacmm_pin.workspace import WorkspaceMap
+
+mpl.use("Agg")
+
+PNG = b"\x89PNG\r\n\x1a\n"
+VOID = {"meta", "link", "img", "br"}
+
+
+class Page(HTMLParser):
+    """Tags with their attributes, visible text, and whether every tag is closed."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str]]] = []
+        self.open: list[str] = []
+        self.text = ""
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, {name: value or "" for name, value in attrs}))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] != "style":
+            self.text += data
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def picture() -> Picture:
+    figure = Figure(figsize=(2, 1))
+    figure.add_subplot().plot([0, 1])
+    return Picture.of(figure, "A line", "A line from 0 to 1")
+
+
+def page(*parts: object) -> Page:
+    return Page(render_report("Title", "Below it", [Section("First", parts)]))  # type: ignore[arg-type]
+
+
+def test_a_page_fetches_nothing() -> None:
+    html = render_report("T", "S", [Section("First", ["Text", picture(), Download("a.csv", b"a,b\n", "text/csv", "data")])])
+    assert "http:" not in html
+    assert "https:" not in html
+    parsed = Page(html)
+    assert parsed.open == []
+    for tag, attributes in parsed.tags:
+        assert tag not in {"script", "iframe", "object"}
+        for name in ("src", "href"):
+            assert attributes.get(name, "#").startswith(("data:", "#"))
+    assert "url(" not in html
+    assert "@import" not in html
+
+
+def test_phone_and_paper_are_thought_of() -> None:
+    html = render_report("T", "S", [])
+    assert '<meta name="viewport" content="width=device-width' in html
+    assert "@media print" in html
+    assert "overflow-x: auto" in html
+    assert '<html lang="en">' in html
+
+
+def test_text_is_escaped() -> None:
+    evil = '<script>alert("x")</script> & {{ 7 * 7 }}'
+    frame = pd.DataFrame({evil: [evil]})
+    parsed = page(evil, Paragraph(evil, finding=True), Bullets([evil]), Table(frame, evil), Picture(PNG, evil, evil))
+    assert parsed.all("script") == []
+    assert parsed.text.count(evil) >= 6
+    assert parsed.all("img")[0]["alt"] == evil
+
+
+def test_pictures_are_embedded_with_alt_and_caption() -> None:
+    parsed = page(picture())
+    (image,) = parsed.all("img")
+    head, data = image["src"].split(",")
+    assert head == "data:image/png;base64"
+    assert base64.b64decode(data).startswith(PNG)
+    assert image["alt"] == "A line"
+    assert "A line from 0 to 1" in parsed.text
+
+
+def test_tables_format_numbers_and_show_what_is_missing() -> None:
+    frame = pd.DataFrame({"name": ["a", "b"], "u_mm": [0.12345, np.nan], "n": [1, 2]})
+    table = Table(frame, "caption", {"u_mm": ".3f"}, {"u_mm": "u [mm]"})
+    assert table.rows == [["a", "0.123", "1"], ["b", "–", "2"]]
+    assert table.columns == [("name", "short"), ("u [mm]", "number"), ("n", "number")]
+    assert Table(pd.DataFrame({"t": ["x" * 60]}), "").columns == [("t", "long")]
+    assert len(page(table).all("tr")) == 3
+
+
+def test_an_empty_table_has_its_heads() -> None:
+    assert len(page(Table(pd.DataFrame({"a": [], "b": []}), "none")).all("th")) == 2
+
+
+def test_numbers_stay_with_their_units() -> None:
+    text = page("u = 0.07 mm, 5 %, 3 mmHg").text
+    assert "u\u00a0=\u00a00.07\u00a0mm, 5\u00a0%, 3 mmHg" in text
+
+
+def test_downloads_are_inside() -> None:
+    parsed = page(Download("a.csv", b"a,b\n", "text/csv", "data"))
+    (link,) = (a for a in parsed.all("a") if "download" in a)
+    assert link["download"] == "a.csv"
+    assert base64.b64decode(link["href"].split(",")[1]) == b"a,b\n"
+
+
+def test_sections_are_linked() -> None:
+    parsed = Page(render_report("T", "S", [Section("One", []), Section("Two", [])]))
+    ids = {attributes["id"] for attributes in parsed.all("section")}
+    assert {a["href"].removeprefix("#") for a in parsed.all("a")} == ids
+    assert len(ids) == 2
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> DemoSummary:
+    return run_demo(folder=tmp_path_factory.mktemp("demo") / "out", progress=False, cells=(6, 8), sectors=4)
+
+
+def test_demo_writes_the_whole_tour(demo: DemoSummary) -> None:
+    written = {path.name for path in demo.folder.iterdir()}
+    assert written == set(demo.files)
+    data = {"index.html", "sino6.urdf", "configurations.csv", "accuracy.json", "map.nc", "map.json"}
+    pictures = {"circle", "accuracy_over_swivel", "accuracy_over_theta3", "budget_by_parameter", "budget_by_joint"}
+    pictures |= {"flexibility", "comprehensive", "table2", "table3"}
+    assert written == data | {f"{name}.png" for name in pictures}
+    for name in pictures:
+        assert (demo.folder / f"{name}.png").read_bytes().startswith(PNG)
+
+
+def test_demo_leaves_no_figure_open(demo: DemoSummary) -> None:
+    assert demo.files
+    assert plt.get_fignums() == []
+
+
+def test_demo_page_is_self_contained(demo: DemoSummary) -> None:
+    html = (demo.folder / "index.html").read_text(encoding="utf-8")
+    assert len(html) < 5_000_000
+    assert not re.search(r"https?:", html)
+    parsed = Page(html)
+    assert parsed.open == []
+    assert len(parsed.all("img")) == 9
+    assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in parsed.all("img"))
+    for attributes in parsed.all("a"):
+        assert attributes["href"].startswith(("#", "data:"))
+    assert not re.search(r"\bnan\b|\binf\b|None", parsed.text)
+    for link in (a for a in parsed.all("a") if "download" in a):
+        assert base64.b64decode(link["href"].split(",")[1]) == (demo.folder / link["download"]).read_bytes()
+
+
+def test_demo_data_agree(demo: DemoSummary) -> None:
+    accuracy = json.loads((demo.folder / "accuracy.json").read_text(encoding="utf-8"))
+    assert accuracy == demo.accuracy
+    assert accuracy["point_mm"] == [33.6323, -671.8702, 182.9355]
+    frame = pd.read_csv(demo.folder / "configurations.csv")
+    assert frame["within_limits"].sum() == accuracy["configurations"]
+    np.testing.assert_allclose(frame[["x_mm", "y_mm", "z_mm"]], np.tile(accuracy["point_mm"], (len(frame), 1)), atol=1e-6)
+    map_ = WorkspaceMap.load(demo.folder / "map.nc")
+    assert map_.unreachable == demo.map["unreachable"]
+    assert demo.map["cells"] == [6, 8]
+    assert json.loads((demo.folder / "map.json").read_text(encoding="utf-8")) == demo.map
+
+
+def test_demo_says_what_it_found(demo: DemoSummary) -> None:
+    lines = str(demo).splitlines()
+    assert 8 <= len(lines) <= 12
+    assert all(re.search(r"mm|µm|%|cells", line) for line in lines[:-1])
+    assert "index.html" in lines[-1]
+
+
+def test_demo_does_not_replace_files_without_force(demo: DemoSummary) -> None:
+    with pytest.raises(OutputError, match="not empty"):
+        run_demo(folder=demo.folder, progress=False)
+
+
+def test_demo_of_an_arm_without_uncertainties_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(AacmmError, match="has an uncertainty"):
+        run_demo("zero6", tmp_path / "out", progress=False)
+    assert list(tmp_path.iterdir()) == []

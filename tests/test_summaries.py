@@ -1,0 +1,132 @@
+"""JSON of accuracy and maps: keys of the contract, strict JSON, numbers that agree with where they come from."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aacmm_pin.accuracy import accuracy_volume
+from aacmm_pin.arm import Arm
+from aacmm_pin.comprehensive import comprehensive_accuracy
+from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.errors import ShapeError
+from aacmm_pin.summaries import accuracy_summary, map_summary
+from aacmm_pin.workspace import map_workspace
+
+POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
+UNREACHABLE = np.array([5.0, 5.0, 5.0])
+OUTSIDE_LIMITS = np.array([0.01, 0.0, -0.22])
+
+
+def summary(circle: ConfigurationCircle, **options: Any) -> dict[str, Any]:
+    accuracy = accuracy_volume(circle.arm, circle.q[circle.within_limits], at=circle.at, **options)
+    return accuracy_summary(circle, accuracy, 12)
+
+
+def through_json(content: dict[str, Any]) -> Any:
+    return json.loads(json.dumps(content, allow_nan=False))
+
+
+@pytest.fixture(scope="module")
+def circle(sino6: Arm) -> ConfigurationCircle:
+    return configuration_circle(sino6, POINT, count=36)
+
+
+def test_accuracy_has_the_keys_of_the_contract(circle: ConfigurationCircle) -> None:
+    content = through_json(summary(circle))
+    contract = {
+        "schema",
+        "arm",
+        "point_mm",
+        "method",
+        "configurations",
+        "flexibility",
+        "volume_mm3",
+        "best",
+        "worst",
+        "budget",
+    }
+    assert contract <= set(content)
+    assert content["schema"] == "aacmm-pin/accuracy/1"
+    assert content["arm"] == "SINO6"
+    assert content["point_mm"] == [33.6323, -671.8702, 182.9355]
+    assert content["method"] == "zonotope"
+    assert set(content["flexibility"]) == {"zeta", "sectors", "arc_fraction"}
+    assert len(content["flexibility"]["sectors"]) == 12
+    assert set(content["volume_mm3"]) == {"min", "median", "max", "comprehensive"}
+    for which in ("best", "worst"):
+        assert set(content[which]) == {"theta_deg", "volume_mm3", "u_mm"}
+        assert len(content[which]["theta_deg"]) == 6
+    assert {"parameter", "joint", "share"} <= set(content["budget"][0])
+    assert "reason" not in content
+
+
+def test_accuracy_numbers_agree_with_their_sources(circle: ConfigurationCircle, sino6: Arm) -> None:
+    content = summary(circle)
+    q = circle.q[circle.within_limits]
+    assert content["configurations"] == len(q) < len(circle)
+    volume = accuracy_volume(sino6, q, at="frame5").volume * 1e9
+    assert content["volume_mm3"]["min"] == content["best"]["volume_mm3"] == pytest.approx(volume.min())
+    assert content["volume_mm3"]["max"] == content["worst"]["volume_mm3"] == pytest.approx(volume.max())
+    assert content["volume_mm3"]["median"] == pytest.approx(np.median(volume))
+    assert content["volume_mm3"]["comprehensive"] == pytest.approx(comprehensive_accuracy(volume, q[:, 2], POINT))
+    again = accuracy_volume(sino6, np.radians([content["worst"]["theta_deg"]]), at="frame5")
+    assert again.volume[0] * 1e9 == pytest.approx(content["worst"]["volume_mm3"], rel=1e-6)
+    assert again.u[0] * 1e3 == pytest.approx(content["worst"]["u_mm"], rel=1e-6)
+    shares = [row["share"] for row in content["budget"]]
+    assert sum(shares) == pytest.approx(1.0)
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_monte_carlo_is_named(circle: ConfigurationCircle) -> None:
+    assert summary(circle, method="monte-carlo", rng=np.random.default_rng(1), draws=100)["method"] == "monte-carlo"
+
+
+@pytest.mark.parametrize(
+    ("point", "said"), [(UNREACHABLE, "8660.254 mm from the shoulder"), (OUTSIDE_LIMITS, "within the joint")]
+)
+def test_nothing_to_judge_gives_nulls_and_a_reason(sino6: Arm, point: np.ndarray, said: str) -> None:
+    content = through_json(summary(configuration_circle(sino6, point, count=12)))
+    assert content["configurations"] == 0
+    assert said in content["reason"]
+    assert set(content["volume_mm3"].values()) == {None}
+    assert content["best"] == content["worst"] == {"theta_deg": None, "volume_mm3": None, "u_mm": None}
+    assert content["budget"] == []
+
+
+def test_another_number_of_configurations_is_refused(circle: ConfigurationCircle, sino6: Arm) -> None:
+    accuracy = accuracy_volume(sino6, circle.q, at=circle.at)
+    with pytest.raises(
+        ShapeError, match=r"accuracy has 144 configurations, expected the 36 .* circle\.q\[circle\.within_limits\]"
+    ):
+        accuracy_summary(circle, accuracy)
+
+
+def test_other_configurations_are_refused(circle: ConfigurationCircle, sino6: Arm) -> None:
+    accuracy = accuracy_volume(sino6, circle.q[circle.within_limits][::-1], at=circle.at)
+    with pytest.raises(ShapeError, match="other configurations"):
+        accuracy_summary(circle, accuracy)
+
+
+def test_map_has_the_keys_of_the_contract(sino6: Arm) -> None:
+    map_ = map_workspace(sino6, (4, 6), 3, extent=[0.0, 1.2, -1.2, 1.2], progress=False)
+    content = through_json(map_summary(map_))
+    assert set(content) == {
+        "schema", "arm", "cells", "sectors", "extent_mm", "working_sectors", "unreachable", "seconds",
+    }  # fmt: skip
+    assert content["schema"] == "aacmm-pin/map/1"
+    assert content["cells"] == [4, 6]
+    assert content["sectors"] == 3
+    assert content["extent_mm"] == {"x": [0.0, 1200.0], "z": [-1200.0, 1200.0]}
+    assert list(content["working_sectors"]) == ["0", "1", "2", "3"]
+    assert sum(content["working_sectors"].values()) + content["unreachable"] == 24
+    assert content["seconds"] > 0
+
+
+def test_extent_of_a_single_cell_is_not_guessed(sino6: Arm) -> None:
+    content = map_summary(map_workspace(sino6, (1, 2), 2, progress=False))
+    assert content["extent_mm"]["x"] is None
+    assert content["extent_mm"]["z"] == [-1200.0, 1200.0]

@@ -1,0 +1,308 @@
+"""Maps of the workspace against the circle of every single cell, and what happens when a worker is stopped."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from aacmm_pin import workspace
+from aacmm_pin.accuracy import accuracy_volume
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import load_arm_file
+from aacmm_pin.checks import Array
+from aacmm_pin.comprehensive import configuration_weights
+from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
+from aacmm_pin.workspace import WorkspaceMap, map_workspace
+
+CELLS, SECTORS = (6, 8), 12
+
+
+@pytest.fixture(scope="session")
+def small(sino6: Arm) -> WorkspaceMap:
+    return map_workspace(sino6, CELLS, SECTORS, progress=False)
+
+
+def cell_point(data: xr.Dataset, i: int, k: int) -> Array:
+    return np.array([float(data["x_mm"][i]), 0.0, float(data["z_mm"][k])]) * 1e-3
+
+
+@pytest.fixture(scope="session")
+def circles(sino6: Arm, small: WorkspaceMap) -> dict[tuple[int, int], ConfigurationCircle]:
+    return {
+        (i, k): configuration_circle(sino6, cell_point(small.data, i, k), count=720)
+        for i in range(CELLS[0])
+        for k in range(CELLS[1])
+    }
+
+
+# --- every cell is the circle of its centre
+
+
+def test_cells_are_centres_of_the_default_extent(small: WorkspaceMap) -> None:
+    """The wrist reaches 1210.7 mm: 1200 to the nearest 50 mm."""
+    np.testing.assert_allclose(small.data["x_mm"], (np.arange(6) + 0.5) * 200, rtol=1e-12)
+    np.testing.assert_allclose(small.data["z_mm"], -1200 + (np.arange(8) + 0.5) * 300, rtol=1e-12)
+    np.testing.assert_allclose(small.data["sector_deg"], np.arange(12) * 30 + 15, rtol=1e-12)
+
+
+def test_flexibility_is_that_of_the_circle(small: WorkspaceMap, circles: dict[tuple[int, int], ConfigurationCircle]) -> None:
+    reached = 0
+    for (i, k), circle in circles.items():
+        cell = small.data.isel(x_mm=i, z_mm=k)
+        assert bool(cell["reachable"]) == bool(len(circle))
+        if not len(circle):
+            assert not cell["sector_works"].any()
+            for name in ("flexibility", "arc_fraction", "comprehensive_mm3", "best_mm3", "worst_u_mm"):
+                assert np.isnan(cell[name])
+            continue
+        reached += 1
+        expected = circle.flexibility(SECTORS)
+        assert tuple(bool(w) for w in cell["sector_works"].values) == expected.sectors
+        assert float(cell["flexibility"]) == pytest.approx(expected.zeta)
+        assert int(cell["working_sectors"]) == sum(expected.sectors)
+        assert float(cell["arc_fraction"]) == pytest.approx(expected.arc_fraction, abs=2e-3)
+    assert 20 < reached < 48
+    assert small.unreachable == 48 - reached
+    assert sum(small.working_sectors().values()) == reached
+    assert list(small.working_sectors()) == list(range(13))
+
+
+def at_centres(circle: ConfigurationCircle, sectors: int) -> tuple[Array, Array]:
+    """Configurations inside the limits where dense samples pass a sector's centre, and the numbers of the sectors."""
+    found, numbers = [], []
+    for component in np.unique(circle.component):
+        mine = circle.component == component
+        q, swivel, inside = circle.q[mine], circle.swivel[mine], circle.within_limits[mine]
+        turn = (np.roll(swivel, -1) - swivel + np.pi) % (2 * np.pi) - np.pi
+        step = (np.roll(q, -1, axis=0) - q + np.pi) % (2 * np.pi) - np.pi
+        for sector in range(sectors):
+            ahead = ((sector + 0.5) * 2 * np.pi / sectors - swivel + np.pi) % (2 * np.pi) - np.pi
+            passes = (ahead * turn >= 0) & (np.abs(ahead) < np.abs(turn)) & inside
+            found.append(q[passes] + (ahead / np.where(turn == 0, 1, turn))[passes, None] * step[passes])
+            numbers.append(np.full(passes.sum(), sector))
+    return np.concatenate(found), np.concatenate(numbers)
+
+
+def test_accuracies_are_those_of_the_circle(
+    sino6: Arm, small: WorkspaceMap, circles: dict[tuple[int, int], ConfigurationCircle]
+) -> None:
+    for (i, k), circle in circles.items():
+        if not len(circle):
+            continue
+        cell = small.data.isel(x_mm=i, z_mm=k)
+        q, sector = at_centres(circle, SECTORS)
+        accuracy = accuracy_volume(sino6, q, at="frame5")
+        volume = accuracy.volume * 1e9
+        assert float(cell["best_mm3"]) == pytest.approx(volume.min(), rel=2e-3)
+        assert float(cell["worst_mm3"]) == pytest.approx(volume.max(), rel=2e-3)
+        assert float(cell["best_u_mm"]) == pytest.approx(1e3 * accuracy.u[volume.argmin()], rel=2e-2)
+        pick = np.array([np.flatnonzero(sector == s)[volume[sector == s].argmin()] for s in np.unique(sector)])
+        weights = configuration_weights(q[pick, 2], circle.point)
+        assert float(cell["comprehensive_mm3"]) == pytest.approx(weights @ volume[pick], rel=1e-2)
+        assert volume.min() * 0.99 < float(cell["comprehensive_mm3"]) < volume.max() * 1.01
+
+
+def test_best_and_worst_reach_the_cell_with_their_volume(sino6: Arm, small: WorkspaceMap) -> None:
+    reachable = small.data["reachable"].values.astype(bool) & (small.data["working_sectors"].values > 0)
+    x, z = np.meshgrid(small.data["x_mm"], small.data["z_mm"], indexing="ij")
+    points = np.stack([x, 0 * x, z], axis=-1)[reachable]
+    for kind in ("best", "worst"):
+        q = np.radians(small.data[f"{kind}_theta_deg"].values[reachable])
+        np.testing.assert_allclose(sino6.poses(q, "frame5").position * 1e3, points, atol=1e-8)
+        assert ((q >= sino6.limits[:, 0] - 1e-8) & (q <= sino6.limits[:, 1] + 1e-8)).all()
+        result = accuracy_volume(sino6, q, at="frame5")
+        np.testing.assert_allclose(small.data[f"{kind}_mm3"].values[reachable], result.volume * 1e9, rtol=1e-9)
+        np.testing.assert_allclose(small.data[f"{kind}_u_mm"].values[reachable], result.u * 1e3, rtol=1e-9)
+
+
+def test_methods_and_rest_reach_the_accuracies(sino6: Arm) -> None:
+    box = [0.3, 0.7, 0.1, 0.4]
+    one = map_workspace(sino6, (1, 1), 6, extent=box, method="jointwise", rest=[0.8, 0.1], progress=False)
+    q = np.radians(one.data["best_theta_deg"].values.reshape(1, 6))
+    np.testing.assert_allclose(q[0, 4:], [0.8, 0.1], atol=1e-12)
+    np.testing.assert_allclose(sino6.poses(q, "frame5").position[0], [0.5, 0, 0.25], atol=1e-12)
+    volume = accuracy_volume(sino6, q, at="frame5", method="jointwise").volume[0] * 1e9
+    assert float(one.data["best_mm3"][0, 0]) == pytest.approx(volume, rel=1e-9)
+    assert one.data.attrs["method"] == "jointwise"
+    assert one.sectors == 6
+
+
+def test_parts_of_a_map_do_not_show(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = map_workspace(sino6, (3, 4), 7, progress=False)
+    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 5)
+    parts = map_workspace(sino6, (3, 4), 7, progress=False)
+    xr.testing.assert_allclose(whole.data, parts.data, rtol=1e-6)
+    np.testing.assert_array_equal(whole.data["sector_works"], parts.data["sector_works"])
+
+
+def test_all_out_of_reach(sino6: Arm) -> None:
+    nothing = map_workspace(sino6, (2, 2), 3, extent=[2, 3, 0, 1], progress=False)
+    assert nothing.unreachable == 4
+    assert nothing.working_sectors() == {0: 0, 1: 0, 2: 0, 3: 0}
+    assert np.isnan(nothing.data["flexibility"]).all()
+
+
+# --- files
+
+
+def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) -> None:
+    small.save(tmp_path / "map.nc")
+    again = WorkspaceMap.load(tmp_path / "map.nc")
+    xr.testing.assert_equal(again.data, small.data)
+    assert again.seconds == small.seconds
+    assert again.working_sectors() == small.working_sectors()
+    assert again.unreachable == small.unreachable
+    assert again.data.attrs["schema"] == "aacmm-pin/map/1"
+    again.save(tmp_path / "again.nc")  # what was loaded can be saved
+    (tmp_path / "map.nc").unlink()  # and nothing holds the file
+    assert again.sectors == SECTORS
+    for name in small.data.variables:
+        assert again.data[name].dtype.kind == small.data[name].dtype.kind
+
+
+def test_every_array_names_its_unit(small: WorkspaceMap) -> None:
+    units = {"mm": "mm", "mm3": "mm3", "deg": "degree"}
+    for name, variable in small.data.variables.items():
+        if name == "joint":
+            continue
+        suffix = str(name).rsplit("_", 1)[-1]
+        assert variable.attrs["units"] == units.get(suffix, "1"), name
+    for name in small.data.data_vars:
+        assert small.data[name].attrs["long_name"]
+    assert small.data.attrs["arm"] == "SINO6"
+
+
+def test_shows_itself(small: WorkspaceMap) -> None:
+    assert "SINO6: 6 × 8 cells × 12 sectors" in str(small)
+    assert "<" in small._repr_html_()
+
+
+# --- what cannot be asked
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "words"),
+    [
+        ({"extent": [0, 1, 1, -1]}, AacmmError, "z from < z to"),
+        ({"extent": [1, 1, -1, 1]}, AacmmError, "x from < x to"),
+        ({"extent": [-0.1, 1, -1, 1]}, AacmmError, "0 ≤ x"),
+        ({"extent": [0, 1, -1]}, ShapeError, "extent"),
+        ({"extent": [0, np.nan, -1, 1]}, ShapeError, "finite"),
+        ({"cells": (0, 5)}, AacmmError, "at least 1"),
+        ({"cells": (5, -1)}, AacmmError, "at least 1"),
+        ({"sectors": 0}, AacmmError, "at least 1"),
+        ({"processes": 0}, AacmmError, "at least 1"),
+        ({"rest": [0.1]}, ShapeError, "rest"),
+        ({"method": "monte-carlo"}, AacmmError, "monte-carlo"),
+        ({"method": "box"}, AacmmError, "zonotope"),
+    ],
+)
+def test_what_cannot_be_asked(sino6: Arm, arguments: dict[str, object], error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        map_workspace(sino6, **({"cells": (2, 2), "progress": False} | arguments))
+
+
+def test_unknown_method_is_refused_before_work_begins(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workspace, "_work", lambda job: pytest.fail("work began"))
+    for method in ("box", "monte-carlo"):
+        with pytest.raises(AacmmError):
+            map_workspace(sino6, (2, 2), extent=[2, 3, 0, 1], method=method, progress=False)
+
+
+def test_arms_that_cannot_be_mapped(zero6: Arm, robot_file: Callable[[str], Path]) -> None:
+    with pytest.raises(UnsupportedArmError, match="DH table"):
+        map_workspace(Arm.from_urdf(robot_file("ur5_robot.urdf"), "ee_link"), (2, 2), progress=False)
+    with pytest.raises(AacmmError, match="uncertainty"):
+        map_workspace(zero6, (2, 2), progress=False)
+
+
+def test_few_held_angles_find_the_components_of_the_other_arm_too() -> None:
+    """A place almost at full stretch, where one of four small components is easily missed."""
+    file = load_arm_file("zero6")
+    widths = load_arm_file("sino6").joints[0].uncertainty
+    arm = Arm.from_file(
+        file.model_copy(update={"joints": [r.model_copy(update={"uncertainty": widths}) for r in file.joints]})
+    )
+    point = np.array([-0.2690600933869131, 0.009980455793426534, -0.6957428498498395])
+    assert configuration_circle(arm, point, count=3).component.max() == 4
+    assert configuration_circle(arm, point, count=3, seeds_per_turn=workspace.SEEDS_PER_TURN).component.max() == 4
+
+
+# --- processes
+
+
+def test_two_processes_give_the_same_data(sino6: Arm, small: WorkspaceMap, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 24)
+    one, two = (map_workspace(sino6, CELLS, SECTORS, processes=n, progress=False) for n in (1, 2))
+    one.data.attrs.pop("seconds")
+    two.data.attrs.pop("seconds")
+    xr.testing.assert_identical(one.data, two.data)
+    xr.testing.assert_allclose(one.data, small.data, rtol=1e-6)
+
+
+def stopped(job: object) -> dict[str, Array]:
+    raise KeyboardInterrupt
+
+
+def died(job: object) -> dict[str, Array]:
+    os._exit(3)
+
+
+@pytest.mark.parametrize(("worker", "error"), [(stopped, KeyboardInterrupt), (died, Exception)])
+def test_a_stopped_worker_leaves_no_process(
+    sino6: Arm, monkeypatch: pytest.MonkeyPatch, worker: Callable[[object], object], error: type[BaseException]
+) -> None:
+    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 2)
+    monkeypatch.setattr(workspace, "_work", worker)
+    with pytest.raises(error):
+        map_workspace(sino6, (4, 4), 3, processes=2, progress=False)
+    assert multiprocessing.active_children() == []
+
+
+INTERRUPTED = """
+from aacmm_pin.arm import Arm
+from aacmm_pin.workspace import map_workspace
+if __name__ == "__main__":
+    print("begin", flush=True)
+    map_workspace(Arm.load("sino6"), (100, 100), 12, processes={processes}, progress=False)
+"""
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_control_c_stops_everything(tmp_path: Path, processes: int) -> None:
+    script = tmp_path / "long_map.py"
+    script.write_text(INTERRUPTED.format(processes=processes), encoding="utf-8")
+    with subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline() == b"begin\n"
+        time.sleep(1.5)
+        started = time.monotonic()
+        os.killpg(run.pid, signal.SIGINT)  # as a terminal does: to all processes of the group
+        try:
+            assert run.wait(timeout=20) != 0
+        finally:
+            run.kill()
+    assert time.monotonic() - started < 15
+    deadline = time.monotonic() + 5
+    while True:  # the group is gone as soon as none of its processes is left
+        try:
+            os.killpg(run.pid, 0)
+        except ProcessLookupError:
+            break
+        if time.monotonic() > deadline:
+            os.killpg(run.pid, signal.SIGKILL)
+            pytest.fail("a worker outlived the map")
+        time.sleep(0.05)
