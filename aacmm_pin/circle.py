@@ -55,7 +55,7 @@ class Flexibility:
 
     Attributes:
         zeta: working over theoretical sectors, judged at their centres; nan where nothing is theoretical.
-        sectors: which sectors work; sector k has its centre at swivel (k + 1/2) 360°/count.
+        sectors: which sectors work; sector k, from 0, has its centre at swivel k 360°/count.
         arc_fraction: working over theoretical range of the swivel angle, to 0.1°; nan where nothing is theoretical.
     """
 
@@ -156,8 +156,8 @@ def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Inde
 
 
 def sector_centres(sectors: int) -> Array:
-    """Swivel angles of the centres of equal sectors (sectors,) [rad]."""
-    return np.asarray((np.arange(sectors) + 0.5) * (2 * np.pi / sectors), dtype=np.float64)
+    """Swivel angles of the centres of equal sectors (sectors,) [rad]; the first is the highest place of the elbow."""
+    return np.asarray(np.arange(sectors) * (2 * np.pi / sectors), dtype=np.float64)
 
 
 def flexibility(components: Components, limits: Array, sectors: int) -> Flexibility:

@@ -6,6 +6,7 @@ import functools
 import json
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec
 
@@ -14,7 +15,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from aacmm_pin import __version__, plots
+from aacmm_pin import plots
 from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import bundled_arms, load_arm_file
@@ -61,12 +62,10 @@ def _command(name: str | None = None) -> Callable[[Callable[P, None]], Callable[
 
 
 ArmName = Annotated[
-    str | None, typer.Argument(metavar="ARM", help=f"Bundled arm ({', '.join(bundled_arms())}) or the path of an arm file.")
+    str, typer.Argument(metavar="ARM", help=f"Bundled arm ({', '.join(bundled_arms())}) or the path of an arm file.")
 ]
-Urdf = Annotated[Path | None, typer.Option("--urdf", help="A URDF file instead of ARM; give --frame too.")]
-Frame = Annotated[str | None, typer.Option("--frame", help="With --urdf: the frame whose origin is the tip.")]
 Point = Annotated[
-    tuple[float, float, float], typer.Option("--point", metavar="X Y Z", help="Working point, base frame [mm].")
+    tuple[float, float, float], typer.Option("--point", metavar="X Y Z", help="Working point in the base frame, in mm.")
 ]
 Count = Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")]
 Tip = Annotated[bool, typer.Option("--tip", help="The point is for the tip, not for the wrist; give --axis too.")]
@@ -93,51 +92,47 @@ def demo(
 
 
 @_command()
-def urdf(arm: Annotated[str, typer.Argument(metavar="ARM")], output: Output = None, force: Force = False) -> None:
+def urdf(arm: ArmName, output: Output = None, force: Force = False) -> None:
     """URDF of an arm, from its DH table."""
     _text_out(urdf_text(load_arm_file(arm)), output, force)
 
 
 @_command()
 def configurations(
+    arm: ArmName,
     point: Point,
-    arm: ArmName = None,
     count: Count = 360,
     tip: Tip = False,
     axis: Axis = None,
     output: Output = None,
-    urdf: Urdf = None,
-    frame: Frame = None,
     force: Force = False,
 ) -> None:
     """Every configuration that reaches a point, as CSV."""
     _check(output, force)
-    circle = _circle(_arm(arm, urdf, frame), point, tip, axis, count)
+    circle = _circle(Arm.load(arm), point, tip, axis, count)
     _note(str(circle))
     _text_out(circle.to_frame().to_csv(index=False), output, force)
 
 
 @_command()
 def accuracy(
+    arm: ArmName,
     point: Point,
-    arm: ArmName = None,
     method: Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")] = "zonotope",
     count: Count = 360,
     sectors: Sectors = 12,
     tip: Tip = False,
     axis: Axis = None,
-    encoder_noise_rad: Annotated[float | None, typer.Option(help="Standard uncertainty of one reading [rad].")] = None,
+    encoder_noise_rad: Annotated[float | None, typer.Option(help="Standard uncertainty of one reading, in rad.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the Monte Carlo method.")] = 1,
     json_: Json = None,
     plot: Plot = None,
-    urdf: Urdf = None,
-    frame: Frame = None,
     force: Force = False,
 ) -> None:
     """How accurate the arm is at a point, in which posture, and why."""
     _check(plot, force)
     _check_json(json_, force)
-    circle = _circle(_arm(arm, urdf, frame), point, tip, axis, count)
+    circle = _circle(Arm.load(arm), point, tip, axis, count)
     q = circle.q[circle.within_limits]
     if not len(q):
         raise AacmmError(f"{circle}; no configuration to judge")
@@ -162,20 +157,18 @@ def accuracy(
 
 @_command("map")
 def map_(
-    arm: ArmName = None,
+    arm: ArmName,
     cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells along x and z.")] = (48, 48),
     sectors: Sectors = 12,
     extent_mm: Annotated[
         tuple[float, float, float, float] | None,
-        typer.Option(metavar="X0 X1 Z0 Z1", help="Part of the half-plane; default the arm's reach."),
+        typer.Option(metavar="X0 X1 Z0 Z1", help="Part of the half-plane, in mm; default the arm's reach."),
     ] = None,
     method: Annotated[str, typer.Option(help="One of zonotope, jointwise, ellipsoid.")] = "zonotope",
     processes: Processes = 1,
     output: Output = None,
     plot: Plot = None,
     json_: Json = None,
-    urdf: Urdf = None,
-    frame: Frame = None,
     force: Force = False,
 ) -> None:
     """Flexibility and accuracy over the workspace, as netCDF."""
@@ -183,9 +176,7 @@ def map_(
         _check(path, force)
     _check_json(json_, force)
     extent = None if extent_mm is None else np.array(extent_mm) * MM
-    result = map_workspace(
-        _arm(arm, urdf, frame), cells, sectors, extent=extent, method=_method(method), processes=processes
-    )
+    result = map_workspace(Arm.load(arm), cells, sectors, extent=extent, method=_method(method), processes=processes)
     if output is not None:
         with whole_file(output, force) as path:
             result.save(path)
@@ -195,18 +186,6 @@ def map_(
         _say(str(result))
     else:
         _json_out(map_summary(result), json_, force)
-
-
-def _arm(name: str | None, urdf: Path | None, frame: str | None) -> Arm:
-    if urdf is None:
-        if frame is not None:
-            raise typer.BadParameter("--frame goes with --urdf")
-        if name is None:
-            raise typer.BadParameter("an arm is missing: a bundled name, the path of an arm file, or --urdf with --frame")
-        return Arm.load(name)
-    if name is not None or frame is None:
-        raise typer.BadParameter("--urdf goes with --frame and without ARM")
-    return Arm.from_urdf(urdf, frame)
 
 
 def _circle(
@@ -236,7 +215,8 @@ def _show_accuracy(circle: ConfigurationCircle, result: AccuracyVolume, summary:
     for which in ("best", "worst"):
         angles = ", ".join(f"{theta:.2f}" for theta in summary[which]["theta_deg"])
         _say(f"{which}: θ = {angles} deg, {summary[which]['volume_mm3']:.4g} mm³, u = {summary[which]['u_mm']:.4f} mm")
-    table = Table("parameter", "joint", "u [mm]", "share", title="budget: what the uncertainty comes from")
+    _say("where the uncertainty comes from:")
+    table = Table("parameter", "joint", "u in mm", "share")
     for row in result.budget().head(8).itertuples():
         table.add_row(str(row.parameter), str(row.joint), f"{row.u_mm:.4f}", f"{row.share:.1%}")
     Console().print(table)
@@ -283,13 +263,13 @@ def _save_plot(axes: Any, path: Path, force: bool) -> None:
 
 def _version(wanted: bool) -> None:
     if wanted:
-        _say(f"aacmm-pin {__version__}")
+        _say(f"aacmm-pin {version('aacmm-pin')}")
         raise typer.Exit
 
 
 @app.callback()
 def _root(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
+    version_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
 ) -> None:
     """Options of the command itself."""
 

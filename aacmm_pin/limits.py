@@ -19,7 +19,8 @@ def into_limits(q: Array, limits: Array) -> Array:
         limits: (nq, 2) [rad].
     """
     lower, upper = limits[:, 0], limits[:, 1]
-    first = lower + (q - lower + AT_LIMIT) % (2 * np.pi) - AT_LIMIT  # in [lower, lower + 2π)
+    turns = np.ceil((lower - AT_LIMIT - q) / (2 * np.pi))
+    first = q + 2 * np.pi * turns  # in [lower, lower + 2π); exact where no turn is needed
     outside = first > upper + AT_LIMIT
     nearer_below = outside & (lower - (first - 2 * np.pi) < first - upper)
     return np.asarray(np.where(nearer_below, first - 2 * np.pi, first))

@@ -59,17 +59,15 @@ def accuracy_summary(circle: ConfigurationCircle, accuracy: AccuracyVolume, sect
 
 
 def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
-    """Schema ``aacmm-pin/map/1``: sizes of a map and how many reachable cells have how many working sectors.
-
-    The extent of an axis with a single cell cannot be told from its centre and is None.
-    """
+    """Schema ``aacmm-pin/map/1``: sizes of a map and how many reachable cells have how many working sectors."""
     data = map_.data
+    box = np.asarray(data.attrs["extent_mm"])
     return {
         "schema": MAP_SCHEMA,
         "arm": str(data.attrs["arm"]),
         "cells": [int(data.sizes["x_mm"]), int(data.sizes["z_mm"])],
         "sectors": map_.sectors,
-        "extent_mm": {axis: _extent(data[f"{axis}_mm"].values) for axis in "xz"},
+        "extent_mm": {"x": _rounded(box[:2]), "z": _rounded(box[2:])},
         "working_sectors": {str(count): cells for count, cells in map_.working_sectors().items()},
         "unreachable": map_.unreachable,
         "seconds": round(map_.seconds, 3),
@@ -111,13 +109,6 @@ def _budget(accuracy: AccuracyVolume) -> list[dict[str, Any]]:
         }
         for r in rows
     ]
-
-
-def _extent(centres: Array) -> list[float] | None:
-    if len(centres) < 2:
-        return None
-    half = (centres[-1] - centres[0]) / (len(centres) - 1) / 2
-    return _rounded(np.array([centres[0] - half, centres[-1] + half]))
 
 
 def _rounded(values: Array) -> list[float]:

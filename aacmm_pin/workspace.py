@@ -18,14 +18,14 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from tqdm.auto import tqdm
 
-from aacmm_pin.accuracy import Method, accuracy_volume
+from aacmm_pin.accuracy import METHODS, Method, accuracy_volume
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, Index, vector
 from aacmm_pin.circle import Components, arc_fractions, at_swivel, sector_centres
 from aacmm_pin.comprehensive import comprehensive_accuracy
 from aacmm_pin.configurations import WRIST
 from aacmm_pin.dh import chunks
-from aacmm_pin.errors import AacmmError
+from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.limits import broken_limits, into_limits
 from aacmm_pin.reach import reach_of_wrist
 from aacmm_pin.reaching import POSITIONING, Wrist, wrist_curves, wrist_system
@@ -116,6 +116,7 @@ def map_workspace(
 
     Raises:
         AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an uncertainty.
+        UnknownNameError: no such method for a map.
         UnsupportedArmError: no DH table, or one without the joints that this needs.
     """
     started = time.perf_counter()
@@ -123,9 +124,9 @@ def map_workspace(
         raise AacmmError(f"cells are {cells}, sectors {sectors}, processes {processes}; expected at least 1 of each")
     held = np.zeros(arm.nq - POSITIONING) if rest is None else vector(rest, arm.nq - POSITIONING, "rest", "rad")
     wrist = Wrist.of(arm.require_dh("a map of the workspace"), held)
+    _check_method(arm, method)
     box = _extent(arm, wrist, extent)
-    x = box[0] + (np.arange(cells[0]) + 0.5) * (box[1] - box[0]) / cells[0]
-    z = box[2] + (np.arange(cells[1]) + 0.5) * (box[3] - box[2]) / cells[1]
+    x, z = _centres(box, cells)
     grid = np.stack(np.meshgrid(x, z, indexing="ij"), axis=-1).reshape(-1, 2)
     points = np.column_stack([grid[:, 0], np.zeros(len(grid)), grid[:, 1]])
     jobs = [_Job(arm, wrist, points[part], sectors, method) for part in chunks(len(points), CELLS_AT_ONCE)]
@@ -136,7 +137,7 @@ def map_workspace(
             bar.update(len(jobs[number].points))
     seconds = time.perf_counter() - started
     merged = {name: np.concatenate([r[name] for r in results]) for name in results[0]}
-    return WorkspaceMap(_dataset(arm, merged, x, z, sectors, method, held, seconds), seconds)
+    return WorkspaceMap(_dataset(arm, merged, box, cells, sectors, method, held, seconds), seconds)
 
 
 @dataclass(frozen=True)
@@ -227,15 +228,36 @@ def _extent(arm: Arm, wrist: Wrist, extent: ArrayLike | None) -> Array:
     return box
 
 
+def _check_method(arm: Arm, method: Method) -> None:
+    """Refuse, before the work begins, what the first cell would refuse."""
+    if method == "monte-carlo" or method not in METHODS:
+        raise UnknownNameError("method", method, [m for m in METHODS if m != "monte-carlo"], "of a map")
+    accuracy_volume(arm, np.zeros((1, arm.nq)), at=WRIST, method=method)
+
+
+def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array]:
+    """Cell centres along x and z [m]."""
+    x = box[0] + (np.arange(cells[0]) + 0.5) * (box[1] - box[0]) / cells[0]
+    z = box[2] + (np.arange(cells[1]) + 0.5) * (box[3] - box[2]) / cells[1]
+    return x, z
+
+
 def _dataset(
-    arm: Arm, merged: dict[str, Array], x: Array, z: Array, sectors: int, method: str, rest: Array, seconds: float
+    arm: Arm,
+    merged: dict[str, Array],
+    box: Array,
+    cells: tuple[int, int],
+    sectors: int,
+    method: str,
+    rest: Array,
+    seconds: float,
 ) -> xr.Dataset:
-    shape = (len(x), len(z))
+    x, z = _centres(box, cells)
 
     def over_cells(name: str, unit: str, text: str, scale: float = 1.0, kind: type = float) -> Any:
         values: Any = (merged[name] / scale if scale != 1.0 else merged[name]).astype(kind)
         dims = ("x_mm", "z_mm", *{"best_q": ("joint",), "worst_q": ("joint",), "works": ("sector",)}.get(name, ()))
-        return dims, values.reshape(shape + values.shape[1:]), {"units": unit, "long_name": text}
+        return dims, values.reshape(cells + values.shape[1:]), {"units": unit, "long_name": text}
 
     merged = merged | {"count": merged["works"].sum(axis=1)}
     variables = {
@@ -266,6 +288,7 @@ def _dataset(
         "method": method,
         "working_point": WRIST,
         "rest_deg": (rest / DEG).tolist(),
+        "extent_mm": (box / MM).tolist(),
         "seconds": seconds,
     }
     return xr.Dataset(variables, coordinates, attributes)
