@@ -134,7 +134,7 @@ class AccuracyVolume:
     def largest_deviation(self) -> Array:
         """Largest distance that the bounded parameters together can cause, to first order: (n,) [m]."""
         parts = [zonotope.largest_deviation(self.sources.generators(self.q[part])) for part in chunks(len(self.q))]
-        return np.concatenate(parts)
+        return np.concatenate([np.empty(0), *parts])
 
     def budget(self, by: Literal["parameter", "joint", "kind"] = "parameter") -> pd.DataFrame:
         """Uncertainty budget (JCGM 100:2008, 5.1): each source's part in the mean variance over the configurations.

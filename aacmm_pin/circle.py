@@ -9,12 +9,18 @@ from numpy.typing import NDArray
 
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.continuation import Curve, System, polish
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.limits import broken_limits, into_limits, margin
 from aacmm_pin.reaching import Wrist
 from aacmm_pin.swivel import Swivel
 
 ARC_BINS = 3600
 """Resolution of the fraction of arc: a tenth of a degree of swivel."""
+SAME_SWIVEL = 1e-10
+"""How well a wanted swivel angle is met [rad]."""
+MOST_TRIALS = 100
+FINER = 8
+"""Parts of each piece between vertices when the elbow's path is measured."""
 STILL = 1e-9
 """An elbow that moves less than this along a whole curve gives no measure of it [m]."""
 
@@ -103,8 +109,7 @@ def resample(components: Components, count: int) -> tuple[Array, NDArray[np.intp
     if not components.curves:
         return np.empty((0, components.nq)), np.empty(0, dtype=np.intp)
     guesses = []
-    for curve in components.curves:
-        closed = np.vstack([curve.q, curve.q[:1] + _turns(curve)])
+    for closed in _finer(components):
         path = np.linalg.norm(np.diff(components.swivel.elbow(components.full(closed)), axis=0), axis=1)
         if path.sum() < STILL:
             path = np.linalg.norm(np.diff(closed, axis=0), axis=1)
@@ -114,6 +119,16 @@ def resample(components: Components, count: int) -> tuple[Array, NDArray[np.intp
     number = np.repeat(np.arange(len(guesses)), count)
     problem = np.array([c.problem for c in components.curves])[number]
     return components.full(to_solution(components.system, np.concatenate(guesses), problem)), number + 1
+
+
+def _finer(components: Components) -> list[Array]:
+    """Each curve with solutions between its vertices, its first repeated at the end where it is closed."""
+    curves = [np.vstack([c.q, c.q[:1] + _turns(c)]) if c.closed else c.q for c in components.curves]
+    rows = [np.arange((len(q) - 1) * FINER + 1) / FINER for q in curves]
+    finer = [np.column_stack([np.interp(r, np.arange(len(q)), x) for x in q.T]) for r, q in zip(rows, curves, strict=True)]
+    problem = np.repeat([c.problem for c in components.curves], [len(q) for q in finer])
+    solutions = to_solution(components.system, np.concatenate(finer), problem)
+    return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
 
 
 def _turns(curve: Curve) -> Array:
@@ -142,17 +157,37 @@ def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Inde
     turn = pieces.turn[:, None]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
     piece, which = np.nonzero(passed)
-    part = (ahead[piece, which] / pieces.turn[piece])[:, None]
-    start, end, problem = pieces.start[piece], pieces.end[piece], pieces.problem[piece]
-    q = start + part * (end - start)
-    slope = pieces.turn[piece] / np.linalg.norm(end - start, axis=1)
-    direction = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
-    for _ in range(2):  # secant steps along the piece, each followed by a return to the curve
-        q = to_solution(components.system, q, problem)
-        gap = angles[which] - components.swivel.angle(components.full(q), components.points[problem])
+    q = _between(components, pieces, piece, angles[which], ahead[piece, which])
+    return components.full(q), which, pieces.problem[piece]
+
+
+def _between(components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array) -> Array:
+    """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its start: (n, k) [rad].
+
+    False position with Illinois' halving along the chord; every trial point is moved onto the curve. The bracket never
+    opens, so that a swivel that changes unevenly costs steps but not accuracy.
+    """
+    start, chord, problem = pieces.start[piece], pieces.end[piece] - pieces.start[piece], pieces.problem[piece]
+    low, high = np.zeros(len(piece)), np.ones(len(piece))
+    gap_low, gap_high = ahead.copy(), ahead - pieces.turn[piece]
+    q, last = start.copy(), np.zeros(len(piece))
+    left = np.arange(len(piece))
+    for _ in range(MOST_TRIALS):
+        part = low[left] + (high - low)[left] * gap_low[left] / (gap_low - gap_high)[left]
+        q[left] = to_solution(components.system, start[left] + part[:, None] * chord[left], problem[left])
+        gap = wanted[left] - components.swivel.angle(components.full(q[left]), components.points[problem[left]])
         gap = (gap + np.pi) % (2 * np.pi) - np.pi
-        q = q + np.clip(gap / slope, -0.1, 0.1)[:, None] * direction
-    return components.full(to_solution(components.system, q, problem)), which, problem
+        before = np.sign(gap) == np.sign(gap_low[left])  # still on the near side of the wanted swivel
+        near, far = left[before], left[~before]
+        low[near], gap_low[near] = part[before], gap[before]
+        high[far], gap_high[far] = part[~before], gap[~before]
+        gap_high[near] *= np.where(last[near] > 0, 0.5, 1.0)
+        gap_low[far] *= np.where(last[far] < 0, 0.5, 1.0)
+        last[near], last[far] = 1.0, -1.0
+        left = left[(np.abs(gap) > SAME_SWIVEL) & ((high - low)[left] > 1e-14)]
+        if not left.size:
+            break
+    return q
 
 
 def sector_centres(sectors: int) -> Array:
@@ -161,7 +196,13 @@ def sector_centres(sectors: int) -> Array:
 
 
 def flexibility(components: Components, limits: Array, sectors: int) -> Flexibility:
-    """Flexibility of the one point of ``components``."""
+    """Flexibility of the one point of ``components``.
+
+    Raises:
+        AacmmError: ``sectors`` is below 1.
+    """
+    if sectors < 1:
+        raise AacmmError(f"sectors is {sectors}, expected at least 1")
     q, which, _ = at_swivel(components, sector_centres(sectors))
     inside = ~broken_limits(into_limits(q, limits), limits).any(axis=1)
     theoretical = np.bincount(which, minlength=sectors) > 0

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,10 @@ LONGEST_STEP = 0.16
 SHORTEST_STEP = 1e-7
 LARGEST_TURN = 0.30
 """Largest angle between the tangents at the two ends of a step [rad]."""
+BULGE = 0.1
+"""A curve that turns by less than ``LARGEST_TURN`` between vertices leaves the chord by less than this part of it."""
+PICKS = 7
+"""Vertices of a curve that are looked for on the others."""
 SAME_POINT = 1e-6
 """Two solutions nearer to each other than this are one [rad]."""
 
@@ -165,23 +170,38 @@ class _State:
 
 def all_curves(system: System, seeds: Array, problem: Index) -> list[Curve]:
     """Every curve that holds one of the ``seeds`` (n, k + 1), which must be solutions, once."""
-    curves: list[Curve] = []
+    rounds: list[list[Curve]] = []
     while len(seeds):
         _, first = np.unique(problem, return_index=True)
         new = trace(system, seeds[first], problem[first])
-        curves += new
         left = np.ones(len(seeds), dtype=bool)
         left[first] = False
         left[left] = ~on_curves(system, seeds[left], problem[left], new)
         seeds, problem = seeds[left], problem[left]
-    return sorted(curves, key=lambda curve: curve.problem)
+        rounds.append(_without_known(system, new, rounds))
+    return sorted((curve for curves in rounds for curve in curves), key=lambda curve: curve.problem)
+
+
+def _without_known(system: System, new: list[Curve], rounds: list[list[Curve]]) -> list[Curve]:
+    """The ``new`` curves without those found before: from a seed next to a crossing a known curve may not be recognised,
+    but most of some vertices all round it are.
+    """
+    for known in rounds:
+        if not new:
+            break
+        picks = [curve.q[np.linspace(0, len(curve.q) - 1, PICKS).astype(np.intp)] for curve in new]
+        problem = np.repeat([curve.problem for curve in new], PICKS)
+        on = on_curves(system, np.concatenate(picks), problem, known).reshape(-1, PICKS).sum(axis=1)
+        new = [curve for curve, count in zip(new, on, strict=True) if 2 * count < PICKS]
+    return new
 
 
 def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> NDArray[np.bool_]:
     """Which of the solutions ``q`` (n, k + 1) lie on one of the ``curves`` (at most one for each problem): (n,).
 
-    From the vertices nearest to a solution, the curve's point in the plane through the solution and across its tangent is
-    solved for; the solution is on the curve where that point is the solution itself.
+    From the pieces at the vertices nearest to a solution, the curve's point in the plane through the solution and across its
+    tangent is solved for; the solution is on the curve where that point is the solution itself. It must be as near to the
+    piece as the curve is: from farther away Newton's method finds the solution from a neighbouring curve as well.
     """
     found = np.zeros(len(q), dtype=bool)
     row_of = {curve.problem: row for row, curve in enumerate(curves)}
@@ -192,23 +212,35 @@ def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> 
     vertices = np.empty((len(curves), longest, q.shape[1]))
     for row, curve in enumerate(curves):
         vertices[row, : len(curve.q)] = curve.q
-        vertices[row, len(curve.q) :] = curve.q[0]  # padding that changes no nearest vertex
+        vertices[row, len(curve.q) :] = curve.q[0]
+    lengths = np.array([len(curve.q) for curve in curves])
     rows = np.array([row_of[int(p)] for p in problem[open_]])
     tangents = _null_vectors(system(q[open_], problem[open_])[1])
-    nearest = _nearest(q[open_], vertices, rows)
-    for k in range(nearest.shape[1]):  # then the next nearest: the first may lie on a neighbouring strand
+    nearest = _nearest(q[open_], vertices, lengths, rows)
+    for k, side in product(range(nearest.shape[1]), (1, -1)):  # then the next nearest: the first may be on another strand
         left = np.flatnonzero(~found[open_])
-        who, guess = open_[left], vertices[rows[left], nearest[left, k]]
-        goal = guess + _wrapped(q[who] - guess)
-        found[who] = _meets(system, guess, goal, tangents[left], problem[who])
+        mine, vertex = rows[left], nearest[left, k]
+        start, piece = vertices[mine, vertex], vertices[mine, (vertex + side) % lengths[mine]]
+        piece = _wrapped(piece - start)
+        goal = start + _wrapped(q[open_[left]] - start)
+        size = np.maximum(np.linalg.norm(piece, axis=1), 1e-100)
+        part = np.clip(np.einsum("ni,ni->n", goal - start, piece) / size**2, 0.0, 1.0)
+        guess = start + part[:, None] * piece
+        close = np.linalg.norm(goal - guess, axis=1) < BULGE * size + SAME_POINT  # else Newton might come from another curve
+        left, who = left[close], open_[left[close]]
+        found[who] = _meets(system, guess[close], goal[close], tangents[left], problem[who])
     return found
 
 
-def _nearest(q: Array, vertices: Array, rows: Index, count: int = 3) -> Index:
-    """Numbers of the ``count`` vertices of row ``rows[i]`` that are nearest to ``q[i]``: (n, count)."""
+def _nearest(q: Array, vertices: Array, lengths: Index, rows: Index, count: int = 3) -> Index:
+    """Numbers of the ``count`` vertices of row ``rows[i]`` that are nearest to ``q[i]``: (n, count).
+
+    Beyond its ``lengths`` a row is padded; copies of one vertex would crowd out the second and third nearest.
+    """
     count = min(count, vertices.shape[1])
     nearest = np.empty((len(q), count), dtype=np.intp)
-    there, here = _on_circles(vertices).transpose(0, 2, 1), _on_circles(q)
+    real = np.arange(vertices.shape[1]) < lengths[:, None]
+    there, here = (_on_circles(vertices) * real[:, :, None]).transpose(0, 2, 1), _on_circles(q)
     for part in chunks(len(q), max(1, 200_000 // vertices.shape[1])):
         closeness = (here[part, None, :] @ there[rows[part]])[:, 0, :]  # Σ cos(difference): largest where nearest
         pick = np.argpartition(-closeness, count - 1, axis=1)[:, :count]

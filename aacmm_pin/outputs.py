@@ -59,13 +59,13 @@ def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
         OutputError: see :func:`check_output`, or the system refuses to write.
     """
     path = check_output(path, force)
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-        temporary = Path(folder) / path.name
-        try:
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+            temporary = Path(folder) / path.name
             yield temporary
             os.replace(temporary, path)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 @contextmanager
@@ -76,14 +76,16 @@ def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
         OutputError: see :func:`check_output_folder`, or the system refuses to write.
     """
     path = check_output_folder(path, force)
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.absolute().parent) as folder:
-        try:
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.absolute().parent) as folder:
             yield Path(folder)
             path.mkdir(exist_ok=True)
             for entry in sorted(Path(folder).iterdir()):
                 target = path / entry.name
-                if entry.is_dir():
-                    shutil.rmtree(target, ignore_errors=True)
+                if target.is_dir() and not target.is_symlink():
+                    shutil.rmtree(target)
+                elif entry.is_dir():
+                    target.unlink(missing_ok=True)
                 os.replace(entry, target)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -22,6 +22,8 @@ POSITIONING = 4
 WRIST_ROW = 5
 """The wrist is the origin of this frame."""
 COLLINEAR = 1e-9
+SPREAD = 600
+"""Evenly spread starts for the curves of the tip."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,24 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:
     """
     system = wrist_system(wrist, points)
     seeds, problem = _held_seeds(wrist.table.links(), points, per_turn)
+    spread = spread_angles(4 * per_turn, POSITIONING)
+    seeds = np.concatenate([seeds, np.tile(spread, (len(points), 1))])
+    problem = np.concatenate([problem, np.repeat(np.arange(len(points)), len(spread))])
     seeds, good = polish(system, seeds, problem)
     return all_curves(system, seeds[good], problem[good])
+
+
+def spread_angles(count: int, joints: int) -> Array:
+    """Evenly spread configurations (count, joints) [rad]: starts for Newton's method where a curve is so small that no held
+    angle meets it, as at the ends of the reach.
+
+    Additive recurrence with the powers of the root of x^(d+1) = x + 1 (M. Roberts, 2018).
+    """
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (joints + 1))
+    steps = root ** -np.arange(1.0, joints + 1)
+    return np.asarray((np.arange(1, count + 1)[:, None] * steps % 1.0) * (2 * np.pi) - np.pi)
 
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
@@ -138,7 +156,7 @@ def tip_curves(dh: DHTable, point: Array, stylus: Array, axis: Array, per_turn: 
     if dh.nq != 6 or not dh.moving[:6].all():
         raise UnsupportedArmError("configurations of the tip need an arm with six joints in its first six DH rows")
     system = tip_system(dh, point, stylus, axis)
-    seeds = _tip_seeds(dh, point, stylus, axis, per_turn, directions)
+    seeds = np.concatenate([_tip_seeds(dh, point, stylus, axis, per_turn, directions), spread_angles(SPREAD, dh.nq)])
     problem = np.zeros(len(seeds), dtype=np.intp)
     seeds, good = polish(system, seeds, problem)
     towards = np.einsum("nij,j,i->n", dh.placements(seeds)[:, -1, :3, :3], stylus, axis) > 0

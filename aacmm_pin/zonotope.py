@@ -12,6 +12,8 @@ from aacmm_pin.dh import chunks
 
 CHUNK = 256
 """Configurations handled at once: the pair normals of 24 generators then fit in the processor's cache."""
+FLAT = 1e-13
+"""A unit generator that sticks out of a face by less lies in it."""
 
 
 def volume(generators: Array) -> Array:
@@ -39,8 +41,9 @@ def volume(generators: Array) -> Array:
 def largest_deviation(generators: Array) -> Array:
     """Distance of the farthest point from the centre, ``max_n Σ |n·g_k|``, for generators (n, 3, p) [m]: (n,) [m].
 
-    The farthest point is a vertex. Every vertex bounds a face that is spanned by two generators i and j, and lies at
-    ``Σ_k sign(n_ij·g_k) g_k ± g_i ± g_j``; all of these are looked at.
+    The farthest point is a vertex ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is spanned by
+    some g_i and g_j; its signs are those of ``n·g_k`` with the face's normal n = g_i × g_j, where that is zero (in the face)
+    those of ±(n × g_i)·g_k, where that is zero too (parallel to g_i) those of ±g_i·g_k. All of these are looked at.
     """
     n, _, count = generators.shape
     if count < 2:
@@ -48,16 +51,23 @@ def largest_deviation(generators: Array) -> Array:
     first, second = _pairs(count)
     farthest = np.zeros(n)
     for part in chunks(n, CHUNK):
-        g = np.ascontiguousarray(generators[part].transpose(1, 2, 0))
-        normal = _normals(g, first, second).transpose(2, 1, 0)  # (n, pairs, 3)
-        sign = np.sign(normal @ generators[part])  # (n, pairs, p)
-        pair = np.arange(len(first))
-        sign[:, pair, first] = sign[:, pair, second] = 0.0
-        middle = sign @ generators[part].transpose(0, 2, 1)  # (n, pairs, 3)
-        a, b = generators[part][:, :, first].transpose(0, 2, 1), generators[part][:, :, second].transpose(0, 2, 1)
-        corners = [np.square(middle + s * a + t * b).sum(axis=2) for s in (1, -1) for t in (1, -1)]
-        farthest[part] = np.sqrt(np.max(corners, axis=(0, 2)))
-    return farthest
+        g = generators[part].transpose(0, 2, 1)  # (n, p, 3)
+        length = np.linalg.norm(g, axis=2)
+        unit = g / np.where(length > 0, length, 1.0)[:, :, None]
+        along = np.where(length[:, first, None] > 0, unit[:, first], unit[:, second])
+        normal = np.cross(along, unit[:, second])  # (n, pairs, 3)
+        inwards = np.cross(normal, along)
+        above, beside, ahead = (_clear_sign(v @ unit.transpose(0, 2, 1)) for v in (normal, inwards, along))
+        for s in (1.0, -1.0):
+            for t in (1.0, -1.0):
+                sign = np.where(above != 0, above, np.where(beside != 0, s * beside, t * ahead))
+                farthest[part] = np.maximum(farthest[part], np.square(sign @ g).sum(axis=2).max(axis=1))
+    return np.asarray(np.sqrt(farthest))
+
+
+def _clear_sign(values: Array) -> Array:
+    """Sign, with 0 for what is zero but for rounding."""
+    return np.where(np.abs(values) > FLAT, np.sign(values), 0.0)
 
 
 def support(generators: Array, directions: Array) -> Array:

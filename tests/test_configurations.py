@@ -234,12 +234,12 @@ def clouds_of(arm: Arm, rng: np.random.Generator, n: int) -> dict[str, Array]:
 @pytest.fixture(scope="session")
 def clouds(arm: Arm) -> dict[str, Cloud]:
     rng = np.random.default_rng(71)
-    n = 32 if arm.name == "SINO6" and arm.require_dh("").standard else 8
+    n = 30 if arm.name == "SINO6" and arm.require_dh("").standard else 7
     grid = np.array(list(product(np.linspace(-np.pi, np.pi, 4)[:-1] + 0.2, repeat=4)))
     result = {}
     for kind, points in clouds_of(arm, rng, n).items():
-        starts = np.concatenate([np.vstack([grid, rng.uniform(-np.pi, np.pi, (140, 4))]) for _ in points])
-        which = np.repeat(np.arange(n), len(grid) + 140)
+        starts = np.concatenate([np.vstack([grid, rng.uniform(-np.pi, np.pi, (119, 4))]) for _ in points])
+        which = np.repeat(np.arange(n), len(grid) + 119)
         q, which = solve(at_wrist(arm.require_dh(""), points), starts, which)
         result[kind] = Cloud(points, q, which)
     return result
@@ -263,7 +263,7 @@ def test_brute_force_finds_nothing_that_the_circles_miss(arm: Arm, clouds: dict[
             place = arm.poses(np.column_stack([every, np.zeros((len(every), arm.nq - 4))]), "frame5").position
             np.testing.assert_allclose(place, cloud.points[of], rtol=0, atol=1e-12)
         total += len(cloud.q)
-    assert total > 2500
+    assert total > 2000
     assert not len(clouds["just too far"].q)
     assert not len(clouds["just in the hole"].q)
 
@@ -563,6 +563,12 @@ TIPS = [
     ("zero6", (0.3, -0.3, 0.2), (0.0, 0.0, -1.0)),
     ("nominal", (0.4, 0.1, 0.3), (1.0, 0.0, 0.0)),
     ("craig", (0.3, 0.3, 0.1), (0.3, -0.2, -1.0)),
+    # so near the end of the reach that the body behind joint 6 has a few degrees to turn about the stylus
+    (
+        "craig",
+        (-0.8484687406192339, -0.7918470712766146, -0.3539050526389978),
+        (-0.8462676330612128, -0.44388966397261476, -0.2946066181389205),
+    ),
 ]
 
 
@@ -579,9 +585,9 @@ def test_tip_circles_are_exact_and_complete(name: str, point: tuple[float, ...],
     np.testing.assert_allclose(placement[:, :3, 3] - place, 0.0, atol=1e-12)
     np.testing.assert_allclose(placement[:, :3, :3] @ arm.stylus_axis - direction, 0.0, atol=2e-12)
 
-    starts = np.random.default_rng(12).uniform(-np.pi, np.pi, (1200, 6))
+    starts = np.random.default_rng(12).uniform(-np.pi, np.pi, (700, 6))
     system = at_tip(dh, place, arm.stylus_axis, direction)
-    q, which = solve(system, starts, np.zeros(1200, dtype=np.intp), iterations=80)
+    q, which = solve(system, starts, np.zeros(700, dtype=np.intp), iterations=80)
     assert len(q) > 100
     lost = missed(system, circle.components.curves, q, which)
     assert not lost.any(), f"{lost.sum()} of {len(q)}: {q[lost][:2].tolist()}"
@@ -635,7 +641,7 @@ def brute_flexibility(circle: ConfigurationCircle, sectors: int) -> tuple[list[b
         any_bin[where] = True
         good_bin[where[inside]] = True
         for k in range(sectors):
-            ahead = wrapped((k + 0.5) * 2 * np.pi / sectors - swivel)
+            ahead = wrapped(k * 2 * np.pi / sectors - swivel)
             passes = (ahead * turn >= 0) & (np.abs(ahead) < np.abs(turn))
             crossed[k] |= bool(passes.any())
             works[k] |= bool((passes & inside).any())
@@ -663,7 +669,7 @@ def test_flexibility_is_that_of_dense_samples(name: str, point: tuple[float, flo
         result = circle.flexibility(sectors)
         crossed, works, fraction = brute_flexibility(circle, sectors)
         assert result.sectors == tuple(works)
-        assert result.zeta == pytest.approx(sum(works) / sum(crossed))
+        assert result.zeta == pytest.approx(sum(works) / sum(crossed) if any(crossed) else np.nan, nan_ok=True)
         assert result.arc_fraction == pytest.approx(fraction, abs=0.004)
 
 
@@ -691,3 +697,21 @@ def test_a_circle_shows_itself(sino6: Arm) -> None:
     assert "SINO6" in str(circle)
     assert "144 configurations on 4 components" in str(circle)
     assert "<table" in circle._repr_html_()
+
+
+def test_long_and_short_curves_traced_together_are_found_once() -> None:
+    """Two places at once: what is found at the one may not depend on the length of the curves at the other."""
+    arm = Arm.from_file(load_arm_file("sino6").model_copy(update={"convention": "modified-dh"}))
+    dh = arm.require_dh("")
+    wrist = Wrist.of(dh, np.zeros(2))
+    rng = np.random.default_rng(2)
+    hard = [
+        [-0.5613270715600934, 0.2105439318645954, -1.1109481019553742],
+        [0.3873560469020973, -0.22004002553804586, 1.1807423968630923],
+    ]
+    points = np.array(hard + list(directions(rng, 60) * rng.uniform(0.2, 1.2, (60, 1))))
+    curves = wrist_curves(wrist, points, 24)
+    assert twice(at_wrist(dh, points), [c for c in curves if c.problem < 2]) == 0
+    together = np.bincount([c.problem for c in curves], minlength=len(points))
+    alone = [len(wrist_curves(wrist, point[None], 24)) for point in points[:12]]
+    np.testing.assert_array_equal(together[:12], alone)

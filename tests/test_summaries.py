@@ -126,7 +126,7 @@ def test_map_has_the_keys_of_the_contract(sino6: Arm) -> None:
     assert content["seconds"] > 0
 
 
-def test_extent_of_a_single_cell_is_not_guessed(sino6: Arm) -> None:
+def test_a_single_cell_has_its_extent_too(sino6: Arm) -> None:
     content = map_summary(map_workspace(sino6, (1, 2), 2, progress=False))
-    assert content["extent_mm"]["x"] is None
+    assert content["extent_mm"]["x"] == [0.0, 1200.0]
     assert content["extent_mm"]["z"] == [-1200.0, 1200.0]
