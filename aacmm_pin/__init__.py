@@ -1,6 +1,6 @@
 """Postures and accuracy of articulated-arm coordinate measuring machines, on Pinocchio."""
 
-from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume
+from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, circle_accuracy
 from aacmm_pin.arm import Arm, Poses
 from aacmm_pin.circle import Flexibility
 from aacmm_pin.comprehensive import comprehensive_accuracy, configuration_weights
@@ -23,6 +23,7 @@ __all__ = [
     "SinglePoint",
     "WorkspaceMap",
     "accuracy_volume",
+    "circle_accuracy",
     "comprehensive_accuracy",
     "configuration_circle",
     "configuration_weights",

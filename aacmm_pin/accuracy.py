@@ -20,10 +20,11 @@ from scipy.stats import chi2
 from aacmm_pin import zonotope
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, batch, vector
+from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.dh import chunks
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.parameter import Parameter, Scope
-from aacmm_pin.units import MM
+from aacmm_pin.units import DEG, MM
 
 Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -163,20 +164,50 @@ class AccuracyVolume:
         return table.drop(columns="variance").sort_values("share", ascending=False, ignore_index=True)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each configuration: volume_mm3 and u_mm."""
-        return pd.DataFrame({"volume_mm3": self.volume / MM**3, "u_mm": self.u / MM})
+        """One row for each configuration: theta1_deg …, volume_mm3, u_mm, and largest_deviation_mm where it is bounded."""
+        table = {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.q.shape[1])}
+        table |= {"volume_mm3": self.volume / MM**3, "u_mm": self.u / MM}
+        if self.sources.bounded:
+            table["largest_deviation_mm"] = self.largest_deviation / MM
+        return pd.DataFrame(table)
 
     def _repr_html_(self) -> str:
-        summary = self.to_frame().describe().loc[["count", "min", "50%", "max"]].to_html()
+        summary = self.to_frame().filter(regex="_mm").describe().loc[["count", "min", "50%", "max"]].to_html()
         return f"<p>{self}</p>{summary}{self.budget().head(8).to_html()}"
 
     def __str__(self) -> str:
         volume = self.volume / MM**3
+        what = f"{self.sources.arm.name} at {self.sources.at}, {self.method}, {len(self.q)} configurations"
+        if not len(self.q):
+            return what
         return (
-            f"{self.sources.arm.name} at {self.sources.at}, {self.method}, {len(self.q)} configurations: "
-            f"volume {volume.min():.3g} to {volume.max():.3g} mm³, "
+            f"{what}: volume {volume.min():.3g} to {volume.max():.3g} mm³, "
             f"standard uncertainty {self.u.min() / MM:.4f} to {self.u.max() / MM:.4f} mm"
         )
+
+
+def circle_accuracy(
+    circle: ConfigurationCircle,
+    *,
+    method: Method = "zonotope",
+    encoder_noise: ArrayLike | None = None,
+    scopes: tuple[Scope, ...] = ALL_SCOPES,
+    rng: np.random.Generator | None = None,
+    draws: int = 4000,
+) -> AccuracyVolume:
+    """Accuracy of those configurations of a circle that are within limits, at the circle's own frame.
+
+    See :func:`accuracy_volume` for the arguments.
+
+    Raises:
+        AacmmError: no configuration is within limits; see :func:`accuracy_volume` for the rest.
+    """
+    q = circle.q[circle.within_limits]
+    if not len(q):
+        raise AacmmError(f"{circle}; no configuration to judge")
+    return accuracy_volume(
+        circle.arm, q, at=circle.at, method=method, encoder_noise=encoder_noise, scopes=scopes, rng=rng, draws=draws
+    )
 
 
 def accuracy_volume(

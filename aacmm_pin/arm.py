@@ -44,6 +44,15 @@ class Arm:
     stylus_axis: Array | None = None
     source: str = ""
 
+    def __repr__(self) -> str:
+        table = "no DH table" if self.dh is None else f"{self.dh.rows} {self.dh.convention} rows"
+        return f"Arm({self.name!r}, {self.nq} joints, {table}, tip {self.tip!r})"
+
+    @property
+    def without_uncertainty(self) -> tuple[str, ...]:
+        """Names of the geometric parameters for which no uncertainty was stated; they count as exact."""
+        return tuple(p.name for p in self.parameters if p.half_width is None and p.u == 0)
+
     @staticmethod
     def load(name_or_path: str | Path) -> Arm:
         """A bundled arm by name (``sino6``, ``zero6``) or an arm file by path.
@@ -366,7 +375,7 @@ def _dh_columns(dh: DHTable, row: int, nq: int) -> tuple[Array, Array]:
 def _row_pieces(dh: DHTable, i: int) -> list[tuple[str | None, Any]]:
     """The constant transforms of row i in their order, with the joint, if any, as (None, None)."""
     zero = np.zeros(3)
-    theta = ("theta", pin.SE3(pin.utils.rotate("z", dh.theta_offset[i]), zero))
+    theta = ("theta_offset", pin.SE3(pin.utils.rotate("z", dh.theta_offset[i]), zero))
     d = ("d", pin.SE3(np.eye(3), np.array([0.0, 0.0, dh.d[i]])))
     a = ("a", pin.SE3(np.eye(3), np.array([dh.a[i], 0.0, 0.0])))
     alpha = ("alpha", pin.SE3(pin.utils.rotate("x", dh.alpha[i]), zero))
@@ -379,7 +388,7 @@ def _row_pieces(dh: DHTable, i: int) -> list[tuple[str | None, Any]]:
 def _unit_twist(kind: str) -> Any:
     """Motion that a unit of this value makes, in the axes where the value stands."""
     vector = np.zeros(6)
-    vector[{"a": 0, "d": 2, "alpha": 3, "theta": 5}[kind]] = 1.0
+    vector[{"a": 0, "d": 2, "alpha": 3, "theta_offset": 5}[kind]] = 1.0
     return pin.Motion(vector)
 
 

@@ -6,6 +6,7 @@ The file speaks millimetres and radians; the properties of :class:`ArmFile` spea
 from __future__ import annotations
 
 import importlib.resources
+import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,6 +21,9 @@ from aacmm_pin.parameter import Parameter
 from aacmm_pin.units import MM
 
 SCHEMA = "aacmm-pin/arm/1"
+
+MOST_TURNS = 5
+"""A limit beyond so many turns is taken for degrees."""
 
 NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -59,6 +63,18 @@ class Row(_Part):
     encoder_noise_rad: NonNegative | None = None
     mass_kg: NonNegative | None = None
     com_mm: Vector3 | None = None
+
+    @model_validator(mode="after")
+    def _in_radians(self) -> Row:
+        named = {"alpha_rad": self.alpha_rad, "theta_offset_rad": self.theta_offset_rad}
+        named |= {f"limits_rad[{i + 1}]": limit for i, limit in enumerate(self.limits_rad or ())}
+        for key, angle in named.items():
+            most = MOST_TURNS if key.startswith("limits") else 1
+            if abs(angle) > most * 2 * math.pi + 1e-9:
+                raise ValueError(
+                    f"{key} is {angle:g} rad, more than {most} turn(s): expected radians, these look like degrees"
+                )
+        return self
 
     @model_validator(mode="after")
     def _consistent(self) -> Row:
@@ -131,7 +147,7 @@ class ArmFile(_Part):
         for number, row in enumerate(self.joints, start=1):
             widths = row.uncertainty
             for kind, field, unit, scale in zip(KINDS, _FIELDS, ("m", "m", "rad", "rad"), (MM, MM, 1, 1), strict=True):
-                half = 0.0 if widths is None else getattr(widths, field) * scale
+                half = None if widths is None else getattr(widths, field) * scale
                 value = getattr(row, field) * scale
                 parameters.append(Parameter.bounded(f"{kind}{number}", kind, number, unit, value, half))
         return tuple(parameters)

@@ -12,18 +12,19 @@ from typing import Annotated, Any, ParamSpec
 
 import numpy as np
 import typer
+from rich.box import SIMPLE
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from aacmm_pin import plots
-from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, accuracy_volume
+from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import bundled_arms, load_arm_file
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.demo import run_demo
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.outputs import check_output, whole_file
-from aacmm_pin.summaries import accuracy_summary, map_summary
+from aacmm_pin.summaries import accuracy_summary, accuracy_table, map_summary
 from aacmm_pin.units import MM
 from aacmm_pin.urdf import urdf_text
 from aacmm_pin.workspace import map_workspace
@@ -36,6 +37,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
 P = ParamSpec("P")
 
@@ -125,24 +128,18 @@ def accuracy(
     axis: Axis = None,
     encoder_noise_rad: Annotated[float | None, typer.Option(help="Standard uncertainty of one reading, in rad.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the Monte Carlo method.")] = 1,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="CSV file: every posture with its accuracy.")] = None,
     json_: Json = None,
     plot: Plot = None,
     force: Force = False,
 ) -> None:
     """How accurate the arm is at a point, in which posture, and why."""
-    _check(plot, force)
+    _check(output, force)
+    _check_plot(plot, force)
     _check_json(json_, force)
     circle = _circle(Arm.load(arm), point, tip, axis, count)
-    q = circle.q[circle.within_limits]
-    if not len(q):
-        raise AacmmError(f"{circle}; no configuration to judge")
-    result = accuracy_volume(
-        circle.arm,
-        q,
-        at=circle.at,
-        method=_method(method),
-        encoder_noise=encoder_noise_rad,
-        rng=np.random.default_rng(seed),
+    result = circle_accuracy(
+        circle, method=_method(method), encoder_noise=encoder_noise_rad, rng=np.random.default_rng(seed)
     )
     summary = accuracy_summary(circle, result, sectors)
     if method == "monte-carlo":
@@ -151,6 +148,8 @@ def accuracy(
         _show_accuracy(circle, result, summary)
     else:
         _json_out(summary, json_, force)
+    if output is not None:
+        _text_out(accuracy_table(circle, result).to_csv(index=False), output, force)
     if plot is not None:
         _save_plot(plots.plot_accuracy_over_swivel(circle, result), plot, force)
 
@@ -172,8 +171,8 @@ def map_(
     force: Force = False,
 ) -> None:
     """Flexibility and accuracy over the workspace, as netCDF."""
-    for path in (output, plot):
-        _check(path, force)
+    _check(output, force)
+    _check_plot(plot, force)
     _check_json(json_, force)
     extent = None if extent_mm is None else np.array(extent_mm) * MM
     result = map_workspace(Arm.load(arm), cells, sectors, extent=extent, method=_method(method), processes=processes)
@@ -212,11 +211,18 @@ def _show_accuracy(circle: ConfigurationCircle, result: AccuracyVolume, summary:
     _say(str(circle))
     _say(str(result))
     _say(f"comprehensive accuracy {volume['comprehensive']:.4g} mm³")
-    for which in ("best", "worst"):
-        angles = ", ".join(f"{theta:.2f}" for theta in summary[which]["theta_deg"])
-        _say(f"{which}: θ = {angles} deg, {summary[which]['volume_mm3']:.4g} mm³, u = {summary[which]['u_mm']:.4f} mm")
-    _say("where the uncertainty comes from:")
-    table = Table("parameter", "joint", "u in mm", "share")
+    postures = {"best": "smallest volume", "worst": "largest volume", "smallest_u": "smallest u", "largest_u": "largest u"}
+    _say("postures, angles in degrees, swivel 0 where the elbow is highest:")
+    table = Table(Column("posture", no_wrap=True), "swivel", Column("θ1 … θn", no_wrap=True), "mm³", "u in mm", box=SIMPLE)
+    for which, words in postures.items():
+        row = summary[which]
+        angles = " ".join(f"{theta:.0f}" for theta in row["theta_deg"])
+        table.add_row(words, f"{row['swivel_deg']:.1f}", angles, f"{row['volume_mm3']:.4g}", f"{row['u_mm']:.4f}")
+    Console().print(table)
+    if summary["taken_as_exact"]:
+        _say(f"no uncertainty is stated for, and so taken as exact: {', '.join(summary['taken_as_exact'])}")
+    _say("where the uncertainty comes from, mean over the postures:")
+    table = Table("parameter", "joint", "u in mm", "share", box=SIMPLE)
     for row in result.budget().head(8).itertuples():
         table.add_row(str(row.parameter), str(row.joint), f"{row.u_mm:.4f}", f"{row.share:.1%}")
     Console().print(table)
@@ -233,6 +239,12 @@ def _note(text: str) -> None:
 def _check(path: Path | None, force: bool) -> None:
     if path is not None:
         check_output(path, force)
+
+
+def _check_plot(path: Path | None, force: bool) -> None:
+    _check(path, force)
+    if path is not None and path.suffix not in PLOT_SUFFIXES:
+        raise AacmmError(f"{path}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}")
 
 
 def _check_json(target: str | None, force: bool) -> None:
@@ -255,10 +267,7 @@ def _text_out(text: str, output: Path | None, force: bool) -> None:
 
 def _save_plot(axes: Any, path: Path, force: bool) -> None:
     with whole_file(path, force) as temporary:
-        try:
-            axes.figure.savefig(temporary, dpi=150, bbox_inches="tight")
-        except ValueError as error:  # matplotlib's list of the formats that it knows
-            raise AacmmError(f"{path}: {error}") from None
+        axes.figure.savefig(temporary, dpi=150, bbox_inches="tight")
 
 
 def _version(wanted: bool) -> None:

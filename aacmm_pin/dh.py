@@ -21,7 +21,7 @@ from aacmm_pin.checks import Array, batch
 from aacmm_pin.errors import ShapeError, UnknownNameError
 
 Convention = Literal["standard-dh", "modified-dh"]
-KINDS = ("a", "d", "alpha", "theta")
+KINDS = ("a", "d", "alpha", "theta_offset")
 """The four values of a row, in the order in which sensitivities list them."""
 
 CHUNK = 2048

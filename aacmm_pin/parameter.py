@@ -15,7 +15,7 @@ class Parameter:
 
     Attributes:
         name: short and unique in its arm, such as ``d3`` or ``encoder_noise4``.
-        kind: what it is, such as ``a``, ``d``, ``alpha``, ``theta``, ``encoder``.
+        kind: what it is, such as ``a``, ``d``, ``alpha``, ``theta_offset``, ``encoder``.
         joint: the DH row or joint that it belongs to, from 1.
         unit: ``m`` or ``rad``.
         value: stated value [unit].
@@ -34,6 +34,9 @@ class Parameter:
     scope: Scope = "arm"
 
     @staticmethod
-    def bounded(name: str, kind: str, joint: int, unit: str, value: float, half_width: float) -> Parameter:
-        """A parameter known within ± half_width: rectangular distribution, u = half_width/√3 (JCGM 100, 4.3.7)."""
-        return Parameter(name, kind, joint, unit, value, half_width, half_width / math.sqrt(3.0))
+    def bounded(name: str, kind: str, joint: int, unit: str, value: float, half_width: float | None) -> Parameter:
+        """A parameter known within ± half_width: rectangular distribution, u = half_width/√3 (JCGM 100, 4.3.7).
+
+        Where no half-width is stated (None) the value counts as exact, u = 0.
+        """
+        return Parameter(name, kind, joint, unit, value, half_width, (half_width or 0.0) / math.sqrt(3.0))

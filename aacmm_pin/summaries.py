@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from aacmm_pin.accuracy import AccuracyVolume
 from aacmm_pin.checks import Array
@@ -24,6 +26,8 @@ DIGITS = 9
 def accuracy_summary(circle: ConfigurationCircle, accuracy: AccuracyVolume, sectors: int = 12) -> dict[str, Any]:
     """Schema ``aacmm-pin/accuracy/1``: accuracy over the configurations of ``circle`` that are within limits.
 
+    ``best`` and ``worst`` are by accuracy volume, ``smallest_u`` and ``largest_u`` by standard uncertainty; the budget is
+    the mean over the configurations; ``taken_as_exact`` names the parameters for which the arm states no uncertainty.
     Numbers that do not exist, because there is no such configuration, are None, and ``reason`` says why.
 
     Args:
@@ -49,9 +53,14 @@ def accuracy_summary(circle: ConfigurationCircle, accuracy: AccuracyVolume, sect
             "arc_fraction": _number(flexibility.arc_fraction),
         },
         "volume_mm3": _volumes(circle, accuracy),
-        "best": _posture(accuracy, int(np.argmin(accuracy.volume)) if len(inside) else None),
-        "worst": _posture(accuracy, int(np.argmax(accuracy.volume)) if len(inside) else None),
+        "u_mm": _spread(accuracy.u / MM),
+        "largest_deviation_mm": _spread(accuracy.largest_deviation / MM) if accuracy.sources.bounded else None,
+        "best": _posture(circle, accuracy, accuracy.volume, np.argmin),
+        "worst": _posture(circle, accuracy, accuracy.volume, np.argmax),
+        "smallest_u": _posture(circle, accuracy, accuracy.u, np.argmin),
+        "largest_u": _posture(circle, accuracy, accuracy.u, np.argmax),
         "budget": _budget(accuracy),
+        "taken_as_exact": list(circle.arm.without_uncertainty),
     }
     if not len(inside):
         summary["reason"] = circle.reason or "no configuration is within the joint limits"
@@ -74,23 +83,37 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
     }
 
 
+def accuracy_table(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> pd.DataFrame:
+    """The configurations within limits as in :meth:`ConfigurationCircle.to_frame`, with their accuracy behind.
+
+    Raises:
+        ShapeError: ``accuracy`` was worked out for other configurations.
+    """
+    inside = circle.to_frame().iloc[paired(circle, accuracy)].reset_index(drop=True)
+    return inside.join(accuracy.to_frame().filter(regex="_mm"))
+
+
 def _volumes(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> dict[str, float | None]:
     volume = accuracy.volume / MM3
-    if not len(volume):
-        return {"min": None, "median": None, "max": None, "comprehensive": None}
-    return {
-        "min": _number(volume.min()),
-        "median": _number(np.median(volume)),
-        "max": _number(volume.max()),
-        "comprehensive": _number(comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point)),
-    }
+    comprehensive = comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point)
+    return _spread(volume) | {"comprehensive": _number(comprehensive)}
 
 
-def _posture(accuracy: AccuracyVolume, number: int | None) -> dict[str, Any]:
-    if number is None:
-        return {"theta_deg": None, "volume_mm3": None, "u_mm": None}
+def _spread(values: Array) -> dict[str, float | None]:
+    if not len(values):
+        return {"min": None, "median": None, "max": None}
+    return {"min": _number(values.min()), "median": _number(np.median(values)), "max": _number(values.max())}
+
+
+def _posture(
+    circle: ConfigurationCircle, accuracy: AccuracyVolume, values: Array, pick: Callable[[Array], np.intp]
+) -> dict[str, Any]:
+    if not len(values):
+        return {"theta_deg": None, "swivel_deg": None, "volume_mm3": None, "u_mm": None}
+    number = int(pick(values))
     return {
         "theta_deg": _rounded(accuracy.q[number] / DEG),
+        "swivel_deg": round(float(circle.swivel[circle.within_limits][number] / DEG), DIGITS),
         "volume_mm3": _number(accuracy.volume[number] / MM3),
         "u_mm": _number(accuracy.u[number] / MM),
     }

@@ -5,9 +5,12 @@ The arm turns about joint axis 1, so the half-plane y = 0, x ≥ 0 of the base s
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -45,8 +48,9 @@ class WorkspaceMap:
 
     Attributes:
         data: labelled arrays over ``x_mm`` and ``z_mm`` (cell centres): ``reachable``, ``working_sectors``,
-            ``flexibility``, ``arc_fraction``, ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``, ``best_u_mm``,
-            ``worst_u_mm``, ``best_theta_deg``, ``worst_theta_deg``, ``sector_works``; nan (or False) where unreachable.
+            ``flexibility``, ``arc_fraction``, ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``, ``best_theta_deg``,
+            ``worst_theta_deg`` (by volume), ``smallest_u_mm``, ``largest_u_mm``, ``smallest_u_theta_deg`` (by standard
+            uncertainty, which ranks the configurations differently), ``sector_works``; nan (or 0) where unreachable.
         seconds: time that the computation took.
     """
 
@@ -157,11 +161,24 @@ def _run(jobs: list[_Job], processes: int) -> Iterator[tuple[int, dict[str, Arra
         return
     pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
     try:
-        futures = {pool.submit(_work, job): number for number, job in enumerate(jobs)}
+        with _interrupts_ignored():  # the workers inherit this: an interrupt is the parent's to answer
+            futures = {pool.submit(_work, job): number for number, job in enumerate(jobs)}
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():  # only the main thread may change signals
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _work(job: _Job) -> dict[str, Array]:
@@ -191,8 +208,8 @@ def _marked(cell: Index, sector: Index, cells: int, sectors: int) -> Any:
 def _accuracies(job: _Job, q: Array, sector: Index, cell: Index) -> dict[str, Array]:
     """Best, worst and comprehensive accuracy of each cell from its working configurations."""
     n = len(job.points)
-    result = {name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "best_u", "worst_u")}
-    result |= {name: np.full((n, job.arm.nq), np.nan) for name in ("best_q", "worst_q")}
+    result = {name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "least_u", "most_u")}
+    result |= {name: np.full((n, job.arm.nq), np.nan) for name in ("best_q", "worst_q", "least_u_q")}
     if not len(q):
         return result
     accuracy = accuracy_volume(job.arm, q, at=WRIST, method=job.method)
@@ -205,8 +222,11 @@ def _accuracies(job: _Job, q: Array, sector: Index, cell: Index) -> dict[str, Ar
         members = chosen[mine]
         result["comprehensive"][k] = comprehensive_accuracy(volume[members], q[members, 2], job.points[k])
     for k, members in _groups(cell):
-        for name, pick in (("best", members[np.argmin(volume[members])]), ("worst", members[np.argmax(volume[members])])):
-            result[name][k], result[f"{name}_u"][k], result[f"{name}_q"][k] = volume[pick], u[pick], q[pick]
+        best, worst = members[np.argmin(volume[members])], members[np.argmax(volume[members])]
+        least, most = members[np.argmin(u[members])], members[np.argmax(u[members])]
+        result["best"][k], result["worst"][k] = volume[best], volume[worst]
+        result["least_u"][k], result["most_u"][k] = u[least], u[most]
+        result["best_q"][k], result["worst_q"][k], result["least_u_q"][k] = q[best], q[worst], q[least]
     return result
 
 
@@ -256,7 +276,7 @@ def _dataset(
 
     def over_cells(name: str, unit: str, text: str, scale: float = 1.0, kind: type = float) -> Any:
         values: Any = (merged[name] / scale if scale != 1.0 else merged[name]).astype(kind)
-        dims = ("x_mm", "z_mm", *{"best_q": ("joint",), "worst_q": ("joint",), "works": ("sector",)}.get(name, ()))
+        dims = ("x_mm", "z_mm", *{"works": ("sector",)}.get(name, ("joint",) if name.endswith("_q") else ()))
         return dims, values.reshape(cells + values.shape[1:]), {"units": unit, "long_name": text}
 
     merged = merged | {"count": merged["works"].sum(axis=1)}
@@ -269,8 +289,9 @@ def _dataset(
         "comprehensive_mm3": over_cells("comprehensive", "mm3", "comprehensive accuracy (eq. 15)", MM3),
         "best_mm3": over_cells("best", "mm3", "smallest accuracy volume of a sector's centre", MM3),
         "worst_mm3": over_cells("worst", "mm3", "largest accuracy volume of a sector's centre", MM3),
-        "best_u_mm": over_cells("best_u", "mm", "standard uncertainty of position there", MM),
-        "worst_u_mm": over_cells("worst_u", "mm", "standard uncertainty of position there", MM),
+        "smallest_u_mm": over_cells("least_u", "mm", "smallest standard uncertainty of a sector's centre", MM),
+        "largest_u_mm": over_cells("most_u", "mm", "largest standard uncertainty of a sector's centre", MM),
+        "smallest_u_theta_deg": over_cells("least_u_q", "degree", "configuration with the smallest u", DEG),
         "best_theta_deg": over_cells("best_q", "degree", "configuration with the smallest volume", DEG),
         "worst_theta_deg": over_cells("worst_q", "degree", "configuration with the largest volume", DEG),
     }

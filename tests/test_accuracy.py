@@ -220,7 +220,7 @@ def test_encoder_noise_enters_covariance_and_ellipsoid_only(sino6: Arm) -> None:
     np.testing.assert_allclose(with_noise.covariance, without.covariance + extra, rtol=1e-9, atol=1e-18)
     ellipsoids = [accuracy_volume(sino6, q, method="ellipsoid", encoder_noise=u).volume for u in (0.0, 5e-5)]
     assert (ellipsoids[1] > ellipsoids[0]).all()
-    assert set(with_noise.budget("kind")["kind"]) == {"a", "d", "alpha", "theta", "encoder"}
+    assert set(with_noise.budget("kind")["kind"]) == {"a", "d", "alpha", "theta_offset", "encoder"}
 
 
 def test_stated_encoder_noise_is_taken_from_the_file() -> None:
@@ -364,6 +364,9 @@ def test_shows_itself(sino6: Arm) -> None:
     assert "SINO6 at tip, zonotope, 5 configurations" in str(result)
     assert "<table" in result._repr_html_()
     table = result.to_frame()
-    assert list(table.columns) == ["volume_mm3", "u_mm"]
+    angles = [f"theta{j}_deg" for j in range(1, 7)]
+    assert list(table.columns) == [*angles, "volume_mm3", "u_mm", "largest_deviation_mm"]
+    np.testing.assert_allclose(table[angles], np.degrees(result.q), rtol=1e-12)
+    np.testing.assert_allclose(table["largest_deviation_mm"], 1e3 * result.largest_deviation, rtol=1e-12)
     np.testing.assert_allclose(table["volume_mm3"], result.volume * 1e9, rtol=1e-12)
     np.testing.assert_allclose(table["u_mm"], 1e3 * np.sqrt(np.einsum("nii->n", result.covariance)), rtol=1e-12)

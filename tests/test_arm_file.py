@@ -62,7 +62,7 @@ def test_bundled_arm_loads(name: str) -> None:
 def test_sino6_is_table_1_of_its_paper() -> None:
     parameters = load_arm_file("sino6").dh_parameters()
     si = TABLE_1.reshape(6, 4, 2) * np.array([1e-3, 1e-3, 1, 1])[:, None]
-    assert [p.name for p in parameters[:5]] == ["a1", "d1", "alpha1", "theta1", "a2"]
+    assert [p.name for p in parameters[:5]] == ["a1", "d1", "alpha1", "theta_offset1", "a2"]
     np.testing.assert_allclose([p.value for p in parameters], si[..., 0].ravel(), rtol=1e-15)
     np.testing.assert_allclose([p.half_width for p in parameters], si[..., 1].ravel(), rtol=1e-15)
     np.testing.assert_allclose([p.u for p in parameters], si[..., 1].ravel() / math.sqrt(3), rtol=1e-15)
@@ -78,7 +78,8 @@ def test_every_key_is_read_in_its_unit(tmp_path: Path) -> None:
     assert (arm.dh.convention, arm.dh.moving.tolist()) == ("modified-dh", [True, False])
     np.testing.assert_array_equal(arm.limits, [[-1, 2]])
     np.testing.assert_array_equal(arm.encoder_noise, [1e-5])
-    assert [p.half_width for p in arm.dh_parameters()] == pytest.approx([1e-5, 2e-5, 1e-5, 3e-5, 0, 0, 0, 0])
+    assert [p.half_width for p in arm.dh_parameters()[:4]] == pytest.approx([1e-5, 2e-5, 1e-5, 3e-5])
+    assert [p.half_width for p in arm.dh_parameters()[4:]] == [None] * 4  # not stated, which is not the same as zero
     assert (arm.joints[0].mass_kg, arm.joints[0].com_mm) == (0.5, (1, 2, 3))
     assert (arm.reference_temperature_c, arm.gravity_m_s2) == (20, (0, 0, -9.81))
     assert arm.stylus is not None

@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+import aacmm_pin
 from aacmm_pin import Arm
 from aacmm_pin.cli import app
 from aacmm_pin.units import DEG, MM
@@ -78,6 +79,8 @@ def test_accuracy_json_is_alone_on_stdout() -> None:
     assert summary["configurations"] == 360
     assert 5.1e-3 < summary["volume_mm3"]["min"] < summary["volume_mm3"]["max"] < 8.0e-3
     assert sum(row["share"] for row in summary["budget"]) == pytest.approx(1)
+    assert summary["smallest_u"]["u_mm"] == summary["u_mm"]["min"] < summary["best"]["u_mm"]
+    assert summary["taken_as_exact"] == []
 
 
 @pytest.mark.parametrize("method", ["jointwise", "ellipsoid", "monte-carlo"])
@@ -93,7 +96,7 @@ def test_accuracy_in_words_names_the_best_posture_and_the_budget(tmp_path: Path)
     picture = tmp_path / "a.png"
     status, out, _ = run("accuracy", "sino6", *POINT, "--count", "24", "--plot", picture)
     assert status == 0
-    for word in ("best", "worst", "theta3", "alpha4", "mm³"):
+    for word in ("smallest volume", "largest u", "theta_offset3", "alpha4", "mm³"):
         assert word in out
     assert picture.read_bytes().startswith(b"\x89PNG")
 
@@ -188,6 +191,8 @@ uncertainty = {{ a_mm = {half}, d_mm = 0.0, alpha_rad = 0.0, theta_offset_rad = 
     [
         (ARM + JOINT.format(limits="3.0, 1.0", half=0.1), ["joints[1]", "limits_rad", "3.0", "lower"]),
         (ARM + JOINT.format(limits="1.0, 3.0", half=-0.1), ["joints[1].uncertainty.a_mm", "-0.1"]),
+        (ARM + JOINT.format(limits="0, 360", half=0.1), ["limits_rad[2]", "360", "degrees"]),
+        (ARM + JOINT.format(limits="1.0, 3.0", half=0.1).replace("1.5", "-90.05"), ["alpha_rad", "-90.05", "degrees"]),
         (ARM + "colour = 3\n" + JOINT.format(limits="1.0, 3.0", half=0.1), ["colour", "unknown key"]),
         ("name = ", ["not TOML", "end of document"]),
     ],
@@ -211,6 +216,25 @@ def test_existing_files_are_kept_unless_forced(tmp_path: Path) -> None:
     assert target.read_text() == "mine"
     assert run(*words, "--force")[0] == 0
     assert target.read_text().startswith("component")
+
+
+def test_the_accuracy_of_every_posture_as_csv(tmp_path: Path) -> None:
+    target = tmp_path / "a.csv"
+    assert run("accuracy", "sino6", *POINT, "--count", "36", "-o", target, "--json", "-")[0] == 0
+    table = pd.read_csv(target)
+    assert len(table) == 36
+    assert table["within_limits"].all()
+    assert (table["largest_deviation_mm"] > table["u_mm"]).all()
+
+
+def test_rows_without_uncertainty_are_named(tmp_path: Path) -> None:
+    text = (Path(aacmm_pin.__file__).parent / "arms" / "sino6.toml").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("uncertainty") or "0.02707" not in line]
+    path = tmp_path / "mine.toml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    status, out, _ = run("accuracy", path, *POINT, "--count", "6")
+    assert status == 0
+    assert "taken as exact: a3, d3, alpha3, theta_offset3" in out
 
 
 def test_a_picture_of_an_unknown_kind_leaves_nothing(tmp_path: Path) -> None:

@@ -227,7 +227,7 @@ def test_budget(by: Any, accuracy: AccuracyVolume) -> None:
 def test_budget_joins_what_is_left(accuracy: AccuracyVolume) -> None:
     ax = plot_budget(accuracy, most=3)
     names = [text.get_text() for text in ax.get_yticklabels()]
-    assert names == ["theta3", "alpha4", "rest (15)"]
+    assert names == ["theta_offset3", "alpha4", "rest (15)"]
     assert sum(bar.get_width() for bar in ax.patches) == pytest.approx(100.0)
 
 

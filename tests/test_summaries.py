@@ -57,8 +57,8 @@ def test_accuracy_has_the_keys_of_the_contract(circle: ConfigurationCircle) -> N
     assert set(content["flexibility"]) == {"zeta", "sectors", "arc_fraction"}
     assert len(content["flexibility"]["sectors"]) == 12
     assert set(content["volume_mm3"]) == {"min", "median", "max", "comprehensive"}
-    for which in ("best", "worst"):
-        assert set(content[which]) == {"theta_deg", "volume_mm3", "u_mm"}
+    for which in ("best", "worst", "smallest_u", "largest_u"):
+        assert set(content[which]) == {"theta_deg", "swivel_deg", "volume_mm3", "u_mm"}
         assert len(content[which]["theta_deg"]) == 6
     assert {"parameter", "joint", "share"} <= set(content["budget"][0])
     assert "reason" not in content
@@ -93,7 +93,8 @@ def test_nothing_to_judge_gives_nulls_and_a_reason(sino6: Arm, point: np.ndarray
     assert content["configurations"] == 0
     assert said in content["reason"]
     assert set(content["volume_mm3"].values()) == {None}
-    assert content["best"] == content["worst"] == {"theta_deg": None, "volume_mm3": None, "u_mm": None}
+    nothing = {"theta_deg": None, "swivel_deg": None, "volume_mm3": None, "u_mm": None}
+    assert content["best"] == content["worst"] == content["smallest_u"] == nothing
     assert content["budget"] == []
 
 

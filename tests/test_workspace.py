@@ -63,7 +63,7 @@ def test_flexibility_is_that_of_the_circle(small: WorkspaceMap, circles: dict[tu
         assert bool(cell["reachable"]) == bool(len(circle))
         if not len(circle):
             assert not cell["sector_works"].any()
-            for name in ("flexibility", "arc_fraction", "comprehensive_mm3", "best_mm3", "worst_u_mm"):
+            for name in ("flexibility", "arc_fraction", "comprehensive_mm3", "best_mm3", "largest_u_mm"):
                 assert np.isnan(cell[name])
             continue
         reached += 1
@@ -106,7 +106,8 @@ def test_accuracies_are_those_of_the_circle(
         volume = accuracy.volume * 1e9
         assert float(cell["best_mm3"]) == pytest.approx(volume.min(), rel=2e-3)
         assert float(cell["worst_mm3"]) == pytest.approx(volume.max(), rel=2e-3)
-        assert float(cell["best_u_mm"]) == pytest.approx(1e3 * accuracy.u[volume.argmin()], rel=2e-2)
+        assert float(cell["smallest_u_mm"]) == pytest.approx(1e3 * accuracy.u.min(), rel=2e-3)
+        assert float(cell["largest_u_mm"]) == pytest.approx(1e3 * accuracy.u.max(), rel=2e-3)
         pick = np.array([np.flatnonzero(sector == s)[volume[sector == s].argmin()] for s in np.unique(sector)])
         weights = configuration_weights(q[pick, 2], circle.point)
         assert float(cell["comprehensive_mm3"]) == pytest.approx(weights @ volume[pick], rel=1e-2)
@@ -117,13 +118,13 @@ def test_best_and_worst_reach_the_cell_with_their_volume(sino6: Arm, small: Work
     reachable = small.data["reachable"].values.astype(bool) & (small.data["working_sectors"].values > 0)
     x, z = np.meshgrid(small.data["x_mm"], small.data["z_mm"], indexing="ij")
     points = np.stack([x, 0 * x, z], axis=-1)[reachable]
-    for kind in ("best", "worst"):
+    for kind, number in (("best", "best_mm3"), ("worst", "worst_mm3"), ("smallest_u", "smallest_u_mm")):
         q = np.radians(small.data[f"{kind}_theta_deg"].values[reachable])
         np.testing.assert_allclose(sino6.poses(q, "frame5").position * 1e3, points, atol=1e-8)
         assert ((q >= sino6.limits[:, 0] - 1e-8) & (q <= sino6.limits[:, 1] + 1e-8)).all()
         result = accuracy_volume(sino6, q, at="frame5")
-        np.testing.assert_allclose(small.data[f"{kind}_mm3"].values[reachable], result.volume * 1e9, rtol=1e-9)
-        np.testing.assert_allclose(small.data[f"{kind}_u_mm"].values[reachable], result.u * 1e3, rtol=1e-9)
+        expected = result.volume * 1e9 if number.endswith("mm3") else result.u * 1e3
+        np.testing.assert_allclose(small.data[number].values[reachable], expected, rtol=1e-9)
 
 
 def test_methods_and_rest_reach_the_accuracies(sino6: Arm) -> None:
