@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,24 @@ FINER = 8
 """Parts of each piece between vertices when the elbow's path is measured."""
 STILL = 1e-9
 """An elbow that moves less than this along a whole curve gives no measure of it [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Segments:
+    """Pieces between neighbouring vertices of all curves.
+
+    Attributes:
+        start, end: configurations of the curves (s, k) [rad], not wrapped.
+        swivel: at the start (s,) [rad].
+        turn: change of the swivel along the piece (s,) [rad], in (-π, π).
+        problem: number of the point (s,).
+    """
+
+    start: Array
+    end: Array
+    swivel: Array
+    turn: Array
+    problem: Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +71,23 @@ class Components:
         """Number of joints of a whole configuration."""
         return self.swivel.dh.nq
 
+    @cached_property
+    def segments(self) -> _Segments:
+        """Pieces between neighbouring vertices of all curves."""
+        curves = self.curves
+        start = np.concatenate([c.q for c in curves])
+        problem = np.concatenate([np.full(len(c.q), c.problem) for c in curves])
+        ends = np.concatenate([np.roll(c.q, -1, axis=0) for c in curves])
+        end = start + (ends - start + np.pi) % (2 * np.pi) - np.pi
+        swivel = self.swivel.angle(self.full(start), self.points[problem])
+        lengths = np.array([len(c.q) for c in curves])
+        following = np.arange(1, len(start) + 1)
+        following[np.cumsum(lengths) - 1] = np.cumsum(lengths) - lengths  # the last vertex is followed by the first
+        turn = (swivel[following] - swivel + np.pi) % (2 * np.pi) - np.pi
+        open_ends = (np.cumsum(lengths) - 1)[[not c.closed for c in curves]]
+        keep = np.delete(np.arange(len(start)), open_ends)
+        return _Segments(start[keep], end[keep], swivel[keep], turn[keep], problem[keep])
+
 
 @dataclass(frozen=True)
 class Flexibility:
@@ -68,40 +104,6 @@ class Flexibility:
     zeta: float
     sectors: tuple[bool, ...]
     arc_fraction: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Segments:
-    """Pieces between neighbouring vertices of all curves.
-
-    Attributes:
-        start, end: configurations of the curves (s, k) [rad], not wrapped.
-        swivel: at the start (s,) [rad].
-        turn: change of the swivel along the piece (s,) [rad], in (-π, π).
-        problem: number of the point (s,).
-    """
-
-    start: Array
-    end: Array
-    swivel: Array
-    turn: Array
-    problem: Index
-
-
-def _segments(components: Components) -> _Segments:
-    curves = components.curves
-    start = np.concatenate([c.q for c in curves])
-    problem = np.concatenate([np.full(len(c.q), c.problem) for c in curves])
-    ends = np.concatenate([np.roll(c.q, -1, axis=0) for c in curves])
-    end = start + (ends - start + np.pi) % (2 * np.pi) - np.pi
-    swivel = components.swivel.angle(components.full(start), components.points[problem])
-    lengths = np.array([len(c.q) for c in curves])
-    following = np.arange(1, len(start) + 1)
-    following[np.cumsum(lengths) - 1] = np.cumsum(lengths) - lengths  # the last vertex is followed by the first
-    turn = (swivel[following] - swivel + np.pi) % (2 * np.pi) - np.pi
-    open_ends = (np.cumsum(lengths) - 1)[[not c.closed for c in curves]]
-    keep = np.delete(np.arange(len(start)), open_ends)
-    return _Segments(start[keep], end[keep], swivel[keep], turn[keep], problem[keep])
 
 
 def resample(components: Components, count: int) -> tuple[Array, NDArray[np.intp]]:
@@ -152,7 +154,7 @@ def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Inde
     """
     if not components.curves:
         return np.empty((0, components.nq)), np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    pieces = _segments(components)
+    pieces = components.segments
     ahead = (angles[None, :] - pieces.swivel[:, None] + np.pi) % (2 * np.pi) - np.pi
     turn = pieces.turn[:, None]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
@@ -217,7 +219,7 @@ def arc_fractions(components: Components, limits: Array, bins: int = ARC_BINS) -
     m = len(components.points)
     if not components.curves:
         return np.full(m, np.nan)
-    pieces = _segments(components)
+    pieces = components.segments
     first, last = _inside_part(components, pieces, limits)
     theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m, bins)
     some = last > first

@@ -22,7 +22,9 @@ System = Callable[[Array, Index], tuple[Array, Array]]
 
 CLOSE_ENOUGH = 1e-12
 """Largest residual of a solution [unit of F: m, or 1 for directions]."""
-LONGEST_STEP = 0.16
+SURE_STEP = 5e-7
+"""After a Newton step shorter than this the residual is about the arm's length times step²/2, below 2e-13 m."""
+LONGEST_STEP = 0.20
 SHORTEST_STEP = 1e-7
 LARGEST_TURN = 0.30
 """Largest angle between the tangents at the two ends of a step [rad]."""
@@ -70,6 +72,9 @@ def polish(system: System, q: Array, problem: Index, iterations: int = 40) -> tu
         step = -_least_norm(jacobian, f)
         length = np.linalg.norm(step, axis=1)
         q[active] += step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))[:, None]
+        sure = active[length < SURE_STEP]
+        result[sure], best[sure] = q[sure], 0.0
+        active = active[length >= SURE_STEP]
     return result, best <= CLOSE_ENOUGH
 
 
@@ -273,15 +278,23 @@ def _correct(
     """Newton across the tangent: solutions, their Jacobians, and which of them converged."""
     q = guess.copy()
     f, jacobian = system(q, problem)
+    good = np.abs(f).max(axis=1) <= 0.2 * CLOSE_ENOUGH
+    open_ = np.flatnonzero(~good)
     for _ in range(iterations):
-        open_ = np.flatnonzero(np.abs(f).max(axis=1) > 0.2 * CLOSE_ENOUGH)
-        if not open_.size:
-            break
         right = np.zeros((len(open_), q.shape[1], 1))
         right[:, :-1, 0] = -f[open_]
-        q[open_] += _solve(_bordered(jacobian[open_], tangent[open_]), right)[:, :, 0]
+        step = _solve(_bordered(jacobian[open_], tangent[open_]), right)[:, :, 0]
+        q[open_] += step
+        sure = np.linalg.norm(step, axis=1) < SURE_STEP
+        good[open_[sure]] = True
+        open_ = open_[~sure]
+        if not open_.size:
+            break
         f[open_], jacobian[open_] = system(q[open_], problem[open_])
-    return q, jacobian, np.abs(f).max(axis=1) <= CLOSE_ENOUGH
+        there = np.abs(f[open_]).max(axis=1) <= 0.2 * CLOSE_ENOUGH
+        good[open_[there]] = True
+        open_ = open_[~there]
+    return q, jacobian, good
 
 
 def _next_tangent(jacobian: Array, tangent: Array) -> tuple[Array, Array]:

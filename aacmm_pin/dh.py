@@ -157,30 +157,51 @@ class DHTable:
         joint_of_row = np.cumsum(self.moving) - 1
         step = _standard_row if self.standard else _modified_row
         for i in range(row):
-            a, d, alpha, theta = values[..., i, 0], values[..., i, 1], values[..., i, 2], values[..., i, 3]
-            angle = q[:, joint_of_row[i]] + theta if self.moving[i] else np.broadcast_to(theta, (n,))
+            # Plain floats where all configurations share the values: NumPy multiplies by them fastest.
+            a, d, alpha, theta = values[i].tolist() if values.ndim == 2 else values[:, i].T
+            angle = q[:, joint_of_row[i]] + theta if self.moving[i] else theta
             step(x, y, z, o, i, a, d, alpha, angle)
         return x, y, z, o
 
 
-def _standard_row(x: Array, y: Array, z: Array, o: Array, i: int, a: Array, d: Array, alpha: Array, angle: Array) -> None:
+Values = float | Array
+"""One value for all configurations, or one for each (n,)."""
+
+
+def _standard_row(
+    x: Array, y: Array, z: Array, o: Array, i: int, a: Values, d: Values, alpha: Values, angle: Values
+) -> None:
     """Frame i+1 from frame i: turn about z, then shift along z and the new x, then tilt about the new x."""
     c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
-    x[i + 1] = c * x[i] + s * y[i]
-    turned = c * y[i] - s * x[i]
-    y[i + 1] = ca * turned + sa * z[i]
-    z[i + 1] = ca * z[i] - sa * turned
-    o[i + 1] = o[i] + d * z[i] + a * x[i + 1]
+    np.multiply(c, x[i], out=x[i + 1])
+    x[i + 1] += s * y[i]
+    turned = c * y[i]
+    turned -= s * x[i]
+    np.multiply(ca, turned, out=y[i + 1])
+    y[i + 1] += sa * z[i]
+    np.multiply(ca, z[i], out=z[i + 1])
+    z[i + 1] -= sa * turned
+    _shift(o, i, (d, z[i]), (a, x[i + 1]))
 
 
-def _modified_row(x: Array, y: Array, z: Array, o: Array, i: int, a: Array, d: Array, alpha: Array, angle: Array) -> None:
+def _modified_row(
+    x: Array, y: Array, z: Array, o: Array, i: int, a: Values, d: Values, alpha: Values, angle: Values
+) -> None:
     """Frame i+1 from frame i: tilt about x and shift along it, then turn about the new z and shift along that."""
     c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
     tilted = ca * y[i] + sa * z[i]
     z[i + 1] = ca * z[i] - sa * y[i]
     x[i + 1] = c * x[i] + s * tilted
     y[i + 1] = c * tilted - s * x[i]
-    o[i + 1] = o[i] + a * x[i] + d * z[i + 1]
+    _shift(o, i, (a, x[i]), (d, z[i + 1]))
+
+
+def _shift(o: Array, i: int, *steps: tuple[Values, Array]) -> None:
+    """Origin i+1 from origin i by lengths along axes; lengths that are zero for all cost nothing."""
+    o[i + 1] = o[i]
+    for length, axis in steps:
+        if isinstance(length, np.ndarray) or length != 0.0:
+            o[i + 1] += length * axis
 
 
 def _row_constants(dh: DHTable, i: int) -> tuple[Array, Array]:

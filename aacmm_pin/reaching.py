@@ -22,6 +22,8 @@ POSITIONING = 4
 WRIST_ROW = 5
 """The wrist is the origin of this frame."""
 COLLINEAR = 1e-9
+NEAR = 0.1
+"""Candidates of the closed form that miss the point by more solve one of its two equations only [m]."""
 SPREAD = 600
 """Evenly spread starts for the curves of the tip."""
 
@@ -77,7 +79,7 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:
         per_turn: angles at which each of the joints 1 to 4 is held to find seeds.
     """
     system = wrist_system(wrist, points)
-    seeds, problem = _held_seeds(wrist.table.links(), points, per_turn)
+    seeds, problem = _held_seeds(wrist.table, points, per_turn)
     spread = spread_angles(4 * per_turn, POSITIONING)
     seeds = np.concatenate([seeds, np.tile(spread, (len(points), 1))])
     problem = np.concatenate([problem, np.repeat(np.arange(len(points)), len(spread))])
@@ -98,8 +100,9 @@ def spread_angles(count: int, joints: int) -> Array:
     return np.asarray((np.arange(1, count + 1)[:, None] * steps % 1.0) * (2 * np.pi) - np.pi)
 
 
-def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
+def _held_seeds(table: DHTable, points: Array, per_turn: int) -> tuple[Array, Index]:
     """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
+    links = table.links()
     angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37  # off the symmetric angles 0 and ±π
     seeds, numbers = [], []
     for held in range(POSITIONING):
@@ -111,7 +114,9 @@ def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Inde
         q[:, free], q[:, held] = found, angles[angle[who]]
         seeds.append(q)
         numbers.append(which[who])
-    return np.concatenate(seeds), np.concatenate(numbers)
+    q, number = np.concatenate(seeds), np.concatenate(numbers)
+    near = np.linalg.norm(table.positions(q) - points[number], axis=1) < NEAR
+    return q[near], number[near]
 
 
 def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array], Array]:

@@ -35,9 +35,9 @@ from aacmm_pin.reaching import POSITIONING, Wrist, wrist_curves, wrist_system
 from aacmm_pin.swivel import Swivel
 from aacmm_pin.units import DEG, MM, MM3
 
-CELLS_AT_ONCE = 288
-SEEDS_PER_TURN = 4
-"""Held angles of each joint for a map. Four find every component that twenty-four find on SINO6's 48 × 48 cells."""
+CELLS_AT_ONCE = 576
+SEEDS_PER_TURN = 3
+"""Held angles of each joint for a map; with the spread seeds they find every component that twenty-four find."""
 ROUND_EXTENT_TO = 0.05
 """The default extent is the reach, rounded to this [m]."""
 
