@@ -142,7 +142,7 @@ def to_solution(system: System, guess: Array, problem: Index) -> Array:
     """Points between vertices, moved onto the curve."""
     q, good = polish(system, guess, problem)
     if not good.all():
-        raise ArithmeticError(f"{(~good).sum()} of {len(good)} points between vertices did not converge")
+        raise AacmmError(f"{(~good).sum()} of {len(good)} configurations between those of a curve could not be found")
     return q
 
 

@@ -100,8 +100,25 @@ class ConfigurationCircle:
         table |= {"shoulder_side": self.branch[:, 0], "elbow_side": self.branch[:, 1]}
         return pd.DataFrame(table)
 
+    def summary(self) -> pd.DataFrame:
+        """One row for each closed component: its configurations, how many are within limits, its sides, broken joints."""
+        rows = []
+        for number in range(1, len(self.components.curves) + 1):
+            mine = self.component == number
+            rows.append(
+                {
+                    "component": number,
+                    "configurations": int(mine.sum()),
+                    "within_limits": int(self.within_limits[mine].sum()),
+                    "shoulder_side": _sides(self.branch[mine, 0]),
+                    "elbow_side": _sides(self.branch[mine, 1]),
+                    "joints_outside_limits": " ".join(str(j + 1) for j in np.flatnonzero(self.broken[mine].any(axis=0))),
+                }
+            )
+        return pd.DataFrame(rows)
+
     def _repr_html_(self) -> str:
-        return f"<p>{self}</p>" + self.to_frame().describe().to_html(float_format="{:.3f}".format)
+        return f"<p>{self}</p>{self.summary().to_html(index=False)}"
 
     def __str__(self) -> str:
         x, y, z = self.point / MM
@@ -186,6 +203,11 @@ def _why_not(components: Components, point: Array, tip: bool) -> str:
         f"the point is {distance / MM:.3f} mm from the shoulder; the wrist reaches "
         f"from {nearest / MM:.3f} mm to {farthest / MM:.3f} mm"
     )
+
+
+def _sides(signs: NDArray[np.intp]) -> str:
+    """The sign that all configurations share, or both."""
+    return " ".join(f"{sign:+d}" for sign in np.unique(signs))
 
 
 def _stylus(arm: Arm) -> Array:

@@ -34,7 +34,12 @@ BLUE, VERMILLION, GREY, INK = "#0072b2", "#d55e00", "#9a9a9a", "#262626"
 """Colours that stay apart for colour-blind readers (Okabe and Ito)."""
 UNREACHABLE, OUTSIDE_LIMITS = "#d9d9d9", "#cc79a7"
 VOLUME_COLOURS, FLEXIBILITY_COLOURS = "viridis", "cividis"
-VOLUME_LABEL = "accuracy volume [mm³]"
+VOLUME_NAME, U_NAME = "accuracy volume", "standard uncertainty u"
+VOLUME_LABEL = f"{VOLUME_NAME} [mm³]"
+COMPONENT_MARKERS = "os^DvP*h"
+"""Shapes of the components that one picture shows."""
+MARKERS = 18
+"""Number of these markers along a component."""
 TUBE_WIDTH = 4.5
 """Width at which tubes of the arm are drawn [points]."""
 TUBE_COLOURS = colormaps["Blues"]
@@ -64,7 +69,7 @@ def plot_circle(
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
     pool = inside if len(inside) else np.arange(len(circle))
     chosen = pool[np.unique(np.linspace(0, len(pool), postures, endpoint=False, dtype=np.intp))] if len(pool) else pool
-    drawn = [_draw_base(ax, circle)]
+    drawn = _draw_base(ax, circle)
     if len(circle):
         volume = None if accuracy is None else accuracy.volume / MM3
         drawn += [_draw_postures(ax, circle, chosen), *_draw_elbow(ax, circle, inside, volume)]
@@ -116,12 +121,14 @@ def _base_line(circle: ConfigurationCircle) -> Array:
     return np.asarray(circle.components.swivel.shoulder + np.array([[-length], [length]]) * along)
 
 
-def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> Line2D:
-    """Joint axis 1 and the shoulder on it; the artist of the axis."""
+def _draw_base(ax: Axes3D, circle: ConfigurationCircle) -> list[Line2D]:
+    """Joint axis 1 and the shoulder on it."""
     axis: Line2D
+    shoulder: Line2D
     (axis,) = ax.plot(*_base_line(circle).T / MM, color=INK, lw=1.0, ls="-.", zorder=3, label="joint axis 1")
-    ax.plot(*circle.components.swivel.shoulder[:, None] / MM, marker="s", ms=7, color=INK, ls="none", zorder=5)
-    return axis
+    place = circle.components.swivel.shoulder[:, None] / MM
+    (shoulder,) = ax.plot(*place, marker="s", ms=7, color=INK, ls="none", zorder=5, label="base (shoulder)")
+    return [axis, shoulder]
 
 
 def _draw_point(ax: Axes3D, circle: ConfigurationCircle) -> Line2D:
@@ -202,7 +209,8 @@ def plot_accuracy_over_theta3(circle: ConfigurationCircle, accuracy: AccuracyVol
     ax = _axes(ax, (6.0, 5.0))
     theta3, component = circle.theta3[inside], circle.component[inside]
     volume = accuracy.volume / MM3
-    size = 60.0 / np.maximum(1.0, component)  # several components at one θ3 stay visible as rings within each other
+    rank = np.unique(component, return_inverse=True)[1] + 1.0
+    size = 60.0 / rank  # several components at one θ3 stay visible as rings within each other
     order = np.argsort(component, kind="stable")
     points = ax.scatter(
         np.cos(theta3)[order], np.sin(theta3)[order], s=size[order], c=volume[order], cmap=VOLUME_COLOURS, zorder=3
@@ -232,27 +240,54 @@ def _mark_extremes(ax: Axes, theta3: Array, volume: Array) -> None:
 def plot_accuracy_over_swivel(circle: ConfigurationCircle, accuracy: AccuracyVolume, ax: Axes | None = None) -> Axes:
     """Accuracy volume (left scale) and standard uncertainty of the position (right scale) over the swivel angle.
 
+    Where several components have configurations within limits, each has markers of its own shape.
+
     Raises:
         ShapeError: ``accuracy`` was worked out for other configurations.
     """
     inside = paired(circle, accuracy)
     ax = _axes(ax, (7.5, 4.2))
-    swivel = circle.swivel[inside] / DEG
-    (left,) = ax.plot(swivel, accuracy.volume / MM3, "o", ms=3.5, color=BLUE, label=VOLUME_LABEL.removesuffix(" [mm³]"))
     right_axes = ax.twinx()
-    (right,) = right_axes.plot(
-        swivel, accuracy.u / UM, "x", ms=3.5, mew=0.9, color=VERMILLION, label="standard uncertainty u"
-    )
+    swivel, component = circle.swivel[inside] / DEG, circle.component[inside]
+    volume, u = accuracy.volume / MM3, accuracy.u / UM
+    if len(np.unique(component)) > 1:
+        legend = _draw_components(ax, right_axes, swivel, component, volume, u)
+    else:
+        legend = [
+            *ax.plot(swivel, volume, "o", ms=3.5, color=BLUE, label=VOLUME_NAME),
+            *right_axes.plot(swivel, u, "x", ms=3.5, mew=0.9, color=VERMILLION, label=U_NAME),
+        ]
     ax.set(xlabel="swivel angle of the elbow, 0 = highest [deg]", xlim=(-180, 180), xticks=range(-180, 181, 60))
     ax.set_ylabel(VOLUME_LABEL, color=BLUE)
-    right_axes.set_ylabel("standard uncertainty u [µm]", color=VERMILLION)
+    right_axes.set_ylabel(f"{U_NAME} [µm]", color=VERMILLION)
     for axes in (ax, right_axes):
         axes.margins(y=0.12)
         axes.spines["top"].set_visible(False)
     ax.grid(alpha=0.3)
-    ax.set_title(f"{circle.arm.name}: accuracy over the swivel angle, {accuracy.method}", fontsize=10, pad=24)
-    ax.legend(handles=[left, right], loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=9, frameon=False)
+    columns = min(len(legend), 4)
+    height = 24 + 14 * ((len(legend) - 1) // columns)
+    ax.set_title(f"{circle.arm.name}: accuracy over the swivel angle, {accuracy.method}", fontsize=10, pad=height)
+    ax.legend(handles=legend, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize=9, frameon=False)
     return ax
+
+
+def _draw_components(ax: Axes, right: Axes, swivel: Array, component: Index, volume: Array, u: Array) -> list[Line2D]:
+    """Both quantities with small points throughout and, now and then, a marker of the component; handles for the legend."""
+    for axes, values, colour in ((ax, volume, BLUE), (right, u, VERMILLION)):
+        axes.plot(swivel, values, ".", ms=1.5, color=colour)
+    legend = [Line2D([], [], color=colour, lw=3, label=name) for colour, name in ((BLUE, VOLUME_NAME), (VERMILLION, U_NAME))]
+    numbers = np.unique(component)
+    for place, number in enumerate(numbers):
+        mine = np.flatnonzero(component == number)
+        mine = mine[np.argsort(swivel[mine], kind="stable")]
+        step = max(1, len(mine) // MARKERS)
+        some = mine[place * step // len(numbers) :: step]  # shifted, so that coincident components do not hide each other
+        marker = COMPONENT_MARKERS[place % len(COMPONENT_MARKERS)]
+        ax.plot(swivel[some], volume[some], marker, ms=6, color=BLUE)
+        right.plot(swivel[some], u[some], marker, ms=6, mfc="none", color=VERMILLION)
+        label = f"component {number}"
+        legend.append(Line2D([], [], marker=marker, ms=6, color=GREY, mec=INK, ls="none", label=label))
+    return legend
 
 
 def plot_budget(
@@ -322,11 +357,27 @@ def plot_comprehensive(map_: WorkspaceMap, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _draw_map(map_: WorkspaceMap, name: str, colours: str, label: str, ax: Axes | None, norm: Normalize | None) -> Axes:
+def plot_uncertainty(map_: WorkspaceMap, ax: Axes | None = None) -> Axes:
+    """Smallest standard uncertainty of the position [µm] that a posture gives, over the half-plane through joint axis 1."""
+    label = f"smallest {U_NAME} [µm]"
+    ax = _draw_map(map_, "smallest_u_mm", VOLUME_COLOURS, label, ax, None, scale=MM / UM)
+    ax.set_title(f"{map_.data.attrs['arm']}: standard uncertainty in the best posture", fontsize=10)
+    return ax
+
+
+def _draw_map(
+    map_: WorkspaceMap,
+    name: str,
+    colours: str,
+    label: str,
+    ax: Axes | None,
+    norm: Normalize | None,
+    scale: float = 1.0,
+) -> Axes:
     ax = _axes(ax, (5.4, 6.6))
     x, z = _edges(map_.data["x_mm"].values), _edges(map_.data["z_mm"].values)
     reachable = map_.data["reachable"].values.astype(bool)
-    values = np.where(reachable, map_.data[name].values, np.nan)
+    values = np.where(reachable, scale * map_.data[name].values, np.nan)
     image = ax.pcolormesh(x, z, np.ma.masked_invalid(values).T, cmap=colours, norm=norm)
     legend = []
     for mask, colour, text in (
@@ -375,4 +426,5 @@ __all__ = [
     "plot_circle",
     "plot_comprehensive",
     "plot_flexibility",
+    "plot_uncertainty",
 ]

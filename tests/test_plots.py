@@ -27,6 +27,7 @@ from aacmm_pin.plots import (
     plot_circle,
     plot_comprehensive,
     plot_flexibility,
+    plot_uncertainty,
 )
 from aacmm_pin.workspace import WorkspaceMap, map_workspace
 
@@ -83,8 +84,8 @@ def test_circle_shows_elbow_arm_axis_and_point(circle: ConfigurationCircle, accu
     drawn(ax.figure)
     assert [ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()] == ["x [mm]", "y [mm]", "z [mm]"]
     assert colour_bar_labels(ax) == ["accuracy volume [mm³]"]
-    texts = {"joint axis 1", "arm to the point", "elbow, within limits", "elbow, outside limits", "working point"}
-    assert legend_texts(ax) == texts
+    texts = {"joint axis 1", "base (shoulder)", "arm to the point", "working point"}
+    assert legend_texts(ax) == texts | {"elbow, within limits", "elbow, outside limits"}
     inside, outside = curves(ax)
     assert inside.get_array().size == 36  # the only component within limits, closed
     assert inside.get_array().min() >= accuracy.volume.min() * 1e9
@@ -166,6 +167,30 @@ def test_swivel_has_two_scales(circle: ConfigurationCircle, accuracy: AccuracyVo
     np.testing.assert_allclose(right.lines[0].get_xdata(), np.degrees(circle.swivel[circle.within_limits]))
 
 
+def test_swivel_tells_components_apart(sino6: Arm) -> None:
+    seat = configuration_circle(sino6, [0.5, 0.3, 0.25], tip=True, axis=[0, 0, -1], count=36)
+    accuracy = judged(seat)
+    inside = seat.component[seat.within_limits]
+    numbers = np.unique(inside)
+    assert len(numbers) > 1
+    ax = plot_accuracy_over_swivel(seat, accuracy)
+    drawn(ax.figure)
+    names = {f"component {number}" for number in numbers}
+    assert legend_texts(ax) == names | {"accuracy volume", "standard uncertainty u"}
+    (right,) = (other for other in ax.figure.axes if other is not ax)
+    for axes, values in ((ax, accuracy.volume * 1e9), (right, accuracy.u * 1e6)):
+        everything, *marked = axes.lines
+        np.testing.assert_allclose(everything.get_ydata(), values)
+        assert len({line.get_marker() for line in marked}) == len(marked) == len(numbers)
+        for number, line in zip(numbers, marked, strict=True):
+            assert np.abs(np.subtract.outer(line.get_ydata(), values[inside == number])).min(axis=1).max() < 1e-9
+            assert len(line.get_ydata()) >= 12
+
+
+def test_one_component_has_no_name_in_the_legend(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
+    assert legend_texts(plot_accuracy_over_swivel(circle, accuracy)) == {"accuracy volume", "standard uncertainty u"}
+
+
 @pytest.mark.parametrize("plot", [plot_accuracy_over_theta3, plot_accuracy_over_swivel])
 def test_no_configuration_within_limits_draws_empty_axes(plot: Callable[..., Axes], sino6: Arm) -> None:
     circle = configuration_circle(sino6, UNREACHABLE)
@@ -185,13 +210,14 @@ def test_flat_axes_are_refused_for_the_circle(circle: ConfigurationCircle) -> No
 
 
 @pytest.mark.parametrize(
-    ("plot", "label", "column"),
+    ("plot", "label", "column", "scale"),
     [
-        (plot_flexibility, "flexibility ζ [1]", "flexibility"),
-        (plot_comprehensive, "comprehensive accuracy volume [mm³]", "comprehensive_mm3"),
+        (plot_flexibility, "flexibility ζ [1]", "flexibility", 1.0),
+        (plot_comprehensive, "comprehensive accuracy volume [mm³]", "comprehensive_mm3", 1.0),
+        (plot_uncertainty, "smallest standard uncertainty u [µm]", "smallest_u_mm", 1e3),
     ],
 )
-def test_maps(plot: Callable[..., Axes], label: str, column: str, map_: WorkspaceMap) -> None:
+def test_maps(plot: Callable[..., Axes], label: str, column: str, scale: float, map_: WorkspaceMap) -> None:
     ax = plot(map_)
     drawn(ax.figure)
     assert ax.get_xlabel().endswith("[mm]")
@@ -200,7 +226,7 @@ def test_maps(plot: Callable[..., Axes], label: str, column: str, map_: Workspac
     assert colour_bar_labels(ax) == [label]
     assert "out of reach" in legend_texts(ax)
     image = next(artist for artist in ax.collections if isinstance(artist, QuadMesh))
-    np.testing.assert_array_equal(np.ma.filled(image.get_array(), np.nan), map_.data[column].values.T)
+    np.testing.assert_allclose(np.ma.filled(image.get_array(), np.nan), scale * map_.data[column].values.T, rtol=1e-14)
     np.testing.assert_allclose([*ax.get_xlim(), *ax.get_ylim()], [0.0, 1200.0, -1200.0, 1200.0], atol=1e-9)
 
 
@@ -241,13 +267,14 @@ def test_given_axes_are_drawn_on_and_returned(
     circle: ConfigurationCircle, accuracy: AccuracyVolume, map_: WorkspaceMap
 ) -> None:
     figure = Figure(figsize=(12, 12), layout="constrained")
-    flat = [figure.add_subplot(3, 2, k) for k in range(1, 6)]
-    solid = figure.add_subplot(3, 2, 6, projection="3d")
+    flat = [figure.add_subplot(4, 2, k) for k in range(1, 7)]
+    solid = figure.add_subplot(4, 2, 7, projection="3d")
     assert plot_accuracy_over_theta3(circle, accuracy, flat[0]) is flat[0]
     assert plot_accuracy_over_swivel(circle, accuracy, flat[1]) is flat[1]
     assert plot_flexibility(map_, flat[2]) is flat[2]
     assert plot_comprehensive(map_, flat[3]) is flat[3]
     assert plot_budget(accuracy, ax=flat[4]) is flat[4]
+    assert plot_uncertainty(map_, flat[5]) is flat[5]
     assert plot_circle(circle, accuracy, ax=solid) is solid
     drawn(figure)
 

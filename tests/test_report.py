@@ -16,6 +16,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from aacmm_pin.demo import DemoSummary, run_demo
+from aacmm_pin.demo.paper import elbow_goes_round
 from aacmm_pin.errors import AacmmError, OutputError
 from aacmm_pin.report import Bullets, Download, Paragraph, Picture, Section, Table, render_report
 from aacmm_pin.workspace import WorkspaceMap
@@ -103,6 +104,14 @@ def test_pictures_are_embedded_with_alt_and_caption() -> None:
     assert "A line from 0 to 1" in parsed.text
 
 
+@pytest.mark.parametrize(("size", "kind"), [((4, 2), "wide"), ((2, 4), "")])
+def test_wide_pictures_stay_readable_on_a_phone(size: tuple[float, float], kind: str) -> None:
+    figure = Figure(figsize=size)
+    figure.add_subplot().plot([0, 1])
+    parsed = page(Picture.of(figure, "A line", ""))
+    assert [attributes.get("class", "") for attributes in parsed.all("figure")] == [kind]
+
+
 def test_tables_format_numbers_and_show_what_is_missing() -> None:
     frame = pd.DataFrame({"name": ["a", "b"], "u_mm": [0.12345, np.nan], "n": [1, 2]})
     table = Table(frame, "caption", {"u_mm": ".3f"}, {"u_mm": "u [mm]"})
@@ -145,7 +154,7 @@ def test_demo_writes_the_whole_tour(demo: DemoSummary) -> None:
     assert written == set(demo.files)
     data = {"index.html", "sino6.urdf", "configurations.csv", "accuracy.json", "map.nc", "map.json"}
     pictures = {"circle", "accuracy_over_swivel", "accuracy_over_theta3", "budget_by_parameter", "budget_by_joint"}
-    pictures |= {"flexibility", "comprehensive", "table2", "table3"}
+    pictures |= {"flexibility", "comprehensive", "uncertainty", "table2", "table3"}
     assert written == data | {f"{name}.png" for name in pictures}
     for name in pictures:
         assert (demo.folder / f"{name}.png").read_bytes().startswith(PNG)
@@ -162,7 +171,7 @@ def test_demo_page_is_self_contained(demo: DemoSummary) -> None:
     assert not re.search(r"https?:", html)
     parsed = Page(html)
     assert parsed.open == []
-    assert len(parsed.all("img")) == 9
+    assert len(parsed.all("img")) == 10
     assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in parsed.all("img"))
     for attributes in parsed.all("a"):
         assert attributes["href"].startswith(("#", "data:"))
@@ -189,6 +198,29 @@ def test_demo_says_what_it_found(demo: DemoSummary) -> None:
     assert 8 <= len(lines) <= 12
     assert all(re.search(r"mm|µm|%|cells", line) for line in lines[:-1])
     assert "index.html" in lines[-1]
+
+
+def test_demo_page_and_terminal_give_monte_carlo_alike(demo: DemoSummary) -> None:
+    text = Page((demo.folder / "index.html").read_text(encoding="utf-8")).text.replace("\u00a0", " ")
+    words = r"[-+][0-9.]+ % where the volume is smallest and [-+][0-9.]+ % where it is largest"
+    assert re.findall(words, text) == re.findall(words, str(demo)) != []
+
+
+def test_demo_page_says_what_is_compared(demo: DemoSummary) -> None:
+    text = Page((demo.folder / "index.html").read_text(encoding="utf-8")).text.replace("\u00a0", " ")
+    assert "-1.57184 ± 27.1 µrad" in text
+    assert "-0.01226 ± 180 µrad" in text
+    assert "total variation distance" in text
+    assert "total variation distance" in str(demo)
+    assert "found by looking for one that gives the printed counts" in text
+    assert "68 are not explained that way" in text
+    assert "the wrist reaches 1210.7 mm" in text
+
+
+@pytest.mark.parametrize(("x_mm", "z_mm", "round_the_axis"), [(30.0, 700.0, True), (700.0, 300.0, False)])
+def test_path_of_the_elbow_round_the_base_axis(x_mm: float, z_mm: float, round_the_axis: bool) -> None:
+    cells = pd.DataFrame({"x_mm": [x_mm], "z_mm": [z_mm]})
+    assert elbow_goes_round(cells).tolist() == [round_the_axis]
 
 
 def test_demo_does_not_replace_files_without_force(demo: DemoSummary) -> None:

@@ -298,7 +298,7 @@ def test_each_generator_is_itself_a_configuration(table_two):
 
 
 def test_cells_near_the_axis_have_the_whole_circle_though_the_steps_find_one_sector(table_two):
-    near = table_two.cells[table_two.cells["encloses_vertical"]]
+    near = table_two.cells[table_two.cells["behind_axis"]]
     assert len(near) > 300
     assert (near["reproduced_sectors"] == 1).all()
     assert (near["exact_sectors"] == 12).all()

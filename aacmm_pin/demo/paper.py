@@ -7,13 +7,33 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from aacmm_pin.demo.picture import new_axes, picture
 from aacmm_pin.demo.study import SEED, Study
 from aacmm_pin.report import Paragraph, Part, Section, Table
-from aacmm_pin.sino6_paper import Table2, Table3, misprints
+from aacmm_pin.sino6_paper import Table2, Table3, configurations_at_swivel, misprints, sino6_nominal
 from aacmm_pin.sino6_paper.figures import draw_table2, draw_table3
+from aacmm_pin.units import MM, UM
 
+SWIVELS = 72
+"""Swivel angles at which the elbow's path is followed."""
+
+SYMBOLS = (
+    ("O, E, C, P, K", "shoulder; elbow; end of the upper tube; working point; where joint axis 3 meets joint axis 1"),
+    ("l2, l3, d3, d5", "magnitudes of a2, a3, d3 and d5 of Table 1: the two offsets and the two tubes"),
+    ("Z", "height in the paper's figures, against z of the DH base"),
+    ("len, den, ken", "distances O to C, O to P, C to P"),
+    ("QD, gen", "distance O to E in the highest and in the lowest configuration"),
+    ("dk, qdk", "distances K to C and K to E"),
+    ("the1, the2, the3", "angles at O that add up to θ2 of the highest configuration (θ2max)"),
+    ("∠k, ∠q", "angles at E, from O to C and from O to P"),
+    ("thek", "turn of θ2 from the highest configuration to the lowest (θ2min)"),
+    ("uck", "|θ2| + arctan(d3/l2)"),
+    ("Uk, Vk, Qk", "C from joint axis 1, with sign; height of C; P from joint axis 1"),
+    ("Dq, Rq", "what (13) takes for Uk; horizontal distance C to P"),
+)
+"""What the printed equations call things."""
 PAPER = "Xu You et al., Chinese Journal of Scientific Instrument 40 (2019), doi:10.19650/j.cnki.cjsi.J1905059"
 
 
@@ -24,7 +44,7 @@ def paper_sections(study: Study, out: Path) -> list[Section]:
     return [
         Section("The paper beside us: its equations", _about_misprints()),
         Section("The paper beside us: flexibility (its Table 2)", _about_table2(study.table2, out)),
-        Section("The paper beside us: measurements (its Table 3)", _about_table3(study.table3, out)),
+        Section("The paper beside us: measurements (its Table 3)", _about_table3(study, study.table3, out)),
     ]
 
 
@@ -43,9 +63,13 @@ def _about_misprints() -> list[Part]:
         "are meant to give. Each row below is one slip, with everything else right, on the same 20 000 random "
         f"configurations within the limits (seed {SEED}).",
         Table(shown, "Equations (3) to (13) as printed and as they should read"),
-        "Most of these are slips of the print, because the corrected forms make the paper's own Table 2 again (next "
-        "section). The range of θ2 in (10) and the single roots are not: they belong to the way in which that table was "
-        "made.",
+        Table(pd.DataFrame(SYMBOLS, columns=["symbol", "meaning"]), "The paper's symbols in this table"),
+        "Making the paper's Table 2 again (next section) uses (7) and (10) to (13) only. Two of their rows are put to the "
+        "test by it, the sign in ken and the sign of Vk: with either as printed the counts do not come out, so these are "
+        "slips of the print and not of the authors' program. The condition of (7), l2 in (11), |Uk| in (12) and the "
+        "condition of (13) hardly change the counts, which decide nothing about them. Rows (3), (5) and (9) have no part in "
+        "it: there only geometry speaks. The single root of (11) and the range of θ2 in (10) are used as printed, for that "
+        "is how the counts come out.",
     ]
 
 
@@ -73,17 +97,26 @@ def _effect(row: dict[Any, Any]) -> str:
 
 def _about_table2(result: Table2, out: Path) -> list[Part]:
     mean, cells = result.mean_flexibility, result.cells
-    low = cells[cells["reproduced_sectors"] == cells["reproduced_sectors"].min()]
     counts = result.counts[(result.counts.drop(columns="working_sectors") > 0).any(axis=1)]
     heads = {"working_sectors": "working sectors", "paper_cells": "printed", "reproduced_cells": "reproduced"}
     return [
-        "The paper counts working regions by their flexibility. Its text does not say how the regions lie; a grid in joint "
-        "angles 2 and 4, and a walk over each circle in equal steps of θ2, make its numbers again. Nothing in this "
-        "assumption was adjusted to fit.",
+        "The paper counts working regions by their flexibility. Its text does not say how the regions lie or how they are "
+        "judged. The following reading gives its numbers. The 48 × 48 regions are a grid in joint space, not in space: "
+        "θ1 = θ3 = 0, θ2 and θ4 at -180° + i · 180°/49 with i = 1 to 48; the point of a cell is where this posture puts the "
+        "wrist. The circle of the point is walked at seven equally spaced values of θ2, from the highest "
+        "configuration to the lowest. The ends stand for one sector each, the five steps between for two, a mirror-image "
+        "pair (1 + 5 × 2 + 1 = 12). A step counts if θ2 is not below -180° and (11), first root, and (13) have an answer; "
+        "θ4 of the pair is not checked. Where the triangle of the lowest configuration does not close, its angle is taken "
+        "as zero, and that end does not count.",
+        "This reading was found by looking for one that gives the printed counts; no number in it was tuned, but its rules "
+        "were chosen with those counts in sight. That they agree speaks for the reading and is not an independent test of "
+        "it.",
         Paragraph(
-            f"Printed and reproduced counts differ by {100 * result.total_variation:.1f} % of the cells; printed and exact "
-            f"ones by {100 * result.exact_total_variation:.0f} %. Mean flexibility: {mean['paper']:.3f} printed, "
-            f"{mean['reproduced']:.3f} reproduced, {mean['exact']:.3f} exact.",
+            "The paper prints a histogram, not the cells, so only histograms can be compared. The total variation distance "
+            "(half the summed differences of the shares) from the printed one is "
+            f"{100 * result.total_variation:.1f} % for the reproduced and {100 * result.exact_total_variation:.0f} % for "
+            f"the exact one. Mean flexibility: {mean['paper']:.3f} printed, {mean['reproduced']:.3f} reproduced, "
+            f"{mean['exact']:.3f} exact.",
             finding=True,
         ),
         Table(counts, "Cells of 48 × 48 by working sectors", heads=heads | {"exact_cells": "exact geometry"}),
@@ -94,17 +127,53 @@ def _about_table2(result: Table2, out: Path) -> list[Part]:
             "Bars of the number of cells by working sectors: printed, reproduced, exact",
             "Table 2 as printed, made again, and by exact geometry on the same cells.",
         ),
-        f"Of the {len(low)} cells that come out with {int(low['reproduced_sectors'].iloc[0])} working sector of 12, exact "
-        f"geometry gives the full circle to {_all_or(int((low['exact_sectors'] == 12).sum()), len(low))}; "
-        f"{int(low['encloses_vertical'].sum())} of them lie where the circle of the elbow goes round the base axis. There "
-        "θ2 does not run from one end of the circle to the other, so steps in θ2 fall outside the circle and count as lost. "
-        "The low flexibility near the axis is a matter of the parameter that was stepped, not of the joint limits. This "
-        "holds for the nominal geometry and for our reading of how the counts were made. The map above uses other cells, "
-        "equal ones in space, and the calibrated geometry; its numbers are not those of this table.",
+        *_about_lowest_class(cells[cells["reproduced_sectors"] == cells["reproduced_sectors"].min()]),
+        "All this holds for the nominal geometry and for this reading of how the counts were made. The map above uses other "
+        "cells, equal ones in space, and the calibrated geometry; its numbers are not those of this table.",
     ]
 
 
-def _about_table3(result: Table3, out: Path) -> list[Part]:
+def _about_lowest_class(low: pd.DataFrame) -> list[Part]:
+    """Why the cells with the fewest sectors have so few."""
+    behind, rest = low[low["behind_axis"]], low[~low["behind_axis"]]
+    return [
+        f"Of the {len(low)} cells that come out with {int(low['reproduced_sectors'].iloc[0])} working sector of 12, exact "
+        f"geometry gives the full circle to {_all_or(int((low['exact_sectors'] == 12).sum()), len(low))}. "
+        f"{len(behind)} of them enclose the vertical: the elbow of the cell's own posture is in front of the base axis and "
+        "the point behind it. There θ2 does not run from one end of the circle to the other, so steps in θ2 fall outside "
+        "the circle and count as lost, while the true postures, with the base turned round, are not looked at.",
+        f"The other {len(rest)} are not explained that way: their points lie in front of the axis, by "
+        f"{rest['x_mm'].min():.0f} mm to {rest['x_mm'].max():.0f} mm. What the data show is that "
+        f"{_range(rest['steps_past_limit'])} of their seven steps pass -180° and "
+        f"{_range(rest['steps_without_configuration'])} have no answer (a step may be both); between them they leave only "
+        "the first. By exact geometry the elbow goes round the base axis in "
+        f"{_all_or(int(elbow_goes_round(rest).sum()), len(rest))} as well. In either group postures within the limits exist "
+        "in every sector, and the walk in θ2 does not find them.",
+    ]
+
+
+def _range(numbers: pd.Series[Any]) -> str:
+    return f"{int(numbers.min())} to {int(numbers.max())}"
+
+
+def elbow_goes_round(cells: pd.DataFrame) -> NDArray[np.bool_]:
+    """Whether the elbow's path, over all swivel angles, goes round joint axis 1: (n,).
+
+    For cells of :attr:`Table2.cells` with the full circle and one posture at each swivel angle.
+    """
+    arm = sino6_nominal()
+    points = np.column_stack([cells["x_mm"], np.zeros(len(cells)), cells["z_mm"]]) * MM
+    found = configurations_at_swivel(arm, points, (np.arange(SWIVELS) + 0.5) * 2 * np.pi / SWIVELS)
+    works = ((found.q[:, [1, 3]] <= 0.0) & (found.q[:, [1, 3]] >= -np.pi)).all(axis=1)
+    q, point, swivel = found.q[works], found.point[works], found.swivel[works]
+    elbow = arm.dh.positions(np.column_stack([q, np.zeros(len(q))]), 3)
+    azimuth = np.full((len(cells), SWIVELS), np.nan)
+    azimuth[point, swivel] = np.arctan2(elbow[:, 1], elbow[:, 0])
+    steps = (np.diff(azimuth, axis=1, append=azimuth[:, :1]) + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray(np.abs(steps.sum(axis=1)) > np.pi)
+
+
+def _about_table3(study: Study, result: Table3, out: Path) -> list[Part]:
     points = result.points
     together = float(result.correlation[np.triu_indices(len(points), 1)].min())
     draws = len(result.spreads)
@@ -121,10 +190,13 @@ def _about_table3(result: Table3, out: Path) -> list[Part]:
     formats = dict.fromkeys(list(columns)[1:], ".4f") | {"measured_quantile": ".2f"}
     quantile = points["measured_quantile"]
     return [
-        f"The paper measured six seats in fifty postures each. The table puts the printed spreads beside those of {draws} "
-        f"drawn arms whose DH values lie within the half-widths of Table 1 (uniform, seed {SEED}), and beside white noise "
-        "of 5″ on every joint angle. The postures are not printed; fifty, evenly round the full circle of θ3, are assumed.",
-        Table(points[list(columns)], "Spread of the measured position at each seat (eq. 16)", formats, columns),
+        "The paper measured six seats in fifty postures each, the stylus vertical, and prints how far the fifty positions "
+        "spread about their own mean; the true position does not enter. The printed coordinates are read here as the "
+        "working point of the paper's equations, the wrist; the stylus and the joints behind it are left out. The table "
+        f"puts the printed spreads beside those of {draws} drawn arms whose DH values lie within the half-widths of Table 1 "
+        f"(uniform, seed {SEED}), and beside white noise of 5″ on every joint angle. The postures are not printed; fifty, "
+        "evenly round the full circle of θ3, are assumed.",
+        Table(points[list(columns)], "Spread of fifty positions about their mean at each seat (eq. 16)", formats, columns),
         picture(
             draw_table3(result, new_axes(6.8, 4.4)),
             out,
@@ -144,8 +216,22 @@ def _about_table3(result: Table3, out: Path) -> list[Part]:
         f"{100 * by_noise[:-1].abs().max():.0f} % of seats 1 to 5 and misses seat 6 by {100 * abs(by_noise.iloc[-1]):.0f} "
         "%. That it fits five seats does not prove that it is the cause; other small random errors would look alike. "
         "Whatever made seat 6 spread, neither explanation has it.",
-        f"{_counts_text(result)}",
+        _not_the_same(study, result),
+        _counts_text(result),
     ]
+
+
+def _not_the_same(study: Study, result: Table3) -> str:
+    """Why the predicted u and the measured spreads are two things."""
+    u, measured = study.accuracy.u / UM, result.points["measured_mm"] * MM / UM
+    return (
+        f"The predicted u of section 3 ({u.min():.0f} µm to {u.max():.0f} µm, at seat 1) and the measured spreads "
+        f"({measured.min():.0f} µm to {measured.max():.0f} µm) are not the same thing, near as the numbers are. u is how "
+        "far one position may be off the true one when the DH values are off; these errors are systematic, shared by all "
+        "records of one arm. What they do alike in every posture at a seat moves the mean of the fifty and leaves the "
+        "spread alone; only what changes with the posture spreads. The measured spread is a repeatability over postures, "
+        "and random errors of each record, which u leaves out, are in it. Neither checks the other."
+    )
 
 
 def ratio_text(result: Table3, draws: int) -> str:

@@ -10,13 +10,17 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from aacmm_pin import plots
-from aacmm_pin.accuracy import Method
+from aacmm_pin.accuracy import COVERAGE_FACTOR, Method
 from aacmm_pin.checks import Array
-from aacmm_pin.configurations import ConfigurationCircle
+from aacmm_pin.comprehensive import configuration_weights
 from aacmm_pin.demo.picture import new_axes, picture
 from aacmm_pin.demo.study import DRAWS, SEED, Study
+from aacmm_pin.reach import reach_of_wrist
 from aacmm_pin.report import Bullets, Paragraph, Part, Picture, Table
 from aacmm_pin.units import DEG, MM, MM3, UM
+
+URAD = 1e-6
+"""One microradian [rad]."""
 
 
 def about_arm(study: Study) -> list[Part]:
@@ -26,8 +30,13 @@ def about_arm(study: Study) -> list[Part]:
     return [
         f"{arm.name} is a passive measuring arm with {arm.nq} joints. Its longest pieces measure {longest[0]:.0f} mm and "
         f"{longest[1]:.0f} mm. The table holds its {dh.convention} values; every value marked ± lies within that "
-        "half-width according to the calibration, and these half-widths are the only causes of error on this page.",
-        Table(_dh_table(study), f"Denavit–Hartenberg values of {arm.name} with the half-widths of their calibration"),
+        "half-width according to the calibration, and these half-widths are the only causes of error in the predictions of "
+        "sections 2 to 4.",
+        Table(
+            _dh_table(study),
+            f"Denavit–Hartenberg values of {arm.name} with the half-widths of their calibration: mm for lengths, µrad for "
+            "angles",
+        ),
         f"The working point is the wrist, the origin of {study.circle.at}: what lies behind it does not matter for the "
         "position, so the probe and the stylus have no part in any number below.",
     ]
@@ -37,17 +46,25 @@ def _dh_table(study: Study) -> pd.DataFrame:
     dh = study.arm.require_dh("the demo")
     half = np.array([p.half_width or 0.0 for p in study.arm.parameters]).reshape(dh.rows, 4)
     columns: dict[str, list[str]] = {"row": [str(i + 1) for i in range(dh.rows)]}
-    heads = (("a [mm]", MM, ".5f"), ("d [mm]", MM, ".5f"), ("α [rad]", 1.0, ".5f"), ("θ offset [rad]", 1.0, ".5f"))
-    for k, (head, unit, spec) in enumerate(heads):
-        values = dh.values()[:, k] / unit
-        widths = half[:, k] / unit
-        columns[head] = [
-            f"{v:{spec}}" + (f" ± {w:.5f}" if w >= 5e-6 else f" ± {w:.2g}" if w else "")
-            for v, w in zip(values, widths, strict=True)
-        ]
+    heads = (("a [mm]", MM), ("d [mm]", MM), ("α [rad]", 1.0), ("θ offset [rad]", 1.0))
+    for k, (head, unit) in enumerate(heads):
+        values, widths = dh.values()[:, k] / unit, half[:, k]
+        columns[head] = [f"{v:.5f}{_half_width(w, unit)}" for v, w in zip(values, widths, strict=True)]
     limits = iter(study.arm.limits / DEG)
     columns["limits [deg]"] = [_limits(next(limits)) if moving else "rigid" for moving in dh.moving]
     return pd.DataFrame(columns)
+
+
+def _half_width(width: float, unit: float) -> str:
+    """``width`` [m or rad] as it stands behind a value: in mm as the value, or in µrad."""
+    if not width:
+        return ""
+    return f" ± {width / MM:.5f}" if unit == MM else f" ± {_significant(width / URAD)} µrad"
+
+
+def _significant(value: float) -> str:
+    """Three significant digits, never as a power of ten."""
+    return f"{value:.{max(0, 2 - int(np.floor(np.log10(abs(value)))))}f}"
 
 
 def _limits(pair: Array) -> str:
@@ -75,8 +92,8 @@ def about_postures(study: Study, out: Path) -> list[Part]:
             finding=True,
         ),
         Table(
-            _component_table(circle),
-            "Closed components. Side of the shoulder: of the plane of joint axes 1 and 2; bend: +1 where a growing θ4 "
+            circle.summary().rename(columns=lambda name: name.replace("_", " ")),
+            "Closed components. Shoulder side: of the plane of joint axes 1 and 2; elbow side: +1 where a growing θ4 "
             "stretches the arm.",
         ),
         picture(
@@ -87,25 +104,6 @@ def about_postures(study: Study, out: Path) -> list[Part]:
             caption,
         ),
     ]
-
-
-def _component_table(circle: ConfigurationCircle) -> pd.DataFrame:
-    rows = []
-    for number in range(1, len(circle.components.curves) + 1):
-        mine = circle.component == number
-        side, bend = ("/".join(f"{v:+d}" for v in np.unique(circle.branch[mine, k])) for k in range(2))
-        broken = ", ".join(str(j + 1) for j in np.flatnonzero(circle.broken[mine].any(axis=0)))
-        works = int(circle.within_limits[mine].sum())
-        rows.append((number, int(mine.sum()), works, side, bend, broken or "none"))
-    heads = [
-        "component",
-        "configurations",
-        "within limits",
-        "side of the shoulder",
-        "bend of the elbow",
-        "joints outside limits",
-    ]
-    return pd.DataFrame(rows, columns=heads)
 
 
 def about_accuracy(study: Study, summary: dict[str, Any], out: Path) -> list[Part]:
@@ -128,9 +126,11 @@ def about_accuracy(study: Study, summary: dict[str, Any], out: Path) -> list[Par
         *_disagreement(study),
         Table(
             _posture_table(study),
-            "Four postures (angles in degrees)",
-            {"volume [mm³]": ".5f", "u [µm]": ".1f", "swivel": ".1f"} | {f"θ{j + 1}": ".2f" for j in range(study.arm.nq)},
+            "Six postures (angles in degrees; θ1, θ2, … are the angles of the joints)",
+            {"volume [mm³]": ".5f", "u [µm]": ".1f", "largest deviation [µm]": ".0f", "swivel": ".1f"}
+            | {f"θ{j + 1}": ".2f" for j in range(study.arm.nq)},
         ),
+        _expansion_text(study),
         picture(
             plots.plot_accuracy_over_swivel(circle, accuracy, new_axes(7.5, 4.2)),
             out,
@@ -145,13 +145,14 @@ def about_accuracy(study: Study, summary: dict[str, Any], out: Path) -> list[Par
             "Accuracy volume round the circle of joint angle 3",
             "The same volumes over θ3, drawn as the source paper draws them.",
         ),
-        f"Comprehensive accuracy (eq. 15 of the paper, weights that favour the θ3 that it finds handiest): "
-        f"{volume['comprehensive']:.5f} mm³; the median is {volume['median']:.5f} mm³.",
+        f"Comprehensive accuracy (eq. 15 of the paper): {volume['comprehensive']:.5f} mm³; the median is "
+        f"{volume['median']:.5f} mm³. {_weights_text(study)}",
         _methods_table(study),
         _methods_text(study),
         f"Where it comes from: {first['parameter'][0]} makes {100 * first['share'][0]:.0f} % of the variance and "
         f"{first['parameter'][1]} another {100 * first['share'][1]:.0f} %, averaged over the postures within limits. "
-        f"{_without_part(study, budget)}",
+        "Here theta_offset3 is the zero offset of joint 3 (of encoder 3), the same in every posture; θ3 elsewhere on this "
+        f"page is the angle of that joint. {_without_part(study, budget)}",
         _budget_picture(study, "parameter", 4.7, out),
         _budget_picture(study, "joint", 2.5, out),
     ]
@@ -173,7 +174,7 @@ def _disagreement(study: Study) -> list[Part]:
     low, high = accuracy.u[ends] / UM
     if low <= high:
         return []
-    axes = np.sqrt(np.linalg.eigvalsh(accuracy.covariance[ends])) / UM
+    axes = _principal_u(study, ends)
     return [
         f"The two measures do not rank the postures alike: where the volume is smallest u is {low:.1f} µm, where it is "
         f"largest {high:.1f} µm. The volume is like a product of three half-axes and follows the thinnest; u follows the "
@@ -191,15 +192,56 @@ def _posture_table(study: Study) -> pd.DataFrame:
     picks = {
         "smallest volume": study.best,
         "largest volume": study.worst,
+        "smallest u": int(np.argmin(accuracy.u)),
+        "largest u": int(np.argmax(accuracy.u)),
         "elbow highest": int(np.argmin(np.abs(study.inside))),
         "elbow lowest": int(np.argmax(np.abs(study.inside))),
     }
     rows = list(picks.values())
-    table = pd.DataFrame({"posture": list(picks), "swivel": study.inside[rows] / DEG})
+    table = pd.DataFrame(
+        {
+            "posture": list(picks),
+            "volume [mm³]": accuracy.volume[rows] / MM3,
+            "u [µm]": accuracy.u[rows] / UM,
+            "largest deviation [µm]": accuracy.largest_deviation[rows] / UM,
+            "swivel": study.inside[rows] / DEG,
+        }
+    )
     for j in range(study.arm.nq):
         table[f"θ{j + 1}"] = accuracy.q[rows, j] / DEG
-    table["volume [mm³]"], table["u [µm]"] = accuracy.volume[rows] / MM3, accuracy.u[rows] / UM
     return table
+
+
+def _expansion_text(study: Study) -> Part:
+    """How far the wrist may be off: the bound, and what a coverage factor means here."""
+    accuracy = study.accuracy
+    least = int(np.argmin(accuracy.u))
+    axes = _principal_u(study, [least])[0]
+    deviation = accuracy.largest_deviation / UM
+    return (
+        f"The largest deviation, {deviation.min():.0f} µm to {deviation.max():.0f} µm over all postures within limits, is "
+        "the farthest that all half-widths together can take the wrist: a bound, to first order. An expanded uncertainty is "
+        f"U = k u. In three dimensions k = {COVERAGE_FACTOR:.2f} belongs to the 95 % ellipsoid of a normal distribution and "
+        f"applies along its axes: in the posture with the smallest u they are {_listed(axes)} µm (standard) and "
+        f"{_listed(COVERAGE_FACTOR * axes)} µm (expanded). {COVERAGE_FACTOR:.2f} times u itself is not the radius of a 95 % "
+        "sphere, but more than it needs; and with few rectangular errors that dominate, 95 % is itself approximate."
+    )
+
+
+def _principal_u(study: Study, rows: list[int]) -> Array:
+    """Standard uncertainties along the principal axes (n, 3) [µm], smallest first."""
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(study.accuracy.covariance[rows])) / UM)
+
+
+def _weights_text(study: Study) -> str:
+    q = study.accuracy.q
+    few = q[:: max(1, len(q) // study.sectors)]
+    ratios = [float(w.max() / w.min()) for w in (configuration_weights(c[:, 2], study.circle.point) for c in (q, few))]
+    return (
+        "It is a weighted mean of the volumes, heavier where θ3 is near the angle that the paper finds handiest; the "
+        f"weights differ by a factor of {ratios[0]:.3f} at most over these {len(q)} postures and of {ratios[1]:.2f} over "
+        f"{len(few)} of them, about as many as a cell of the map has, so it is close to the plain mean."
+    )
 
 
 def _methods_table(study: Study) -> Table:
@@ -207,7 +249,8 @@ def _methods_table(study: Study) -> Table:
         "zonotope": "all that the half-widths allow together, first order",
         "jointwise": "eq. 14: each row's own zonotope, added up",
         "ellipsoid": "95 % coverage ellipsoid of the covariance",
-        "monte-carlo": f"hull of the real model at {DRAWS} corners of the box, seed {SEED}",
+        "monte-carlo": f"the real model: volume of the hull of {DRAWS} positions at corners of the box of half-widths; u "
+        f"from {DRAWS} other, random draws inside the box; seed {SEED}",
     }
     rows = [
         (name, *(study.methods[name].volume / MM3), *(study.methods[name].u / UM), text) for name, text in meaning.items()
@@ -219,12 +262,11 @@ def _methods_table(study: Study) -> Table:
 
 
 def _methods_text(study: Study) -> Part:
-    zonotope, monte_carlo = study.methods["zonotope"], study.methods["monte-carlo"]
-    missing = 1 - monte_carlo.volume / zonotope.volume
-    smaller = zonotope.volume / study.methods["jointwise"].volume
+    smaller = study.methods["zonotope"].volume / study.methods["jointwise"].volume
     return (
-        f"Monte Carlo moves the real model, nothing is linearised; its hull lies inside the true set and is "
-        f"{100 * missing.min():.1f} % and {100 * missing.max():.1f} % smaller here, so first order is enough. Equation 14, "
+        "Monte Carlo moves the real model, nothing is linearised. Its volume is that of the hull of corners of the box, "
+        f"which lies inside the true set; against the zonotope it comes out {study.monte_carlo_text}, so first order is "
+        "enough. Its covariance comes from separate random draws and has their scatter. Equation 14, "
         f"read as a sum over rows, is smaller by factors of {smaller.min():.0f} and {smaller.max():.0f}: it leaves out all "
         "volume that errors of different rows span together. It should not be read as the region where the wrist may be."
     )
@@ -242,16 +284,18 @@ def about_map(study: Study, out: Path) -> list[Part]:
     counts = map_.working_sectors()
     reachable = sum(counts.values())
     values = data["comprehensive_mm3"].values
-    (low, low_at), (high, high_at) = (_extreme(data, pick) for pick in (np.nanargmin, np.nanargmax))
+    (low, low_at), (high, high_at) = (_extreme(data, "comprehensive_mm3", pick) for pick in (np.nanargmin, np.nanargmax))
+    (least, least_at), (most, most_at) = (_extreme(data, "smallest_u_mm", pick) for pick in (np.nanargmin, np.nanargmax))
     table = pd.DataFrame({"working sectors": list(counts), "cells": list(counts.values())}).query("cells > 0")
     return [
         f"The arm turns about joint axis 1, so one half-plane stands for all of space. It is divided into {values.shape[0]} "
         f"× {values.shape[1]} cells; at the centre of each the circle is judged at {map_.sectors} swivel angles. "
-        f"{map_.unreachable} centres are out of reach, {reachable} can be reached.",
+        f"{map_.unreachable} centres are out of reach, {reachable} can be reached. {_box_text(study)}",
         Paragraph(
             f"{counts[map_.sectors]} of the {reachable} reachable cells have the full circle, mean flexibility "
             f"{float(data['flexibility'].mean()):.3f}. The comprehensive accuracy runs from {low:.5f} mm³ at {low_at} to "
-            f"{high:.5f} mm³ at {high_at}.",
+            f"{high:.5f} mm³ at {high_at}; the smallest standard uncertainty of a cell from {least * MM / UM:.1f} µm at "
+            f"{least_at} to {most * MM / UM:.1f} µm at {most_at}.",
             finding=True,
         ),
         Table(table, "Reachable cells by their number of working sectors; numbers without a cell are left out"),
@@ -269,7 +313,32 @@ def about_map(study: Study, out: Path) -> list[Part]:
             "comprehensive",
             "Comprehensive accuracy volume over the half-plane; smaller is better.",
         ),
+        _map_picture(
+            study,
+            plots.plot_uncertainty(map_, new_axes(5.4, 6.6)),
+            out,
+            "uncertainty",
+            "Standard uncertainty of the position in the posture where it is smallest, among the centres of the working "
+            "sectors; smaller is better. For distances this says more than the volume.",
+        ),
     ]
+
+
+def _box_text(study: Study) -> str:
+    """How the box of the map lies to the reach of the arm."""
+    components, box = study.circle.components, np.asarray(study.map.data.attrs["extent_mm"])
+    if components.wrist is None:
+        return ""
+    farthest = reach_of_wrist(components.wrist, components.swivel.shoulder)[1] / MM
+    size = (
+        f"The map ends at x = {box[1]:.0f} mm and z = {box[2]:.0f} and {box[3]:.0f} mm; the wrist reaches {farthest:.1f} mm."
+    )
+    if farthest <= box[1]:
+        return f"{size} How many centres are out of reach depends on this box."
+    return (
+        f"{size} So the last {farthest - box[1]:.1f} mm of the reach are cut off, at z = 0 and at the axis; how many "
+        "centres are out of reach depends on this box."
+    )
 
 
 def _map_picture(study: Study, axes: Axes, out: Path, name: str, caption: str) -> Picture:
@@ -279,8 +348,8 @@ def _map_picture(study: Study, axes: Axes, out: Path, name: str, caption: str) -
     return picture(axes, out, name, alt, caption)
 
 
-def _extreme(data: Any, pick: Any) -> tuple[float, str]:
-    values = data["comprehensive_mm3"].values
+def _extreme(data: Any, name: str, pick: Any) -> tuple[float, str]:
+    values = data[name].values
     i, k = np.unravel_index(pick(values), values.shape)
     where = f"x = {float(data['x_mm'][i]):.1f} mm, z = {float(data['z_mm'][k]):.1f} mm"
     return float(values[i, k]), where
@@ -294,15 +363,15 @@ def about_assumptions(study: Study) -> list[Part]:
             [
                 "The errors of the parameters are taken as independent and, for u, as uniform within their half-widths. A "
                 "half-width from repeated calibrations is read as a bound; correlations between parameters are not known.",
-                "Only the geometry is uncertain here. Encoder noise, eccentricity, bending under gravity, temperature and "
-                "the contact with the part are not in these numbers; a real arm is worse.",
+                "Only the geometry is uncertain in sections 2 to 4. Encoder noise, eccentricity, bending under gravity, "
+                "temperature and the contact with the part are not in those numbers; a real arm is worse.",
                 "Joints behind the fourth are held at zero. On SINO6 row 5 has a length of 0.04 mm, so the circle of the "
                 "wrist depends a little on θ5.",
                 "Volumes are first order in the errors; the Monte Carlo rows show how good that is in two postures.",
                 "A cell of the map is judged at its centre and a sector at its centre; narrow gaps between centres go "
                 "unseen.",
                 "The volume says how much room the errors have, not how long they are: see u.",
-                "Neither volume nor u is a maximum permissible error of any standard.",
+                "Neither volume, u nor the largest deviation is a maximum permissible error of any standard.",
             ]
         ),
     ]

@@ -54,6 +54,12 @@ class Study:
         """Swivel angles of the configurations within limits [rad]."""
         return self.circle.swivel[self.circle.within_limits]
 
+    @property
+    def monte_carlo_text(self) -> str:
+        """The volume by Monte Carlo against the zonotope, in words."""
+        low, high = 100 * (self.methods["monte-carlo"].volume / self.methods["zonotope"].volume - 1)
+        return f"{low:+.1f} % where the volume is smallest and {high:+.1f} % where it is largest"
+
 
 def make_study(arm_name: str, progress: bool, cells: tuple[int, int], sectors: int) -> Study:
     """Compute everything; arguments and errors as in :func:`aacmm_pin.demo.run_demo`."""

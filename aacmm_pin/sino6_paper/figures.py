@@ -30,7 +30,8 @@ def draw_table2(result: Table2, ax: Axes | None = None) -> Axes:
     ax.set_xticks(place)
     ax.set_xlabel("working sectors of 12")
     ax.set_ylabel("cells of 48 × 48 (linear below 10)")
-    ax.set_title(f"Table 2: printed and reproduced differ in {100 * result.total_variation:.1f} % of the cells", fontsize=10)
+    distance = 100 * result.total_variation
+    ax.set_title(f"Table 2: total variation distance of printed and reproduced counts {distance:.1f} %", fontsize=10)
     ax.legend(frameon=False, fontsize=8, loc="upper left", ncols=3)
     _bare(ax)
     return ax
@@ -55,7 +56,7 @@ def draw_table3(result: Table3, ax: Axes | None = None) -> Axes:
     ax.set_xticks(place)
     ax.set_ylim(0.0, 1.45 * float(np.max(high)))
     ax.set_xlabel("seat")
-    ax.set_ylabel("spread of 50 records [mm]")
+    ax.set_ylabel("spread of 50 records about their mean [mm]")
     ax.set_title("Table 3: the bands of the six seats move together: each arm is a flat line", fontsize=10)
     ax.legend(frameon=False, fontsize=8, loc="upper left", ncols=2)
     _bare(ax)

@@ -44,7 +44,7 @@ class Table2:
     Attributes:
         counts: working_sectors (0 to 12) and the number of cells: paper_cells, reproduced_cells, exact_cells.
         cells: one row a cell: theta2_deg, theta4_deg, x_mm, z_mm (DH base frame), reproduced_sectors, exact_sectors,
-            encloses_vertical, steps_past_limit and steps_without_configuration (of the seven), lowest_closes.
+            behind_axis (the point is behind the base axis, as seen from the elbow), steps_past_limit and steps_without_configuration (of the seven), lowest_closes.
     """
 
     counts: pd.DataFrame
@@ -70,14 +70,14 @@ class Table2:
     def classes(self) -> pd.DataFrame:
         """What becomes of each class of the reproduced table under exact geometry, one row a class.
 
-        Columns: reproduced_sectors, cells, encloses_vertical (number of cells), steps_without_configuration and
+        Columns: reproduced_sectors, cells, behind_axis (number of cells), steps_without_configuration and
         steps_past_limit (means, of seven), exact_fraction (mean over the cells).
         """
         grouped = self.cells.groupby("reproduced_sectors")
         return pd.DataFrame(
             {
                 "cells": grouped.size(),
-                "encloses_vertical": grouped["encloses_vertical"].sum(),
+                "behind_axis": grouped["behind_axis"].sum(),
                 "steps_without_configuration": grouped["steps_without_configuration"].mean(),
                 "steps_past_limit": grouped["steps_past_limit"].mean(),
                 "exact_fraction": grouped["exact_sectors"].mean() / SECTORS,
@@ -107,7 +107,7 @@ def reproduce_table2(arm: NominalArm | None = None, grid: int = GRID) -> Table2:
             "z_mm": points[:, 2] / MM,
             **walk,
             "exact_sectors": exact_sectors(arm, points),
-            "encloses_vertical": points[:, 0] < 0.0,  # the elbow is in front of the base axis, P behind it
+            "behind_axis": points[:, 0] < 0.0,  # the elbow is in front of the base axis, P behind it
         }
     )
     counts = pd.DataFrame({"working_sectors": np.arange(SECTORS + 1)})
