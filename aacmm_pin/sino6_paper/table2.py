@@ -44,7 +44,8 @@ class Table2:
     Attributes:
         counts: working_sectors (0 to 12) and the number of cells: paper_cells, reproduced_cells, exact_cells.
         cells: one row a cell: theta2_deg, theta4_deg, x_mm, z_mm (DH base frame), reproduced_sectors, exact_sectors,
-            behind_axis (the point, as seen from the elbow of the cell's own posture), steps_past_limit and steps_without_configuration (of the seven), lowest_closes.
+            behind_axis (the point, as seen from the elbow of the cell's own posture), steps_past_limit and
+            steps_without_configuration (of the seven), lowest_closes.
     """
 
     counts: pd.DataFrame
