@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec
 
+import matplotlib
 import numpy as np
 import typer
 from rich.box import SIMPLE
@@ -37,6 +38,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+matplotlib.use("Agg")  # the command writes files and never opens a window
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
