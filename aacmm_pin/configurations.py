@@ -20,7 +20,8 @@ from aacmm_pin.circle import Components, Flexibility, flexibility, resample
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.limits import broken_limits, into_limits
 from aacmm_pin.reach import reach_of_wrist
-from aacmm_pin.reaching import POSITIONING, Wrist, tip_curves, tip_system, wrist_curves, wrist_system
+from aacmm_pin.reaching import POSITIONING, Wrist, wrist_curves, wrist_system
+from aacmm_pin.reaching_tip import tip_curves, tip_system
 from aacmm_pin.swivel import Swivel
 from aacmm_pin.units import DEG, MM
 

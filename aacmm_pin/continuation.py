@@ -25,6 +25,7 @@ CLOSE_ENOUGH = 1e-12
 SURE_STEP = 5e-7
 """After a Newton step shorter than this the residual is about the arm's length times step²/2, below 2e-13 m."""
 LONGEST_STEP = 0.20
+"""Of a predictor along the curve [rad]."""
 SHORTEST_STEP = 1e-7
 LARGEST_TURN = 0.30
 """Largest angle between the tangents at the two ends of a step [rad]."""

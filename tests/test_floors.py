@@ -29,6 +29,7 @@ FLOORS = {
     "arm": 5,
     "circle": 5,
     "reach": 5,
+    "reaching_tip": 5,
     "configurations": 6,
     "sino6_paper": 6,
     "accuracy": 7,
