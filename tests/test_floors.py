@@ -31,7 +31,7 @@ FLOORS = {
     "reach": 5,
     "reaching_tip": 5,
     "configurations": 6,
-    "sino6_paper": 6,
+    "sino6_paper": 7,
     "accuracy": 7,
     "pairing": 8,
     "workspace": 8,

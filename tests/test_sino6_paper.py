@@ -361,6 +361,30 @@ def test_five_seats_follow_white_angle_noise_and_seat_6_does_not(table_three):
     assert ratio[5] > 0.7
 
 
+def test_with_the_tip_in_the_seat_the_conclusions_stay():
+    result = predict_table3(np.random.default_rng(20190427), 1000, reading="tip")
+    # An independent calculation, with other angles on the circle: medians, and the spread under 5″ of noise [mm].
+    medians, noise = [0.049, 0.049, 0.051, 0.046, 0.045, 0.038], [0.0282, 0.0307, 0.0347, 0.0389, 0.0310]
+    level = result.points["dh_median_mm"] / medians
+    # The seats rise and fall together, so a median of 1000 draws has 2.6 % of error in common and little beside.
+    np.testing.assert_allclose(level / level.mean(), 1.0, atol=0.03)
+    assert level.mean() == pytest.approx(1.0, abs=4 * 0.026)
+    np.testing.assert_allclose(result.points["angle_noise_mm"][:5], noise, rtol=0.03)
+    assert result.correlation.min() > 0.9
+    assert result.ratio_probability < 5e-3
+    ratio = np.log(result.points["measured_mm"] / result.points["angle_noise_mm"]).to_numpy()
+    assert np.abs(ratio[:5]).max() < 0.2
+    assert ratio[5] > 0.7
+
+
+def test_the_tip_is_in_the_seat_with_the_stylus_down():
+    arm = Arm.load("sino6")
+    for q, point in zip(table3._with_the_tip_in_the_seat(arm), printed_points(), strict=True):
+        placement = arm.poses(q).placement
+        np.testing.assert_allclose(placement[:, :3, 3], np.broadcast_to(point, (50, 3)), atol=1e-12)
+        np.testing.assert_allclose(placement[:, :3, 0], np.broadcast_to([0, 0, -1], (50, 3)), atol=1e-11)
+
+
 def test_implied_counts_are_whole_but_for_seat_6():
     counts = implied_counts()
     assert counts["whole"].tolist() == [True] * 5 + [False]

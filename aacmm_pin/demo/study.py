@@ -34,7 +34,7 @@ class Study:
         methods: accuracy of these two by every method.
         map: flexibility and accuracy over the half-plane.
         sectors: sectors of the configuration circle.
-        table2, table3: the paper's tables beside ours; None for another arm than the paper's.
+        table2, table3, table3_tip: the paper's tables beside ours; None for another arm than the paper's.
     """
 
     arm_file: ArmFile
@@ -48,6 +48,7 @@ class Study:
     sectors: int
     table2: Table2 | None
     table3: Table3 | None
+    table3_tip: Table3 | None
 
     @property
     def inside(self) -> Array:
@@ -78,4 +79,5 @@ def make_study(arm_name: str, progress: bool, cells: tuple[int, int], sectors: i
     of_paper = arm.name == ARM_OF_THE_PAPER
     table2 = reproduce_table2() if of_paper else None
     table3 = predict_table3(np.random.default_rng(SEED), arm=arm) if of_paper else None
-    return Study(arm_file, arm, circle, accuracy, best, worst, methods, map_, sectors, table2, table3)
+    at_tip = predict_table3(np.random.default_rng(SEED), arm=arm, reading="tip") if of_paper else None
+    return Study(arm_file, arm, circle, accuracy, best, worst, methods, map_, sectors, table2, table3, at_tip)

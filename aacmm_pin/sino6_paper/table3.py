@@ -1,7 +1,8 @@
 """The paper's single-point measurements (its Table 3) beside what errors of the DH values, or of the angles, predict.
 
-Both predictions take the printed coordinates as the place of the working point (origin of frame 5), and fifty
-configurations with θ3 evenly round the full circle: the paper does not state the angles. No number is fitted.
+The printed coordinates have two readings: the wrist (origin of frame 5) is there, as in the paper's equations, with θ3
+evenly round the full circle; or the tip is there with the stylus pointing down, as in the paper's measurements, with the
+elbow evenly round its circle. Fifty configurations either way: the paper does not state the angles. No number is fitted.
 
 **DH values.** One draw is one arm: 24 errors, uniform within the half-widths of Table 1, the same for all records of all
 seats. The spread of each seat (eq. 16 with the divisor n - 1) comes from exact forward kinematics.
@@ -16,12 +17,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array
+from aacmm_pin.configurations import configuration_circle
 from aacmm_pin.dh import DHTable
 from aacmm_pin.sino6_paper.nominal import sino6_nominal
 from aacmm_pin.sino6_paper.seat_configurations import WORKING_ROW, seat_configurations
@@ -35,6 +38,10 @@ ANGLE_NOISE = 5.0 * ARCSEC
 PRINTED_STEP = 1e-4 * MM
 """Last printed digit of the spreads [m]."""
 DRAWS_AT_ONCE = 40
+DOWN = np.array([0.0, 0.0, -1.0])
+"""Direction of the stylus in a seat, in the base frame."""
+
+Reading = Literal["wrist", "tip"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +56,7 @@ class Table3:
         ratio_probability: share of draws in which seat 6 spreads at least as much more than seat 5 as measured.
         measured_ratio: that measured ratio.
         marked: number of records in the marked part that the print implies, see :func:`implied_counts`.
+        reading: what is at the printed coordinates, ``wrist`` or ``tip``.
     """
 
     points: pd.DataFrame
@@ -57,21 +65,28 @@ class Table3:
     ratio_probability: float
     measured_ratio: float
     marked: pd.DataFrame
+    reading: Reading = "wrist"
 
 
-def predict_table3(rng: np.random.Generator, draws: int = 2000, arm: Arm | None = None) -> Table3:
+def predict_table3(
+    rng: np.random.Generator, draws: int = 2000, arm: Arm | None = None, reading: Reading = "wrist"
+) -> Table3:
     """The measured spreads beside those that the calibration's half-widths and white angle noise predict.
 
     Args:
         rng: source of the draws.
         draws: number of arms.
         arm: the arm; default the bundled SINO6.
+        reading: what is at the printed coordinates.
     """
     arm = arm or Arm.load("sino6")
     dh = arm.require_dh("the prediction of Table 3")
-    q = seat_configurations(sino6_nominal(), dh, printed_points(), RECORDS)
+    if reading == "wrist":
+        q, row = seat_configurations(sino6_nominal(), dh, printed_points(), RECORDS), WORKING_ROW
+    else:
+        q, row = _with_the_tip_in_the_seat(arm), dh.rows
     half_widths = np.array([parameter.half_width or 0.0 for parameter in arm.parameters])
-    spreads = dh_spreads(dh, q, half_widths.reshape(dh.rows, 4) * rng.uniform(-1.0, 1.0, (draws, dh.rows, 4)))
+    spreads = dh_spreads(dh, q, half_widths.reshape(dh.rows, 4) * rng.uniform(-1.0, 1.0, (draws, dh.rows, 4)), row)
     measured = printed_table3()["single_point_std_mm"].to_numpy() * MM
     low, median, high = np.quantile(spreads, [0.05, 0.5, 0.95], axis=0)
     points = pd.DataFrame(
@@ -82,28 +97,42 @@ def predict_table3(rng: np.random.Generator, draws: int = 2000, arm: Arm | None 
             "dh_median_mm": median / MM,
             "dh_p95_mm": high / MM,
             "measured_quantile": (spreads < measured).mean(axis=0),
-            "angle_noise_mm": angle_noise_spreads(dh, q, ANGLE_NOISE) / MM,
+            "angle_noise_mm": angle_noise_spreads(dh, q, ANGLE_NOISE, row) / MM,
         }
     )
     ratio = float(measured[5] / measured[4])
     share = float((spreads[:, 5] >= ratio * spreads[:, 4]).mean())
-    return Table3(points, np.corrcoef(np.log(spreads).T), spreads, share, ratio, implied_counts())
+    return Table3(points, np.corrcoef(np.log(spreads).T), spreads, share, ratio, implied_counts(), reading)
 
 
-def dh_spreads(dh: DHTable, q: Array, errors: Array) -> Array:
+def _with_the_tip_in_the_seat(arm: Arm) -> Array:
+    """Configurations of every seat with the stylus pointing down, the elbow evenly round its circle: (6, records, nq) [rad].
+
+    Of the components the one with the most configurations within limits is taken.
+    """
+    postures = []
+    for point in printed_points():
+        circle = configuration_circle(arm, point, tip=True, axis=DOWN, count=RECORDS)
+        usable = np.bincount(circle.component, weights=circle.within_limits)
+        postures.append(circle.q[circle.component == np.argmax(usable)])
+    return np.stack(postures)
+
+
+def dh_spreads(dh: DHTable, q: Array, errors: Array, row: int = WORKING_ROW) -> Array:
     """Spread of each seat for each arm, eq. (16): (draws, seats) [m].
 
     Args:
         dh: the table that the arms depart from.
         q: configurations (seats, records, nq) [rad].
         errors: errors of a, d, alpha, theta for each arm (draws, rows, 4) [m, m, rad, rad].
+        row: frame whose origin is in the seat.
     """
     seats, records, nq = q.shape
     spreads = np.empty((len(errors), seats))
     for start in range(0, len(errors), DRAWS_AT_ONCE):
         part = errors[start : start + DRAWS_AT_ONCE]
         repeated = np.tile(q.reshape(-1, nq), (len(part), 1))
-        positions = dh.positions(repeated, WORKING_ROW, np.repeat(part, seats * records, axis=0))
+        positions = dh.positions(repeated, row, np.repeat(part, seats * records, axis=0))
         spreads[start : start + len(part)] = sample_spread(positions.reshape(len(part), seats, records, 3))
     return spreads
 
@@ -113,15 +142,16 @@ def sample_spread(positions: Array) -> Array:
     return np.asarray(np.sqrt(positions.var(axis=-2, ddof=1).sum(axis=-1)))
 
 
-def angle_noise_spreads(dh: DHTable, q: Array, noise: float) -> Array:
+def angle_noise_spreads(dh: DHTable, q: Array, noise: float, row: int = WORKING_ROW) -> Array:
     """Expected root-mean-square spread of each seat under white noise [rad] on every joint, to first order: (seats,) [m].
 
     Args:
         dh: the table.
         q: configurations (seats, records, nq) [rad].
         noise: standard deviation of each joint's angle [rad].
+        row: frame whose origin is in the seat.
     """
-    levers = dh.jacobian(q.reshape(-1, q.shape[2]), WORKING_ROW)
+    levers = dh.jacobian(q.reshape(-1, q.shape[2]), row)
     squared = (levers**2).sum(axis=(1, 2)).reshape(q.shape[:2])
     return np.asarray(noise * np.sqrt(squared.mean(axis=1)))
 
