@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.continuation import Curve, System, polish
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.limits import broken_limits, into_limits, margin
+from aacmm_pin.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.reaching import Wrist
 from aacmm_pin.swivel import Swivel
 
@@ -22,6 +22,10 @@ SAME_SWIVEL = 1e-10
 MOST_TRIALS = 100
 FINER = 8
 """Parts of each piece between vertices when the elbow's path is measured."""
+CURVED = 0.02
+"""More than a curve leaves the chord between two of its vertices [rad]."""
+LIMIT_PARTS = 16
+"""Parts of a piece that may meet a limit."""
 STILL = 1e-9
 """An elbow that moves less than this along a whole curve gives no measure of it [m]."""
 
@@ -87,6 +91,24 @@ class Components:
         open_ends = (np.cumsum(lengths) - 1)[[not c.closed for c in curves]]
         keep = np.delete(np.arange(len(start)), open_ends)
         return _Segments(start[keep], end[keep], swivel[keep], turn[keep], problem[keep])
+
+    def divided(self, pieces: _Segments, which: NDArray[np.bool_]) -> _Segments:
+        """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at the cuts."""
+        start, chord = pieces.start[which], (pieces.end - pieces.start)[which]
+        problem = np.repeat(pieces.problem[which], LIMIT_PARTS + 1)
+        parts = np.linspace(0.0, 1.0, LIMIT_PARTS + 1)
+        guess = (start[:, None, :] + parts[:, None] * chord[:, None, :]).reshape(-1, start.shape[1])
+        q = to_solution(self.system, guess, problem)
+        swivel = self.swivel.angle(self.full(q), self.points[problem]).reshape(-1, LIMIT_PARTS + 1)
+        turn = (np.diff(swivel, axis=1) + np.pi) % (2 * np.pi) - np.pi
+        q = q.reshape(-1, LIMIT_PARTS + 1, start.shape[1])
+        return _Segments(
+            q[:, :-1].reshape(-1, start.shape[1]),
+            q[:, 1:].reshape(-1, start.shape[1]),
+            swivel[:, :-1].ravel(),
+            turn.ravel(),
+            np.repeat(pieces.problem[which], LIMIT_PARTS),
+        )
 
 
 @dataclass(frozen=True)
@@ -215,29 +237,33 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
 
 
 def arc_fractions(components: Components, limits: Array, bins: int = ARC_BINS) -> Array:
-    """Working over theoretical range of the swivel angle for every point: (m,), nan where nothing is theoretical."""
+    """Working over theoretical range of the swivel angle for every point: (m,), nan where nothing is theoretical.
+
+    Pieces between vertices that may meet a limit are divided into ``LIMIT_PARTS``, with solutions in between.
+    """
     m = len(components.points)
     if not components.curves:
         return np.full(m, np.nan)
     pieces = components.segments
-    first, last = _inside_part(components, pieces, limits)
-    theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m, bins)
+    start, end = components.full(pieces.start), components.full(pieces.end)
+    nothing = np.less_equal(*inside_part(start, end, _moved_out(limits, CURVED))[::-1])
+    first, last = inside_part(start, end, _moved_out(limits, -CURVED))
+    whole = (first == 0.0) & (last == 1.0)
+    fine = components.divided(pieces, ~(nothing | whole))
+    first, last = inside_part(components.full(fine.start), components.full(fine.end), limits)
     some = last > first
-    start = pieces.swivel[some] + first[some] * pieces.turn[some]
-    working = _covered(pieces.problem[some], start, (last - first)[some] * pieces.turn[some], m, bins)
+    problem = np.concatenate([pieces.problem[whole], fine.problem[some]])
+    swivel = np.concatenate([pieces.swivel[whole], (fine.swivel + first * fine.turn)[some]])
+    turn = np.concatenate([pieces.turn[whole], ((last - first) * fine.turn)[some]])
+    theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m, bins)
+    working = _covered(problem, swivel, turn, m, bins)
     with np.errstate(invalid="ignore"):
         return np.asarray(working.sum(axis=1) / theoretical.sum(axis=1))
 
 
-def _inside_part(components: Components, pieces: _Segments, limits: Array) -> tuple[Array, Array]:
-    """Which part of each piece, from 0 to 1, is inside the limits; where it crosses one, the place is interpolated."""
-    at_start = margin(into_limits(components.full(pieces.start), limits), limits)
-    at_end = margin(into_limits(components.full(pieces.end), limits), limits)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        crossing = np.clip(at_start / (at_start - at_end), 0.0, 1.0)
-    first = np.where(at_start >= 0, 0.0, np.where(at_end >= 0, crossing, 1.0))
-    last = np.where(at_end >= 0, 1.0, np.where(at_start >= 0, crossing, 0.0))
-    return first, last
+def _moved_out(limits: Array, distance: float) -> Array:
+    """Limits moved outwards; moved inwards by too much they leave nothing."""
+    return np.asarray(limits + np.array([-distance, distance]))
 
 
 def _covered(problem: Index, start: Array, turn: Array, points: int, bins: int) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ from aacmm_pin.outputs import check_output, whole_file
 from aacmm_pin.summaries import accuracy_summary, accuracy_table, map_summary
 from aacmm_pin.units import MM
 from aacmm_pin.urdf import urdf_text
-from aacmm_pin.workspace import map_workspace
+from aacmm_pin.workspace import map_caveats, map_workspace
 
 app = typer.Typer(
     name="aacmm-pin",
@@ -178,7 +178,10 @@ def map_(
     _check_plot(plot, force)
     _check_json(json_, force)
     extent = None if extent_mm is None else np.array(extent_mm) * MM
-    result = map_workspace(Arm.load(arm), cells, sectors, extent=extent, method=_method(method), processes=processes)
+    machine = Arm.load(arm)
+    for caveat in map_caveats(machine):
+        _note(f"note: {caveat}")
+    result = map_workspace(machine, cells, sectors, extent=extent, method=_method(method), processes=processes)
     if output is not None:
         with whole_file(output, force) as path:
             result.save(path)

@@ -31,13 +31,23 @@ def broken_limits(q: Array, limits: Array) -> NDArray[np.bool_]:
     return np.asarray((q < limits[:, 0] - AT_LIMIT) | (q > limits[:, 1] + AT_LIMIT))
 
 
-def margin(q: Array, limits: Array) -> Array:
-    """Distance to the nearest limit, negative outside, for ``q`` as :func:`into_limits` leaves it: (n,) [rad].
+def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
+    """Which part of the way from ``start`` to ``end``, along a straight line, is inside the limits.
 
-    Joints that can make a full turn have no limit that matters here.
+    Args:
+        start, end: (n, nq) [rad], any turns; less than half a turn apart.
+        limits: (nq, 2) [rad]; joints that can make a full turn have no limit that matters here.
+
+    Returns:
+        first, last: (n,) in [0, 1]; nothing is inside where last <= first.
     """
-    bounded = limits[:, 1] - limits[:, 0] < 2 * np.pi - AT_LIMIT
+    half = 0.5 * (limits[:, 1] - limits[:, 0])
+    bounded = half < np.pi - AT_LIMIT
     if not bounded.any():
-        return np.full(len(q), np.inf)
-    q, limits = q[:, bounded], limits[bounded]
-    return np.asarray(np.minimum(q - limits[:, 0], limits[:, 1] - q).min(axis=1))
+        return np.zeros(len(start)), np.ones(len(start))
+    half, centre = half[bounded] + AT_LIMIT, limits[bounded].mean(axis=1)
+    off = (start[:, bounded] - centre + np.pi) % (2 * np.pi) - np.pi
+    way = end[:, bounded] - start[:, bounded]
+    way = np.where(np.abs(way) < 1e-15, 1e-15, way)
+    ends = np.stack([(-half - off) / way, (half - off) / way])
+    return np.clip(ends.min(axis=0).max(axis=1), 0.0, 1.0), np.clip(ends.max(axis=0).min(axis=1), 0.0, 1.0)

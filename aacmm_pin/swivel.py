@@ -1,8 +1,8 @@
 """The swivel angle: where on its circle the elbow is.
 
 The elbow turns about the line from the shoulder to the working point. Its angle is 0 where it is highest (against
-gravity) and grows by the right-hand rule about the direction shoulder → point. Above or below the shoulder no direction is
-"highest" and the base frame's x axis takes its place.
+gravity) and grows by the right-hand rule about the direction shoulder → point. Straight above or below the shoulder no
+direction is "highest"; the axis of the base frame that is least along gravity (x, where gravity is along z) takes its place.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ class Swivel:
         axis = _unit(points - self.shoulder)
         reference = self.up - axis * (axis @ self.up)[:, None]
         upright = np.linalg.norm(reference, axis=1) < UPRIGHT
-        reference[upright] = [1.0, 0.0, 0.0]
+        level = np.eye(3)[np.argmin(np.abs(self.up))]
+        reference[upright] = level - axis[upright] * (axis[upright] @ level)[:, None]
         arm = self.elbow(q) - self.shoulder
         sideways = np.einsum("ni,ni->n", np.cross(axis, reference), arm)
         upwards = np.einsum("ni,ni->n", reference, arm)

@@ -29,7 +29,7 @@ from aacmm_pin.comprehensive import comprehensive_accuracy
 from aacmm_pin.configurations import WRIST
 from aacmm_pin.dh import chunks
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.limits import broken_limits, into_limits
+from aacmm_pin.limits import AT_LIMIT, broken_limits, into_limits
 from aacmm_pin.reach import reach_of_wrist
 from aacmm_pin.reaching import POSITIONING, Wrist, wrist_curves, wrist_system
 from aacmm_pin.swivel import Swivel
@@ -38,8 +38,6 @@ from aacmm_pin.units import DEG, MM, MM3
 CELLS_AT_ONCE = 576
 SEEDS_PER_TURN = 3
 """Held angles of each joint for a map; with the spread seeds they find every component that twenty-four find."""
-ROUND_EXTENT_TO = 0.05
-"""The default extent is the reach, rounded to this [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +110,7 @@ def map_workspace(
         cells: number of cells along x and z.
         sectors: number of sectors of the configuration circle; each stands for the configuration at its centre, and
             where several configurations inside the limits have that swivel, for the most accurate of them.
-        extent: x from, x to, z from, z to (4,) [m]; default 0, R, -R, R with the reach R to the nearest 50 mm.
+        extent: x from, x to, z from, z to (4,) [m]; default 0, R, -R, R with the reach R to two digits.
         method: how accuracy volumes are found (not ``monte-carlo``).
         rest: angles of the joints behind the fourth (nq - 4,) [rad], default 0.
         processes: worker processes.
@@ -240,7 +238,7 @@ def _groups(labels: Index) -> Iterable[tuple[int, Index]]:
 def _extent(arm: Arm, wrist: Wrist, extent: ArrayLike | None) -> Array:
     if extent is None:
         farthest = reach_of_wrist(wrist, Swivel(arm.require_dh("a map"), arm.up).shoulder)[1]
-        reach = max(ROUND_EXTENT_TO, round(farthest / ROUND_EXTENT_TO) * ROUND_EXTENT_TO)
+        reach = float(f"{farthest:.1e}")  # two digits: 1210.7 mm become 1200 mm, as 121.07 mm become 120 mm
         return np.array([0.0, reach, -reach, reach])
     box = vector(extent, 4, "extent", "m")
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
@@ -253,6 +251,17 @@ def _check_method(arm: Arm, method: Method) -> None:
     if method == "monte-carlo" or method not in METHODS:
         raise UnknownNameError("method", method, [m for m in METHODS if m != "monte-carlo"], "of a map")
     accuracy_volume(arm, np.zeros((1, arm.nq)), at=WRIST, method=method)
+
+
+def map_caveats(arm: Arm) -> tuple[str, ...]:
+    """Why the half-plane y = 0 does not stand for all of space with this arm; empty where it does."""
+    caveats = []
+    lower, upper = arm.limits[0]
+    if upper - lower < 2 * np.pi - AT_LIMIT:
+        caveats.append("joint 1 does not turn all the way round: the map holds for the half-plane y = 0 alone")
+    if abs(arm.up[2]) < 1 - 1e-12:
+        caveats.append("gravity is not along joint axis 1: swivel angles count from another place in other half-planes")
+    return tuple(caveats)
 
 
 def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array]:
@@ -310,6 +319,7 @@ def _dataset(
         "working_point": WRIST,
         "rest_deg": (rest / DEG).tolist(),
         "extent_mm": (box / MM).tolist(),
+        "caveats": "; ".join(map_caveats(arm)),
         "seconds": seconds,
     }
     return xr.Dataset(variables, coordinates, attributes)

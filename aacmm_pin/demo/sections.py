@@ -29,7 +29,7 @@ def about_arm(study: Study) -> list[Part]:
     longest = np.sort(np.abs(np.concatenate([dh.a, dh.d])))[::-1] / MM
     return [
         f"{arm.name} is a passive measuring arm with {arm.nq} joints. Its longest pieces measure {longest[0]:.0f} mm and "
-        f"{longest[1]:.0f} mm. The table holds its {dh.convention} values; every value marked ± lies within that "
+        f"{longest[1]:.0f} mm. The table holds its {dh.convention} values; every value marked ± is taken to lie within that "
         "half-width according to the calibration, and these half-widths are the only causes of error in the predictions of "
         "sections 2 to 4.",
         Table(
@@ -264,9 +264,10 @@ def _methods_table(study: Study) -> Table:
 def _methods_text(study: Study) -> Part:
     smaller = study.methods["zonotope"].volume / study.methods["jointwise"].volume
     return (
-        "Monte Carlo moves the real model, nothing is linearised. Its volume is that of the hull of corners of the box, "
-        f"which lies inside the true set; against the zonotope it comes out {study.monte_carlo_text}, so first order is "
-        "enough. Its covariance comes from separate random draws and has their scatter. Equation 14, "
+        "Monte Carlo moves the real model; its positions are exact. Its volume is that of the hull of those corners of the "
+        "box that first order says go farthest, and so lies inside the true set; against the zonotope it comes out "
+        f"{study.monte_carlo_text}. Its covariance comes from separate random draws, has their scatter and gives the same u: "
+        "first order is enough. Equation 14, "
         f"read as a sum over rows, is smaller by factors of {smaller.min():.0f} and {smaller.max():.0f}: it leaves out all "
         "volume that errors of different rows span together. It should not be read as the region where the wrist may be."
     )
