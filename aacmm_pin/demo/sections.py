@@ -266,8 +266,8 @@ def _methods_text(study: Study) -> Part:
     return (
         "Monte Carlo moves the real model; its positions are exact. Its volume is that of the hull of those corners of the "
         "box that first order says go farthest, and so lies inside the true set; against the zonotope it comes out "
-        f"{study.monte_carlo_text}. Its covariance comes from separate random draws, has their scatter and gives the same u: "
-        "first order is enough. Equation 14, "
+        f"{study.monte_carlo_text}. Its covariance comes from separate random draws, has their scatter and gives the same "
+        "u: first order is enough. Equation 14, "
         f"read as a sum over rows, is smaller by factors of {smaller.min():.0f} and {smaller.max():.0f}: it leaves out all "
         "volume that errors of different rows span together. It should not be read as the region where the wrist may be."
     )
