@@ -20,8 +20,6 @@ from aacmm_pin.errors import ArmFileError, UnknownNameError
 from aacmm_pin.parameter import Parameter
 from aacmm_pin.units import MM
 
-SCHEMA = "aacmm-pin/arm/1"
-
 MOST_TURNS = 5
 """A limit beyond so many turns is taken for degrees."""
 

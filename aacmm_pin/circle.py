@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from aacmm_pin.angles import wrapped
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.continuation import Curve, System, polish
 from aacmm_pin.errors import AacmmError
@@ -82,12 +83,12 @@ class Components:
         start = np.concatenate([c.q for c in curves])
         problem = np.concatenate([np.full(len(c.q), c.problem) for c in curves])
         ends = np.concatenate([np.roll(c.q, -1, axis=0) for c in curves])
-        end = start + (ends - start + np.pi) % (2 * np.pi) - np.pi
+        end = start + wrapped(ends - start)
         swivel = self.swivel.angle(self.full(start), self.points[problem])
         lengths = np.array([len(c.q) for c in curves])
         following = np.arange(1, len(start) + 1)
         following[np.cumsum(lengths) - 1] = np.cumsum(lengths) - lengths  # the last vertex is followed by the first
-        turn = (swivel[following] - swivel + np.pi) % (2 * np.pi) - np.pi
+        turn = wrapped(swivel[following] - swivel)
         open_ends = (np.cumsum(lengths) - 1)[[not c.closed for c in curves]]
         keep = np.delete(np.arange(len(start)), open_ends)
         return _Segments(start[keep], end[keep], swivel[keep], turn[keep], problem[keep])
@@ -100,7 +101,7 @@ class Components:
         guess = (start[:, None, :] + parts[:, None] * chord[:, None, :]).reshape(-1, start.shape[1])
         q = to_solution(self.system, guess, problem)
         swivel = self.swivel.angle(self.full(q), self.points[problem]).reshape(-1, LIMIT_PARTS + 1)
-        turn = (np.diff(swivel, axis=1) + np.pi) % (2 * np.pi) - np.pi
+        turn = wrapped(np.diff(swivel, axis=1))
         q = q.reshape(-1, LIMIT_PARTS + 1, start.shape[1])
         return _Segments(
             q[:, :-1].reshape(-1, start.shape[1]),
@@ -177,7 +178,7 @@ def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Inde
     if not components.curves:
         return np.empty((0, components.nq)), np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
     pieces = components.segments
-    ahead = (angles[None, :] - pieces.swivel[:, None] + np.pi) % (2 * np.pi) - np.pi
+    ahead = wrapped(angles[None, :] - pieces.swivel[:, None])
     turn = pieces.turn[:, None]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
     piece, which = np.nonzero(passed)
@@ -199,8 +200,7 @@ def _between(components: Components, pieces: _Segments, piece: Index, wanted: Ar
     for _ in range(MOST_TRIALS):
         part = low[left] + (high - low)[left] * gap_low[left] / (gap_low - gap_high)[left]
         q[left] = to_solution(components.system, start[left] + part[:, None] * chord[left], problem[left])
-        gap = wanted[left] - components.swivel.angle(components.full(q[left]), components.points[problem[left]])
-        gap = (gap + np.pi) % (2 * np.pi) - np.pi
+        gap = wrapped(wanted[left] - components.swivel.angle(components.full(q[left]), components.points[problem[left]]))
         before = np.sign(gap) == np.sign(gap_low[left])  # still on the near side of the wanted swivel
         near, far = left[before], left[~before]
         low[near], gap_low[near] = part[before], gap[before]

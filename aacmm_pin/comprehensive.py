@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from aacmm_pin.angles import wrapped
 from aacmm_pin.checks import Array
 
 
@@ -31,7 +32,7 @@ def configuration_weights(theta3: Array, point: Array) -> Array:
         return np.empty(0)
     if n == 1:
         return np.ones(1)
-    folded = np.abs((theta3 + np.pi) % (2 * np.pi) - np.pi)
+    folded = np.abs(wrapped(theta3))
     away = np.abs(folded - preferred_theta3(point))
     total = away.sum()
     share = away / total if total > 0 else np.full(n, 1.0 / n)

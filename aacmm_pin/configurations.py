@@ -14,13 +14,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from aacmm_pin.angles import wrapped
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, vector
 from aacmm_pin.circle import Components, Flexibility, flexibility, resample
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.limits import broken_limits, into_limits
 from aacmm_pin.reach import reach_of_wrist
-from aacmm_pin.reaching import POSITIONING, Wrist, wrist_curves, wrist_system
+from aacmm_pin.reaching import Wrist, wrist_curves, wrist_system
 from aacmm_pin.reaching_tip import tip_curves, tip_system
 from aacmm_pin.swivel import Swivel
 from aacmm_pin.units import DEG, MM
@@ -67,7 +68,7 @@ class ConfigurationCircle:
     @property
     def theta3(self) -> Array:
         """Angle of joint 3, by which the paper orders the configurations, (n,) [rad] in [-π, π)."""
-        return (self.q[:, 2] + np.pi) % (2 * np.pi) - np.pi
+        return wrapped(self.q[:, 2])
 
     @cached_property
     def branch(self) -> NDArray[np.intp]:
@@ -179,8 +180,7 @@ def configuration_circle(
     else:
         if axis is not None:
             raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
-        held = np.zeros(arm.nq - POSITIONING) if rest is None else vector(rest, arm.nq - POSITIONING, "rest", "rad")
-        wrist = Wrist.of(dh, held)
+        wrist = Wrist.of(dh, rest)
         curves = wrist_curves(wrist, point[None, :], seeds_per_turn)
         components = Components(swivel, wrist_system(wrist, point[None, :]), point[None, :], curves, wrist)
     return _sampled(arm, point, arm.tip if tip else WRIST, components, count)

@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from aacmm_pin.angles import wrapped
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.dh import chunks
 
@@ -149,7 +150,7 @@ class _State:
 
     def _returned(self, who: Index, moved: Array, distance: Array) -> NDArray[np.bool_]:
         """Did this step pass the start (modulo full turns)? Near it, the start is solved for and compared."""
-        to_start = _wrapped(self.start[who] - self.q[who])
+        to_start = wrapped(self.start[who] - self.q[who])
         along = np.einsum("ni,ni->n", to_start, moved) / distance
         aside = np.linalg.norm(to_start - (along / distance)[:, None] * moved, axis=1)
         near = (along > 0) & (along <= distance * 1.0001) & (aside < 0.3 * distance) & (self.travelled[who] > 0)
@@ -157,7 +158,7 @@ class _State:
         if near.any():
             some = np.flatnonzero(near)
             guess = self.q[who[some]] + (along[some] / distance[some])[:, None] * moved[some]
-            goal = guess + _wrapped(self.start[who[some]] - guess)
+            goal = guess + wrapped(self.start[who[some]] - guess)
             returned[some] = _meets(self.system, guess, goal, self.start_tangent[who[some]], self.problem[who[some]])
         return returned
 
@@ -227,8 +228,8 @@ def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> 
         left = np.flatnonzero(~found[open_])
         mine, vertex = rows[left], nearest[left, k]
         start, piece = vertices[mine, vertex], vertices[mine, (vertex + side) % lengths[mine]]
-        piece = _wrapped(piece - start)
-        goal = start + _wrapped(q[open_[left]] - start)
+        piece = wrapped(piece - start)
+        goal = start + wrapped(q[open_[left]] - start)
         size = np.maximum(np.linalg.norm(piece, axis=1), 1e-100)
         part = np.clip(np.einsum("ni,ni->n", goal - start, piece) / size**2, 0.0, 1.0)
         guess = start + part[:, None] * piece
@@ -335,8 +336,3 @@ def _least_norm(jacobian: Array, f: Array) -> Array:
     gram = jacobian @ jacobian.transpose(0, 2, 1)
     damping = 1e-14 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
     return np.asarray((jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram + damping, f[:, :, None]))[:, :, 0])
-
-
-def _wrapped(angles: Array) -> Array:
-    """Angles in [-π, π)."""
-    return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from aacmm_pin.angles import wrapped
 from aacmm_pin.checks import Array
 
 AT_LIMIT = 1e-9
@@ -46,7 +47,7 @@ def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
     if not bounded.any():
         return np.zeros(len(start)), np.ones(len(start))
     half, centre = half[bounded] + AT_LIMIT, limits[bounded].mean(axis=1)
-    off = (start[:, bounded] - centre + np.pi) % (2 * np.pi) - np.pi
+    off = wrapped(start[:, bounded] - centre)
     way = end[:, bounded] - start[:, bounded]
     way = np.where(np.abs(way) < 1e-15, 1e-15, way)
     ends = np.stack([(-half - off) / way, (half - off) / way])

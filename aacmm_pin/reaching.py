@@ -10,8 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from aacmm_pin.checks import Array, Index
+from aacmm_pin.checks import Array, Index, vector
 from aacmm_pin.continuation import Curve, System, all_curves, polish
 from aacmm_pin.dh import DHTable
 from aacmm_pin.errors import UnsupportedArmError
@@ -38,19 +39,22 @@ class Wrist:
     rest: Array
 
     @staticmethod
-    def of(dh: DHTable, rest: Array) -> Wrist:
-        """Hold joints 5 and up at ``rest``.
+    def of(dh: DHTable, rest: ArrayLike | None = None) -> Wrist:
+        """Hold joints 5 and up at ``rest`` (nq - 4,) [rad], default 0.
 
         Raises:
+            ShapeError: ``rest`` has another shape or is not finite.
             UnsupportedArmError: fewer than five rows, or one of the first five has no joint.
         """
         if dh.rows < WRIST_ROW or not dh.moving[:WRIST_ROW].all():
             raise UnsupportedArmError("configurations need an arm whose first five DH rows are joints")
+        behind = dh.nq - POSITIONING
+        held = np.zeros(behind) if rest is None else vector(rest, behind, "rest", "rad")
         offsets = dh.theta_offset[:WRIST_ROW].copy()
-        offsets[-1] += rest[0]
+        offsets[-1] += held[0]
         moving = np.array([True] * POSITIONING + [False])
         first = slice(0, WRIST_ROW)
-        return Wrist(DHTable(dh.a[first], dh.d[first], dh.alpha[first], offsets, moving, dh.convention), rest)
+        return Wrist(DHTable(dh.a[first], dh.d[first], dh.alpha[first], offsets, moving, dh.convention), held)
 
     def full(self, q: Array) -> Array:
         """All joints from the first four: (n, nq) [rad]."""

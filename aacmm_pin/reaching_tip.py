@@ -71,7 +71,7 @@ def _tip_seeds(dh: DHTable, point: Array, stylus: Array, axis: Array, per_turn: 
     stylus_in_6 = behind[:3, :3] @ stylus
     bodies = _bodies_about(axis, stylus_in_6, directions)
     places = point - bodies @ behind[:3, 3]  # origin of frame 5 lies where the axes of joint 6 start
-    wrist = Wrist.of(dh, np.zeros(dh.nq - POSITIONING))
+    wrist = Wrist.of(dh)
     places = places - np.einsum("nij,j->ni", bodies, _wrist_in_6(dh, links))
     seeds = []
     for curve in wrist_curves(wrist, places, per_turn):

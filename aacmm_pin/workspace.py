@@ -31,7 +31,7 @@ from aacmm_pin.dh import chunks
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.limits import AT_LIMIT, broken_limits, into_limits
 from aacmm_pin.reach import reach_of_wrist
-from aacmm_pin.reaching import POSITIONING, Wrist, wrist_curves, wrist_system
+from aacmm_pin.reaching import Wrist, wrist_curves, wrist_system
 from aacmm_pin.swivel import Swivel
 from aacmm_pin.units import DEG, MM, MM3
 
@@ -124,8 +124,7 @@ def map_workspace(
     started = time.perf_counter()
     if min(*cells, sectors, processes) < 1:
         raise AacmmError(f"cells are {cells}, sectors {sectors}, processes {processes}; expected at least 1 of each")
-    held = np.zeros(arm.nq - POSITIONING) if rest is None else vector(rest, arm.nq - POSITIONING, "rest", "rad")
-    wrist = Wrist.of(arm.require_dh("a map of the workspace"), held)
+    wrist = Wrist.of(arm.require_dh("a map of the workspace"), rest)
     _check_method(arm, method)
     box = _extent(arm, wrist, extent)
     x, z = _centres(box, cells)
@@ -139,7 +138,7 @@ def map_workspace(
             bar.update(len(jobs[number].points))
     seconds = time.perf_counter() - started
     merged = {name: np.concatenate([r[name] for r in results]) for name in results[0]}
-    return WorkspaceMap(_dataset(arm, merged, box, cells, sectors, method, held, seconds), seconds)
+    return WorkspaceMap(_dataset(arm, merged, box, cells, sectors, method, wrist.rest, seconds), seconds)
 
 
 @dataclass(frozen=True)

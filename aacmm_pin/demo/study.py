@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, accuracy_volume
+from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, accuracy_volume, circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import ArmFile, load_arm_file
 from aacmm_pin.checks import Array
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
-from aacmm_pin.errors import AacmmError
 from aacmm_pin.sino6_paper import Table2, Table3, predict_table3, printed_points, reproduce_table2
 from aacmm_pin.workspace import WorkspaceMap, map_workspace
 
@@ -67,13 +66,10 @@ def make_study(arm_name: str, progress: bool, cells: tuple[int, int], sectors: i
     arm_file = load_arm_file(arm_name)
     arm = Arm.from_file(arm_file)
     circle = configuration_circle(arm, printed_points()[0])
-    q = circle.q[circle.within_limits]
-    if not len(q):
-        raise AacmmError(f"{circle}: no configuration within limits to show")
-    accuracy = accuracy_volume(arm, q, at=circle.at)
+    accuracy = circle_accuracy(circle)
     best, worst = int(np.argmin(accuracy.volume)), int(np.argmax(accuracy.volume))
     rng = np.random.default_rng(SEED)
-    ends = q[[best, worst]]
+    ends = accuracy.q[[best, worst]]
     methods = {m: accuracy_volume(arm, ends, at=circle.at, method=m, rng=rng, draws=DRAWS) for m in METHODS}
     map_ = map_workspace(arm, cells, sectors, progress=progress)
     of_paper = arm.name == ARM_OF_THE_PAPER
