@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from aacmm_pin.angles import wrapped
 from aacmm_pin.demo.picture import new_axes, picture
 from aacmm_pin.demo.study import SEED, Study
 from aacmm_pin.report import Paragraph, Part, Section, Table
@@ -169,7 +170,7 @@ def elbow_goes_round(cells: pd.DataFrame) -> NDArray[np.bool_]:
     elbow = arm.dh.positions(np.column_stack([q, np.zeros(len(q))]), 3)
     azimuth = np.full((len(cells), SWIVELS), np.nan)
     azimuth[point, swivel] = np.arctan2(elbow[:, 1], elbow[:, 0])
-    steps = (np.diff(azimuth, axis=1, append=azimuth[:, :1]) + np.pi) % (2 * np.pi) - np.pi
+    steps = wrapped(np.diff(azimuth, axis=1, append=azimuth[:, :1]))
     return np.asarray(np.abs(steps.sum(axis=1)) > np.pi)
 
 
