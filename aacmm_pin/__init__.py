@@ -1,12 +1,13 @@
 """Postures and accuracy of articulated-arm coordinate measuring machines, on Pinocchio."""
 
 from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, circle_accuracy
-from aacmm_pin.arm import Arm, Poses
+from aacmm_pin.arm import Arm
 from aacmm_pin.circle import Flexibility
 from aacmm_pin.comprehensive import comprehensive_accuracy, configuration_weights
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.parameter import Parameter
+from aacmm_pin.poses import Poses
 from aacmm_pin.single_point import SinglePoint, single_point_statistics
 from aacmm_pin.workspace import WorkspaceMap, map_workspace
 

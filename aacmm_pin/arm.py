@@ -1,4 +1,4 @@
-"""Arms and their poses: the only computing module that imports Pinocchio."""
+"""Arms: a DH table, a Pinocchio model, or both."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from aacmm_pin import chain
 from aacmm_pin.arm_file import ArmFile, load_arm_file
+from aacmm_pin.chain import Chain
 from aacmm_pin.checks import Array, batch
-from aacmm_pin.dh import KINDS, DHTable
+from aacmm_pin.dh import DHTable
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.parameter import Parameter
+from aacmm_pin.poses import Poses
 from aacmm_pin.urdf import urdf_text
 
 
@@ -32,6 +35,8 @@ class Arm:
         encoder_noise: standard uncertainty of one reading (nq,) [rad], or None.
         stylus_axis: direction of the stylus in the tip frame (3,), or None.
         source: where the numbers come from.
+        reference_temperature: temperature for which the numbers hold [°C].
+        file: the arm file it came from, or None.
     """
 
     name: str
@@ -43,6 +48,8 @@ class Arm:
     encoder_noise: Array | None = None
     stylus_axis: Array | None = None
     source: str = ""
+    reference_temperature: float = 20.0
+    file: ArmFile | None = None
 
     def __repr__(self) -> str:
         table = "no DH table" if self.dh is None else f"{self.dh.rows} {self.dh.convention} rows"
@@ -78,6 +85,8 @@ class Arm:
             encoder_noise=arm.encoder_noise,
             stylus_axis=axis,
             source=arm.source,
+            reference_temperature=arm.reference_temperature_c,
+            file=arm,
         )
 
     @staticmethod
@@ -167,6 +176,49 @@ class Arm:
             raise UnsupportedArmError(f"{self.name}: {purpose} needs a DH table; this arm came as URDF alone")
         return self.dh
 
+    @cached_property
+    def chain(self) -> Chain:
+        """The arm as a chain of places, to be walked without Pinocchio."""
+        return Chain.of_dh(self.dh) if self.dh is not None else _chain_of_model(self.model, self.tip)
+
+    @cached_property
+    def masses(self) -> Array | None:
+        """Mass of the body behind each ``axis`` of the chain (rows,) [kg]; None where no body of the arm has one."""
+        inertias = [self.model.inertias[j] for j in range(1, self.model.njoints)]
+        if not any(inertia.mass for inertia in inertias):
+            return None
+        return self._over_rows(np.array([inertia.mass for inertia in inertias]))
+
+    @cached_property
+    def centres_of_mass(self) -> Array:
+        """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there is no mass."""
+        centres = np.zeros((self.nq, 3))
+        for j in range(1, self.model.njoints):
+            if self.model.inertias[j].mass > 0.0:
+                centres[j - 1] = _onto_z(_joint_axis(self.model, j)).T @ self.model.inertias[j].lever
+        centres = self._over_rows(centres)
+        if self.dh is not None and not self.dh.standard:
+            centres[self.dh.moving, 2] -= self.dh.d[self.dh.moving]
+        return centres
+
+    def _over_rows(self, of_joints: Array) -> Array:
+        values = np.zeros((self.chain.rows, *of_joints.shape[1:]))
+        values[[place // 2 - 1 for place in self.chain.moving_axes()]] = of_joints
+        return values
+
+    def place(self, at: str | None = None) -> int:
+        """Place of the chain that has the origin of frame ``at`` (default: the tip).
+
+        Raises:
+            UnknownNameError: no such frame.
+            UnsupportedArmError: the frame is not one of the chain.
+        """
+        if at is None or at == self.tip:
+            return self.chain.tip
+        dh = self.require_dh(f"looking at frame {at!r}")
+        row = self._known_row(at)
+        return (chain.end if dh.standard else chain.axis)(row) if row else chain.end(0)
+
     def poses(self, q: Array, at: str | None = None) -> Poses:
         """The arm at configurations ``q`` (n, nq) [rad], looked at in frame ``at`` (default: the tip), by Pinocchio.
 
@@ -174,7 +226,7 @@ class Arm:
             ShapeError: ``q`` is not a finite (n, nq) array.
             UnknownNameError: no such frame.
         """
-        return Poses(self, batch(q, self.nq, "q", "rad"), self._frame_id(at), at or self.tip)
+        return Poses(self.model, batch(q, self.nq, "q", "rad"), self._frame_id(at), self.dh, self.dh_row(at))
 
     def positions(self, q: Array, at: str | None = None) -> Array:
         """Origin of frame ``at`` (default: the tip) for ``q`` (n, nq) [rad]: (n, 3) [m]."""
@@ -257,141 +309,6 @@ class Arm:
         return int(number) if number.isdigit() else None
 
 
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """An arm at many configurations, computed by Pinocchio on first use; the arrays are copies, not views of its memory.
-
-    Attributes:
-        arm: the arm.
-        q: configurations (n, nq) [rad].
-        frame_id: Pinocchio's number of the frame looked at.
-        at: its name.
-    """
-
-    arm: Arm
-    q: Array
-    frame_id: int
-    at: str
-
-    @cached_property
-    def placement(self) -> Array:
-        """Placement of the frame in the base, (n, 4, 4) [m]."""
-        model, data = self.arm.model, self.arm.model.createData()
-        placements = np.empty((len(self.q), 4, 4))
-        for k, q in enumerate(self.q):
-            pin.forwardKinematics(model, data, q)
-            placements[k] = pin.updateFramePlacement(model, data, self.frame_id).homogeneous
-        return placements
-
-    @property
-    def position(self) -> Array:
-        """Origin of the frame in the base, (n, 3) [m]."""
-        return self.placement[:, :3, 3]
-
-    @cached_property
-    def jacobian(self) -> Array:
-        """Twist of the frame per joint speed, linear first, ``LOCAL_WORLD_ALIGNED``: (n, 6, nq) [m/rad, rad/rad]."""
-        model, data = self.arm.model, self.arm.model.createData()
-        jacobians = np.empty((len(self.q), 6, self.arm.nq))
-        for k, q in enumerate(self.q):
-            jacobians[k] = pin.computeFrameJacobian(model, data, q, self.frame_id, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)
-        return jacobians
-
-    @cached_property
-    def placement_sensitivity(self) -> Array:
-        """∂position/∂(shift, turn of every joint placement in its own axes): (n, 3, 6 nq) [m/m, m/rad]."""
-        model, data = self.arm.model, self.arm.model.createData()
-        columns = np.empty((len(self.q), 3, 6 * (model.njoints - 1)))
-        for k, q in enumerate(self.q):
-            pin.forwardKinematics(model, data, q)
-            pin.updateFramePlacement(model, data, self.frame_id)
-            columns[k] = pin.computeFrameKinematicRegressor(model, data, self.frame_id, pin.LOCAL_WORLD_ALIGNED)[:3]
-        return columns
-
-    def dh_sensitivity(self) -> Array:
-        """∂position/∂(a, d, alpha, theta of each row) by the chain rule through the placements: (n, 3, 4 rows).
-
-        The constant part of row i lies in the placement of the next joint, or behind the last joint in the frame itself;
-        its derivative is a twist there, carried to the regressor's axes by an adjoint. Independent of the closed form
-        of :meth:`DHTable.sensitivity`.
-
-        Raises:
-            UnsupportedArmError: the arm has no DH table, or the table does not know the frame.
-        """
-        dh = self.arm.require_dh("a DH sensitivity")
-        row = self.arm._known_row(self.at)
-        through_placements, behind_last_joint = _dh_columns(dh, row, self.arm.nq)
-        return self.placement_sensitivity @ through_placements + self.placement[:, :3, :3] @ behind_last_joint
-
-    @cached_property
-    def gravity_moments(self) -> Array:
-        """Moment of the weight of all that hangs beyond each joint, about the joint's origin, base axes: (n, nq, 3) [N·m].
-
-        Raises:
-            UnsupportedArmError: no body of the arm has a mass.
-        """
-        if sum(inertia.mass for inertia in self.arm.model.inertias) == 0.0:
-            raise UnsupportedArmError(f"{self.arm.name}: gravity moments need masses; the arm states none")
-        model, data = self.arm.model, self.arm.model.createData()
-        moments = np.empty((len(self.q), self.arm.nq, 3))
-        for k, q in enumerate(self.q):
-            pin.centerOfMass(model, data, q, True)
-            for joint in range(1, model.njoints):
-                if data.mass[joint] == 0.0:  # Pinocchio's centre of nothing is 0/0
-                    moments[k, joint - 1] = 0.0
-                    continue
-                lever = data.oMi[joint].rotation @ data.com[joint]
-                moments[k, joint - 1] = np.cross(lever, data.mass[joint] * self.arm.gravity)
-        return moments
-
-
-def _dh_columns(dh: DHTable, row: int, nq: int) -> tuple[Array, Array]:
-    """How the DH values up to ``row`` act: on the joint placements, and on the frame behind the last joint.
-
-    Going backwards along the chain, ``to_target`` is the constant transform from the piece at hand to the next joint's
-    axes (or to the frame itself); the unit twist of the piece, seen from there, is the column.
-
-    Returns:
-        (6 nq, 4 rows) and (3, 4 rows), the latter in the axes of the frame.
-    """
-    through, behind = np.zeros((6 * nq, 4 * dh.rows)), np.zeros((3, 4 * dh.rows))
-    to_target, target = pin.SE3.Identity(), None
-    joint = int(dh.moving[:row].sum())
-    for i in reversed(range(row)):
-        for kind, piece in reversed(_row_pieces(dh, i)):
-            if kind is None:  # the joint itself
-                target, to_target = joint, pin.SE3.Identity()
-                joint -= 1
-                continue
-            to_target = piece * to_target
-            motion = to_target.actInv(_unit_twist(kind))
-            if target is None:
-                behind[:, 4 * i + KINDS.index(kind)] = motion.linear
-            else:
-                through[6 * (target - 1) : 6 * target, 4 * i + KINDS.index(kind)] = motion.vector
-    return through, behind
-
-
-def _row_pieces(dh: DHTable, i: int) -> list[tuple[str | None, Any]]:
-    """The constant transforms of row i in their order, with the joint, if any, as (None, None)."""
-    zero = np.zeros(3)
-    theta = ("theta_offset", pin.SE3(pin.utils.rotate("z", dh.theta_offset[i]), zero))
-    d = ("d", pin.SE3(np.eye(3), np.array([0.0, 0.0, dh.d[i]])))
-    a = ("a", pin.SE3(np.eye(3), np.array([dh.a[i], 0.0, 0.0])))
-    alpha = ("alpha", pin.SE3(pin.utils.rotate("x", dh.alpha[i]), zero))
-    joint: list[tuple[str | None, Any]] = [(None, None)] if dh.moving[i] else []
-    if dh.standard:
-        return [theta, *joint, d, a, alpha]
-    return [alpha, a, theta, *joint, d]
-
-
-def _unit_twist(kind: str) -> Any:
-    """Motion that a unit of this value makes, in the axes where the value stands."""
-    vector = np.zeros(6)
-    vector[{"a": 0, "d": 2, "alpha": 3, "theta_offset": 5}[kind]] = 1.0
-    return pin.Motion(vector)
-
-
 def _frame_number(model: Any, name: str) -> int:
     """Number of a frame; of a link and a joint with the same name, which URDF allows, the link (getFrameId would raise).
 
@@ -422,6 +339,39 @@ def _serial_part(model: Any, frame: str) -> Any:
     if model.njoints < 2:
         raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
     return model
+
+
+def _chain_of_model(model: Any, tip: str) -> Chain:
+    """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their own axes."""
+    turns = [_onto_z(_joint_axis(model, j)) for j in range(1, model.njoints)]
+    frame = model.frames[_frame_number(model, tip)].placement.homogeneous
+    placements = [*(model.jointPlacements[j].homogeneous for j in range(1, model.njoints)), frame]
+    ends = [_turned(back.T) @ placement for back, placement in zip([np.eye(3), *turns], placements, strict=True)]
+    slides = np.array([not _motion(model, j)[3:].any() for j in range(1, model.njoints)])
+    return Chain.of_pieces([_turned(turn) for turn in turns], ends, np.arange(len(turns)), slides)
+
+
+def _motion(model: Any, joint: int) -> Array:
+    """Twist of a joint per unit of its number, in its own axes (6,)."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    return np.array(pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, joint - 1])
+
+
+def _joint_axis(model: Any, joint: int) -> Array:
+    motion = _motion(model, joint)
+    return motion[3:] if motion[3:].any() else motion[:3]
+
+
+def _onto_z(axis: Array) -> Array:
+    """A rotation with ``axis`` as its third column."""
+    return np.array(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix())
+
+
+def _turned(rotation: Array) -> Array:
+    placement = np.eye(4)
+    placement[:3, :3] = rotation
+    return placement
 
 
 def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:

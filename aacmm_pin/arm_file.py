@@ -23,6 +23,9 @@ from aacmm_pin.units import MM
 MOST_TURNS = 5
 """A limit beyond so many turns is taken for degrees."""
 
+COVERAGE_FACTOR = 2.0
+"""A calibrated parameter counts as within ± U, U = k u with this k (JCGM 100:2008, 6.2)."""
+
 NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -35,7 +38,7 @@ class _Part(BaseModel):
     def _lists_are_tuples(cls, data: Any) -> Any:
         # TOML has arrays only; strict validation would refuse them where a tuple is meant.
         if isinstance(data, dict):
-            return {k: tuple(v) if isinstance(v, list) and k != "joints" else v for k, v in data.items()}
+            return {k: tuple(v) if isinstance(v, list) and k not in ("joints", "effects") else v for k, v in data.items()}
         return data
 
 
@@ -99,6 +102,60 @@ class Stylus(_Part):
         return self
 
 
+class EffectEntry(_Part):
+    """A cause of error in the file: its name, which one it is (``joint``, ``order``, …), its parameters and their u.
+
+    Which fields and parameters a cause has is known to :mod:`aacmm_pin.effects`, which is above this module.
+    """
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    cause: Annotated[str, Field(min_length=1)]
+    parameters: dict[str, FiniteFloat] = Field(default_factory=dict)
+    uncertainty: dict[str, FiniteFloat] = Field(default_factory=dict)
+
+    @property
+    def structure(self) -> dict[str, Any]:
+        """Everything but the cause, its parameters and their uncertainty."""
+        return dict(self.model_extra or {})
+
+
+class Covariance(_Part):
+    """What a calibration knows of parameters together; it overrides the half-widths of the parameters that it names."""
+
+    parameters: Annotated[tuple[str, ...], Field(min_length=1)]
+    standard_uncertainty_si: tuple[NonNegative, ...]
+    correlation: tuple[tuple[FiniteFloat, ...], ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _rows_are_tuples(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("correlation"), tuple):
+            return data | {"correlation": tuple(tuple(r) if isinstance(r, list) else r for r in data["correlation"])}
+        return data
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Covariance:
+        n = len(self.parameters)
+        if len(set(self.parameters)) != n:
+            raise ValueError("parameters names one of them twice")
+        if len(self.standard_uncertainty_si) != n:
+            raise ValueError(f"standard_uncertainty_si has {len(self.standard_uncertainty_si)} numbers, expected {n}")
+        if [len(row) for row in self.correlation] != list(range(n)):
+            raise ValueError(f"correlation: expected {n} rows of 0, 1, … {n - 1} numbers, the part below the diagonal")
+        matrix = self.matrix_of_correlation()
+        if np.abs(matrix).max() > 1 + 1e-9 or np.linalg.eigvalsh(matrix).min() < -1e-6:
+            raise ValueError("correlation is not a correlation matrix: it has a negative eigenvalue")
+        return self
+
+    def matrix_of_correlation(self) -> Array:
+        """The whole matrix (p, p)."""
+        matrix = np.eye(len(self.parameters))
+        for i, row in enumerate(self.correlation):
+            matrix[i, :i] = matrix[:i, i] = row
+        return matrix
+
+
 class ArmFile(_Part):
     """A validated arm file."""
 
@@ -110,6 +167,8 @@ class ArmFile(_Part):
     gravity_m_s2: Vector3 = (0.0, 0.0, -9.81)
     joints: Annotated[list[Row], Field(min_length=1)]
     stylus: Stylus | None = None
+    effects: list[EffectEntry] = Field(default_factory=list)
+    covariance: Covariance | None = None
 
     @model_validator(mode="after")
     def _has_a_joint(self) -> ArmFile:
@@ -141,14 +200,24 @@ class ArmFile(_Part):
 
     def dh_parameters(self) -> tuple[Parameter, ...]:
         """The four values of every row in the order of :meth:`DHTable.sensitivity`; rows without uncertainty have u = 0."""
-        parameters = []
+        parameters, known = [], self._calibrated_u()
         for number, row in enumerate(self.joints, start=1):
             widths = row.uncertainty
             for kind, field, unit, scale in zip(KINDS, _FIELDS, ("m", "m", "rad", "rad"), (MM, MM, 1, 1), strict=True):
                 half = None if widths is None else getattr(widths, field) * scale
                 value = getattr(row, field) * scale
-                parameters.append(Parameter.bounded(f"{kind}{number}", kind, number, unit, value, half))
+                name = f"{kind}{number}"
+                if name in known:
+                    half, u = COVERAGE_FACTOR * known[name], known[name]
+                    parameters.append(Parameter(name, kind, number, unit, value, half, u))
+                else:
+                    parameters.append(Parameter.bounded(name, kind, number, unit, value, half))
         return tuple(parameters)
+
+
+    def _calibrated_u(self) -> dict[str, float]:
+        known = self.covariance
+        return {} if known is None else dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
 
 
 _FIELDS = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
@@ -228,5 +297,11 @@ def _problem(item: Any) -> tuple[str, str]:
 
 def _model_at(location: tuple[Any, ...]) -> type[_Part]:
     names = [part for part in location[:-1] if isinstance(part, str)]
-    parts: dict[str, type[_Part]] = {"joints": Row, "uncertainty": Uncertainty, "stylus": Stylus}
+    parts: dict[str, type[_Part]] = {
+        "joints": Row,
+        "uncertainty": Uncertainty,
+        "stylus": Stylus,
+        "effects": EffectEntry,
+        "covariance": Covariance,
+    }
     return parts.get(names[-1], ArmFile) if names else ArmFile

@@ -45,3 +45,33 @@ class UnsupportedArmError(AacmmError):
 
 class OutputError(AacmmError):
     """A result cannot be written where it was asked to be."""
+
+
+class MissingConditionError(AacmmError):
+    """A cause of error depends on a condition that the records do not state.
+
+    Attributes:
+        column: the column of a measurement file that would tell.
+    """
+
+    def __init__(self, purpose: str, column: str) -> None:
+        self.column = column
+        super().__init__(f"{purpose} needs the column {column}, which these records do not have")
+
+
+class MeasurementFileError(AacmmError):
+    """A measurement file cannot be used.
+
+    Attributes:
+        path: the file, as the caller named it.
+        row: line of the file, the header being line 1; None where no single line is meant.
+        column: the column, or "" where no single one is meant.
+    """
+
+    def __init__(self, path: str, row: int | None, column: str, message: str) -> None:
+        self.path = path
+        self.row = row
+        self.column = column
+        place = [f"row {row}"] if row is not None else []
+        place += [f"column {column}"] if column else []
+        super().__init__(": ".join([path, *([", ".join(place)] if place else []), message]))

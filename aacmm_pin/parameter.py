@@ -16,8 +16,8 @@ class Parameter:
     Attributes:
         name: short and unique in its arm, such as ``d3`` or ``encoder_noise4``.
         kind: what it is, such as ``a``, ``d``, ``alpha``, ``theta_offset``, ``encoder``.
-        joint: the DH row or joint that it belongs to, from 1.
-        unit: ``m`` or ``rad``.
+        joint: the DH row or joint that it belongs to, from 1; None for the whole arm.
+        unit: SI unit, such as ``m`` or ``rad``.
         value: stated value [unit].
         half_width: bound of the error, value ± half_width [unit]; None where no bound is stated.
         u: standard uncertainty [unit].
@@ -26,7 +26,7 @@ class Parameter:
 
     name: str
     kind: str
-    joint: int
+    joint: int | None
     unit: str
     value: float
     half_width: float | None

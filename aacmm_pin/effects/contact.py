@@ -1,0 +1,63 @@
+"""What happens between the last joint and the part: where the ball really is, and how the stylus gives way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
+from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.state import State
+from aacmm_pin.units import MM
+
+
+@dataclass(frozen=True)
+class StylusOffset(Effect):
+    """The ball or target is not at the tip: a constant shift in the axes of the last frame; with ``marker``, of that target.
+
+    Unit m; typical 2e-5 of a qualified stylus, 0.1 of a target screwed on. Source: probe qualification, ISO 10360-12.
+    Needs ``marker`` where one is named. Confused with: a, d and θ of the last row, which move the same point.
+    """
+
+    marker: str | None = None
+    cause: ClassVar[str] = "stylus_offset"
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The shift."""
+        return tuple(Term(name, "m", 5e-5, f"{name}_mm", MM) for name in ("x", "y", "z"))
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Unit shifts at the tip."""
+        columns = twist(np.eye(3)[None])
+        if self.marker is not None:
+            columns = columns * (state.conditions.require("marker", self.label) == self.marker)[:, None, None]
+        return [Displacement(state.arm.chain.tip, columns)]
+
+
+@dataclass(frozen=True)
+class StylusBending(Effect):
+    """The stylus sags under gravity: ``δp = s (I - e eᵀ) down``, e its axis; s is the sag when it is level.
+
+    Unit m; typical 1e-6 to 2e-5. Source: beam theory; probing force adds to it where the hand always pushes alike. Needs
+    no column, but the stylus axis of the arm file. Confused with: ``bearing_tilt``, ``joint_compliance`` of the last joint.
+    """
+
+    cause: ClassVar[str] = "stylus_bending"
+    elastic: ClassVar[bool] = True
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The sag of a level stylus."""
+        return (Term("", "m", 1e-5, "level_sag_mm", MM),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Gravity across the stylus."""
+        stylus = state.arm.stylus_axis
+        if stylus is None:
+            raise UnsupportedArmError(f"{self.label} needs the axis of the stylus ([stylus] in the arm file)")
+        down = state.in_axes_of(state.arm.chain.tip, np.broadcast_to(state.down, (state.n, 3)))
+        across = down - (down @ stylus)[:, None] * stylus
+        return [Displacement(state.arm.chain.tip, twist(across[:, :, None]))]

@@ -1,0 +1,174 @@
+"""What bends under weight: joints, bearings, tubes, and the spring that should carry it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from aacmm_pin.chain import axis, end
+from aacmm_pin.checks import Array
+from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
+from aacmm_pin.effects.gravity import GravityEffect
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.state import State
+
+SHORT = 1e-3
+"""A body shorter than this is no tube [m]."""
+
+
+@dataclass(frozen=True)
+class JointCompliance(GravityEffect):
+    """The joint yields about its own axis: ``δθ = c τ``, τ the moment of the weight about the axis.
+
+    Right where a spring, brake or drive holds the joint (joint 2 of a measuring arm, every joint of a robot); a free joint
+    carries no moment about its axis, see :class:`BearingTilt`. With ``torque="measured"`` τ is minus the measured torque
+    of the drive, which holds the weight. Unit rad/(N·m); typical 1e-5 to 3e-5. Source: robot calibration with joint
+    stiffness (Whitney, Lozinski, Rourke 1986). Needs ``torqueN_nm`` if measured. Confused with: ``encoder_eccentricity``
+    and ``counterbalance`` of the same joint where the load turns with it, ``base_compliance``, ``torsional_windup``.
+    """
+
+    joint: int
+    torque: Literal["gravity", "measured"] = "gravity"
+    cause: ClassVar[str] = "joint_compliance"
+    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 2e-5, "compliance_rad_per_nm")
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """The moment about the axis."""
+        if self.torque == "measured":
+            torques = state.conditions.require("torque", self.label)
+            return [about_axis(state, self.joint, -torques[:, state.joint(self.joint), None])]
+        if self.torque != "gravity":
+            raise AacmmError(f"{self.label}: torque is {self.torque!r}, expected 'gravity' or 'measured'")
+        z = state.rotation[axis(self.joint)][:, :, 2]
+        return [about_axis(state, self.joint, np.einsum("ni,nip->np", z, self.moments(state, self.joint)))]
+
+
+@dataclass(frozen=True)
+class BearingTilt(GravityEffect):
+    """The bearing yields across its axis: ``δφ = C (I - z zᵀ) m``, m the moment of the weight.
+
+    The physics of a free joint: its bearing carries every moment but the one about the axis. Unit rad/(N·m); typical 2e-6
+    to 2e-5. Source: angular stiffness of a bearing pair. Needs no column. Confused with: ``link_bending`` of the tube
+    behind it, ``base_compliance`` at joint 1.
+    """
+
+    joint: int
+    cause: ClassVar[str] = "bearing_tilt"
+    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm")
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """The moment without its part about the axis."""
+        place = axis(self.joint)
+        state.joint(self.joint)
+        local = state.rotation[place].transpose(0, 2, 1) @ self.moments(state, self.joint)
+        local[:, 2] = 0.0
+        return [Displacement(place, twist(angular=local))]
+
+
+@dataclass(frozen=True)
+class TorsionalWindup(Effect):
+    """A tube twists about its own length: ``δφ = c (u · m) u``, m the moment about the tube's end of all beyond.
+
+    Unit rad/(N·m); typical 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant torsion. Needs no
+    column, but masses. Confused with: ``joint_compliance`` of a joint whose axis runs along the tube (joints 3 and 5 of
+    SINO6): nearly the same columns.
+    """
+
+    link: int
+    cause: ClassVar[str] = "torsional_windup"
+    elastic: ClassVar[bool] = True
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The torsional flexibility."""
+        return (Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm"),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """A turn at the end of the tube."""
+        along = _direction(state, self.link, self.label)
+        turn = np.einsum("ni,ni->n", along, state.moment_at_end(self.link))[:, None] * along
+        return [Displacement(end(self.link), twist(angular=state.in_axes_of(end(self.link), turn)[:, :, None]))]
+
+
+@dataclass(frozen=True)
+class LinkBending(Effect):
+    """A tube bends under its own weight and all that hangs beyond: slope and sag of its end.
+
+    Euler–Bernoulli cantilever of length L along u from the body's axis to its end, with the weight W and moment M of all
+    beyond at its end, and its own weight w at the distance s of its centre of mass, κ = 1/EI:
+    slope ``κ (L²/2 u×W + s²/2 u×w + L M)``, sag ``κ (L³/3 W + s²(3L - s)/6 w + L²/2 M×u)``, each without its part along u.
+    Unit rad/(N·m²) = (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam theory
+    (Timoshenko). Needs no column, but masses. Confused with: ``bearing_tilt`` and ``joint_compliance`` of the joint before.
+    """
+
+    link: int
+    cause: ClassVar[str] = "link_bending"
+    elastic: ClassVar[bool] = True
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The flexibility 1/EI."""
+        return (Term("", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2"),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Slope and sag at the end of the tube."""
+        row, root = self.link, axis(self.link)
+        along = _direction(state, row, self.label)
+        length = np.linalg.norm(state.span(row), axis=1)[:, None]
+        moment, weight = state.moment_at_end(row), np.broadcast_to(state.weight_beyond(row), along.shape)
+        own, centre = state.own_weight(row), state.rotation[root] @ state.arm.centres_of_mass[row - 1]
+        s = np.clip(np.einsum("ni,ni->n", centre, along)[:, None], 0.0, length)
+        slope = length**2 / 2 * np.cross(along, weight) + s**2 / 2 * np.cross(along, own) + length * moment
+        sag = length**3 / 3 * weight + s**2 * (3 * length - s) / 6 * own + length**2 / 2 * np.cross(moment, along)
+        local = [state.in_axes_of(end(row), _across(part, along))[:, :, None] for part in (sag, slope)]
+        return [Displacement(end(row), twist(*local))]
+
+
+@dataclass(frozen=True)
+class Counterbalance(Effect):
+    """The spring of a joint does not carry what it should: ``δθ = κ z · (u × down)``.
+
+    u is the direction of the next joint's axis where that stands across this one (the upper tube of SINO6 behind joint 2),
+    else of the body itself; the lever arm of a weight on it goes with its horizontal part, whatever the rest of the arm
+    does. Unit rad, the turn when the body is level; typical 2e-5 to 2e-4. Source: moment of a constant-force
+    counterbalance. Needs no column. Confused with: ``encoder_eccentricity`` of the same joint with the phase that gravity
+    has (the same columns on a level mount), ``joint_compliance`` where the load beyond hardly changes.
+    """
+
+    joint: int
+    cause: ClassVar[str] = "counterbalance"
+    elastic: ClassVar[bool] = True
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The turn of a level body."""
+        return (Term("", "rad", 1e-4, "level_turn_rad"),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """The horizontal part of the body across the axis."""
+        z = state.rotation[axis(self.joint)][:, :, 2]
+        lever = np.einsum("ni,ni->n", z, np.cross(self._carried(state, z), state.down))
+        return [about_axis(state, self.joint, lever[:, None])]
+
+    def _carried(self, state: State, z: Array) -> Array:
+        if self.joint < state.arm.chain.rows:
+            # The next axis as body ``joint`` carries it: before the next joint turns.
+            following = state.rotation[end(self.joint)] @ state.arm.chain.constant[axis(self.joint + 1)][:3, 2]
+            if abs(float(np.einsum("ni,ni->n", z[:1], following[:1])[0])) < 0.5:
+                return np.asarray(following)
+        return _direction(state, self.joint, self.label)
+
+
+def _direction(state: State, row: int, label: str) -> Array:
+    """Unit vector along body ``row`` (n, 3)."""
+    span = state.span(row)
+    length = np.linalg.norm(span, axis=1, keepdims=True)
+    if length.max(initial=0.0) < SHORT:
+        raise AacmmError(f"{label}: body {row} of {state.arm.name} is {length.max() * 1e3:.3f} mm long, expected a tube")
+    return np.asarray(span / length)
+
+
+def _across(vectors: Array, along: Array) -> Array:
+    return np.asarray(vectors - np.einsum("ni,ni->n", vectors, along)[:, None] * along)

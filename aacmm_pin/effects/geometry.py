@@ -1,0 +1,124 @@
+"""Values of the geometry that are off: one number of a DH row, or the placement of a joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from aacmm_pin.chain import axis, end
+from aacmm_pin.effects.effect import Displacement, Effect, Term
+from aacmm_pin.state import State
+from aacmm_pin.units import MM
+
+
+@dataclass(frozen=True)
+class _RowValue(Effect):
+    """One value of a DH row; exact, because two screws about one axis commute."""
+
+    joint: int
+    component: ClassVar[int]
+    """Of the twist at the place: 0, 2 shift along x, z; 3, 5 turn about x, z."""
+
+    def place(self, state: State) -> int:
+        """(d, θ) act on the row's axis; (a, α) behind the body in standard DH, before the axis in modified DH."""
+        if self.component in (2, 5):
+            return axis(self.joint)
+        dh = state.arm.require_dh(self.cause)
+        return end(self.joint if dh.standard else self.joint - 1)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """A unit shift or turn."""
+        columns = np.zeros((1, 6, 1))
+        columns[:, self.component] = 1.0
+        return [Displacement(self.place(state), columns)]
+
+
+@dataclass(frozen=True)
+class JointZeroOffset(_RowValue):
+    """The encoder's zero is not where the table has it: the body turns by ``δ`` about its axis.
+
+    Unit rad; typical 1e-4 after a factory calibration, up to 0.05 (3°) as assembled. Source: any DH calibration; the 2010
+    zero-offset paper. Needs no column. Confused with: ``seat_error`` where few seats are touched; at joint 1 with a turned
+    reference frame (then it cannot be told at all).
+    """
+
+    cause: ClassVar[str] = "joint_zero_offset"
+    component: ClassVar[int] = 5
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The turn."""
+        return (Term("", "rad", 3e-4, "offset_rad"),)
+
+
+@dataclass(frozen=True)
+class LinkLength(_RowValue):
+    """a of a row is off: the rest of the arm shifts along x of the row. Unit m; typical 2e-5.
+
+    Source: Denavit–Hartenberg. Needs no column. Confused with: ``thermal_expansion``, ``stylus_offset`` in the last row.
+    """
+
+    cause: ClassVar[str] = "link_length"
+    component: ClassVar[int] = 0
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The shift."""
+        return (Term("", "m", 5e-5, "a_mm", MM),)
+
+
+@dataclass(frozen=True)
+class JointDistance(_RowValue):
+    """d of a row is off: the rest of the arm shifts along the row's axis. Unit m; typical 2e-5.
+
+    Source: Denavit–Hartenberg. Needs no column. Confused with: d of a neighbour with a parallel axis (only their sum
+    shows), ``thermal_expansion``, the height of the reference frame in row 1.
+    """
+
+    cause: ClassVar[str] = "joint_distance"
+    component: ClassVar[int] = 2
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The shift."""
+        return (Term("", "m", 5e-5, "d_mm", MM),)
+
+
+@dataclass(frozen=True)
+class LinkTwist(_RowValue):
+    """alpha of a row is off: the rest of the arm turns about x of the row. Unit rad; typical 5e-5.
+
+    Source: Denavit–Hartenberg. Needs no column. Confused with: ``bearing_tilt`` where the load hardly changes.
+    """
+
+    cause: ClassVar[str] = "link_twist"
+    component: ClassVar[int] = 3
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The turn."""
+        return (Term("", "rad", 1e-4, "alpha_rad"),)
+
+
+@dataclass(frozen=True)
+class JointPlacement(Effect):
+    """The placement of a joint is off, by three shifts and three turns in the placement's own axes.
+
+    For arms that came as URDF, which have placements and no DH rows; more parameters than any data can tell, so some are
+    known only together. Units m and rad; typical 5e-5, 1e-4. Needs no column. Confused with: the neighbours' placements.
+    """
+
+    joint: int
+    cause: ClassVar[str] = "joint_placement"
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Shifts x, y, z and turns rx, ry, rz."""
+        shifts = [Term(name, "m", 5e-5, f"{name}_mm", MM) for name in ("x", "y", "z")]
+        return (*shifts, *(Term(name, "rad", 1e-4, f"{name}_rad") for name in ("rx", "ry", "rz")))
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Unit twists behind the placement, before the joint."""
+        return [Displacement(end(self.joint - 1), np.eye(6)[None])]

@@ -1,0 +1,78 @@
+"""What the arm stands on, and what it is compared with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from aacmm_pin.chain import BASE
+from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
+from aacmm_pin.effects.gravity import GravityEffect
+from aacmm_pin.state import State
+from aacmm_pin.units import MM
+
+
+@dataclass(frozen=True)
+class BaseCompliance(GravityEffect):
+    """The stand tilts under the moment of the whole arm: ``δφ = c m``, m about the base origin, always level.
+
+    Unit rad/(N·m); typical 5e-6 to 2e-5 (magnetic base, tripod). Source: rotational stiffness of the mount. Needs no
+    column. Confused with: ``bearing_tilt:1``, ``joint_compliance:2``, an eccentricity of joint 2.
+    """
+
+    cause: ClassVar[str] = "base_compliance"
+    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm")
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """The moment about the foot."""
+        moments = self.moments(state, 1) if self.bodies else state.moment_at_base()[:, :, None]
+        return [Displacement(BASE, twist(angular=moments))]
+
+
+@dataclass(frozen=True)
+class SeatError(Effect):
+    """One seat is not where it is said to be: true place = stated place + e. The arm itself is right.
+
+    Unit m; typical 1e-5 (worn, dirty, moved). Source: the kinematic seats of ISO 10360-12. Needs ``seat``. Confused with:
+    any smooth error of the arm where a seat is touched in one posture.
+    """
+
+    seat: str
+    cause: ClassVar[str] = "seat_error"
+    needs: ClassVar[tuple[str, ...]] = ("seat",)
+    of_reference: ClassVar[bool] = True
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The shift of the seat."""
+        return tuple(Term(name, "m", 2e-5, f"{name}_mm", MM) for name in ("x", "y", "z"))
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """The stated coordinates are those of the tip minus e, in records of this seat."""
+        touched = state.conditions.require("seat", self.label) == self.seat
+        return [Displacement(BASE, twist(-np.eye(3) * touched[:, None, None]))]
+
+
+@dataclass(frozen=True)
+class ReferenceFrame(Effect):
+    """The references stand in a frame that is off from the base by a small shift and turn.
+
+    A twist (v, ω) at the base: ``p_reference = exp(v, ω) p_base``. Units m, rad; any size that is left after the two
+    frames have been fitted. Source: rigid registration. Needs no column. Confused with: a zero offset of joint 1 and d of
+    row 1, which move the whole arm alike.
+    """
+
+    cause: ClassVar[str] = "reference_frame"
+    of_reference: ClassVar[bool] = True
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Shift and turn."""
+        shifts = [Term(name, "m", 1e-3, f"{name}_mm", MM) for name in ("x", "y", "z")]
+        return (*shifts, *(Term(name, "rad", 1e-3, f"{name}_rad") for name in ("rx", "ry", "rz")))
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Unit twists of the base."""
+        return [Displacement(BASE, np.eye(6)[None])]

@@ -1,0 +1,58 @@
+"""What warmth does to lengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from aacmm_pin.chain import axis, end
+from aacmm_pin.checks import Array
+from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
+from aacmm_pin.state import State
+
+
+@dataclass(frozen=True)
+class ThermalExpansion(Effect):
+    """Lengths grow with temperature: ``δl = α (T - T0) l``, of the whole arm or of one body; T0 from the arm file.
+
+    Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1. Needs ``temperature_c``, or
+    ``temperature1_c …`` of each row. Confused with: the scale of the reference, ``link_length`` and ``joint_distance``
+    where the temperature hardly changes.
+    """
+
+    link: int | None = None
+    cause: ClassVar[str] = "thermal_expansion"
+    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The coefficient of expansion."""
+        return (Term("", "1/K", 2e-5, "expansion_per_k"),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Each length of the chain per kelvin, times what the record is warmer."""
+        rows = range(state.arm.chain.rows + 1) if self.link is None else [self.link]
+        found = []
+        for row in rows:
+            warmer = self._warmer(state, row)
+            for place in (axis(row), end(row)) if row else (end(0),):
+                length = _length_before(state, place)
+                if length.any():
+                    found.append(Displacement(place, twist((warmer[:, None] * length)[:, :, None])))
+        return found
+
+    def _warmer(self, state: State, row: int) -> Array:
+        conditions, reference = state.conditions, state.arm.reference_temperature
+        if conditions.link_temperature is not None and 1 <= row <= conditions.link_temperature.shape[1]:
+            return np.asarray(conditions.link_temperature[:, row - 1] - reference)
+        if conditions.link_temperature is not None and conditions.temperature is None:
+            return np.asarray(conditions.link_temperature.mean(axis=1) - reference)  # the stand: nobody measured it
+        return np.asarray(conditions.require("temperature", self.label) - reference)
+
+
+def _length_before(state: State, place: int) -> Array:
+    """The constant shift from the place before to ``place``, in its own axes; a joint turns it only where it is along z."""
+    constant = state.arm.chain.constant[place]
+    return np.asarray(constant[:3, :3].T @ constant[:3, 3])

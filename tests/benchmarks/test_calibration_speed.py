@@ -1,0 +1,162 @@
+"""How fast ``calibrate`` is beside two packages that calibrate arms, on the same records in one run.
+
+Neither is a dependency: each runs in an environment of its own, by a script in ``peers/``. To set them up:
+
+    python -m venv robotkinecal-env && robotkinecal-env/bin/pip install robotkinecal
+    python -m venv figaroh-env && figaroh-env/bin/pip install figaroh
+    export AACMM_PIN_ROBOTKINECAL_PYTHON=$PWD/robotkinecal-env/bin/python
+    export AACMM_PIN_FIGAROH_PYTHON=$PWD/figaroh-env/bin/python
+    pytest tests/benchmarks/test_calibration_speed.py --benchmark-only
+
+A peer whose variable is not set, or whose package its interpreter cannot import, is skipped. The clock runs for the solution
+alone, imports and reading of files excluded, and the best of three counts, for the peers and for this package.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import load_arm_file
+from aacmm_pin.checks import Array
+from aacmm_pin.urdf import urdf_text
+
+RECORDS = 100
+NOISE = 1e-5
+"""Standard deviation of every measured coordinate [m]."""
+ERRORS = np.array([2e-4, 2e-4, 5e-4, 5e-4])
+"""Standard deviations of the errors of a, d, alpha, theta_offset [m, m, rad, rad]."""
+REPEATS = 3
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A package to compare with: who runs it, and how many times as long it has to take."""
+
+    package: str
+    variable: str
+    least_ratio: float
+
+    @property
+    def script(self) -> Path:
+        return Path(__file__).parent / "peers" / f"solve_with_{self.package}.py"
+
+    def python(self) -> str:
+        """Its interpreter; skips the test where there is none that can import the package."""
+        python = os.environ.get(self.variable)
+        if not python:
+            pytest.skip(f"{self.variable} is not set, expected the interpreter of an environment with {self.package}")
+        try:
+            done = subprocess.run([python, "-I", "-c", f"import {self.package}"], capture_output=True, text=True)
+        except OSError as error:
+            pytest.skip(f"{self.variable}={python} cannot be run: {error.strerror}")
+        if done.returncode != 0:
+            pytest.skip(f"{python} cannot import {self.package}: {(done.stderr.strip().splitlines() or ['no message'])[-1]}")
+        return python
+
+
+PEERS = [
+    Peer("robotkinecal", "AACMM_PIN_ROBOTKINECAL_PYTHON", 20.0),
+    Peer("figaroh", "AACMM_PIN_FIGAROH_PYTHON", 50.0),
+]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Readings and measured tips of an arm that is not quite ``arm``.
+
+    Attributes:
+        arm: the nominal arm.
+        urdf: the same as text.
+        q: readings (n, nq) [rad].
+        positions: measured tips in the base frame (n, 3) [m].
+    """
+
+    arm: Arm
+    urdf: str
+    q: Array
+    positions: Array
+
+    @staticmethod
+    def of(name: str, rng: np.random.Generator) -> Problem:
+        file = load_arm_file(name)
+        lower, upper = file.limits.T
+        q = rng.uniform(lower, upper, (RECORDS, len(lower)))
+        dh = file.dh
+        a, d, alpha, theta = (rng.normal(size=(dh.rows, 4)) * ERRORS).T
+        real = replace(dh, a=dh.a + a, d=dh.d + d, alpha=dh.alpha + alpha, theta_offset=dh.theta_offset + theta)
+        return Problem(Arm.from_file(file), urdf_text(file), q, real.positions(q) + rng.normal(size=(RECORDS, 3)) * NOISE)
+
+
+def ours(problem: Problem) -> Any:
+    """Calibrate with this package; the result has ``.rms`` [m]."""
+    from aacmm_pin import Measurements, calibrate
+
+    measurements = Measurements.of(problem.q, reference=problem.positions)
+    return calibrate(problem.arm, measurements, parameters="geometry", reference_noise=NOISE, hold_out=False)
+
+
+def theirs(peer: Peer, problem: Problem, folder: Path) -> dict[str, Any]:
+    """What the peer's script reports of the same problem."""
+    python = peer.python()
+    data, urdf = folder / "problem.npz", folder / "arm.urdf"
+    np.savez(data, q=problem.q, positions=problem.positions)
+    urdf.write_text(problem.urdf)
+    command = [python, "-I", str(peer.script), str(data), str(urdf), "--repeats", str(REPEATS)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    report: dict[str, Any] = json.loads(done.stdout)
+    return report
+
+
+@pytest.fixture
+def say(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
+    def print_past_the_capture(text: str) -> None:
+        with capsys.disabled():
+            print(f"\n{text}")
+
+    return print_past_the_capture
+
+
+@pytest.mark.parametrize("peer", PEERS, ids=lambda peer: peer.package)
+def test_calibration_of_100_records(
+    peer: Peer, benchmark: BenchmarkFixture, tmp_path: Path, say: Callable[[str], None]
+) -> None:
+    problem = Problem.of("sino6", np.random.default_rng(3))
+    report = theirs(peer, problem, tmp_path)
+    assert report["rms_before_m"] > 10 * NOISE  # otherwise there was nothing to calibrate
+    assert report["rms_after_m"] < 1.1 * NOISE  # and a peer that does not calibrate is no peer
+    mine, result = float("inf"), None
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        result = ours(problem)
+        mine = min(mine, time.perf_counter() - start)
+    benchmark.pedantic(lambda: ours(problem), rounds=REPEATS)
+    assert result is not None
+    assert result.rms < 2 * NOISE  # of coordinates, or of distances, which is √3 times as much
+    ratio = report["seconds"] / mine
+    benchmark.extra_info |= {"ratio": ratio, "peer": report}
+    say(
+        f"calibration of {RECORDS} records, best of {REPEATS}\n"
+        f"{'':24}{'ms':>10}{'parameters':>12}{'rms before µm':>15}{'rms after µm':>14}\n"
+        f"{peer.package + ' ' + report['version']:24}{report['seconds'] * 1e3:10.1f}{report['parameters']:12d}"
+        f"{report['rms_before_m'] * 1e6:15.1f}{report['rms_after_m'] * 1e6:14.2f}\n"
+        f"{'aacmm_pin':24}{mine * 1e3:10.1f}{'':27}{result.rms * 1e6:14.2f}\n"
+        f"ratio {ratio:.1f}, expected at least {peer.least_ratio:g}"
+    )
+    assert ratio >= peer.least_ratio
+
+
+if __name__ == "__main__":
+    print(__doc__)
