@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from aacmm_pin import chain
-from aacmm_pin.arm_file import ArmFile, load_arm_file
+from aacmm_pin.arm_file import COVERAGE_FACTOR, ArmFile, Covariance, load_arm_file
 from aacmm_pin.chain import Chain
 from aacmm_pin.checks import Array, batch
 from aacmm_pin.dh import DHTable
@@ -37,6 +37,7 @@ class Arm:
         source: where the numbers come from.
         reference_temperature: temperature for which the numbers hold [°C].
         file: the arm file it came from, or None.
+        covariance: what a calibration knows of parameters together, or None.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Arm:
     source: str = ""
     reference_temperature: float = 20.0
     file: ArmFile | None = None
+    covariance: Covariance | None = None
 
     def __repr__(self) -> str:
         table = "no DH table" if self.dh is None else f"{self.dh.rows} {self.dh.convention} rows"
@@ -87,6 +89,7 @@ class Arm:
             source=arm.source,
             reference_temperature=arm.reference_temperature_c,
             file=arm,
+            covariance=arm.covariance,
         )
 
     @staticmethod
@@ -149,6 +152,24 @@ class Arm:
             parameters=_placement_parameters(model, translation_half_width, rotation_half_width),
             source=source,
         )
+
+    def with_placements(self, steps: Array, covariance: Covariance | None) -> Arm:
+        """An arm that came as URDF, every joint placement moved by a twist in its own axes.
+
+        Args:
+            steps: shifts, then turns (nq, 6) [m, rad].
+            covariance: what is known of the placements now.
+        """
+        steps = batch(steps, 6, "steps", "m, rad")
+        model = self.model.copy()
+        for joint, step in enumerate(steps, start=1):
+            rotation, shift = (part[0] for part in chain.exp(step[None]))
+            model.jointPlacements[joint] = model.jointPlacements[joint] * pin.SE3(rotation, shift)
+        u = {} if covariance is None else dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
+        parameters = tuple(
+            replace(p, u=u[p.name], half_width=COVERAGE_FACTOR * u[p.name]) if p.name in u else p for p in self.parameters
+        )
+        return replace(self, model=model, parameters=parameters, covariance=covariance)
 
     @property
     def nq(self) -> int:

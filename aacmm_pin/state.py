@@ -25,6 +25,7 @@ class State:
         conditions: what else is known of the records.
         target: the place whose origin is looked at.
         twists: displacements of places, see :meth:`Chain.walk`.
+        looked_at: a point of the last body near the target, whose motion is asked for instead (n, 3) [m]; None for the target.
     """
 
     arm: Arm
@@ -32,6 +33,7 @@ class State:
     conditions: Conditions
     target: int
     twists: Mapping[int, Array] = field(default_factory=dict)
+    looked_at: Array | None = None
 
     @cached_property
     def _frames(self) -> tuple[Array, Array]:
@@ -54,7 +56,9 @@ class State:
 
     @property
     def position(self) -> Array:
-        """Origin of the target (n, 3) [m]."""
+        """Origin of the target, or what is looked at in its stead (n, 3) [m]."""
+        if self.looked_at is not None:
+            return self.looked_at
         return np.asarray(self.origin[self.target])
 
     def joint(self, row: int) -> int:
@@ -63,13 +67,21 @@ class State:
         Raises:
             AacmmError: no such row, or it does not move.
         """
-        rows = self.arm.chain.rows
-        if not 1 <= row <= rows:
-            raise AacmmError(f"{self.arm.name} has no row {row}, expected 1 to {rows}")
-        number = int(self.arm.chain.joint[axis(row)])
+        number = int(self.arm.chain.joint[axis(self.known_row(row))])
         if number < 0:
             raise AacmmError(f"row {row} of {self.arm.name} is rigid, expected one with a joint")
         return number
+
+    def known_row(self, row: int) -> int:
+        """``row`` itself (from 1), if the arm has it.
+
+        Raises:
+            AacmmError: no such row.
+        """
+        rows = self.arm.chain.rows
+        if not 1 <= row <= rows:
+            raise AacmmError(f"{self.arm.name} has no row {row}, expected 1 to {rows}")
+        return row
 
     def angle(self, row: int) -> Array:
         """Indication of the encoder of ``row`` (n,) [rad]."""
@@ -117,8 +129,14 @@ class State:
 
         The static moment about ``axis row`` is ``Σ (R_k H_k) × g`` with one constant vector H_k in each body, into which
         the masses farther out have been gathered at the body's end; per unit of |g| |H_k|: (n, 3, 3 · bodies).
+
+        Raises:
+            UnsupportedArmError: a joint beyond ``row`` slides, and H_k is not constant.
         """
         rows = [place // 2 for place in self.arm.chain.moving_axes() if place // 2 >= row]
+        slide = [k for k in rows if k > row and self.arm.chain.prismatic[self.joint(k)]]
+        if slide:
+            raise UnsupportedArmError(f"{self.arm.name}: joint {slide[0]} slides; unknown masses need joints that turn")
         columns = [self.rotation[axis(k)] for k in rows]
         return np.cross(np.concatenate(columns, axis=2), self.down[None, :, None], axis=1)
 

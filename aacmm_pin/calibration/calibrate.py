@@ -1,0 +1,122 @@
+"""The door: from an arm and measurements to a calibrated arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration.evidence import StatedNoise
+from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.fold import calibrated_model
+from aacmm_pin.calibration.held_out import held_out as left_out
+from aacmm_pin.calibration.result import Calibration
+from aacmm_pin.calibration.unknowns import ASSEMBLED, Target, problem_of
+from aacmm_pin.checks import Array, vector
+from aacmm_pin.effects import Effect
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.units import DEG, MM
+
+ReferenceFrame = Literal["base", "external"]
+
+
+def calibrate(
+    model: Arm | ErrorModel,
+    measurements: Measurements,
+    parameters: str | Iterable[str | Effect] = "geometry",
+    *,
+    reference_frame: ReferenceFrame = "base",
+    target: Target = "tip",
+    prior: bool | None = None,
+    encoder_noise: ArrayLike | None = None,
+    reference_noise: float | None = None,
+    probe_noise: float | None = None,
+    length_noise: float | None = None,
+    robust: bool = True,
+    hold_out: bool = True,
+    rng: np.random.Generator | None = None,
+    progress: Callable[[Any], Iterable[int]] | None = None,
+) -> Calibration:
+    """Estimate parameters of the arm from measurements, with their covariance.
+
+    Weighted least squares (JCGM 100, 5.2; ISO 10360-12 for the seats) with the stated uncertainties of the arm as
+    information: known coordinates, unknown points touched repeatedly and known distances together. Each record is
+    weighted by its own noise, the encoders' carried to the tip. Gross errors are found robustly, listed, and left out.
+
+    Args:
+        model: the arm, with effects if it has some; these stay unless they are among ``parameters``.
+        measurements: the records.
+        parameters: ``zero-offsets`` (of every joint, the 2010 paper's method), ``geometry`` (everything that describes the
+            arm's lengths and axes), effects, or a list of these.
+        reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external`` if their frame is unknown.
+        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body was; markers always are.
+        prior: use the arm's stated uncertainties as information; default yes for all but plain zero offsets.
+        encoder_noise: standard uncertainty of a reading, one number or (nq,) [rad]; default what the arm states.
+        reference_noise: of each coordinate of a reference where the records do not state it [m].
+        probe_noise: of each coordinate of one contact [m].
+        length_noise: of a bar's length; default ``reference_noise`` [m].
+        robust: look for gross errors.
+        hold_out: predict records left out of the fit, at random and by seats, sessions or blocks of joint space.
+        rng: chooses which; default seed 1.
+        progress: wraps the parts left out in turn, such as ``tqdm``.
+
+    Raises:
+        UnknownNameError: no such set of parameters, frame or target.
+        MissingConditionError: an effect needs a column that the records lack.
+        AacmmError: no record says anything; the noise is not stated and there are too few records to find it; the search
+            does not settle.
+    """
+    if reference_frame not in get_args(ReferenceFrame):
+        raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
+    model = ErrorModel.of(model)
+    arm = model.arm
+    if measurements.nq != arm.nq:
+        raise AacmmError(f"{measurements.source} has angles of {measurements.nq} joints, {arm.name} has {arm.nq}")
+    chosen = [parameters] if isinstance(parameters, str) else list(parameters)
+    if prior is None:
+        prior = chosen != ["zero-offsets"]
+    noise = StatedNoise(_encoder(arm, encoder_noise), reference_noise, probe_noise, length_noise)
+    external = reference_frame == "external"
+    problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
+    after = fit(problem, noise, robust=robust)
+    used = after.problem.of(measurements.take(np.flatnonzero(after.used)))
+    setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
+    before = fit(setup, noise, robust=robust)
+    held = left_out(before, after, noise, rng or np.random.default_rng(1), progress) if hold_out and used else []
+    return Calibration(calibrated_model(after), before, after, tuple(held), tuple(_notes(after, noise)))
+
+
+def _encoder(arm: Arm, stated: ArrayLike | None) -> Array | None:
+    if stated is None:
+        return arm.encoder_noise
+    noise = np.asarray(stated, dtype=np.float64)
+    return vector(np.full(arm.nq, noise) if noise.ndim == 0 else noise, arm.nq, "encoder_noise", "rad")
+
+
+def _notes(after: Fit, noise: StatedNoise) -> list[str]:
+    """What was assumed, or found instead of stated."""
+    found = []
+    if noise.encoder is None:
+        found.append("no encoder noise is stated: its effect is part of the scatter found")
+    if not after.stated:
+        found.append(f"the noise is not stated in full: a scatter of {after.unmodelled / MM:.4f} mm per coordinate was found")
+    elif after.unmodelled > 0:
+        found.append(
+            f"the records scatter more than the stated noise explains: {after.unmodelled / MM:.4f} mm per coordinate was added, "
+            "so the uncertainties hold for this arm with what is still wrong in it"
+        )
+    free = [p for p, stated in zip(after.problem.parameters, after.problem.stated, strict=True) if not stated]
+    if any(p.unit in ASSEMBLED for p in free):
+        found.append(
+            f"nobody states how far off {len(free)} of the parameters may be: taken as ±{ASSEMBLED['m'] / MM:g} mm and "
+            f"±{ASSEMBLED['rad'] / DEG:.0f}° for geometry, wide enough not to matter where the data say something"
+        )
+    silent = int((~after.used & ~after.excluded).sum())
+    if silent:
+        found.append(f"{silent} records have no coordinates and no seat, and say nothing")
+    return found

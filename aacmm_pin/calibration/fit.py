@@ -1,0 +1,267 @@
+"""One calibration: robust start, what scatters more than stated, what is excluded, the final least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import null_space, orth
+from scipy.optimize import brentq
+from scipy.stats import chi2
+
+from aacmm_pin.calibration.evidence import StatedNoise, observations_of
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.solver import MEDIAN, Point, Solution, begin, deviations, noise_of_tips, solve, standing
+from aacmm_pin.checks import Array
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.observations import Observation
+
+FALSE_EXCLUSION = 0.01
+"""Chance that any good record is excluded, over the whole file."""
+MISFIT = 1e-3
+"""χ² beyond its stated noise with less chance than this means that something scatters which nobody stated."""
+MOST_ROUNDS = 12
+FIRST_SCATTER = 1e-4
+"""What nobody stated counts as this until the records show what it is [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A problem solved.
+
+    Attributes:
+        problem, observations: what was asked, of all usable records.
+        solution: the final least squares.
+        noise: covariance of each tip (n, 3, 3) [m²].
+        unmodelled: scatter of each coordinate beyond the stated noise; 0 where the stated noise suffices [m].
+        stated: True where the stated noise was complete, so that ``chi2_stated`` judges the model.
+        used: (n,) True for the records that count.
+        excluded: (n,) True for records that fit too badly to be believed.
+        chi2_stated: χ² against the stated noise alone, and its degrees of freedom; None where it was not complete.
+        dof: degrees of freedom of the final fit.
+        unknown: directions of which the records tell nothing, in units of the scales (p, k), orthonormal.
+        covariance: of all columns, the frame's included (p, p) [units]; zero along what nothing determines.
+    """
+
+    problem: Problem
+    observations: list[Observation]
+    solution: Solution
+    noise: Array
+    unmodelled: float
+    stated: bool
+    used: NDArray[np.bool_]
+    excluded: NDArray[np.bool_]
+    chi2_stated: tuple[float, float] | None
+    dof: float
+    unknown: Array
+    covariance: Array
+
+
+def fit(problem: Problem, stated_noise: StatedNoise, *, robust: bool = True) -> Fit:
+    """Estimate what is unknown in ``problem``.
+
+    First robustly, then without the records that cannot belong (χ² of their residual, Bonferroni's bound over all
+    records). The scatter beyond the stated noise is found so that χ² meets its degrees of freedom, and only where the
+    stated noise alone will not do.
+
+    Raises:
+        AacmmError: no record says anything, the noise is not stated and there are too few records to find it, or the
+            search does not settle.
+    """
+    return _Fitting(problem, stated_noise, robust).run()
+
+
+class _Fitting:
+    """The rounds of one fit; holds what they share."""
+
+    def __init__(self, problem: Problem, noise: StatedNoise, robust: bool) -> None:
+        self.problem, self.noise, self.robust = problem, noise, robust
+        self.stated = noise.suffices(problem.measurements)
+        self.n = problem.measurements.n
+        self.observations: list[Observation] = []
+        self.tips = np.empty((0, 3, 3))
+        self.unmodelled = 0.0
+
+    def run(self) -> Fit:
+        self._prepare(0.0 if self.stated else FIRST_SCATTER, None)
+        spoken = np.zeros(self.n, dtype=bool)
+        for observation in self.observations:
+            spoken[observation.records] = True
+        if not spoken.any():
+            raise AacmmError("no record says where the tip was: no reference coordinates, and no seat touched twice")
+        point = begin(self.problem, self.observations)
+        used = spoken.copy()
+        if self.robust:
+            solution = self._robustly(point, spoken)
+            used, point = self._believed(solution, spoken)
+        return self._final(point, used, spoken)
+
+    def _prepare(self, unmodelled: float, point: Point | None) -> None:
+        self.unmodelled = unmodelled
+        self.observations = observations_of(self.problem.measurements, self.noise, unmodelled)
+        frame = begin(self.problem, []).frame if point is None else point.frame
+        self.tips = noise_of_tips(self.problem, frame, self.noise.encoder, unmodelled)
+
+    def _solve(self, point: Point, used: NDArray[np.bool_], robust: bool = False) -> Solution:
+        return solve(self.problem, self.observations, self.tips, point, used.astype(np.float64), robust)
+
+    def _robustly(self, point: Point, spoken: NDArray[np.bool_]) -> Solution:
+        """The robust search, with the scatter that the records have so far taken for noise, until it falls no more."""
+        scatter = self._scatter_of_median(deviations(self.observations, point), spoken)
+        for _ in range(MOST_ROUNDS):
+            self._prepare(scatter, point)
+            solution = self._solve(point, spoken, robust=True)
+            point = solution.point
+            before, scatter = scatter, self._scatter_of_median(solution.system.deviation, spoken)
+            if scatter > 0.8 * before:
+                break
+        return solution
+
+    def _believed(self, solution: Solution, spoken: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], Point]:
+        """Which records belong, judged by the scatter of the better half of them."""
+        point = solution.point
+        self._prepare(self._scatter_of_median(solution.system.deviation, spoken), point)
+        used = spoken.copy()
+        for _ in range(MOST_ROUNDS):
+            solution = self._solve(point, used)
+            point = solution.point
+            limit = chi2.isf(FALSE_EXCLUSION / max(spoken.sum(), 1), 3)
+            belongs = spoken & (np.nan_to_num(solution.system.distance, nan=np.inf) <= limit)
+            if (belongs == used).all() or belongs.sum() < 0.5 * spoken.sum():
+                break
+            used = belongs
+        return used, point
+
+    def _scatter_of_median(self, deviation: Array, spoken: NDArray[np.bool_]) -> float:
+        """Scatter beyond the stated noise that brings the median squared distance to that of χ² with three degrees."""
+        deviation, own = deviation[spoken], self._own_covariance()[spoken]
+
+        def excess(variance: float) -> float:
+            return float(np.median(_squared(deviation, own + variance * np.eye(3)))) - MEDIAN
+
+        slack = MEDIAN * 6.0 / np.sqrt(spoken.sum())  # the median of a few records scatters by itself
+        if self.stated and excess(0.0) < slack:
+            return 0.0
+        return float(np.sqrt(_root(excess, deviation)))
+
+    def _own_covariance(self) -> Array:
+        """Covariance of each record by the stated noise alone (n, 3, 3) [m²]."""
+        own = self.tips - max(self.unmodelled, 1e-12) ** 2 * np.eye(3)
+        for observation in observations_of(self.problem.measurements, self.noise, 0.0):
+            own[observation.records] += observation.covariance()
+        return own
+
+    def _final(self, point: Point, used: NDArray[np.bool_], spoken: NDArray[np.bool_]) -> Fit:
+        judged = None
+        if self.stated:
+            self._prepare(0.0, point)
+            judged = self._best_chi2(point, used)
+            if judged[1] <= 0 or chi2.sf(judged[0], judged[1]) >= MISFIT:
+                solution = self._solve(point, used)
+                return self._done(solution, used, spoken, _chi2(self.problem, solution))
+            self._prepare(self._scatter_of_median(deviations(self.observations, point), used) or FIRST_SCATTER, point)
+        solution = self._solve(point, used)
+        for _ in range(MOST_ROUNDS):
+            before = self.unmodelled
+            self._prepare(self._scatter(solution, used), solution.point)
+            solution = self._solve(solution.point, used)
+            if abs(self.unmodelled - before) <= 1e-3 * self.unmodelled:
+                break
+        return self._done(solution, used, spoken, judged)
+
+    def _best_chi2(self, point: Point, used: NDArray[np.bool_]) -> tuple[float, float]:
+        """χ² with the noise as stated if one more step were taken: spares the search where that noise cannot be right."""
+        solution = standing(self.problem, self.observations, self.tips, point, used.astype(np.float64))
+        total, dof = _chi2(self.problem, solution)
+        return total - solution.spectrum.promise(), dof
+
+    def _scatter(self, solution: Solution, used: NDArray[np.bool_]) -> float:
+        """Scatter beyond the stated noise with which χ² meets its degrees of freedom."""
+        _, dof = _chi2(self.problem, solution)
+        if dof <= 0:
+            numbers = 3 * int(used.sum())
+            raise AacmmError(
+                f"too few records to find the noise: {numbers} coordinates for {self.problem.scales.size} parameters and the "
+                "seats' own; state the noise, measure more, or estimate less"
+            )
+        deviation, own = solution.system.deviation[used], self._own_covariance()[used]
+
+        def excess(variance: float) -> float:
+            return float(_squared(deviation, own + variance * np.eye(3)).sum()) - dof
+
+        return float(np.sqrt(_root(excess, deviation)))
+
+    def _done(
+        self, solution: Solution, used: NDArray[np.bool_], spoken: NDArray[np.bool_], judged: tuple[float, float] | None
+    ) -> Fit:
+        _, dof = _chi2(self.problem, solution)
+        unknown = self._unknown(solution)
+        return Fit(
+            self.problem,
+            self.observations,
+            solution,
+            self.tips,
+            self.unmodelled,
+            self.stated,
+            used,
+            spoken & ~used,
+            judged,
+            dof,
+            unknown,
+            covariance_of(self.problem, solution, unknown),
+        )
+
+    def _unknown(self, solution: Solution) -> Array:
+        """Directions of which these records tell nothing, in units of the scales (p, k), orthonormal.
+
+        A direction that leaves every residual as it is tells nothing; but where tips scatter about their targets, a turn
+        of the whole arm about its base, or of its target about the last joint, seems to move them a little apart, which
+        would pass for knowledge. The first does not move targets apart, the second not tips: so both are asked.
+        """
+        point = solution.point
+        off = np.nan_to_num(deviations(self.observations, point))
+        seen = self.problem.predict(point.x, point.frame, point.prediction.tips - off)
+        there = Point(point.x, point.frame, point.nuisances, replace(point.prediction, jacobian=seen.jacobian))
+        at_targets = standing(self.problem, self.observations, self.tips, there, solution.weights).spectrum
+        spectra = (solution.spectrum, at_targets)
+        return np.asarray(orth(np.hstack([s.directions[:, ~s.known] for s in spectra]), rcond=1e-6))
+
+
+def covariance_of(problem: Problem, solution: Solution, unknown: Array) -> Array:
+    """Covariance of the columns (p, p): inverse of the information across the unknown directions, zero along them."""
+    spectrum = solution.spectrum
+    known = null_space(unknown.T) if unknown.size else np.eye(problem.scales.size)
+    information = (spectrum.values[:, None] * spectrum.directions.T) @ known
+    triangle = np.linalg.qr(information, mode="r")
+    scaled = known @ np.linalg.inv(triangle) * problem.scales[:, None]
+    return np.asarray(scaled @ scaled.T)
+
+
+def _chi2(problem: Problem, solution: Solution) -> tuple[float, float]:
+    """χ² of the residuals, and its degrees of freedom: rows that count, less what the data determine of the parameters."""
+    system = solution.system
+    # A parameter that its prior determines costs nothing: trace of (data's information) (whole information)⁻¹.
+    spectrum = solution.spectrum
+    movable = spectrum.movable
+    scaled = spectrum.directions[:, movable] / spectrum.values[movable] * problem.scales[:, None]
+    determined = float(np.square(system.jacobian @ scaled).sum())
+    left_out = 3 * int(np.sum((solution.weights == 0.0) & np.isfinite(system.distance)))
+    return float(system.residual @ system.residual), system.free - left_out - determined
+
+
+def _squared(deviation: Array, covariance: Array) -> Array:
+    return np.asarray(np.einsum("ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]))
+
+
+def _root(excess: Callable[[float], float], deviation: Array) -> float:
+    """Variance at which ``excess`` vanishes; it falls with the variance."""
+    low, high = LEAST_SCATTER**2, float(np.square(deviation).sum()) + LEAST_SCATTER**2
+    if excess(low) <= 0:
+        return low
+    return float(brentq(excess, low, 10 * high, xtol=1e-24, rtol=1e-10))
+
+
+LEAST_SCATTER = 1e-10
+"""Data from a computer may fit without any residual; the scatter then counts as this [m]."""

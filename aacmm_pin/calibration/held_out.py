@@ -1,0 +1,127 @@
+"""How well a calibration predicts records that it never saw: random ones, and whole seats, sessions or blocks of joint space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.cluster.vq import kmeans2
+
+from aacmm_pin.calibration.evidence import StatedNoise, observations_of
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.solver import Point, noise_of_tips, solve
+from aacmm_pin.checks import Array, Index
+from aacmm_pin.errors import AacmmError
+
+FOLDS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Residuals of records left out of the fit in turn.
+
+    Attributes:
+        kind: ``records`` (at random; neighbours stay in, which flatters), ``seats``, ``sessions`` or ``blocks`` of joint space.
+        groups: how many parts were left out in turn.
+        before: residual of each record by the arm as it was, only the set-up fitted (n,) [m]; nan where there is none.
+        after: by the calibrated arm (n,) [m].
+    """
+
+    kind: str
+    groups: int
+    before: Array
+    after: Array
+
+    @property
+    def rms_before(self) -> float:
+        """Root mean square distance [m]."""
+        return float(np.sqrt(np.nanmean(self.before**2)))
+
+    @property
+    def rms_after(self) -> float:
+        """Root mean square distance [m]."""
+        return float(np.sqrt(np.nanmean(self.after**2)))
+
+
+def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
+    """The natural groups of the records: seats, else sessions, else blocks of joint space: a label for each record."""
+    records = fit.problem.measurements
+    for kind, labels in (("seats", records.conditions.seat), ("sessions", records.conditions.session)):
+        if labels is not None and len(set(labels[fit.used]) - {""}) >= 3:
+            return kind, np.unique(labels.astype(str), return_inverse=True)[1]
+    turns = np.hstack([np.cos(records.q), np.sin(records.q)])
+    return "blocks", np.asarray(kmeans2(turns, min(FOLDS, records.n), minit="++", rng=rng)[1], dtype=np.intp)
+
+
+def folds(labels: Index, rng: np.random.Generator) -> Index:
+    """Number of the part, 0 to at most 9, in which each record is left out; records of one label stay together."""
+    names = rng.permutation(np.unique(labels))
+    part = {name: i % FOLDS for i, name in enumerate(names)}
+    return np.array([part[label] for label in labels], dtype=np.intp)
+
+
+def held_out(before: Fit, after: Fit, noise: StatedNoise, rng: np.random.Generator, progress: object = None) -> list[HeldOut]:
+    """Leave out records at random, then by their natural groups; excluded records are neither used nor predicted.
+
+    Args:
+        before: fit of the set-up alone.
+        after: fit of everything.
+        noise: as stated.
+        rng: for the choice of parts.
+        progress: called with an iterable of parts, and returns it; for a progress bar.
+    """
+    n = after.problem.measurements.n
+    kind, labels = groups_of(after, rng)
+    found = []
+    for name, part in (("records", folds(np.arange(n), rng)), (kind, folds(labels, rng))):
+        parts = np.unique(part[after.used])
+        if len(parts) < 2:
+            continue
+        rows: Iterable[int] = progress(parts) if callable(progress) else parts
+        residual = np.full((2, n), np.nan)
+        for number in rows:
+            out = (part == number) & after.used
+            kept = (part != number) & after.used
+            for which, fit in enumerate((before, after)):
+                residual[which, out] = _left_out(fit, noise, kept, out)
+        found.append(HeldOut(name, len(parts), *residual))
+    return found
+
+
+def _left_out(fit: Fit, noise: StatedNoise, kept: Array, out: Array) -> Array:
+    """Distances of the records ``out`` from where a fit of the records ``kept`` puts them."""
+    problem = fit.problem.of(fit.problem.measurements.take(np.flatnonzero(kept)))
+    observations = observations_of(problem.measurements, noise, fit.unmodelled)
+    start = fit.solution.point
+    tips = noise_of_tips(problem, start.frame, noise.encoder, fit.unmodelled)
+    prediction = problem.predict(start.x, start.frame)
+    point = Point(start.x, start.frame, [o.start(prediction.tips[o.records]) for o in observations], prediction)
+    try:
+        solution = solve(problem, observations, tips, point, np.ones(problem.measurements.n), robust=False)
+    except AacmmError as error:
+        raise AacmmError(f"with {int(np.sum(out))} records held out: {error}") from None
+    seats = {label: values for o, v in zip(observations, solution.point.nuisances, strict=True) for label, values in o.points(v)}
+    return _distances(fit.problem, solution.point, out, seats)
+
+
+def _distances(problem: Problem, point: Point, out: Array, seats: dict[str, Array]) -> Array:
+    """Distance from the reference, else from the seat as the kept records know it, else from the mean at that seat.
+
+    The mean is of the held-out records themselves, so their spread about it is widened by √(m/(m-1)).
+    """
+    rows = np.flatnonzero(out)
+    records = problem.measurements.take(rows)
+    tips = problem.of(records).predict(point.x, point.frame).tips
+    distance = np.linalg.norm(tips - records.reference, axis=1)
+    for label, members in records.seats().items():
+        unknown = members[~records.known[members]]
+        if not unknown.size:
+            continue
+        if label in seats:
+            distance[unknown] = np.linalg.norm(tips[unknown] - seats[label], axis=1)
+        elif unknown.size > 1:
+            spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
+            distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
+    return np.asarray(distance)

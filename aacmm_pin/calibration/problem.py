@@ -1,0 +1,183 @@
+"""What is unknown, and what the records would be if it had certain values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.chain import exp, skew
+from aacmm_pin.checks import Array
+from aacmm_pin.effects import Effect, JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTwist
+from aacmm_pin.error_model import ErrorModel, displaced
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.parameter import Parameter
+
+FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
+"""The reference frame has no prior; these only scale its columns, wide enough that it takes up what it can [m, rad]."""
+FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Placement of the arm's base in the frame of the references: ``x_reference = R x_base + t``."""
+
+    rotation: Array
+    shift: Array
+
+    @staticmethod
+    def identity() -> Frame:
+        """The two frames are one."""
+        return Frame(np.eye(3), np.zeros(3))
+
+    def apply(self, points: Array) -> Array:
+        """Points (n, 3) of the base in the frame of the references."""
+        return np.asarray(points @ self.rotation.T + self.shift)
+
+    def back(self, points: Array) -> Array:
+        """Points (n, 3) of the frame of the references in the base."""
+        return np.asarray((points - self.shift) @ self.rotation)
+
+    def moved(self, step: Array, about: Array) -> Frame:
+        """Turned by step[3:] about a point of the reference frame, then shifted by step[:3]."""
+        turn = exp(np.concatenate([np.zeros(3), step[3:]])[None])[0][0]
+        return Frame(turn @ self.rotation, turn @ (self.shift - about) + about + step[:3])
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Tips in the frame of the references, and their derivative.
+
+    Attributes:
+        tips: (n, 3) [m].
+        jacobian: by the unknown parameters, the frame's six last where it is unknown (n, 3, p) [m/unit].
+        about: the point about which the frame turns (3,) [m].
+    """
+
+    tips: Array
+    jacobian: Array
+    about: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """An arm, its records, and which effects have unknown values.
+
+    Attributes:
+        model: arm and effects that stay as they are.
+        estimated: effects whose parameters are unknown; their values are where the search starts.
+        widths: how far each parameter may be off before anything was measured (p,) [units].
+        stated: (p,) True where that is a stated standard uncertainty; elsewhere it is a bound so wide that it hardly pulls.
+        measurements: the records.
+        external: True where the references stand in an unknown frame.
+    """
+
+    model: ErrorModel
+    estimated: tuple[Effect, ...]
+    widths: Array
+    stated: NDArray[np.bool_]
+    measurements: Measurements
+    external: bool
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The unknown parameters, without the frame; geometric ones by the names that the arm has for them."""
+        found: list[Parameter] = []
+        for effect in self.estimated:
+            of_arm = geometric_parameters(self.model.arm, effect)
+            own = effect.parameters()
+            found += [replace(p, name=a.name) for p, a in zip(own, of_arm, strict=True)] if of_arm else own
+        return tuple(found)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all columns, the frame's included."""
+        return [p.name for p in self.parameters] + (list(FRAME) if self.external else [])
+
+    @cached_property
+    def scales(self) -> Array:
+        """Width of every column, the frame's included."""
+        return np.concatenate([self.widths, FRAME_WIDTHS if self.external else []])
+
+    @cached_property
+    def start(self) -> Array:
+        """Values at the start, which are the prior's mean too (p,)."""
+        return np.array([value for effect in self.estimated for value in effect.values])
+
+    @cached_property
+    def reading_covariance(self) -> Array:
+        """``J J^T`` per joint: the tip's covariance for one unit of variance in each reading (n, nq, 3, 3) [m²/rad²]."""
+        jacobian = self.model.arm.jacobian(self.measurements.q)
+        return np.asarray(np.einsum("nij,nkj->njik", jacobian, jacobian))
+
+    def effects(self, x: Array) -> tuple[Effect, ...]:
+        """The estimated effects with values ``x``."""
+        found, first = [], 0
+        for effect in self.estimated:
+            count = len(effect.terms)
+            found.append(effect.at(tuple(x[first : first + count])))
+            first += count
+        return tuple(found)
+
+    def predict(self, x: Array, frame: Frame, looked_at: Array | None = None) -> Prediction:
+        """What the records should be with the parameters ``x``.
+
+        Args:
+            x: values (p,).
+            frame: where the base is in the frame of the references.
+            looked_at: take the derivative of these points of the last body (n, 3), in the frame of the references, instead
+                of that of the tips [m].
+        """
+        arm, records = self.model.arm, self.measurements
+        state = displaced(
+            arm, (*self.model.effects, *self.effects(x)), records.q, records.conditions, arm.chain.tip, as_referenced=True
+        )
+        seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
+        columns = [effect.sensitivity(seen) for effect in self.estimated]
+        tips = frame.apply(state.position)
+        jacobian = np.concatenate([np.empty((records.n, 3, 0)), *columns], axis=2)
+        about = tips.mean(axis=0) if len(tips) else np.zeros(3)
+        if self.external:
+            turns = -skew((tips if looked_at is None else looked_at) - about)
+            shifts = np.broadcast_to(np.eye(3), turns.shape)
+            jacobian = np.concatenate([frame.rotation @ jacobian, shifts, turns], axis=2)
+        return Prediction(tips, jacobian, about)
+
+    def of(self, measurements: Measurements) -> Problem:
+        """The same problem with other records."""
+        return replace(self, measurements=measurements)
+
+
+OF_KIND: dict[str, type[Effect]] = {"a": LinkLength, "d": JointDistance, "alpha": LinkTwist, "theta_offset": JointZeroOffset}
+"""The cause behind each value of a DH row."""
+
+
+def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
+    """The arm's own parameters that a geometric effect changes, in the order of its terms; none for other effects."""
+    if isinstance(effect, JointPlacement):
+        return [p for p in arm.parameters if p.joint == effect.joint]
+    kinds = [kind for kind, cause in OF_KIND.items() if isinstance(effect, cause)]
+    return [p for p in arm.parameters if p.kind in kinds and p.joint == effect.row]
+
+
+def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
+    """The frame that brings ``tips`` onto ``references`` (n, 3) with the least sum of distances, deaf to wild records.
+
+    Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld). With fewer than three
+    records the rotation is the least that does.
+    """
+    weights = np.ones(len(tips))
+    frame = Frame.identity()
+    for _ in range(rounds):
+        share = weights / weights.sum()
+        middle, target = share @ tips, share @ references
+        left, _, right = np.linalg.svd((references - target).T @ ((tips - middle) * share[:, None]))
+        flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+        rotation = left @ flip @ right
+        frame = Frame(rotation, target - rotation @ middle)
+        distance = np.linalg.norm(frame.apply(tips) - references, axis=1)
+        weights = 1.0 / np.maximum(distance, 1e-3 * np.median(distance) + 1e-9)
+    return frame

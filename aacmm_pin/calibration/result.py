@@ -1,0 +1,212 @@
+"""What a calibration gives back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2
+
+from aacmm_pin.arm_file import COVERAGE_FACTOR
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.fold import origins
+from aacmm_pin.calibration.held_out import HeldOut
+from aacmm_pin.calibration.identifiability import Observability, undetermined
+from aacmm_pin.checks import Array
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.units import MM
+
+SCHEMA = "aacmm-pin/calibration/1"
+UNCHANGED = 0.95
+"""A parameter whose u is more than this part of the stated one has learnt nothing from the data."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated arm and how far to trust it.
+
+    Attributes:
+        model: the calibrated arm with its effects and the covariance of its parameters.
+        before: fit of the set-up alone (reference frame, target), the arm as it was.
+        fit: fit of everything.
+        held_out: residuals of records left out of the fit, by kind; empty where that was not asked for.
+        notes: what was assumed, in sentences.
+        seed: of the generator that chose the records to leave out, where it is known.
+    """
+
+    model: ErrorModel
+    before: Fit
+    fit: Fit
+    held_out: tuple[HeldOut, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def rms_before(self) -> float:
+        """Root mean square distance of the used records by the arm as it was [m]."""
+        return _rms(self.before, self.fit)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the used records by the calibrated arm [m]."""
+        return _rms(self.fit, self.fit)
+
+    @property
+    def noise(self) -> float:
+        """What that distance should be by the stated and found noise [m]."""
+        covariance = self.fit.noise.copy()
+        for observation in self.fit.observations:
+            covariance[observation.records] += observation.covariance()
+        return float(np.sqrt(np.trace(covariance[self.fit.used], axis1=1, axis2=2).mean()))
+
+    @property
+    def p_value(self) -> float | None:
+        """Chance of a χ² this large if the model and the stated noise are right; None where the noise was not stated."""
+        judged = self.fit.chi2_stated
+        return None if judged is None or judged[1] <= 0 else float(chi2.sf(*judged))
+
+    @cached_property
+    def undetermined(self) -> tuple[str, ...]:
+        """Combinations of parameters that these data cannot tell, in words; such a combination stays as it was."""
+        return tuple(undetermined(self.fit.problem, self.fit.unknown))
+
+    @cached_property
+    def observability(self) -> Observability:
+        """Observability indices of the records."""
+        problem, system = self.fit.problem, self.fit.solution.system
+        typical = np.array([t.typical for effect in problem.estimated for t in effect.terms])
+        jacobian = system.jacobian[:, : typical.size] * typical
+        return Observability.of(jacobian, int(self.fit.used.sum()))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of :attr:`parameters` (p, p) [their SI units]."""
+        p = len(self.fit.problem.parameters)
+        return self.fit.covariance[:p, :p]
+
+    @cached_property
+    def parameters(self) -> pd.DataFrame:
+        """One row a parameter: before, after, change, u, U (k = 2), in the unit of the row; and what the data say of it.
+
+        ``known`` is ``measured``, ``as stated`` (the data add nothing to the stated uncertainty) or ``in combination``
+        (part of a combination in :attr:`undetermined`, u is of the part that is known).
+        """
+        problem = self.fit.problem
+        x, u = self.fit.solution.point.x, np.sqrt(np.diag(self.covariance))
+        before = origins(problem) + problem.start
+        rows = []
+        for i, parameter in enumerate(problem.parameters):
+            scale, unit = (MM, "mm") if parameter.unit == "m" else (1.0, parameter.unit)
+            change = x[i] - problem.start[i]
+            rows.append(
+                {
+                    "parameter": parameter.name,
+                    "unit": unit,
+                    "before": before[i] / scale,
+                    "after": (before[i] + change) / scale,
+                    "change": change / scale,
+                    "u": u[i] / scale,
+                    "U": COVERAGE_FACTOR * u[i] / scale,
+                    "known": self._known(i, float(u[i])),
+                }
+            )
+        return pd.DataFrame(rows, columns=["parameter", "unit", "before", "after", "change", "u", "U", "known"])
+
+    def _known(self, i: int, u: float) -> str:
+        problem = self.fit.problem
+        if np.linalg.norm(self.fit.unknown[i]) > 0.02:
+            return "in combination"
+        return "as stated" if problem.stated[i] and u > UNCHANGED * problem.widths[i] else "measured"
+
+    @cached_property
+    def correlation(self) -> pd.DataFrame:
+        """Correlation of the parameters."""
+        u = np.sqrt(np.diag(self.covariance))
+        safe = np.where(u > 0, u, 1.0)
+        names = [p.name for p in self.fit.problem.parameters]
+        return pd.DataFrame(self.covariance / np.outer(safe, safe), index=names, columns=names)
+
+    @cached_property
+    def residuals(self) -> pd.DataFrame:
+        """One row a record: line in the file, seat, tip minus target before and after [mm], whether it was used."""
+        records = self.fit.problem.measurements
+        before, after = self.before.solution.system.deviation, self.fit.solution.system.deviation
+        table: dict[str, Any] = {"row": records.row}
+        for name in ("record", "operator"):
+            if getattr(records, name) is not None:
+                table[name] = getattr(records, name)
+        for name in ("seat", "marker", "session"):
+            if getattr(records.conditions, name) is not None:
+                table[name] = getattr(records.conditions, name)
+        for when, deviation in (("before", before), ("after", after)):
+            table |= {f"{axis}_{when}_mm": deviation[:, k] / MM for k, axis in enumerate("xyz")}
+            table[f"{when}_mm"] = np.linalg.norm(deviation, axis=1) / MM
+        table["used"] = self.fit.used
+        return pd.DataFrame(table)
+
+    @property
+    def excluded(self) -> pd.DataFrame:
+        """Records that were left out because they cannot belong: row, residual, reason."""
+        table = self.residuals[self.fit.excluded]
+        columns = [c for c in ("row", "record", "seat", "marker", "session") if c in table]
+        reason = "farther off than one good record in a hundred files would be"
+        return table[[*columns, "after_mm"]].rename(columns={"after_mm": "residual_mm"}).assign(reason=reason)
+
+    def summary(self) -> dict[str, Any]:
+        """Schema ``aacmm-pin/calibration/1``."""
+        judged = self.fit.chi2_stated
+        return {
+            "schema": SCHEMA,
+            "arm": self.model.arm.name,
+            "records": {
+                "used": int(self.fit.used.sum()),
+                "silent": int((~self.fit.used & ~self.fit.excluded).sum()),
+                "excluded": [
+                    {"row": int(r["row"]), "reason": r["reason"], "residual_mm": float(r["residual_mm"])}
+                    for r in self.excluded.to_dict("records")
+                ],
+            },
+            "rms_mm": {"simulation": self.rms_before / MM, "calibrated": self.rms / MM, "noise": self.noise / MM},
+            "chi2": None if judged is None else {"value": judged[0], "dof": judged[1], "p_value": self.p_value},
+            "unmodelled_mm": self.fit.unmodelled / MM,
+            "noise_stated": self.fit.stated,
+            "parameters": [{k: _plain(v) for k, v in row.items()} for row in self.parameters.to_dict("records")],
+            "undetermined": list(self.undetermined),
+            "observability": {k: _plain(v) for k, v in vars(self.observability).items()},
+            "held_out": [
+                {
+                    "kind": h.kind,
+                    "groups": h.groups,
+                    "rms_mm": {"simulation": h.rms_before / MM, "calibrated": h.rms_after / MM},
+                }
+                for h in self.held_out
+            ],
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        used, left = int(self.fit.used.sum()), int(self.fit.excluded.sum())
+        text = (
+            f"{self.model.arm.name} calibrated on {used} records ({left} excluded): RMS {self.rms_before / MM:.4f} mm before, "
+            f"{self.rms / MM:.4f} mm after"
+        )
+        for h in self.held_out:
+            text += f"; {h.rms_after / MM:.4f} mm on held-out {h.kind}"
+        return text
+
+    def _repr_html_(self) -> str:
+        unknown = "".join(f"<li>{line}</li>" for line in self.undetermined)
+        return f"<p>{self}</p>{self.parameters.to_html(index=False)}" + (f"<p>Not told by these data:</p><ul>{unknown}</ul>" * bool(unknown))
+
+
+def _rms(fit: Fit, judge: Fit) -> float:
+    return float(np.sqrt(np.square(fit.solution.system.deviation[judge.used]).sum(axis=1).mean()))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value.item() if isinstance(value, np.generic) else value
