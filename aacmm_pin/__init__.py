@@ -1,14 +1,20 @@
-"""Postures and accuracy of articulated-arm coordinate measuring machines, on Pinocchio."""
+"""Postures, accuracy and calibration of articulated-arm coordinate measuring machines, on Pinocchio."""
 
 from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, circle_accuracy
 from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.circle import Flexibility
 from aacmm_pin.comprehensive import comprehensive_accuracy, configuration_weights
+from aacmm_pin.conditions import Conditions
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.effects import Effect
+from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.parameter import Parameter
 from aacmm_pin.poses import Poses
 from aacmm_pin.single_point import SinglePoint, single_point_statistics
+from aacmm_pin.virtual import simulate_measurements
 from aacmm_pin.workspace import WorkspaceMap, map_workspace
 
 __version__ = "0.1.0"
@@ -17,17 +23,24 @@ __all__ = [
     "AacmmError",
     "AccuracyVolume",
     "Arm",
+    "Calibration",
+    "Conditions",
     "ConfigurationCircle",
+    "Effect",
+    "ErrorModel",
     "Flexibility",
+    "Measurements",
     "Parameter",
     "Poses",
     "SinglePoint",
     "WorkspaceMap",
     "accuracy_volume",
+    "calibrate",
     "circle_accuracy",
     "comprehensive_accuracy",
     "configuration_circle",
     "configuration_weights",
     "map_workspace",
+    "simulate_measurements",
     "single_point_statistics",
 ]

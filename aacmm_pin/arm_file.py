@@ -130,7 +130,7 @@ class Covariance(_Part):
     @model_validator(mode="before")
     @classmethod
     def _rows_are_tuples(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("correlation"), tuple):
+        if isinstance(data, dict) and isinstance(data.get("correlation"), list | tuple):
             return data | {"correlation": tuple(tuple(r) if isinstance(r, list) else r for r in data["correlation"])}
         return data
 

@@ -13,11 +13,7 @@ def arm_text(arm: ArmFile, comment: str = "") -> str:
     """TOML of ``arm``, with ``comment`` in front; numbers are written so that they come back to the last bit."""
     content = _plain(arm.model_dump(by_alias=True, exclude_none=True, exclude_defaults=True))
     content = {"schema": arm.schema_, **content}
-    for row in content["joints"]:
-        row.setdefault("fixed", False)
-        if not row["fixed"]:
-            del row["fixed"]
-    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    lines = [f"# {''.join(c if c.isprintable() else ' ' for c in line)}".rstrip() for line in comment.splitlines()]
     return "\n".join([*lines, *([""] if lines else []), tomli_w.dumps(content)])
 
 

@@ -122,20 +122,38 @@ class Chain:
         rotation, origin = np.empty((self.places, n, 3, 3)), np.empty((self.places, n, 3))
         turned, where = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
         cosine, sine = np.cos(q), np.sin(q)
-        for place, constant in enumerate(self.constant):
+        constants, left = self._with_constant(twists or {})
+        for place, (constant, joint) in enumerate(zip(constants, self.joint.tolist(), strict=True)):
             where = where + turned @ constant[:3, 3]
             turned = (np.ascontiguousarray(turned).reshape(-1, 3) @ constant[:3, :3]).reshape(n, 3, 3)
-            joint = self.joint[place]
             if joint >= 0 and self.prismatic[joint]:
                 where = where + q[:, joint, None] * turned[:, :, 2]
             elif joint >= 0:
                 turned = _about_z(turned, cosine[:, joint, None], sine[:, joint, None])
-            if twists is not None and place in twists:
-                step, shift = exp(twists[place])
-                where = where + np.einsum("nij,nj->ni", turned, np.broadcast_to(shift, (n, 3)))
+            if place in left:
+                step, shift = exp(left[place])
+                where = where + (turned @ shift[:, :, None])[:, :, 0]
                 turned = turned @ step
             rotation[place], origin[place] = turned, where
         return rotation, origin
+
+    def _with_constant(self, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
+        """The constant transforms with those displacements that are the same in every record, and the others.
+
+        Behind a joint only a screw about its own z can change places with the joint's motion.
+        """
+        same = [
+            place
+            for place, twist in twists.items()
+            if len(twist) == 1 and (self.joint[place] < 0 or not twist[0, [0, 1, 3, 4]].any())
+        ]
+        if not same:
+            return self.constant, twists
+        steps = np.tile(np.eye(4), (len(same), 1, 1))
+        steps[:, :3, :3], steps[:, :3, 3] = exp(np.concatenate([twists[place] for place in same]))
+        constants = self.constant.copy()
+        constants[same] = constants[same] @ steps
+        return constants, {place: twist for place, twist in twists.items() if place not in same}
 
 
 def exp(twist: Array) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, ParamSpec
 
 import matplotlib
 import numpy as np
+import pandas as pd
 import typer
 from rich.box import SIMPLE
 from rich.console import Console
@@ -23,6 +24,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import bundled_arms, load_arm_file
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.demo import run_demo
+from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.outputs import check_output, whole_file
 from aacmm_pin.summaries import accuracy_summary, accuracy_table, map_summary
@@ -140,9 +142,10 @@ def accuracy(
     _check(output, force)
     _check_plot(plot, force)
     _check_json(json_, force)
-    circle = _circle(Arm.load(arm), point, tip, axis, count)
+    model = ErrorModel.load(arm)
+    circle = _circle(model.arm, point, tip, axis, count)
     result = circle_accuracy(
-        circle, method=_method(method), encoder_noise=encoder_noise_rad, rng=np.random.default_rng(seed)
+        circle, model, method=_method(method), encoder_noise=encoder_noise_rad, rng=np.random.default_rng(seed)
     )
     summary = accuracy_summary(circle, result, sectors)
     if method == "monte-carlo":
@@ -178,8 +181,8 @@ def map_(
     _check_plot(plot, force)
     _check_json(json_, force)
     extent = None if extent_mm is None else np.array(extent_mm) * MM
-    machine = Arm.load(arm)
-    for caveat in map_caveats(machine):
+    machine = ErrorModel.load(arm)
+    for caveat in map_caveats(machine.arm):
         _note(f"note: {caveat}")
     result = map_workspace(machine, cells, sectors, extent=extent, method=_method(method), processes=processes)
     if output is not None:
@@ -230,7 +233,8 @@ def _show_accuracy(circle: ConfigurationCircle, result: AccuracyVolume, summary:
     _say("where the uncertainty comes from, mean over the postures:")
     table = Table("parameter", "joint", "u in mm", "share", box=SIMPLE)
     for row in result.budget().head(8).itertuples():
-        table.add_row(str(row.parameter), str(row.joint), f"{row.u_mm:.4f}", f"{row.share:.1%}")
+        joint = "" if row.joint is pd.NA else str(row.joint)
+        table.add_row(str(row.parameter), joint, f"{row.u_mm:.4f}", f"{row.share:.1%}")
     Console().print(table)
 
 

@@ -15,6 +15,7 @@ from aacmm_pin.arm_text import arm_text
 from aacmm_pin.checks import Array, batch
 from aacmm_pin.conditions import Conditions
 from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 from aacmm_pin.outputs import whole_file
 from aacmm_pin.parameter import Parameter
@@ -43,8 +44,8 @@ class ErrorModel:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise AacmmError(f"{self.arm.name}: the parameter {twice[0]} is there twice; merge the two effects into one")
-        if self.arm.file is not None and self.arm.file.covariance is not None:
-            for name in self.arm.file.covariance.parameters:
+        if self.arm.covariance is not None:
+            for name in self.arm.covariance.parameters:
                 if name not in names:
                     raise UnknownNameError("parameter in covariance", name, names)
 
@@ -65,12 +66,15 @@ class ErrorModel:
         """
         file = load_arm_file(name_or_path)
         effects = tuple(_effect(entry, str(name_or_path), n) for n, entry in enumerate(file.effects, start=1))
+        arm = Arm.from_file(file)
         try:
-            model = ErrorModel(Arm.from_file(file), effects)
-            for number, effect in enumerate(effects, start=1):
-                model.check(effect, f"effects[{number}]", str(name_or_path))
+            model = ErrorModel(arm, effects)
         except UnknownNameError as error:
             raise ArmFileError(str(name_or_path), "covariance.parameters", str(error)) from None
+        except AacmmError as error:
+            raise ArmFileError(str(name_or_path), "effects", str(error)) from None
+        for number, effect in enumerate(effects, start=1):
+            model.check(effect, f"effects[{number}]", str(name_or_path))
         return model
 
     def check(self, effect: Effect, key: str, path: str) -> None:
@@ -107,14 +111,20 @@ class ErrorModel:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The arm's parameters, then those of the effects: the columns of :meth:`sensitivity`."""
-        return (*self.arm.parameters, *(p for effect in self.effects for p in effect.parameters()))
+        """The arm's parameters, then those of the effects: the columns of :meth:`sensitivity`.
+
+        The file's covariance overrides the u of the effects that it names, as it does for the arm's own parameters.
+        """
+        known = self.arm.covariance
+        u = {} if known is None else dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
+        of_effects = (p for effect in self.effects for p in effect.parameters())
+        return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
 
     def covariance(self) -> Array:
         """Covariance of all parameters (p, p) [their units]: independent, but for those that the file knows together."""
         parameters = self.parameters
         matrix = np.diag([p.u**2 for p in parameters])
-        known = None if self.arm.file is None else self.arm.file.covariance
+        known = self.arm.covariance
         if known is not None:
             position = {p.name: i for i, p in enumerate(parameters)}
             where = np.array([position[name] for name in known.parameters])
@@ -147,7 +157,10 @@ class ErrorModel:
         """∂(position)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit]. See :meth:`predict`."""
         state = self.state(q, conditions, at)
         columns = [effect.sensitivity(state) for effect in self.effects]
-        return np.concatenate([self.arm.sensitivity(state.q, at), *columns], axis=2)
+        if not state.twists:
+            return np.concatenate([self.arm.sensitivity(state.q, at), *columns], axis=2)
+        # A target 0.1 m from the tip has another lever than the tip: the geometry too acts on the arm as displaced.
+        return np.concatenate([*(e.sensitivity(state) for e in of_geometry(self.arm)), *columns], axis=2)
 
     def state(
         self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None, *, as_referenced: bool = False
@@ -164,19 +177,26 @@ def displaced(
     arm: Arm, effects: tuple[Effect, ...], q: Array, conditions: Conditions, target: int, as_referenced: bool
 ) -> State:
     """The arm with every place displaced by the exact effects; weights act on the arm as it is bent."""
-    acting = [e for e in effects if any(e.values) and (as_referenced or not e.of_reference)]
-    state = State(arm, q, conditions, target)
-    rigid = _twists([e for e in acting if not e.elastic], state, {})
-    elastic = [e for e in acting if e.elastic]
-    state = State(arm, q, conditions, target, rigid)
+    acting = [e for e in effects if any(e.values)]
+    rigid = _twists([e for e in acting if not (e.elastic or e.of_reference)], State(arm, q, conditions, target), {})
+    state = settled([e for e in acting if e.elastic], State(arm, q, conditions, target, rigid))
+    # What is wrong with the references does not turn the arm against gravity: it comes when the arm has settled.
+    of_reference = [e for e in acting if e.of_reference and as_referenced]
+    return replace(state, twists=_twists(of_reference, state, state.twists)) if of_reference else state
+
+
+def settled(elastic: list[Effect], state: State) -> State:
+    """The arm bent so far that the displacements are those of the weights in the bent arm."""
+    rigid = state.twists
     for _ in range(MOST_ROUNDS if elastic else 0):
         twists = _twists(elastic, state, rigid)
         change = max(float(np.abs(twists[p] - state.twists.get(p, 0.0)).max(initial=0.0)) for p in twists)
-        state = State(arm, q, conditions, target, twists)
+        state = replace(state, twists=twists)
         if change < SETTLED:
             return state
     if elastic:
-        raise AacmmError(f"{arm.name}: {', '.join(e.label for e in elastic)} does not settle: the arm is too soft to stand")
+        labels = ", ".join(e.label for e in elastic)
+        raise AacmmError(f"{state.arm.name}: {labels} does not settle: the arm is too soft to stand")
     return state
 
 

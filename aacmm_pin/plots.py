@@ -302,37 +302,43 @@ def plot_budget(
         accuracy: at one configuration or more.
         by: what the bars stand for.
         ax: axes.
-        most: at most this many bars; what is left is one bar "rest".
+        most: at most this many bars, those of the largest size (correlated parameters may have negative shares); what is
+            left is one bar "rest".
 
     Raises:
         AacmmError: ``most`` is below 1, or ``accuracy`` has no configuration.
     """
     if most < 1 or not len(accuracy.q):
         raise AacmmError(f"most is {most} and accuracy has {len(accuracy.q)} configurations; expected at least 1 of each")
-    table = _shortened(accuracy.budget(by), by, most)
+    table = _shortened(accuracy.budget(by), by, most, accuracy.sources.correlation is None)
     ax = _axes(ax, (7.0, 0.9 + 0.32 * len(table)))
     share = 100 * table["share"].to_numpy()
     colours = [GREY if name.startswith("rest") else BLUE for name in table["name"]]
     bars = ax.barh(table["name"], share, color=colours, height=0.7)
-    labels = [f"{s:.1f} %,  {_length_um(u * MM / UM)}" for s, u in zip(share, table["u_mm"], strict=True)]
+    own = ["" if np.isnan(u) else f",  {_length_um(u * MM / UM)}" for u in table["u_mm"]]
+    labels = [f"{s:.1f} %{u}" for s, u in zip(share, own, strict=True)]
     ax.bar_label(bars, labels, padding=4, fontsize=8)
     ax.invert_yaxis()
-    ax.set_xlim(0, 1.28 * share.max())
+    room = 0.28 * (share.max() - min(share.min(), 0.0))  # for the labels
+    ax.set_xlim(share.min() - 1.5 * room if share.min() < 0 else 0, share.max() + room)
     ax.set_xlabel("share of the variance of the position [%]; at the bars also u [µm]")
     ax.set_title(f"{accuracy.sources.arm.name} at {accuracy.sources.at}: uncertainty budget by {by}", fontsize=10)
     ax.spines[["top", "right"]].set_visible(False)
     return ax
 
 
-def _shortened(budget: pd.DataFrame, by: str, most: int) -> pd.DataFrame:
-    """Columns name, share, u_mm: the largest ``most`` rows, without those that have no part; the rest as one."""
-    budget = budget[budget["share"] > 0].reset_index(drop=True)
-    names = ("joint " if by == "joint" else "") + budget[by].astype(str)
+def _shortened(budget: pd.DataFrame, by: str, most: int, independent: bool) -> pd.DataFrame:
+    """Columns name, share, u_mm: the largest ``most`` rows, without those that have no part; the rest as one, without u
+    (nan) where it is not the root of a sum of squares.
+    """
+    budget = budget[budget["share"] != 0].sort_values("share", ascending=False, key=abs, ignore_index=True, kind="stable")
+    names = [("joint " if by == "joint" else "") + str(name) if pd.notna(name) else "whole arm" for name in budget[by]]
     table = pd.DataFrame({"name": names, "share": budget["share"], "u_mm": budget["u_mm"]})
     if len(table) <= most:
         return table
     kept, left = table.head(most - 1), table.iloc[most - 1 :]
-    rest = {"name": f"rest ({len(left)})", "share": left["share"].sum(), "u_mm": float(np.sqrt((left["u_mm"] ** 2).sum()))}
+    u = float(np.sqrt((left["u_mm"] ** 2).sum())) if independent else np.nan
+    rest = {"name": f"rest ({len(left)})", "share": left["share"].sum(), "u_mm": u}
     return pd.concat([kept, pd.DataFrame([rest])], ignore_index=True)
 
 

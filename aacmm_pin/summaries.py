@@ -27,12 +27,13 @@ def accuracy_summary(circle: ConfigurationCircle, accuracy: AccuracyVolume, sect
     """Schema ``aacmm-pin/accuracy/1``: accuracy over the configurations of ``circle`` that are within limits.
 
     ``best`` and ``worst`` are by accuracy volume, ``smallest_u`` and ``largest_u`` by standard uncertainty; the budget is
-    the mean over the configurations; ``taken_as_exact`` names the parameters for which the arm states no uncertainty.
+    the mean over the configurations; ``taken_as_exact`` names the parameters for which no uncertainty is stated,
+    ``not_included`` the causes of error that are left out, see :class:`aacmm_pin.error_sources.ErrorSources`.
     Numbers that do not exist, because there is no such configuration, are None, and ``reason`` says why.
 
     Args:
         circle: every configuration at the point.
-        accuracy: ``accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)``.
+        accuracy: ``circle_accuracy(circle)``, or that of an extended model of the circle's arm.
         sectors: number of sectors for the flexibility.
 
     Raises:
@@ -60,7 +61,8 @@ def accuracy_summary(circle: ConfigurationCircle, accuracy: AccuracyVolume, sect
         "smallest_u": _posture(circle, accuracy, accuracy.u, np.argmin),
         "largest_u": _posture(circle, accuracy, accuracy.u, np.argmax),
         "budget": _budget(accuracy),
-        "taken_as_exact": list(circle.arm.without_uncertainty),
+        "taken_as_exact": list(accuracy.sources.taken_as_exact),
+        "not_included": list(accuracy.not_included),
     }
     if not len(inside):
         summary["reason"] = circle.reason or "no configuration is within the joint limits"
@@ -68,10 +70,13 @@ def accuracy_summary(circle: ConfigurationCircle, accuracy: AccuracyVolume, sect
 
 
 def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
-    """Schema ``aacmm-pin/map/1``: sizes of a map and how many reachable cells have how many working sectors."""
+    """Schema ``aacmm-pin/map/1``: sizes of a map and how many reachable cells have how many working sectors.
+
+    ``not_included``, only where there are some, names the causes of error that are left out of the accuracies.
+    """
     data = map_.data
     box = np.asarray(data.attrs["extent_mm"])
-    return {
+    summary = {
         "schema": MAP_SCHEMA,
         "arm": str(data.attrs["arm"]),
         "cells": [int(data.sizes["x_mm"]), int(data.sizes["z_mm"])],
@@ -81,6 +86,7 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
         "unreachable": map_.unreachable,
         "seconds": round(map_.seconds, 3),
     }
+    return summary | ({"not_included": list(map_.not_included)} if map_.not_included else {})
 
 
 def accuracy_table(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> pd.DataFrame:
@@ -126,7 +132,7 @@ def _budget(accuracy: AccuracyVolume) -> list[dict[str, Any]]:
     return [
         {
             "parameter": str(r["parameter"]),
-            "joint": int(r["joint"]),
+            "joint": None if pd.isna(r["joint"]) else int(r["joint"]),
             "share": _number(r["share"]),
             "u_mm": _number(r["u_mm"]),
         }

@@ -26,8 +26,10 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, Index, vector
 from aacmm_pin.circle import Components, arc_fractions, at_swivel, sector_centres
 from aacmm_pin.comprehensive import comprehensive_accuracy
+from aacmm_pin.conditions import Conditions
 from aacmm_pin.configurations import WRIST
 from aacmm_pin.dh import chunks
+from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.limits import AT_LIMIT, broken_limits, into_limits
 from aacmm_pin.reach import reach_of_wrist
@@ -70,6 +72,12 @@ class WorkspaceMap:
         """Number of cells whose centre no configuration reaches, limits apart."""
         return int((self.data["reachable"].values == 0).sum())
 
+    @property
+    def not_included(self) -> tuple[str, ...]:
+        """Labels of the causes of error that are left out of the accuracies, see :class:`ErrorSources`."""
+        labels = str(self.data.attrs.get("not_included", ""))
+        return tuple(labels.split("; ")) if labels else ()
+
     def save(self, path: str | Path) -> None:
         """Write the map as netCDF (classic format, 64-bit offsets), which xarray, MATLAB, R and ncdump read."""
         self.data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
@@ -89,15 +97,17 @@ class WorkspaceMap:
         return (
             f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors, {self.unreachable} cells out of reach, "
             f"{full} cells with the full circle, mean flexibility {float(self.data['flexibility'].mean()):.3f}"
+            + (f"; not included: {', '.join(self.not_included)}" if self.not_included else "")
         )
 
 
 def map_workspace(
-    arm: Arm,
+    model: Arm | ErrorModel,
     cells: tuple[int, int] = (48, 48),
     sectors: int = 12,
     *,
     extent: ArrayLike | None = None,
+    conditions: Conditions | None = None,
     method: Method = "zonotope",
     rest: ArrayLike | None = None,
     processes: int = 1,
@@ -106,11 +116,12 @@ def map_workspace(
     """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the half-plane.
 
     Args:
-        arm: an arm with a DH table whose first five rows are joints.
+        model: an arm with a DH table whose first five rows are joints, or such an arm with its effects.
         cells: number of cells along x and z.
         sectors: number of sectors of the configuration circle; each stands for the configuration at its centre, and
             where several configurations inside the limits have that swivel, for the most accurate of them.
         extent: x from, x to, z from, z to (4,) [m]; default 0, R, -R, R with the reach R to two digits.
+        conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
         method: how accuracy volumes are found (not ``monte-carlo``).
         rest: angles of the joints behind the fourth (nq - 4,) [rad], default 0.
         processes: worker processes.
@@ -118,19 +129,22 @@ def map_workspace(
 
     Raises:
         AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an uncertainty.
+        ShapeError: ``conditions`` of more than one record.
         UnknownNameError: no such method for a map.
-        UnsupportedArmError: no DH table, or one without the joints that this needs.
+        UnsupportedArmError: no DH table, or one without the joints that this needs; see :func:`accuracy_volume`.
     """
     started = time.perf_counter()
     if min(*cells, sectors, processes) < 1:
         raise AacmmError(f"cells are {cells}, sectors {sectors}, processes {processes}; expected at least 1 of each")
+    arm = model if isinstance(model, Arm) else model.arm
     wrist = Wrist.of(arm.require_dh("a map of the workspace"), rest)
-    _check_method(arm, method)
+    not_included = _check_method(model, conditions, method)
     box = _extent(arm, wrist, extent)
     x, z = _centres(box, cells)
     grid = np.stack(np.meshgrid(x, z, indexing="ij"), axis=-1).reshape(-1, 2)
     points = np.column_stack([grid[:, 0], np.zeros(len(grid)), grid[:, 1]])
-    jobs = [_Job(arm, wrist, points[part], sectors, method) for part in chunks(len(points), CELLS_AT_ONCE)]
+    parts = chunks(len(points), CELLS_AT_ONCE)
+    jobs = [_Job(model, arm, conditions, wrist, points[part], sectors, method) for part in parts]
     results: list[dict[str, Array]] = [{} for _ in jobs]
     with tqdm(total=len(points), unit="cell", disable=not progress, desc=f"map of {arm.name}") as bar:
         for number, result in _run(jobs, processes):
@@ -138,14 +152,17 @@ def map_workspace(
             bar.update(len(jobs[number].points))
     seconds = time.perf_counter() - started
     merged = {name: np.concatenate([r[name] for r in results]) for name in results[0]}
-    return WorkspaceMap(_dataset(arm, merged, box, cells, sectors, method, wrist.rest, seconds), seconds)
+    data = _dataset(arm, merged, box, cells, sectors, method, wrist.rest, seconds)
+    return WorkspaceMap(data.assign_attrs(not_included="; ".join(not_included)), seconds)
 
 
 @dataclass(frozen=True)
 class _Job:
     """Some cells, to be worked out together."""
 
+    model: Arm | ErrorModel
     arm: Arm
+    conditions: Conditions | None
     wrist: Wrist
     points: Array
     sectors: int
@@ -209,7 +226,7 @@ def _accuracies(job: _Job, q: Array, sector: Index, cell: Index) -> dict[str, Ar
     result |= {name: np.full((n, job.arm.nq), np.nan) for name in ("best_q", "worst_q", "least_u_q")}
     if not len(q):
         return result
-    accuracy = accuracy_volume(job.arm, q, at=WRIST, method=job.method)
+    accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
     volume, u = accuracy.volume, accuracy.u
     order = np.lexsort((volume, sector, cell))
     first = np.ones(len(order), dtype=bool)
@@ -245,11 +262,13 @@ def _extent(arm: Arm, wrist: Wrist, extent: ArrayLike | None) -> Array:
     return box
 
 
-def _check_method(arm: Arm, method: Method) -> None:
-    """Refuse, before the work begins, what the first cell would refuse."""
+def _check_method(model: Arm | ErrorModel, conditions: Conditions | None, method: Method) -> tuple[str, ...]:
+    """Refuse, before the work begins, what the first cell would refuse; labels of causes that are left out."""
     if method == "monte-carlo" or method not in METHODS:
         raise UnknownNameError("method", method, [m for m in METHODS if m != "monte-carlo"], "of a map")
-    accuracy_volume(arm, np.zeros((1, arm.nq)), at=WRIST, method=method)
+    arm = model if isinstance(model, Arm) else model.arm
+    q = np.clip(np.zeros((1, arm.nq)), arm.limits[:, 0], arm.limits[:, 1])
+    return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method).not_included
 
 
 def map_caveats(arm: Arm) -> tuple[str, ...]:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from aacmm_pin.accuracy import accuracy_volume
+from aacmm_pin.accuracy import accuracy_volume, circle_accuracy
 from aacmm_pin.arm import Arm
+from aacmm_pin.cli import app
 from aacmm_pin.comprehensive import comprehensive_accuracy
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.effects import BaseCompliance, EncoderGain, ThermalExpansion
+from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.summaries import accuracy_summary, map_summary
 from aacmm_pin.workspace import map_workspace
@@ -79,6 +84,43 @@ def test_accuracy_numbers_agree_with_their_sources(circle: ConfigurationCircle, 
     shares = [row["share"] for row in content["budget"]]
     assert sum(shares) == pytest.approx(1.0)
     assert shares == sorted(shares, reverse=True)
+
+
+@pytest.fixture(scope="module")
+def extended(sino6: Arm) -> ErrorModel:
+    effects = (BaseCompliance(values=(1e-5,), u=(2e-5,)), EncoderGain(joint=5, values=(1e-4,)))
+    return ErrorModel(sino6, (*effects, ThermalExpansion(values=(2e-5,), u=(4e-6,))))
+
+
+def test_an_extended_model(circle: ConfigurationCircle, extended: ErrorModel) -> None:
+    content = through_json(accuracy_summary(circle, circle_accuracy(circle, extended), 12))
+    assert content["not_included"] == ["thermal_expansion"]
+    assert content["taken_as_exact"] == ["encoder_gain:5"]
+    joints = {row["parameter"]: row["joint"] for row in content["budget"]}
+    assert joints["base_compliance"] is None
+    assert joints["d3"] == 3
+    alone = summary(circle)
+    assert alone["not_included"] == []
+    assert all(isinstance(row["joint"], int) for row in alone["budget"])
+    assert content["volume_mm3"]["min"] > alone["volume_mm3"]["max"]
+
+
+def test_the_command_reads_the_effects_of_the_file(extended: ErrorModel, tmp_path: Path) -> None:
+    path = str(tmp_path / "extended.toml")
+    extended.save(path)
+    words = ["accuracy", path, "--point", "33.6323", "-671.8702", "182.9355", "--count", "12"]
+    said = CliRunner().invoke(app, words)
+    assert said.exit_code == 0, said.output
+    assert "not included: thermal_expansion" in said.stdout
+    assert "base_compliance" in said.stdout
+    assert "taken as exact: encoder_gain:5" in said.stdout
+    content = json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)
+    assert content["not_included"] == ["thermal_expansion"]
+    assert content["budget"][0] == {"parameter": "base_compliance", "joint": None} | content["budget"][0]
+    words = ["map", path, "--cells", "2", "2", "--sectors", "3"]
+    assert "not included: thermal_expansion" in CliRunner().invoke(app, words).stdout
+    content = json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)
+    assert content["not_included"] == ["thermal_expansion"]
 
 
 def test_monte_carlo_is_named(circle: ConfigurationCircle) -> None:

@@ -21,7 +21,10 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import load_arm_file
 from aacmm_pin.checks import Array
 from aacmm_pin.comprehensive import configuration_weights
+from aacmm_pin.conditions import Conditions
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.effects import EncoderEccentricity, LinkBending, SeatError, ThermalExpansion
+from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.workspace import WorkspaceMap, map_workspace
 
@@ -152,6 +155,64 @@ def test_all_out_of_reach(sino6: Arm) -> None:
     assert nothing.unreachable == 4
     assert nothing.working_sectors() == {0: 0, 1: 0, 2: 0, 3: 0}
     assert np.isnan(nothing.data["flexibility"]).all()
+
+
+# --- extended models
+
+
+@pytest.fixture(scope="session")
+def extended(sino6: Arm) -> ErrorModel:
+    return ErrorModel(
+        sino6,
+        (
+            LinkBending(link=3, values=(5e-5,), u=(2e-5,)),
+            EncoderEccentricity(joint=3, values=(1e-4, 5e-5), u=(6e-5, 4e-5)),
+            ThermalExpansion(values=(2.2e-5,), u=(4e-6,)),
+            SeatError(seat="A", u=(1e-3,) * 3),
+        ),
+    )
+
+
+BOX = [0.2, 0.9, -0.2, 0.6]
+
+
+def test_a_map_of_an_extended_model(sino6: Arm, extended: ErrorModel) -> None:
+    alone, model, warm = (
+        map_workspace(m, (3, 3), 6, extent=BOX, conditions=conditions, progress=False)
+        for m, conditions in ((sino6, None), (extended, None), (extended, Conditions(1, temperature=np.array([35.0]))))
+    )
+    xr.testing.assert_equal(alone.data["flexibility"], model.data["flexibility"])
+    for name in ("best_mm3", "worst_mm3", "comprehensive_mm3", "smallest_u_mm", "largest_u_mm"):
+        assert (alone.data[name] < model.data[name]).all()
+        assert (model.data[name] < warm.data[name]).all()
+    q = np.radians(warm.data["smallest_u_theta_deg"].values.reshape(-1, 6))
+    expected = accuracy_volume(extended, q, conditions=Conditions(1, temperature=np.array([35.0])), at="frame5")
+    np.testing.assert_allclose(warm.data["smallest_u_mm"].values.reshape(-1), 1e3 * expected.u, rtol=1e-9)
+
+
+def test_a_map_names_what_it_leaves_out(sino6: Arm, extended: ErrorModel, small: WorkspaceMap, tmp_path: Path) -> None:
+    map_ = map_workspace(extended, (1, 2), 3, extent=BOX, progress=False)
+    assert map_.not_included == ("thermal_expansion",)
+    assert str(map_).endswith("; not included: thermal_expansion")
+    map_.save(tmp_path / "map.nc")
+    assert WorkspaceMap.load(tmp_path / "map.nc").not_included == ("thermal_expansion",)
+    small.save(tmp_path / "none.nc")
+    assert small.not_included == WorkspaceMap.load(tmp_path / "none.nc").not_included == ()
+    assert "not included" not in str(small)
+
+
+def test_processes_take_an_extended_model(extended: ErrorModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 2)
+    warm = Conditions(1, temperature=np.array([35.0]))
+    one, two = (map_workspace(extended, (2, 2), 4, extent=BOX, conditions=warm, processes=n, progress=False) for n in (1, 2))
+    one.data.attrs.pop("seconds")
+    two.data.attrs.pop("seconds")
+    xr.testing.assert_identical(one.data, two.data)
+
+
+def test_conditions_of_a_map_hold_everywhere(extended: ErrorModel) -> None:
+    with pytest.raises(ShapeError, match="conditions are of 2 records"):
+        map_workspace(extended, (2, 2), conditions=Conditions(2, temperature=np.array([20.0, 30.0])), progress=False)
 
 
 # --- files

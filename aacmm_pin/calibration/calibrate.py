@@ -84,10 +84,9 @@ def calibrate(
     external = reference_frame == "external"
     problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
     after = fit(problem, noise, robust=robust)
-    used = after.problem.of(measurements.take(np.flatnonzero(after.used)))
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
-    before = fit(setup, noise, robust=robust)
-    held = left_out(before, after, noise, rng or np.random.default_rng(1), progress) if hold_out and used else []
+    before = fit(setup, noise, used=after.used)
+    held = left_out(before, after, noise, rng or np.random.default_rng(1), progress) if hold_out else []
     return Calibration(calibrated_model(after), before, after, tuple(held), tuple(_notes(after, noise)))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from scipy.stats import chi2
 from aacmm_pin.calibration.evidence import StatedNoise, observations_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.solver import MEDIAN, Point, Solution, begin, deviations, noise_of_tips, solve, standing
-from aacmm_pin.checks import Array
+from aacmm_pin.checks import Array, Index
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.observations import Observation
 
@@ -59,50 +60,62 @@ class Fit:
     covariance: Array
 
 
-def fit(problem: Problem, stated_noise: StatedNoise, *, robust: bool = True) -> Fit:
+def fit(
+    problem: Problem, stated_noise: StatedNoise, *, robust: bool = True, used: NDArray[np.bool_] | None = None
+) -> Fit:
     """Estimate what is unknown in ``problem``.
 
     First robustly, then without the records that cannot belong (χ² of their residual, Bonferroni's bound over all
     records). The scatter beyond the stated noise is found so that χ² meets its degrees of freedom, and only where the
     stated noise alone will not do.
 
+    Args:
+        problem: what is unknown.
+        stated_noise: standard uncertainties as stated.
+        robust: look for records that cannot belong.
+        used: the records that belong (n,), if that is known already; nothing is looked for then.
+
     Raises:
         AacmmError: no record says anything, the noise is not stated and there are too few records to find it, or the
             search does not settle.
     """
-    return _Fitting(problem, stated_noise, robust).run()
+    return _Fitting(problem, stated_noise).run(robust, used)
 
 
 class _Fitting:
     """The rounds of one fit; holds what they share."""
 
-    def __init__(self, problem: Problem, noise: StatedNoise, robust: bool) -> None:
-        self.problem, self.noise, self.robust = problem, noise, robust
+    def __init__(self, problem: Problem, noise: StatedNoise) -> None:
+        self.problem, self.noise = problem, noise
         self.stated = noise.suffices(problem.measurements)
         self.n = problem.measurements.n
         self.observations: list[Observation] = []
         self.tips = np.empty((0, 3, 3))
         self.unmodelled = 0.0
 
-    def run(self) -> Fit:
-        self._prepare(0.0 if self.stated else FIRST_SCATTER, None)
+    def run(self, robust: bool, used: NDArray[np.bool_] | None) -> Fit:
+        self.observations = observations_of(self.problem.measurements, self.noise, FIRST_SCATTER)
         spoken = np.zeros(self.n, dtype=bool)
         for observation in self.observations:
             spoken[observation.records] = True
         if not spoken.any():
             raise AacmmError("no record says where the tip was: no reference coordinates, and no seat touched twice")
         point = begin(self.problem, self.observations)
-        used = spoken.copy()
-        if self.robust:
+        self._prepare(0.0 if self.stated else FIRST_SCATTER, point)
+        if used is None and not robust:
+            used = spoken.copy()
+        if used is None:
             solution = self._robustly(point, spoken)
             used, point = self._believed(solution, spoken)
-        return self._final(point, used, spoken)
+            return self._final(point, used, spoken, near=True)
+        return self._final(point, used, spoken, near=False)
 
-    def _prepare(self, unmodelled: float, point: Point | None) -> None:
+    def _prepare(self, unmodelled: float, point: Point) -> None:
+        """Take ``unmodelled`` for the scatter that nobody stated."""
         self.unmodelled = unmodelled
-        self.observations = observations_of(self.problem.measurements, self.noise, unmodelled)
-        frame = begin(self.problem, []).frame if point is None else point.frame
-        self.tips = noise_of_tips(self.problem, frame, self.noise.encoder, unmodelled)
+        if not self.stated:
+            self.observations = observations_of(self.problem.measurements, self.noise, unmodelled)
+        self.tips = noise_of_tips(self.problem, point.frame, self.noise.encoder, unmodelled)
 
     def _solve(self, point: Point, used: NDArray[np.bool_], robust: bool = False) -> Solution:
         return solve(self.problem, self.observations, self.tips, point, used.astype(np.float64), robust)
@@ -149,18 +162,25 @@ class _Fitting:
     def _own_covariance(self) -> Array:
         """Covariance of each record by the stated noise alone (n, 3, 3) [m²]."""
         own = self.tips - max(self.unmodelled, 1e-12) ** 2 * np.eye(3)
-        for observation in observations_of(self.problem.measurements, self.noise, 0.0):
-            own[observation.records] += observation.covariance()
+        for records, covariance in self._stated_covariances:
+            own[records] += covariance
         return own
 
-    def _final(self, point: Point, used: NDArray[np.bool_], spoken: NDArray[np.bool_]) -> Fit:
+    @cached_property
+    def _stated_covariances(self) -> list[tuple[Index, Array]]:
+        stated = observations_of(self.problem.measurements, self.noise, 0.0)
+        return [(o.records, o.covariance()) for o in stated]
+
+    def _final(self, point: Point, used: NDArray[np.bool_], spoken: NDArray[np.bool_], near: bool) -> Fit:
         judged = None
         if self.stated:
             self._prepare(0.0, point)
-            judged = self._best_chi2(point, used)
+            searched = None if near else self._solve(point, used)  # from afar, one more step would say nothing
+            judged = self._best_chi2(point, used) if searched is None else _chi2(self.problem, searched)
             if judged[1] <= 0 or chi2.sf(judged[0], judged[1]) >= MISFIT:
-                solution = self._solve(point, used)
+                solution = searched or self._solve(point, used)
                 return self._done(solution, used, spoken, _chi2(self.problem, solution))
+            point = point if searched is None else searched.point
             self._prepare(self._scatter_of_median(deviations(self.observations, point), used) or FIRST_SCATTER, point)
         solution = self._solve(point, used)
         for _ in range(MOST_ROUNDS):

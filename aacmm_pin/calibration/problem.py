@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin.arm import Arm
+from aacmm_pin.calibration.columns import Columns
 from aacmm_pin.chain import exp, skew
 from aacmm_pin.checks import Array
 from aacmm_pin.effects import Effect, JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTwist
-from aacmm_pin.error_model import ErrorModel, displaced
+from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.parameter import Parameter
 
@@ -108,6 +109,16 @@ class Problem:
         return np.array([value for effect in self.estimated for value in effect.values])
 
     @cached_property
+    def _fixed(self) -> Array:
+        """Values of the effects that stay as they are."""
+        return np.array([value for effect in self.model.effects for value in effect.values])
+
+    @cached_property
+    def _columns(self) -> Columns:
+        records = self.measurements
+        return Columns.of(self.model.arm, records.q, records.conditions, (*self.model.effects, *self.estimated))
+
+    @cached_property
     def reading_covariance(self) -> Array:
         """``J J^T`` per joint: the tip's covariance for one unit of variance in each reading (n, nq, 3, 3) [m²/rad²]."""
         jacobian = self.model.arm.jacobian(self.measurements.q)
@@ -131,15 +142,12 @@ class Problem:
             looked_at: take the derivative of these points of the last body (n, 3), in the frame of the references, instead
                 of that of the tips [m].
         """
-        arm, records = self.model.arm, self.measurements
-        state = displaced(
-            arm, (*self.model.effects, *self.effects(x)), records.q, records.conditions, arm.chain.tip, as_referenced=True
-        )
+        records = self.measurements
+        state = self._columns.at(np.concatenate([self._fixed, x]))
         seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
-        columns = [effect.sensitivity(seen) for effect in self.estimated]
+        jacobian = self._columns.jacobian(seen)[:, :, self._fixed.size :]
         tips = frame.apply(state.position)
-        jacobian = np.concatenate([np.empty((records.n, 3, 0)), *columns], axis=2)
-        about = tips.mean(axis=0) if len(tips) else np.zeros(3)
+        about = tips.mean(axis=0) if records.n else np.zeros(3)
         if self.external:
             turns = -skew((tips if looked_at is None else looked_at) - about)
             shifts = np.broadcast_to(np.eye(3), turns.shape)
@@ -169,7 +177,7 @@ def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
     Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld). With fewer than three
     records the rotation is the least that does.
     """
-    weights = np.ones(len(tips))
+    weights, before = np.ones(len(tips)), np.inf
     frame = Frame.identity()
     for _ in range(rounds):
         share = weights / weights.sum()
@@ -179,5 +187,8 @@ def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
         rotation = left @ flip @ right
         frame = Frame(rotation, target - rotation @ middle)
         distance = np.linalg.norm(frame.apply(tips) - references, axis=1)
+        if abs(before - distance.sum()) < 1e-3 * distance.sum():
+            break
+        before = distance.sum()
         weights = 1.0 / np.maximum(distance, 1e-3 * np.median(distance) + 1e-9)
     return frame

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ SETTLED = 1e-6
 """The search ends when a step promises to lower χ² by less than this: parameters then stand still to 0.001 u."""
 LOOSELY_SETTLED = 1e-2
 """The same of the robust search, whose weights go on moving a little for long and whose result is only a start."""
+AT_BEST = 1e-10
+"""Unknown points that move by less than this are where they fit best [m]."""
 FLOOR = 1e-10
 """Smallest damping, beside the square of the largest singular value."""
 LEAST_KNOWN = 0.1
@@ -124,14 +126,15 @@ def solve(
     Raises:
         AacmmError: the search does not settle.
     """
-    point, damping = start, 0.0
+    point, damping = _at_best(problem, start, observations, noise, weights), 0.0
     system = _system(problem, point, observations, noise, weights)
     for count in range(1, MOST_STEPS + 1):
         if robust:
             weights = _by_fit(system.distance)
             system = _system(problem, point, observations, noise, weights)
         spectrum = spectrum_of(problem, system, point.x)
-        cost, floor = _cost(problem, system, point.x), FLOOR * spectrum.values[0] ** 2
+        top = float(spectrum.values.max(initial=0.0)) or 1.0  # a set-up may have no unknown parameter at all
+        cost, floor = _cost(problem, system, point.x), FLOOR * top**2
         while True:
             trial = _advanced(problem, point, system, spectrum.step(damping) * problem.scales)
             tried = _system(problem, trial, observations, noise, weights)
@@ -139,7 +142,7 @@ def solve(
             if gained >= -1e-12 * cost - SETTLED:
                 break
             damping = max(10 * damping, floor)
-            if damping > spectrum.values[0] ** 2 / FLOOR:
+            if damping > top**2 / FLOOR:
                 raise AacmmError("the calibration does not settle: no step lowers the residuals; are the angles right?")
         point, system = trial, tried
         ends = SETTLED if not robust else LOOSELY_SETTLED
@@ -203,6 +206,16 @@ def _advanced(problem: Problem, point: Point, system: System, step: Array) -> Po
     moved = zip(point.nuisances, system.nuisances(step), strict=True)
     x = point.x + step[:p]
     return Point(x, frame, [values + change for values, change in moved], problem.predict(x, frame))
+
+
+def _at_best(problem: Problem, point: Point, observations: list[Observation], noise: Array, weights: Array) -> Point:
+    """The unknown points where they fit best, parameters as they are: costs are compared as if they were there."""
+    for _ in range(MOST_STEPS if any(values.size for values in point.nuisances) else 0):
+        steps = _system(problem, point, observations, noise, weights).nuisances(np.zeros(problem.scales.size))
+        if max(np.abs(step).max(initial=0.0) for step in steps) < AT_BEST:
+            break
+        point = replace(point, nuisances=[value + step for value, step in zip(point.nuisances, steps, strict=True)])
+    return point
 
 
 def _prior(problem: Problem, x: Array) -> tuple[Array, Array]:

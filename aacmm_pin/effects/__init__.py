@@ -11,7 +11,7 @@ from aacmm_pin.effects.encoder import (
     JointErrorCurve,
     JointPeriodicError,
 )
-from aacmm_pin.effects.geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTwist
+from aacmm_pin.effects.geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist
 from aacmm_pin.effects.mounting import BaseCompliance, ReferenceFrame, SeatError
 from aacmm_pin.effects.thermal import ThermalExpansion
 from aacmm_pin.effects.timing import JointHysteresis, ZeroDrift
@@ -23,6 +23,7 @@ CAUSES: dict[str, type[Effect]] = {
         LinkLength,
         JointDistance,
         LinkTwist,
+        LinkTilt,
         JointPlacement,
         EncoderEccentricity,
         EncoderEllipticity,
@@ -47,4 +48,34 @@ CAUSES: dict[str, type[Effect]] = {
 }
 """Every cause by its name."""
 
-__all__ = ["CAUSES", "Displacement", "Effect", "Term", *sorted(effect.__name__ for effect in CAUSES.values())]
+__all__ = [
+    "BaseCompliance",
+    "BearingTilt",
+    "CAUSES",
+    "Counterbalance",
+    "Displacement",
+    "Effect",
+    "EncoderEccentricity",
+    "EncoderEllipticity",
+    "EncoderGain",
+    "EncoderSlip",
+    "JointCompliance",
+    "JointDistance",
+    "JointErrorCurve",
+    "JointHysteresis",
+    "JointPeriodicError",
+    "JointPlacement",
+    "JointZeroOffset",
+    "LinkBending",
+    "LinkLength",
+    "LinkTilt",
+    "LinkTwist",
+    "ReferenceFrame",
+    "SeatError",
+    "StylusBending",
+    "StylusOffset",
+    "Term",
+    "ThermalExpansion",
+    "TorsionalWindup",
+    "ZeroDrift",
+]

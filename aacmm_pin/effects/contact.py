@@ -25,6 +25,11 @@ class StylusOffset(Effect):
     cause: ClassVar[str] = "stylus_offset"
 
     @property
+    def needs(self) -> tuple[str, ...]:
+        """The marker, where one is named."""
+        return () if self.marker is None else ("marker",)
+
+    @property
     def terms(self) -> tuple[Term, ...]:
         """The shift."""
         return tuple(Term(name, "m", 5e-5, f"{name}_mm", MM) for name in ("x", "y", "z"))

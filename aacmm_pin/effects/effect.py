@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from dataclasses import MISSING, dataclass, fields, replace
+from numbers import Integral
+from typing import Any, ClassVar, Self, get_type_hints
 
 import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from aacmm_pin.chain import axis
 from aacmm_pin.checks import Array
@@ -62,8 +64,6 @@ class Effect(ABC):
 
     cause: ClassVar[str]
     """Name of the cause."""
-    needs: ClassVar[tuple[str, ...]] = ()
-    """Conditions without which the effect cannot be told, see :class:`aacmm_pin.conditions.Conditions`."""
     elastic: ClassVar[bool] = False
     """True where the displacement depends on where the arm is, and so on all the other displacements."""
     of_reference: ClassVar[bool] = False
@@ -74,6 +74,12 @@ class Effect(ABC):
     u: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            where = getattr(self, field.name)
+            if field.name not in ("joint", "link") or where is field.default:
+                continue
+            if isinstance(where, bool) or not isinstance(where, Integral) or where < 1:
+                raise AacmmError(f"{self.cause}: {field.name} is {where!r}, expected the number of a row, from 1")
         for name in ("values", "u"):
             numbers = tuple(float(value) for value in getattr(self, name)) or (0.0,) * len(self.terms)
             if len(numbers) != len(self.terms) or not np.isfinite(numbers).all():
@@ -81,6 +87,11 @@ class Effect(ABC):
             object.__setattr__(self, name, numbers)
         if any(u < 0 for u in self.u):
             raise AacmmError(f"{self.label}: u is {self.u}, expected numbers that are not negative")
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Conditions without which the effect cannot be told, see :class:`aacmm_pin.conditions.Conditions`."""
+        return ()
 
     @property
     @abstractmethod
@@ -156,13 +167,22 @@ class Effect(ABC):
         for name in structure:
             if name not in cls.structure():
                 raise UnknownNameError(f"field of {cls.cause}", name, list(cls.structure()))
-        try:
-            bare = cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in structure.items()})
-        except TypeError:
-            missing = [f.name for f in fields(cls) if f.name in cls.structure() and f.name not in structure]
-            raise AacmmError(f"{cls.cause}: missing {', '.join(missing)}") from None
+        missing = [f.name for f in fields(cls) if f.default is MISSING and f.name not in structure]
+        if missing:
+            raise AacmmError(f"{cls.cause}: missing {', '.join(missing)}")
+        bare = cls(**{name: cls._checked(name, value) for name, value in structure.items()})
         values = bare.values_from(parameters)
         return bare.at(values, bare._by_key(uncertainty or {}))
+
+    @classmethod
+    def _checked(cls, name: str, value: Any) -> Any:
+        """A field as a file states it, if it has the type that the class declares."""
+        adapter = TypeAdapter(get_type_hints(cls)[name], config=ConfigDict(strict=True, allow_inf_nan=False))
+        try:
+            return adapter.validate_python(tuple(value) if isinstance(value, list) else value)
+        except ValidationError as error:
+            expected = error.errors()[0]["msg"].removeprefix("Input should be ")
+            raise AacmmError(f"{cls.cause}: {name} is {value!r}, expected {expected}") from None
 
     def values_from(self, parameters: Mapping[str, float]) -> tuple[float, ...]:
         """Values from what a file says; what it leaves out is zero."""

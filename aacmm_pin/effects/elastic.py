@@ -11,8 +11,9 @@ from aacmm_pin.chain import axis, end
 from aacmm_pin.checks import Array
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
 from aacmm_pin.effects.gravity import GravityEffect
-from aacmm_pin.errors import AacmmError
+from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.state import State
+from aacmm_pin.units import MM
 
 SHORT = 1e-3
 """A body shorter than this is no tube [m]."""
@@ -34,13 +35,33 @@ class JointCompliance(GravityEffect):
     cause: ClassVar[str] = "joint_compliance"
     flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 2e-5, "compliance_rad_per_nm")
 
+    def __post_init__(self) -> None:
+        """Check the origin of the torque."""
+        super().__post_init__()
+        if self.torque not in ("gravity", "measured"):
+            raise AacmmError(f"{self.label}: torque is {self.torque!r}, expected 'gravity' or 'measured'")
+        if self.torque == "measured" and self.bodies:
+            raise AacmmError(f"{self.label}: a measured torque needs no bodies, expected one or the other")
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The torque, where it is measured."""
+        return ("torque",) if self.torque == "measured" else ()
+
     def displacements(self, state: State) -> list[Displacement]:
-        """The moment about the axis."""
+        """The moment about the axis.
+
+        Raises:
+            UnsupportedArmError: the joint slides, or see :meth:`GravityEffect.moments`.
+        """
+        number = state.joint(self.joint)
+        if state.arm.chain.prismatic[number]:
+            raise UnsupportedArmError(
+                f"{self.label}: joint {self.joint} of {state.arm.name} slides, expected one that turns"
+            )
         if self.torque == "measured":
             torques = state.conditions.require("torque", self.label)
-            return [about_axis(state, self.joint, -torques[:, state.joint(self.joint), None])]
-        if self.torque != "gravity":
-            raise AacmmError(f"{self.label}: torque is {self.torque!r}, expected 'gravity' or 'measured'")
+            return [about_axis(state, self.joint, -torques[:, number, None])]
         z = state.rotation[axis(self.joint)][:, :, 2]
         return [about_axis(state, self.joint, np.einsum("ni,nip->np", z, self.moments(state, self.joint)))]
 
@@ -148,25 +169,26 @@ class Counterbalance(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The horizontal part of the body across the axis."""
-        z = state.rotation[axis(self.joint)][:, :, 2]
-        lever = np.einsum("ni,ni->n", z, np.cross(self._carried(state, z), state.down))
+        z = state.rotation[axis(state.known_row(self.joint))][:, :, 2]
+        lever = np.einsum("ni,ni->n", z, np.cross(self._carried(state), state.down))
         return [about_axis(state, self.joint, lever[:, None])]
 
-    def _carried(self, state: State, z: Array) -> Array:
+    def _carried(self, state: State) -> Array:
         if self.joint < state.arm.chain.rows:
             # The next axis as body ``joint`` carries it: before the next joint turns.
-            following = state.rotation[end(self.joint)] @ state.arm.chain.constant[axis(self.joint + 1)][:3, 2]
-            if abs(float(np.einsum("ni,ni->n", z[:1], following[:1])[0])) < 0.5:
-                return np.asarray(following)
+            constant = state.arm.chain.constant
+            following = constant[axis(self.joint + 1)][:3, 2]
+            if abs(constant[end(self.joint)][2, :3] @ following) < 0.5:
+                return np.asarray(state.rotation[end(self.joint)] @ following)
         return _direction(state, self.joint, self.label)
 
 
 def _direction(state: State, row: int, label: str) -> Array:
     """Unit vector along body ``row`` (n, 3)."""
-    span = state.span(row)
+    span = state.span(state.known_row(row))
     length = np.linalg.norm(span, axis=1, keepdims=True)
-    if length.max(initial=0.0) < SHORT:
-        raise AacmmError(f"{label}: body {row} of {state.arm.name} is {length.max() * 1e3:.3f} mm long, expected a tube")
+    if (length < SHORT).any():
+        raise AacmmError(f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, expected a tube")
     return np.asarray(span / length)
 
 

@@ -17,6 +17,9 @@ from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.state import State
 
+MOST_COEFFICIENTS = 1000
+"""More of them than any joint has records for."""
+
 
 @dataclass(frozen=True)
 class _Periodic(Effect):
@@ -153,9 +156,9 @@ class JointErrorCurve(Effect):
 
     def __post_init__(self) -> None:
         """Check the range."""
-        if not (self.lower_rad < self.upper_rad and self.coefficients >= 4):
+        if not (-np.inf < self.lower_rad < self.upper_rad < np.inf and 4 <= self.coefficients <= MOST_COEFFICIENTS):
             raise AacmmError(
-                f"{self.label}: expected lower_rad < upper_rad and at least 4 coefficients, "
+                f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_COEFFICIENTS} coefficients, "
                 f"not {self.lower_rad}, {self.upper_rad}, {self.coefficients}"
             )
         super().__post_init__()
@@ -180,6 +183,8 @@ class JointErrorCurve(Effect):
             )
         inner = np.linspace(self.lower_rad, self.upper_rad, self.coefficients - 2)
         knots = np.concatenate([np.full(3, self.lower_rad), inner, np.full(3, self.upper_rad)])
+        if not state.n:  # SciPy wants at least one point
+            return [about_axis(state, self.joint, np.zeros((0, self.coefficients)))]
         return [about_axis(state, self.joint, BSpline.design_matrix(angle, knots, 3).toarray())]
 
 
@@ -216,6 +221,12 @@ class EncoderSlip(Effect):
     time_s: float
     cause: ClassVar[str] = "encoder_slip"
     needs: ClassVar[tuple[str, ...]] = ("time",)
+
+    def __post_init__(self) -> None:
+        """Check the time."""
+        super().__post_init__()
+        if not np.isfinite(self.time_s):
+            raise AacmmError(f"{self.label}: time_s is {self.time_s}, expected seconds")
 
     @property
     def terms(self) -> tuple[Term, ...]:

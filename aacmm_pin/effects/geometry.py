@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from aacmm_pin.arm import Arm
 from aacmm_pin.chain import axis, end
-from aacmm_pin.effects.effect import Displacement, Effect, Term
+from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
 from aacmm_pin.state import State
 from aacmm_pin.units import MM
 
@@ -19,14 +20,15 @@ class _RowValue(Effect):
 
     joint: int
     component: ClassVar[int]
-    """Of the twist at the place: 0, 2 shift along x, z; 3, 5 turn about x, z."""
+    """Of the twist at the place: 0, 2 shift along x, z; 3, 4, 5 turn about x, y, z."""
 
     def place(self, state: State) -> int:
         """(d, θ) act on the row's axis; (a, α) behind the body in standard DH, before the axis in modified DH."""
+        row = state.known_row(self.joint)
         if self.component in (2, 5):
-            return axis(self.joint)
+            return axis(row)
         dh = state.arm.require_dh(self.cause)
-        return end(self.joint if dh.standard else self.joint - 1)
+        return end(row if dh.standard else row - 1)
 
     def displacements(self, state: State) -> list[Displacement]:
         """A unit shift or turn."""
@@ -37,7 +39,7 @@ class _RowValue(Effect):
 
 @dataclass(frozen=True)
 class JointZeroOffset(_RowValue):
-    """The encoder's zero is not where the table has it: the body turns by ``δ`` about its axis.
+    """The encoder's zero is not where the table has it: the body turns by ``δ`` about its axis, or slides along it.
 
     Unit rad; typical 1e-4 after a factory calibration, up to 0.05 (3°) as assembled. Source: any DH calibration; the 2010
     zero-offset paper. Needs no column. Confused with: ``seat_error`` where few seats are touched; at joint 1 with a turned
@@ -51,6 +53,11 @@ class JointZeroOffset(_RowValue):
     def terms(self) -> tuple[Term, ...]:
         """The turn."""
         return (Term("", "rad", 3e-4, "offset_rad"),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """A unit of the joint's own motion; a row without a joint turns."""
+        moves = state.arm.chain.joint[axis(state.known_row(self.joint))] >= 0
+        return [about_axis(state, self.joint, np.ones((1, 1)))] if moves else super().displacements(state)
 
 
 @dataclass(frozen=True)
@@ -103,6 +110,23 @@ class LinkTwist(_RowValue):
 
 
 @dataclass(frozen=True)
+class LinkTilt(_RowValue):
+    """The next axis is tilted about y of the row: what DH cannot say of two parallel axes, whose common normal jumps away.
+
+    Unit rad; typical 5e-5. Source: Hayati, Mirmirani 1985 (angle β). Needs no column. Confused with: d of the row and of
+    the next where the axes are far from parallel; there DH itself suffices.
+    """
+
+    cause: ClassVar[str] = "link_tilt"
+    component: ClassVar[int] = 4
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The turn."""
+        return (Term("", "rad", 1e-4, "beta_rad"),)
+
+
+@dataclass(frozen=True)
 class JointPlacement(Effect):
     """The placement of a joint is off, by three shifts and three turns in the placement's own axes.
 
@@ -121,4 +145,12 @@ class JointPlacement(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Unit twists behind the placement, before the joint."""
-        return [Displacement(end(self.joint - 1), np.eye(6)[None])]
+        return [Displacement(end(state.known_row(self.joint) - 1), np.eye(6)[None])]
+
+
+def of_geometry(arm: Arm) -> list[Effect]:
+    """Causes whose parameters are the arm's own, in the order of :meth:`Arm.sensitivity`."""
+    rows = range(1, arm.chain.rows + 1)
+    if arm.dh is None:
+        return [JointPlacement(joint=row) for row in rows]
+    return [cause(joint=row) for row in rows for cause in (LinkLength, JointDistance, LinkTwist, JointZeroOffset)]

@@ -34,6 +34,11 @@ class GravityEffect(Effect):
     """The parameter where the masses are known."""
     elastic: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        """Files have lists only."""
+        object.__setattr__(self, "bodies", tuple(self.bodies))
+        super().__post_init__()
+
     @property
     def terms(self) -> tuple[Term, ...]:
         """One flexibility, or three numbers for each body of unknown mass."""

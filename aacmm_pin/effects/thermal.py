@@ -33,7 +33,7 @@ class ThermalExpansion(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Each length of the chain per kelvin, times what the record is warmer."""
-        rows = range(state.arm.chain.rows + 1) if self.link is None else [self.link]
+        rows = range(state.arm.chain.rows + 1) if self.link is None else [state.known_row(self.link)]
         found = []
         for row in rows:
             warmer = self._warmer(state, row)

@@ -1,0 +1,184 @@
+"""The walk along the chain against Pinocchio, against DH tables with other values, and against the matrix exponential."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.linalg import expm
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile
+from aacmm_pin.chain import BASE, axis, end, exp, skew
+from aacmm_pin.checks import Array
+from aacmm_pin.dh import DHTable, table
+from aacmm_pin.errors import UnknownNameError, UnsupportedArmError
+
+ROBOTS = [  # file, frame, number of joints that slide
+    ("ur5_robot.urdf", "tool0", 0),
+    ("panda.urdf", "panda_hand", 0),
+    ("panda.urdf", "panda_leftfinger", 1),
+    ("tiago.urdf", "arm_tool_link", 1),
+]
+
+COMPONENTS = {"a": 0, "d": 2, "alpha": 3, "theta_offset": 5}
+
+
+@pytest.fixture(params=ROBOTS, ids=lambda r: f"{r[0].split('.')[0]}-{r[1]}")
+def robot(request: pytest.FixtureRequest, robot_file: Callable[[str], Path]) -> Arm:
+    file, frame, sliding = request.param
+    arm = Arm.from_urdf(robot_file(file), frame)
+    assert arm.chain.prismatic.sum() == sliding
+    return arm
+
+
+def postures(arm: Arm, rng: np.random.Generator, n: int) -> Array:
+    return rng.uniform(-3.0, 3.0, (n, arm.nq))
+
+
+def frames(arm: Arm, q: Array, twists: dict[int, Array] | None = None) -> Array:
+    """All places as (places, n, 4, 4)."""
+    rotation, origin = arm.chain.walk(q, twists)
+    found = np.zeros((*rotation.shape[:2], 4, 4))
+    found[..., :3, :3], found[..., :3, 3], found[..., 3, 3] = rotation, origin, 1.0
+    return found
+
+
+def same(found: Array, expected: Array, atol: float = 1e-12) -> None:
+    np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
+
+
+def test_places_of_a_table_are_its_frames(arm_file: ArmFile, rng: np.random.Generator) -> None:
+    arm = Arm.from_file(arm_file)
+    q = postures(arm, rng, 50)
+    walked = frames(arm, q)
+    assert len(walked) == arm.chain.places == 2 * len(arm_file.joints) + 3
+    assert arm.chain.rows == len(arm_file.joints)
+    assert arm.chain.nq == arm.nq
+    same(walked[BASE], np.broadcast_to(np.eye(4), (50, 4, 4)))
+    same(walked[arm.chain.tip], arm.poses(q).placement)
+    for row in range(1, len(arm_file.joints) + 1):
+        name = f"frame{row}"
+        assert arm.place(name) == (end(row) if arm.dh is not None and arm.dh.standard else axis(row))
+        same(walked[arm.place(name)], arm.poses(q, name).placement)
+
+
+def test_axes_of_a_table_are_the_joints(arm_file: ArmFile, rng: np.random.Generator) -> None:
+    """In standard DH an axis has all of Pinocchio's joint frame; in modified DH it stands at d along it."""
+    arm = Arm.from_file(arm_file)
+    q, data = postures(arm, rng, 20), arm.model.createData()
+    walked, moving = frames(arm, q), arm.chain.moving_axes()
+    assert [arm.chain.joint[place] for place in moving] == list(range(arm.nq))
+    for k, each in enumerate(q):
+        pin.forwardKinematics(arm.model, data, each)
+        for joint, place in enumerate(moving, start=1):
+            step = data.oMi[joint].homogeneous
+            if arm.dh is not None and not arm.dh.standard:
+                step[:3, 3] += step[:3, 2] * arm.dh.d[place // 2 - 1]
+            same(walked[place, k], step)
+
+
+def test_places_of_a_robot_are_its_joints_and_placements(robot: Arm, rng: np.random.Generator) -> None:
+    q, data = postures(robot, rng, 50), robot.model.createData()
+    walked = frames(robot, q)
+    same(walked[robot.chain.tip], robot.poses(q).placement)
+    for k, each in enumerate(q):
+        jacobian = pin.computeJointJacobians(robot.model, data, each)  # in the base, of the point that passes its origin
+        for joint, column in enumerate(jacobian.T, start=1):
+            placement = data.oMi[joint - 1] * robot.model.jointPlacements[joint]
+            same(walked[end(joint - 1), k], placement.homogeneous)
+            same(walked[axis(joint), k, :3, 3], data.oMi[joint].translation)
+            same(walked[axis(joint), k, :3, 2], column[:3] if robot.chain.prismatic[joint - 1] else column[3:])
+
+
+def test_a_frame_that_is_no_place(sino6: Arm, robot: Arm) -> None:
+    with pytest.raises(UnsupportedArmError, match="DH table"):
+        robot.place(robot.model.frames[1].name)
+    with pytest.raises(UnsupportedArmError, match="'base_link' is not one of the DH table"):
+        sino6.place("base_link")
+    with pytest.raises(UnknownNameError, match="frame9"):
+        sino6.place("frame9")
+
+
+def test_names_of_places(sino6: Arm) -> None:
+    chain = sino6.chain
+    assert [chain.name(p) for p in (BASE, end(0), axis(1), end(6), chain.tip)] == ["base", "end 0", "axis 1", "end 6", "tip"]
+    assert len({chain.name(p) for p in range(chain.places)}) == chain.places
+
+
+@pytest.mark.parametrize("kinds", [("a",), ("d",), ("alpha",), ("theta_offset",), ("a", "alpha"), ("d", "theta_offset")])
+def test_a_twist_is_the_table_with_other_values(arm_file: ArmFile, kinds: tuple[str, ...], rng: np.random.Generator) -> None:
+    """(d, θ) at the axis and (a, α) at the end, of any size, in either convention and in rows without a joint."""
+    arm, dh = Arm.from_file(arm_file), arm_file.dh
+    q = postures(arm, rng, 10)
+    of_axis = kinds[0] in ("d", "theta_offset")
+    for row in range(1, dh.rows + 1):
+        errors = dict(zip(kinds, rng.uniform(-0.5, 0.5, len(kinds)), strict=True))
+        place = axis(row) if of_axis else end(row if dh.standard else row - 1)
+        twist = np.zeros((1, 6))
+        for kind, error in errors.items():
+            twist[0, COMPONENTS[kind]] = error
+        same(frames(arm, q, {place: twist})[arm.chain.tip], with_errors(dh, row, errors).placements(q)[:, -1])
+
+
+def with_errors(dh: DHTable, row: int, errors: dict[str, float]) -> DHTable:
+    values = dh.values()
+    for kind, error in errors.items():
+        values[row - 1, ("a", "d", "alpha", "theta_offset").index(kind)] += error
+    return table(values, dh.convention, list(dh.moving))
+
+
+def test_twists_of_many_places_are_the_table_with_all_values_changed(arm_file: ArmFile, rng: np.random.Generator) -> None:
+    arm, dh = Arm.from_file(arm_file), arm_file.dh
+    q, errors = postures(arm, rng, 10), rng.normal(scale=1e-2, size=(10, dh.rows, 4))
+    twists = {}
+    for row in range(1, dh.rows + 1):
+        a, d, alpha, theta = errors[:, row - 1].T
+        zero = np.zeros(10)
+        twists[axis(row)] = np.stack([zero, zero, d, zero, zero, theta], axis=1)
+        twists[end(row if dh.standard else row - 1)] = np.stack([a, zero, zero, alpha, zero, zero], axis=1)
+    same(arm.chain.walk(q, twists)[1][arm.chain.tip], dh.positions(q, errors=errors))
+
+
+def test_a_twist_acts_behind_its_place_and_on_all_beyond(robot: Arm, rng: np.random.Generator) -> None:
+    q = postures(robot, rng, 5)
+    plain, twist = frames(robot, q), rng.normal(scale=0.3, size=(5, 6))
+    motion = np.stack([expm(generator(each)) for each in twist])
+    for place in range(robot.chain.places):
+        bent = frames(robot, q, {place: twist})
+        np.testing.assert_array_equal(bent[:place], plain[:place])
+        carried = plain[place] @ motion @ np.linalg.inv(plain[place])
+        same(bent[place:], carried @ plain[place:])
+
+
+def test_no_record_and_one_record(robot: Arm) -> None:
+    for n in (0, 1):
+        rotation, origin = robot.chain.walk(np.zeros((n, robot.nq)), {axis(1): np.zeros((n, 6)), end(2): np.zeros((1, 6))})
+        assert rotation.shape == (robot.chain.places, n, 3, 3)
+        assert origin.shape == (robot.chain.places, n, 3)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 0.999e-3, 1.001e-3, 0.1, 1.0, np.pi - 1e-9, np.pi, 6.0, 40.0])
+def test_exp_is_the_matrix_exponential(angle: float, rng: np.random.Generator) -> None:
+    directions = rng.normal(size=(20, 3))
+    w = angle * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    twists = np.hstack([rng.normal(size=(20, 3)), w])
+    rotation, shift = exp(twists)
+    expected = np.stack([expm(generator(twist)) for twist in twists])
+    same(rotation, expected[:, :3, :3])
+    same(shift, expected[:, :3, 3])
+    same(rotation @ rotation.transpose(0, 2, 1), np.broadcast_to(np.eye(3), rotation.shape), 1e-14)
+
+
+def generator(twist: Array) -> Array:
+    x, y, z = twist[3:]
+    v = twist[:3]
+    return np.array([[0, -z, y, v[0]], [z, 0, -x, v[1]], [-y, x, 0, v[2]], [0, 0, 0, 0]])
+
+
+def test_skew_is_the_cross_product(rng: np.random.Generator) -> None:
+    w, v = rng.normal(size=(2, 7, 3))
+    same(np.einsum("nij,nj->ni", skew(w), v), np.cross(w, v), 1e-15)

@@ -1,0 +1,897 @@
+"""Every cause of error: one contract that all of them keep, then the physics of each against something that shares no code.
+
+A new cause needs one line in ``EXAMPLES``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import tomli_w
+from numpy.typing import ArrayLike
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import brentq, root
+from scipy.spatial.transform import Rotation
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile, load_arm_file
+from aacmm_pin.chain import BASE, axis, end
+from aacmm_pin.checks import Array
+from aacmm_pin.conditions import COLUMNS, Conditions
+from aacmm_pin.effects import (
+    CAUSES,
+    BaseCompliance,
+    BearingTilt,
+    Counterbalance,
+    Effect,
+    EncoderEccentricity,
+    EncoderEllipticity,
+    EncoderGain,
+    EncoderSlip,
+    JointCompliance,
+    JointDistance,
+    JointErrorCurve,
+    JointHysteresis,
+    JointPeriodicError,
+    JointPlacement,
+    JointZeroOffset,
+    LinkBending,
+    LinkLength,
+    LinkTilt,
+    LinkTwist,
+    ReferenceFrame,
+    SeatError,
+    StylusBending,
+    StylusOffset,
+    ThermalExpansion,
+    TorsionalWindup,
+    ZeroDrift,
+)
+from aacmm_pin.effects.gravity import GravityEffect
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
+from aacmm_pin.state import State
+from aacmm_pin.units import MM
+
+ALL_BODIES = (1, 2, 3, 4, 5, 6)
+
+EXAMPLES: list[Effect] = [
+    JointZeroOffset(joint=2),
+    LinkLength(joint=3),
+    JointDistance(joint=5),
+    LinkTwist(joint=2),
+    LinkTilt(joint=2),
+    JointPlacement(joint=3),
+    EncoderEccentricity(joint=3),
+    EncoderEllipticity(joint=4),
+    JointPeriodicError(joint=2, order=16.5),
+    JointErrorCurve(joint=3, lower_rad=-7.0, upper_rad=7.0, coefficients=8),
+    EncoderGain(joint=5),
+    EncoderSlip(joint=1, time_s=3000.0),
+    JointCompliance(joint=2),
+    JointCompliance(joint=2, bodies=ALL_BODIES[1:]),
+    JointCompliance(joint=2, torque="measured"),
+    BearingTilt(joint=1),
+    BearingTilt(joint=2, bodies=ALL_BODIES[1:]),
+    JointHysteresis(joint=3),
+    ZeroDrift(joint=2, time_constant_s=1800.0),
+    TorsionalWindup(link=5),
+    LinkBending(link=5),
+    BaseCompliance(),
+    BaseCompliance(bodies=ALL_BODIES),
+    ThermalExpansion(),
+    ThermalExpansion(link=3),
+    Counterbalance(joint=2),
+    StylusOffset(),
+    StylusOffset(marker="m1"),
+    StylusBending(),
+    SeatError(seat="A"),
+    ReferenceFrame(),
+]
+
+ROBOTS = {"ur5": ("ur5_robot.urdf", "tool0"), "panda": ("panda.urdf", "panda_hand")}
+DH_ARMS = ("sino6", "sino6-modified", "zero6")
+
+NO_MASSES = ("joint_compliance", "bearing_tilt", "torsional_windup", "link_bending", "base_compliance")
+NO_TABLE = dict.fromkeys(("link_length", "link_twist", "link_tilt"), "needs a DH table") | {
+    "stylus_bending": "needs the axis of the stylus"
+}
+NO_TUBE = {"link_bending": "0.000 mm long, expected a tube", "torsional_windup": "0.000 mm long, expected a tube"}
+REFUSED: dict[str, dict[str, str]] = {
+    "sino6": {},
+    "sino6-modified": {},
+    "zero6": dict.fromkeys(NO_MASSES, "needs masses"),
+    "ur5": NO_TABLE,
+    "panda": NO_TABLE | NO_TUBE,  # joints 5 and 6 have one origin
+}
+"""What an arm cannot have, and words of the reason."""
+
+
+def refusal(effect: Effect, arm_name: str) -> str | None:
+    known_load = getattr(effect, "bodies", ()) or getattr(effect, "torque", "gravity") == "measured"
+    return None if known_load else REFUSED[arm_name].get(effect.cause)
+
+
+def name_of(effect: Effect) -> str:
+    extra = "-bodies" * bool(getattr(effect, "bodies", ())) + "-measured" * (getattr(effect, "torque", "") == "measured")
+    return effect.label + extra
+
+
+Case = tuple[Effect, str]
+CASES: list[Case] = [(effect, name) for name in (*DH_ARMS, *ROBOTS) for effect in EXAMPLES]
+
+
+def case_name(case: Case) -> str:
+    return f"{case[1]}-{name_of(case[0])}"
+
+
+@pytest.fixture(scope="module")
+def arms(robot_file: Callable[[str], Path]) -> dict[str, Arm]:
+    modified = load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
+    tables = {"sino6": Arm.load("sino6"), "sino6-modified": Arm.from_file(modified), "zero6": Arm.load("zero6")}
+    return tables | {name: Arm.from_urdf(robot_file(file), frame) for name, (file, frame) in ROBOTS.items()}
+
+
+@pytest.fixture(params=[c for c in CASES if refusal(*c) is None], ids=case_name)
+def case(request: pytest.FixtureRequest) -> Case:
+    found: Case = request.param
+    return found
+
+
+@pytest.fixture
+def arm(case: Case, arms: dict[str, Arm]) -> Arm:
+    return arms[case[1]]
+
+
+@pytest.fixture
+def effect(case: Case, arm: Arm) -> Effect:
+    """The example, with as many bodies as the arm has."""
+    example = case[0]
+    if not isinstance(example, GravityEffect) or not example.bodies:
+        return example
+    return replace(example, bodies=tuple(range(example.bodies[0], arm.nq + 1)), values=(), u=())
+
+
+def postures(arm: Arm, rng: np.random.Generator, n: int) -> Array:
+    lower, upper = np.clip(arm.limits, -np.pi, 2 * np.pi).T
+    return rng.uniform(lower, upper, (n, arm.nq))
+
+
+def known(arm: Arm, n: int, rng: np.random.Generator) -> Conditions:
+    """Every condition that can be known, but for the temperatures of single links."""
+    return Conditions(
+        n,
+        time=rng.uniform(0.0, 7200.0, n),
+        temperature=rng.uniform(15.0, 30.0, n),
+        approach=rng.integers(-1, 2, (n, arm.nq)).astype(float),
+        torque=rng.normal(scale=5.0, size=(n, arm.nq)),
+        seat=np.array(["A", "B", ""] * n, dtype=object)[:n],
+        marker=np.array(["m1", "m2"] * n, dtype=object)[:n],
+        session=np.array(["1"] * n, dtype=object),
+    )
+
+
+def typical(effect: Effect) -> Array:
+    return np.array([term.typical for term in effect.terms])
+
+
+def positions(arm: Arm, effect: Effect, values: ArrayLike, q: Array, conditions: Conditions, at: str | None = None) -> Array:
+    model = ErrorModel(arm, (effect.at(tuple(np.asarray(values, dtype=float))),))
+    return model.predict(q, conditions, at, as_referenced=True)
+
+
+def columns(arm: Arm, effect: Effect, q: Array, conditions: Conditions, at: str | None = None) -> Array:
+    return ErrorModel(arm, (effect,)).sensitivity(q, conditions, at)[:, :, len(arm.parameters) :]
+
+
+# --- the contract ---
+
+
+def test_every_cause_has_an_example() -> None:
+    assert {effect.cause for effect in EXAMPLES} == set(CAUSES)
+    assert {type(effect) for effect in EXAMPLES} == set(CAUSES.values())
+
+
+def test_zero_values_displace_nothing(effect: Effect, arm: Arm, rng: np.random.Generator) -> None:
+    q = postures(arm, rng, 20)
+    conditions = known(arm, 20, rng)
+    zeros = np.zeros(len(effect.terms))
+    np.testing.assert_array_equal(positions(arm, effect, zeros, q, conditions), ErrorModel(arm).predict(q))
+    assert not any(twist.any() for _, twist in effect.exact(State(arm, q, conditions, arm.chain.tip)))
+
+
+@pytest.mark.parametrize("n", [0, 1, 7])
+def test_shapes(effect: Effect, arm: Arm, n: int, rng: np.random.Generator) -> None:
+    q = postures(arm, rng, n)
+    conditions = known(arm, n, rng)
+    p = len(effect.terms)
+    assert columns(arm, effect, q, conditions).shape == (n, 3, p)
+    assert positions(arm, effect, typical(effect), q, conditions).shape == (n, 3)
+    names = [parameter.name for parameter in effect.parameters()]
+    assert len(names) == len(set(names)) == p
+    assert all(name.startswith(effect.label) for name in names)
+
+
+def test_columns_are_the_derivatives(effect: Effect, arm: Arm, rng: np.random.Generator) -> None:
+    """Central differences: 2e-6 m of motion leave some 1e-10 of truncation and of rounding."""
+    q = postures(arm, rng, 10)
+    conditions = known(arm, 10, rng)
+    for at in (None, "frame3") if arm.dh is not None else (None,):
+        stated = columns(arm, effect, q, conditions, at)
+        for k, unit in enumerate(np.eye(len(effect.terms))):
+            size = np.abs(stated[:, :, k]).max()
+            h = min(2e-6 / max(size, 1e-300), 0.1 * effect.terms[k].typical)
+            there, back = (positions(arm, effect, s * h * unit, q, conditions, at) for s in (1, -1))
+            rounding = 1e-15 / h
+            np.testing.assert_allclose(stated[:, :, k], (there - back) / (2 * h), rtol=0, atol=1e-9 * size + rounding)
+
+
+def test_exact_form_converges_quadratically(effect: Effect, arm: Arm, rng: np.random.Generator) -> None:
+    q = postures(arm, rng, 10)
+    conditions = known(arm, 10, rng)
+    stated = columns(arm, effect, q, conditions)
+    values = typical(effect) * rng.uniform(0.5, 1.0, len(effect.terms))
+    values *= 1e-3 / np.abs(stated @ values).max(initial=1e-15)
+    beyond = []
+    for scale in (1.0, 0.5):
+        exact = positions(arm, effect, scale * values, q, conditions) - ErrorModel(arm).predict(q)
+        beyond.append(np.abs(exact - stated @ (scale * values)).max())
+    assert beyond[0] < 1e-14 or 3.9 < beyond[0] / beyond[1] < 4.1
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=name_of)
+def test_typical_values_are_in_si(example: Effect, arms: dict[str, Arm], rng: np.random.Generator) -> None:
+    """From a tenth of a micrometre to ten millimetres: millimetres or degrees taken for SI would be outside."""
+    arm = arms["sino6"]
+    q = postures(arm, rng, 100)
+    moves = columns(arm, example, q, known(arm, 100, rng)) @ typical(example)
+    largest = np.linalg.norm(moves, axis=1).max()
+    assert 1e-7 < largest < 1e-2
+
+
+@pytest.mark.parametrize("case", [c for c in CASES if c[1] in DH_ARMS and refusal(*c) is None], ids=case_name)
+def test_arm_file_brings_it_back(case: Case, arm: Arm, rng: np.random.Generator, tmp_path: Path) -> None:
+    example = case[0]
+    q = postures(arm, rng, 10)
+    conditions = known(arm, 10, rng)
+    values = typical(example) * rng.uniform(-1.0, 1.0, len(example.terms))
+    model = ErrorModel(arm, (example.at(tuple(values), tuple(0.1 * typical(example))),))
+    model.save(tmp_path / "extended.toml", comment="one effect")
+    loaded = ErrorModel.load(tmp_path / "extended.toml")
+    (back,) = loaded.effects
+    assert type(back) is type(example)
+    assert {n: getattr(back, n) for n in back.structure()} == {n: getattr(example, n) for n in example.structure()}
+    for at in (None, "frame4"):
+        np.testing.assert_allclose(loaded.predict(q, conditions, at), model.predict(q, conditions, at), rtol=0, atol=1e-15)
+    assert [p.name for p in loaded.parameters] == [p.name for p in model.parameters]
+    np.testing.assert_allclose([p.u for p in loaded.parameters], [p.u for p in model.parameters], rtol=1e-14)
+    assert loaded.file() == ErrorModel.load(tmp_path / "extended.toml").file()
+
+
+NONSENSE: list[Any] = [[], [1.5], [[1]], {}, {"a": 1}, "x", "", True, np.nan, np.inf, -1, 10**18, date(2019, 4, 27)]
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=name_of)
+def test_nonsense_in_the_arm_file_is_named(example: Effect, arms: dict[str, Arm], tmp_path: Path) -> None:
+    """Whatever stands in a field, the file loads to an effect with that value or is refused with file and key."""
+    model = ErrorModel(arms["sino6"], (example.at(tuple(typical(example)), tuple(typical(example))),))
+    content = model.file().model_dump(mode="json", by_alias=True, exclude_none=True)
+    (entry,) = content.pop("effects")
+    path = tmp_path / "odd.toml"
+    refused = []
+    for key, odd in itertools.product([*example.structure(), "parameters", "uncertainty", "new_field"], NONSENSE):
+        path.write_text(tomli_w.dumps(content | {"effects": [entry | {key: odd}]}), encoding="utf-8")
+        try:
+            (loaded,) = ErrorModel.load(path).effects
+        except ArmFileError as error:
+            refused.append(f"{error.path}: {error.key}")
+        else:
+            stated = tuple(odd) if isinstance(odd, list) else odd
+            assert getattr(loaded, key, None) == stated or (key, odd) in (("parameters", {}), ("uncertainty", {}))
+    assert all(place.startswith(f"{path}: effects[1]") for place in refused)
+    assert len(refused) >= 3 * len(NONSENSE) - 2
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_an_arm_without_a_file_has_none_to_extend(name: str, arms: dict[str, Arm], tmp_path: Path) -> None:
+    with pytest.raises(UnsupportedArmError, match="an arm file needs a DH table"):
+        ErrorModel(arms[name], (EncoderGain(joint=2),)).save(tmp_path / "no.toml")
+    assert not any(tmp_path.iterdir())
+
+
+def test_missing_condition_names_the_column(effect: Effect, arm: Arm, rng: np.random.Generator) -> None:
+    model, q, nothing = ErrorModel(arm, (effect.at(tuple(typical(effect))),)), postures(arm, rng, 5), Conditions(5)
+    if not effect.needs:
+        assert model.predict(q, as_referenced=True).shape == model.predict(q, nothing).shape == (5, 3)
+        return
+    (needed,) = effect.needs
+    for ask in (lambda: model.predict(q, nothing, as_referenced=True), lambda: model.sensitivity(q)):
+        with pytest.raises(MissingConditionError) as caught:
+            ask()
+        assert caught.value.column == COLUMNS[needed]
+        assert effect.label in str(caught.value)
+        assert COLUMNS[needed] in str(caught.value)
+    assert needed in known(arm, 5, rng).present
+
+
+@pytest.mark.parametrize("case", [c for c in CASES if refusal(*c) is not None], ids=case_name)
+def test_a_refusal_says_why(case: Case, arm: Arm, rng: np.random.Generator) -> None:
+    example, words = case[0], str(refusal(*case))
+    q = postures(arm, rng, 2)
+    with pytest.raises(UnsupportedArmError if "tube" not in words else AacmmError, match=words) as caught:
+        columns(arm, example, q, known(arm, 2, rng))
+    assert arm.name in str(caught.value) or example.label in str(caught.value)
+    with pytest.raises(AacmmError, match=words):
+        positions(arm, example, typical(example), q, known(arm, 2, rng))
+
+
+SITED = [effect for effect in EXAMPLES if effect.row is not None]
+
+
+@pytest.mark.parametrize("example", SITED, ids=name_of)
+def test_a_row_that_is_not_there(example: Effect, arms: dict[str, Arm], rng: np.random.Generator) -> None:
+    field = "joint" if hasattr(example, "joint") else "link"
+    for name in ("sino6", "sino6-modified", "ur5"):
+        q = postures(arms[name], rng, 2)
+        beyond: Effect = replace(example, **{field: 7})
+        for ask in (columns, lambda *given: positions(*given[:2], typical(given[1]), *given[2:])):
+            with pytest.raises(AacmmError, match="has no row 7, expected 1 to 6"):
+                ask(arms[name], beyond, q, known(arms[name], 2, rng))
+
+
+@pytest.mark.parametrize("example", SITED, ids=name_of)
+@pytest.mark.parametrize("row", [0, -1, 2.5, "2", True, None, np.nan])
+def test_a_row_that_is_no_number_of_one(example: Effect, row: Any) -> None:
+    field = "joint" if hasattr(example, "joint") else "link"
+    if row is None and isinstance(example, ThermalExpansion):
+        assert replace(example, link=None) == ThermalExpansion()
+        return
+    with pytest.raises(AacmmError, match=rf"{example.cause}: {field} is {row!r}, expected the number of a row, from 1"):
+        replace(example, **{field: row})
+
+
+@pytest.mark.parametrize("example", SITED, ids=name_of)
+def test_a_row_may_be_a_numpy_integer(example: Effect) -> None:
+    field = "joint" if hasattr(example, "joint") else "link"
+    assert replace(example, **{field: np.int64(2)}).label == replace(example, **{field: 2}).label
+
+
+@pytest.mark.parametrize("values", [(np.nan,), (np.inf,), (1.0, 2.0)])
+def test_values_that_are_none(values: tuple[float, ...]) -> None:
+    with pytest.raises(AacmmError, match=r"encoder_gain:2: values is .*, expected 1 finite numbers"):
+        EncoderGain(joint=2, values=values)
+    with pytest.raises(AacmmError, match=r"encoder_gain:2: u is .*, expected 1 finite numbers"):
+        EncoderGain(joint=2, u=values)
+    with pytest.raises(AacmmError, match=r"u is \(-1e-06,\), expected numbers that are not negative"):
+        EncoderGain(joint=2, u=(-1e-6,))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: JointPeriodicError(joint=2, order=0.0), "order is 0.0"),
+        (lambda: JointPeriodicError(joint=2, order=np.nan), "order is nan"),
+        (lambda: ZeroDrift(joint=2, time_constant_s=0.0), "time_constant_s is 0.0"),
+        (lambda: EncoderSlip(joint=2, time_s=np.nan), "time_s is nan"),
+        (lambda: JointErrorCurve(joint=2, lower_rad=1, upper_rad=1, coefficients=4), "lower_rad < upper_rad"),
+        (lambda: JointErrorCurve(joint=2, lower_rad=0, upper_rad=np.inf, coefficients=4), "lower_rad < upper_rad"),
+        (lambda: JointErrorCurve(joint=2, lower_rad=0, upper_rad=1, coefficients=3), "4 to 1000 coefficients"),
+        (lambda: JointErrorCurve(joint=2, lower_rad=0, upper_rad=1, coefficients=10**18), "4 to 1000 coefficients"),
+        (lambda: JointCompliance(joint=2, torque="spring"), "expected 'gravity' or 'measured'"),
+        (lambda: JointCompliance(joint=2, torque="measured", bodies=(2, 3)), "measured torque needs no bodies"),
+    ],
+)
+def test_fields_that_make_no_sense(make: Callable[[], Effect], words: str) -> None:
+    with pytest.raises(AacmmError, match=words):
+        make()
+
+
+def test_bodies_are_those_beyond(sino6: Arm, rng: np.random.Generator) -> None:
+    q = postures(sino6, rng, 3)
+    assert BearingTilt(joint=4, bodies=[4, 5, 6]) == BearingTilt(joint=4, bodies=(4, 5, 6))
+    for bodies in ((3, 4, 5, 6), (4, 5), (5, 4, 6)):
+        with pytest.raises(AacmmError, match=r"bearing_tilt:4: bodies is .*, expected .* beyond row 4, \(4, 5, 6\)"):
+            columns(sino6, BearingTilt(joint=4, bodies=bodies), q, Conditions(3))
+
+
+def test_a_rigid_row_has_no_encoder(zero6: Arm, rng: np.random.Generator) -> None:
+    q = postures(zero6, rng, 2)
+    for effect in EXAMPLES:
+        if hasattr(effect, "joint") and effect.cause.startswith("encoder"):
+            with pytest.raises(AacmmError, match="row 7 of zero6 is rigid"):
+                columns(zero6, replace(effect, joint=7), q, known(zero6, 2, rng))
+    turned = positions(zero6, JointZeroOffset(joint=7), [0.1], q, Conditions(2))
+    np.testing.assert_allclose(turned, zero6.positions(q), rtol=0, atol=1e-15)  # a stylus turned about itself
+
+
+def test_an_arm_that_cannot_stand(sino6: Arm, rng: np.random.Generator) -> None:
+    with pytest.raises(AacmmError, match="joint_compliance:2 does not settle"):
+        positions(sino6, JointCompliance(joint=2), [1.0], postures(sino6, rng, 20), Conditions(20))
+
+
+# --- the physics of each cause ---
+
+
+def turned(arm: Arm, q: Array, joint: int, delta: ArrayLike) -> Array:
+    """Where the tip is when a joint has another angle than its encoder says."""
+    q = q.copy()
+    q[:, joint - 1] += delta
+    return arm.positions(q)
+
+
+def close(found: Array, expected: Array, atol: float = 1e-12) -> None:
+    np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
+
+
+class Bodies:
+    """Weights of an arm by brute force: the numbers of its file and the placements of its table."""
+
+    def __init__(self, file: ArmFile, frames: Array) -> None:
+        """``frames`` are the placements of frame 0 and of all rows (n, rows + 1, 4, 4)."""
+        self.masses = np.array([row.mass_kg for row in file.joints])
+        centres = np.array([[*(c * MM for c in row.com_mm or ()), 1.0] for row in file.joints])
+        self.centres = np.einsum("nrij,rj->nri", frames[:, 1:], centres)[..., :3]
+        self.gravity = np.array(file.gravity_m_s2)
+
+    def moment(self, first: int, about: Array) -> Array:
+        """Moment of the weights of body ``first`` and all beyond about points (n, 3)."""
+        total = np.zeros_like(about)
+        for k in range(first - 1, len(self.masses)):
+            total += np.cross(self.centres[:, k] - about, self.masses[k] * self.gravity)
+        return total
+
+
+@pytest.fixture
+def q(sino6: Arm, rng: np.random.Generator) -> Array:
+    return postures(sino6, rng, 30)
+
+
+@pytest.fixture
+def bodies(sino6: Arm, q: Array) -> Bodies:
+    assert sino6.file is not None
+    assert sino6.dh is not None
+    return Bodies(sino6.file, sino6.dh.placements(q))
+
+
+GEOMETRY = {"a": LinkLength, "d": JointDistance, "alpha": LinkTwist, "theta_offset": JointZeroOffset}
+
+
+def test_geometry_is_the_arm_with_other_values(arm_file: ArmFile, rng: np.random.Generator) -> None:
+    arm = Arm.from_file(arm_file)
+    q = postures(arm, rng, 5)
+    for number, parameter in enumerate(arm.parameters):
+        errors = np.zeros((5, len(arm.parameters)))
+        errors[:, number] = 0.1
+        assert parameter.joint is not None
+        effect = GEOMETRY[parameter.kind](joint=parameter.joint)
+        close(positions(arm, effect, [0.1], q, Conditions(5)), arm.perturbed_positions(q, errors))
+
+
+def test_all_of_the_geometry_at_once(arm_file: ArmFile, rng: np.random.Generator) -> None:
+    arm = Arm.from_file(arm_file)
+    q, errors = postures(arm, rng, 1), rng.normal(scale=0.05, size=(1, len(arm.parameters)))
+    effects = [GEOMETRY[p.kind](joint=p.joint, values=(e,)) for p, e in zip(arm.parameters, errors[0], strict=True)]
+    close(ErrorModel(arm, tuple(effects)).predict(q), arm.perturbed_positions(q, errors))
+
+
+def test_tilt_is_the_hayati_angle(arm_file: ArmFile, rng: np.random.Generator) -> None:
+    """Ry(β) behind Rx(α), with the placements of the table around it."""
+    arm, row, beta = Arm.from_file(arm_file), 3, 0.2
+    q = postures(arm, rng, 5)
+    frames = arm_file.dh.placements(q)
+    tilt = np.eye(4)
+    tilt[:3, :3] = Rotation.from_euler("y", beta).as_matrix()
+    if arm_file.dh.standard:
+        before = frames[:, row]
+    else:
+        values = arm_file.dh.values()[row - 1]
+        screw = np.eye(4)
+        screw[:3, :3], screw[0, 3] = Rotation.from_euler("x", values[2]).as_matrix(), values[0]
+        before = frames[:, row - 1] @ screw
+    expected = before @ tilt @ np.linalg.inv(before) @ frames[:, -1]
+    close(positions(arm, LinkTilt(joint=row), [beta], q, Conditions(5)), expected[:, :3, 3])
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_placement_is_the_model_with_another_placement(name: str, arms: dict[str, Arm], rng: np.random.Generator) -> None:
+    arm = arms[name]
+    q = postures(arm, rng, 4)
+    for number, parameter in enumerate(arm.parameters):
+        errors = np.zeros((4, len(arm.parameters)))
+        errors[:, number] = 0.1
+        values = errors[0].reshape(-1, 6)[number // 6]
+        assert parameter.joint == number // 6 + 1
+        found = positions(arm, JointPlacement(joint=parameter.joint), values, q, Conditions(4))
+        close(found, arm.perturbed_positions(q, errors))
+
+
+@pytest.mark.parametrize("eccentricity", [1e-4, 0.03, 0.3])
+def test_eccentricity_is_that_of_a_disc(eccentricity: float, sino6: Arm, rng: np.random.Generator) -> None:
+    """Rays: the head at (1, 0), the disc's centre on a circle about the axis, the radial line that the head sees."""
+    gamma, joint = 0.7, 3
+    q = postures(sino6, rng, 20)
+
+    def indication(angle: float) -> float:
+        centre = eccentricity * np.array([np.cos(gamma + angle), np.sin(gamma + angle)])
+        ray = np.array([1.0, 0.0]) - centre
+        return float(angle - np.arctan2(ray[1], ray[0]))
+
+    angles = [
+        brentq(lambda a, seen=seen: indication(a) - seen, seen - 0.5, seen + 0.5, xtol=1e-15) for seen in q[:, joint - 1]
+    ]
+    disc = EncoderEccentricity.from_description(
+        {"joint": joint}, {"amplitude_rad": eccentricity, "phase_rad": -gamma - np.pi / 2}
+    )
+    assert disc.amplitude == pytest.approx(eccentricity, rel=1e-14)
+    close(ErrorModel(sino6, (disc,)).predict(q), turned(sino6, q, joint, np.array(angles) - q[:, joint - 1]))
+
+
+def test_eccentricity_is_less_than_the_disc(sino6: Arm, q: Array) -> None:
+    with pytest.raises(AacmmError, match=r"amplitude is 1, expected less than 1"):
+        positions(sino6, EncoderEccentricity(joint=2), [1.0, 0.0], q, Conditions(len(q)))
+
+
+@pytest.mark.parametrize(
+    ("effect", "order"),
+    [(EncoderEllipticity(joint=4), 2.0), (JointPeriodicError(joint=4, order=16.5), 16.5)],
+    ids=["ellipticity", "periodic"],
+)
+def test_periodic_errors_turn_the_joint(effect: Any, order: float, sino6: Arm, q: Array) -> None:
+    amplitude, phase = 3e-3, -2.0
+    values = effect.values_from({"amplitude_rad": amplitude, "phase_rad": phase})
+    expected = turned(sino6, q, 4, amplitude * np.cos(order * q[:, 3] - phase))
+    close(positions(sino6, effect, values, q, Conditions(len(q))), expected)
+    assert effect.at(values).described() == pytest.approx({"amplitude_rad": amplitude, "phase_rad": phase}, rel=1e-12)
+    step = 1e-7
+    moved = [list(effect.at(np.array(values) + step * unit).described().values()) for unit in np.eye(2)]
+    numeric = (np.array(moved).T - np.array([[amplitude], [phase]])) / step
+    np.testing.assert_allclose(effect.at(values).described_jacobian(), numeric, rtol=1e-3)
+
+
+def test_error_curve_has_linear_precision(sino6: Arm, q: Array) -> None:
+    """Equal coefficients are a constant; coefficients at the means of three neighbouring knots are the angle itself."""
+    curve = JointErrorCurve(joint=3, lower_rad=-0.5, upper_rad=7.0, coefficients=9)
+    knots = np.concatenate([[-0.5] * 3, np.linspace(-0.5, 7.0, 7), [7.0] * 3])
+    means = np.array([knots[i + 1 : i + 4].mean() for i in range(9)])
+    n = len(q)
+    close(positions(sino6, curve, np.full(9, 2e-3), q, Conditions(n)), turned(sino6, q, 3, 2e-3))
+    close(positions(sino6, curve, 1e-3 * means, q, Conditions(n)), turned(sino6, q, 3, 1e-3 * q[:, 2]))
+    close(positions(sino6, EncoderGain(joint=3), [1e-3], q, Conditions(n)), turned(sino6, q, 3, 1e-3 * q[:, 2]))
+
+
+def test_error_curve_ends_where_it_is_known(sino6: Arm) -> None:
+    curve = JointErrorCurve(joint=3, lower_rad=0.0, upper_rad=2.0, coefficients=5)
+    q = np.zeros((4, 6))
+    q[:, 2] = 0.0, 1.0, 2.0, 2.5
+    assert np.isfinite(positions(sino6, curve, np.ones(5), q[:3], Conditions(3))).all()
+    with pytest.raises(AacmmError, match=r"1 of 4 records are outside the curve's range, 0 to 2 rad; the first is at 2.5"):
+        positions(sino6, curve, np.ones(5), q, Conditions(4))
+
+
+def test_what_depends_on_time_and_approach(sino6: Arm, rng: np.random.Generator) -> None:
+    q = postures(sino6, rng, 4)
+    time, approach = np.array([0.0, 600.0, 601.0, 1e9]), np.zeros((4, 6))
+    approach[:, 2] = -1, 0, 1, 1
+    conditions = Conditions(4, time=time, approach=approach)
+    expected = {
+        EncoderSlip(joint=3, time_s=600.0): [0.0, 1e-3, 1e-3, 1e-3],
+        ZeroDrift(joint=3, time_constant_s=600.0): [0.0, 1e-3 * (1 - np.exp(-1)), 1e-3 * (1 - np.exp(-601 / 600)), 1e-3],
+        JointHysteresis(joint=3): [-1e-3, 0.0, 1e-3, 1e-3],
+    }
+    for effect, delta in expected.items():
+        close(positions(sino6, effect, [1e-3], q, conditions), turned(sino6, q, 3, delta))
+
+
+def test_encoder_causes_shift_a_joint_that_slides(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+    arm = Arm.from_urdf(robot_file("tiago.urdf"), "arm_tool_link")
+    q = postures(arm, rng, 5)
+    conditions = known(arm, 5, rng)
+    close(positions(arm, JointZeroOffset(joint=1), [0.01], q, conditions), turned(arm, q, 1, 0.01))
+    close(positions(arm, EncoderGain(joint=1), [0.01], q, conditions), turned(arm, q, 1, 0.01 * q[:, 0]))
+    close(positions(arm, EncoderGain(joint=2), [0.01], q, conditions), turned(arm, q, 2, 0.01 * q[:, 1]))
+    with pytest.raises(UnsupportedArmError, match="joint 1 of tiago slides, expected one that turns"):
+        columns(arm, JointCompliance(joint=1), q, conditions)
+    assert columns(arm, BaseCompliance(bodies=tuple(range(1, 9))), q, conditions).shape == (5, 3, 24)
+    finger = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
+    with pytest.raises(UnsupportedArmError, match="joint 8 slides; unknown masses need joints that turn"):
+        columns(finger, JointCompliance(joint=2, bodies=tuple(range(2, 9))), postures(finger, rng, 2), known(finger, 2, rng))
+
+
+@pytest.mark.parametrize("name", ["sino6", "sino6-modified", "ur5", "panda"])
+def test_compliance_turns_by_generalized_gravity(name: str, arms: dict[str, Arm], rng: np.random.Generator) -> None:
+    """Pinocchio's generalized gravity is the torque that holds the arm: the weight's is minus that."""
+    arm = arms[name]
+    q = postures(arm, rng, 20)
+    data = arm.model.createData()
+    holding = np.array([pin.computeGeneralizedGravity(arm.model, data, each).copy() for each in q])
+    jacobian = arm.poses(q).jacobian[:, :3]
+    assert np.abs(holding).max() > 1.0
+    for joint in range(1, arm.nq + 1):
+        expected = -holding[:, None, [joint - 1]] * jacobian[:, :, [joint - 1]]
+        close(columns(arm, JointCompliance(joint=joint), q, Conditions(20)), expected)
+        measured = columns(arm, JointCompliance(joint=joint, torque="measured"), q, Conditions(20, torque=holding))
+        close(measured, expected)
+
+
+@pytest.mark.parametrize("name", ["sino6", "ur5", "panda"])
+def test_bearing_tilts_across_its_axis(name: str, arms: dict[str, Arm], rng: np.random.Generator) -> None:
+    arm = arms[name]
+    q = postures(arm, rng, 20)
+    poses = arm.poses(q)
+    data = arm.model.createData()
+    for joint in range(1, arm.nq + 1):
+        expected = np.empty((20, 3, 1))
+        for k, each in enumerate(q):
+            z = pin.computeJointJacobians(arm.model, data, each)[3:, joint - 1]
+            moment = poses.gravity_moments[k, joint - 1]
+            lever = poses.position[k] - data.oMi[joint].translation
+            expected[k, :, 0] = np.cross(moment - z * (z @ moment), lever)
+        close(columns(arm, BearingTilt(joint=joint), q, Conditions(20)), expected)
+
+
+@pytest.mark.parametrize("link", [3, 5, 6])
+def test_link_bends_as_the_beam_equation_says(link: int, sino6: Arm, q: Array, bodies: Bodies) -> None:
+    """dφ/dx = κ m(x), dw/dx = φ × u along the tube, m(x) the moment of all that hangs beyond x, without its torsion."""
+    assert sino6.dh is not None
+    frames = sino6.dh.placements(q)
+    expected = [bent(bodies, k, link, frames[k]) for k in range(len(q))]
+    close(columns(sino6, LinkBending(link=link), q, Conditions(len(q)))[:, :, 0], np.array(expected), 1e-9)
+    assert np.abs(expected).max() > 1e-4
+
+
+def bent(bodies: Bodies, k: int, link: int, frames: Array) -> Array:
+    """Displacement of the tip of one posture per unit of 1/EI; the body's own weight pulls at the tube beside its centre."""
+    root_, tip_of_tube, tip = frames[link - 1, :3, 3], frames[link, :3, 3], frames[-1, :3, 3]
+    length = np.linalg.norm(tip_of_tube - root_)
+    along = (tip_of_tube - root_) / length
+    own = along @ (bodies.centres[k, link - 1] - root_)
+    weights = bodies.masses[:, None] * bodies.gravity
+
+    def slopes(x: float, state: Array) -> Array:
+        here = root_ + x * along
+        moment = np.cross(bodies.centres[k, link:] - here, weights[link:]).sum(axis=0)
+        if x < own:
+            moment = moment + np.cross((own - x) * along, weights[link - 1])
+        return np.concatenate([moment - along * (along @ moment), np.cross(state[:3], along)])
+
+    state = np.zeros(6)
+    for a, b in ((0.0, own), (own, length)):  # the own weight is a kink
+        state = solve_ivp(slopes, (a, b), state, rtol=1e-11, atol=1e-13, max_step=length / 50).y[:, -1]
+    return np.asarray(state[3:] + np.cross(state[:3], tip - tip_of_tube))
+
+
+def test_windup_turns_the_rest_about_the_tube(sino6: Arm, q: Array, bodies: Bodies) -> None:
+    assert sino6.dh is not None
+    frames = sino6.dh.placements(q)
+    for link in (3, 5):
+        start, stop, tip = (frames[:, i, :3, 3] for i in (link - 1, link, -1))
+        along = (stop - start) / np.linalg.norm(stop - start, axis=1, keepdims=True)
+        torque = np.einsum("ni,ni->n", along, bodies.moment(link + 1, stop))
+        expected = torque[:, None] * np.cross(along, tip - stop)
+        close(columns(sino6, TorsionalWindup(link=link), q, Conditions(len(q)))[:, :, 0], expected)
+
+
+def test_base_turns_until_it_carries_the_turned_arm(sino6: Arm, q: Array) -> None:
+    """The turn of the stand, found by SciPy: c times the moment of the arm as it is turned."""
+    c = 1e-3
+    assert sino6.file is not None
+    assert sino6.dh is not None
+    found = positions(sino6, BaseCompliance(), [c], q, Conditions(len(q)))
+    for k, frames in enumerate(sino6.dh.placements(q)):
+        bodies = Bodies(sino6.file, frames[None])
+        weights = bodies.masses[:, None] * bodies.gravity
+
+        def unbalanced(turn: Array, centres: Array = bodies.centres[0], weights: Array = weights) -> Array:
+            return np.asarray(turn - c * np.cross(Rotation.from_rotvec(turn).apply(centres), weights).sum(axis=0))
+
+        turn = root(unbalanced, np.zeros(3), tol=1e-14).x
+        assert np.linalg.norm(turn) < 0.1
+        close(found[k], Rotation.from_rotvec(turn).apply(frames[-1, :3, 3]))
+
+
+@pytest.mark.parametrize("of_links", [False, True], ids=["whole", "links"])
+def test_warmth_is_an_arm_with_longer_lengths(of_links: bool, arm_file: ArmFile, rng: np.random.Generator) -> None:
+    """In modified DH a of the next row belongs to the body before it, the first a to the stand."""
+    arm = Arm.from_file(arm_file)
+    rows = len(arm_file.joints)
+    q, alpha = postures(arm, rng, 3), 1e-3
+    warm = rng.uniform(15.0, 30.0, (3, rows)) if of_links else np.repeat(rng.uniform(15.0, 30.0, (3, 1)), rows, axis=1)
+    conditions = Conditions(3, link_temperature=warm) if of_links else Conditions(3, temperature=warm[:, 0])
+    found = positions(arm, ThermalExpansion(), [alpha], q, conditions)
+    for k in range(3):
+        grown = 1 + alpha * (warm[k] - arm_file.reference_temperature_c)
+        stand = 1 + alpha * (warm[k].mean() - arm_file.reference_temperature_c)
+        of_a = grown if arm_file.convention == "standard-dh" else np.concatenate([[stand], grown[:-1]])
+        longer = [
+            row.model_copy(update={"a_mm": row.a_mm * of_a[i], "d_mm": row.d_mm * grown[i]})
+            for i, row in enumerate(arm_file.joints)
+        ]
+        close(found[k], Arm.from_file(arm_file.model_copy(update={"joints": longer})).positions(q[[k]])[0])
+
+
+def test_warmth_of_one_link_and_of_all(sino6: Arm, q: Array, rng: np.random.Generator) -> None:
+    conditions = known(sino6, len(q), rng)
+    parts = [columns(sino6, ThermalExpansion(link=link), q, conditions) for link in range(1, 7)]
+    close(np.sum(parts, axis=0), columns(sino6, ThermalExpansion(), q, conditions))
+
+
+def test_stylus_is_a_shift_in_the_last_frame(sino6: Arm, q: Array) -> None:
+    frames, shift = sino6.poses(q).placement, np.array([0.1, -0.02, 0.05])
+    expected = (frames @ np.append(shift, 1.0))[:, :3]
+    n = len(q)
+    close(positions(sino6, StylusOffset(), shift, q, Conditions(n)), expected)
+    marker = np.array(["m1", "m2"] * n, dtype=object)[:n]
+    found = positions(sino6, StylusOffset(marker="m1"), shift, q, Conditions(n, marker=marker))
+    close(found, np.where((marker == "m1")[:, None], expected, frames[:, :3, 3]))
+
+
+def test_stylus_sags_across_itself(sino6: Arm, q: Array) -> None:
+    frames, sag = sino6.poses(q).placement, 0.01
+    level = frames[:, :3, 0]  # the axis of the stylus in the file is x
+    across = np.array([0.0, 0.0, -1.0]) + level * level[:, 2:]
+    found = positions(sino6, StylusBending(), [sag], q, Conditions(len(q)))
+    close(found, frames[:, :3, 3] + sag * across)
+    assert np.abs(np.einsum("ni,ni->n", level, found - frames[:, :3, 3])).max() < 1e-15
+
+
+def test_counterbalance_is_a_weight_on_the_upper_tube(sino6: Arm, q: Array) -> None:
+    """The torque at joint 2 of a mass on axis 3, one metre out; the small offset between the two axes is left out."""
+    assert sino6.file is not None
+    rows = [row.model_copy(update={"mass_kg": None, "com_mm": None}) for row in sino6.file.joints]
+    rows[1] = rows[1].model_copy(update={"a_mm": 0.0, "d_mm": 0.0, "mass_kg": 1 / 9.81, "com_mm": (0.0, 0.0, 1000.0)})
+    weighted = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    data = weighted.model.createData()
+    torque = [-pin.computeGeneralizedGravity(weighted.model, data, each)[1] for each in q]
+    expected = np.array(torque)[:, None] * sino6.poses(q).jacobian[:, :3, 1]
+    close(columns(sino6, Counterbalance(joint=2), q, Conditions(len(q)))[:, :, 0], expected)
+
+
+def test_counterbalance_of_a_body_whose_next_axis_runs_along(zero6: Arm, sino6: Arm, rng: np.random.Generator) -> None:
+    """Joint 3 turns about its tube and joint 4 stands across it; behind the last joint there is only the body itself."""
+    q = postures(sino6, rng, 10)
+    frames = sino6.poses(q, "frame5").placement, sino6.poses(q).placement
+    along = frames[1][:, :3, 3] - frames[0][:, :3, 3]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    z = frames[0][:, :3, 2]
+    turn = np.einsum("ni,ni->n", z, np.cross(along, [0.0, 0.0, -1.0]))
+    expected = turn[:, None] * sino6.poses(q).jacobian[:, :3, 5]
+    close(columns(sino6, Counterbalance(joint=6), q, Conditions(10))[:, :, 0], expected)
+
+
+def test_a_seat_that_is_off(sino6: Arm, q: Array) -> None:
+    n, e = len(q), np.array([1e-3, 2e-3, 3e-3])
+    seat = np.array(["A", "B", ""] * n, dtype=object)[:n]
+    model = ErrorModel(sino6, (SeatError(seat="A", values=tuple(e)),))
+    conditions = Conditions(n, seat=seat)
+    stated = model.predict(q, conditions, as_referenced=True)
+    close(stated, sino6.positions(q) - np.where((seat == "A")[:, None], e, 0.0))
+    close(model.predict(q, conditions), sino6.positions(q))
+    close(model.predict(q), sino6.positions(q))
+
+
+def test_reference_frame_is_a_rigid_motion_of_the_settled_arm(sino6: Arm, q: Array) -> None:
+    """However far the references are turned, the weight pulls as it did."""
+    twist = np.array([0.3, -0.2, 0.1, 0.8, -1.1, 0.4])
+    x, y, z = twist[3:]
+    motion = expm(np.array([[0, -z, y, twist[0]], [z, 0, -x, twist[1]], [-y, x, 0, twist[2]], [0, 0, 0, 0]]))
+    sagging = JointCompliance(joint=2, values=(1e-3,)), LinkBending(link=3, values=(1e-3,))
+    model = ErrorModel(sino6, (*sagging, ReferenceFrame(values=tuple(twist))))
+    there = ErrorModel(sino6, sagging).predict(q)
+    assert np.abs(there - sino6.positions(q)).max() > 1e-3
+    close(model.predict(q), there)
+    close(model.predict(q, as_referenced=True), there @ motion[:3, :3].T + motion[:3, 3])
+
+
+# --- unknown masses, equilibrium, several causes ---
+
+
+@pytest.mark.parametrize(
+    "known_masses", [JointCompliance(joint=2), BearingTilt(joint=1), BearingTilt(joint=3), BaseCompliance()], ids=name_of
+)
+def test_unknown_masses_can_be_those_of_the_file(known_masses: GravityEffect, sino6: Arm, rng: np.random.Generator) -> None:
+    """First moment of a body about its axis, the weights beyond gathered at its end, in standard DH at (a, 0, d)."""
+    assert sino6.file is not None
+    first = known_masses.row or 1
+    values, beyond = [], 0.0
+    for row in reversed(sino6.file.joints[first - 1 :]):
+        stop = np.array([row.a_mm, 0.0, row.d_mm]) * MM
+        centre = stop + Rotation.from_euler("x", row.alpha_rad).apply(np.array(row.com_mm) * MM)
+        values.insert(0, 9.81 * ((row.mass_kg or 0.0) * centre + beyond * stop))
+        beyond += row.mass_kg or 0.0
+    q, n = postures(sino6, rng, 200), Conditions(200)
+    unknown = replace(known_masses, bodies=tuple(range(first, 7)), values=(), u=())
+    stated, free = columns(sino6, known_masses, q, n)[:, :, 0], columns(sino6, unknown, q, n)
+    close(free @ np.concatenate(values), stated)
+    assert np.abs(stated).max() > 1.0
+    found = np.linalg.lstsq(free.reshape(600, -1), stated.reshape(-1), rcond=1e-10)[0]
+    close(free @ found, stated)
+    c = 1e-3
+    close(positions(sino6, known_masses, [c], q, n), positions(sino6, unknown, c * np.concatenate(values), q, n))
+
+
+def test_unknown_masses_of_a_table_with_rigid_rows_and_of_the_other_convention(
+    arm_file: ArmFile, rng: np.random.Generator
+) -> None:
+    arm = Arm.from_file(arm_file)
+    if arm.masses is None:
+        return
+    q = postures(arm, rng, 200)
+    moving = tuple(place // 2 for place in arm.chain.moving_axes())
+    joint = moving[1]
+    for known_masses in (JointCompliance(joint=joint), BearingTilt(joint=joint)):
+        unknown = replace(known_masses, bodies=moving[1:], values=(), u=())
+        stated = columns(arm, known_masses, q, Conditions(200)).reshape(-1)
+        free = columns(arm, unknown, q, Conditions(200)).reshape(600, -1)
+        close(free @ np.linalg.lstsq(free, stated, rcond=1e-10)[0], stated)
+
+
+def test_settled_arm_carries_itself(sino6: Arm, q: Array) -> None:
+    """Every spring has the moment that the weights have in the arm as all of them together have bent it."""
+    assert sino6.file is not None
+    springs = {"joint": 4e-4, "tilt": 2e-4, "base": 1e-4, "bend": 1e-3, "twist": 1e-3}
+    effects = (
+        JointCompliance(joint=2, values=(springs["joint"],)),
+        BearingTilt(joint=4, values=(springs["tilt"],)),
+        BaseCompliance(values=(springs["base"],)),
+        LinkBending(link=3, values=(springs["bend"],)),
+        TorsionalWindup(link=5, values=(springs["twist"],)),
+        EncoderEccentricity(joint=3, values=(1e-2, 0.0)),
+    )
+    state = ErrorModel(sino6, effects).state(q)
+    frames = np.zeros((len(q), 7, 4, 4))
+    frames[:, 0] = np.eye(4)
+    for row in range(1, 7):
+        frames[:, row, :3, :3], frames[:, row, :3, 3] = state.rotation[end(row)], state.origin[end(row)]
+        frames[:, row, 3, 3] = 1.0
+    # A body's weight moves with the body, which a bent tube leaves at its axis: undo what happened at the body's end.
+    placed = frames.copy()
+    for row in range(1, 7):
+        rigid = np.zeros((len(q), 4, 4))
+        rigid[:, :3, :3], rigid[:, :3, 3], rigid[:, 3, 3] = state.rotation[axis(row)], state.origin[axis(row)], 1.0
+        placed[:, row] = rigid @ sino6.chain.constant[end(row)]
+    weights = Bodies(sino6.file, placed)
+
+    def local(place: int, vectors: Array) -> Array:
+        return np.asarray(np.einsum("nji,nj->ni", state.rotation[place], vectors))
+
+    about_2 = local(axis(2), weights.moment(2, state.origin[axis(2)]))
+    close(state.twists[axis(2)], springs["joint"] * about_2[:, 2:] * np.eye(6)[5], 1e-14)
+    about_4 = local(axis(4), weights.moment(4, state.origin[axis(4)]))
+    close(state.twists[axis(4)][:, 3:], springs["tilt"] * about_4 * [1, 1, 0], 1e-14)
+    about_foot = local(BASE, weights.moment(1, np.zeros((len(q), 3))))
+    close(state.twists[BASE][:, 3:], springs["base"] * about_foot, 1e-14)
+    along = frames[:, 5, :3, 3] - state.origin[axis(5)]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    torque = np.einsum("ni,ni->n", along, weights.moment(6, state.origin[end(5)]))
+    close(state.twists[end(5)][:, 3:], springs["twist"] * torque[:, None] * local(end(5), along), 1e-14)
+    for k in range(3):
+        beam = placed[k].copy()
+        beam[2, :3, 3], beam[3, :3, 3] = state.origin[axis(3), k], state.origin[end(3), k]
+        sag = bent(weights, k, 3, np.concatenate([beam[:4], beam[3:4]]))  # the tip of this one is the end of the tube
+        close(state.twists[end(3)][[k], :3], springs["bend"] * local(end(3), np.tile(sag, (len(q), 1)))[[k]], 1e-11)
+    assert max(np.abs(twist).max() for twist in state.twists.values()) > 5e-3
+
+
+def test_several_causes_add_up_to_second_order(sino6: Arm, rng: np.random.Generator) -> None:
+    q = postures(sino6, rng, 20)
+    conditions = known(sino6, 20, rng)
+    effects = [e for e in EXAMPLES if e.label not in ("stylus_offset:m1",) and not getattr(e, "bodies", ())]
+    effects = [e for e in effects if getattr(e, "torque", "gravity") == "gravity" and e.label != "thermal_expansion:3"]
+    values = [typical(e) * rng.uniform(0.3, 1.0, len(e.terms)) for e in effects]
+    plain, beyond = sino6.positions(q), []
+    for scale in (1.0, 0.5):
+        acting = tuple(e.at(tuple(scale * v)) for e, v in zip(effects, values, strict=True))
+        together = ErrorModel(sino6, acting).predict(q, conditions, as_referenced=True) - plain
+        alone = [ErrorModel(sino6, (e,)).predict(q, conditions, as_referenced=True) - plain for e in acting]
+        beyond.append(np.abs(together - np.sum(alone, axis=0)).max())
+        assert beyond[-1] < 1e-2 * np.abs(together).max()
+    assert 3.8 < beyond[0] / beyond[1] < 4.2

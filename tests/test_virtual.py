@@ -1,0 +1,506 @@
+"""Virtual measurements, checked by kinematics written out here, by statistics at fixed seeds, and by reading them back."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from aacmm_pin import workshop
+from aacmm_pin.arm import Arm
+from aacmm_pin.checks import Array
+from aacmm_pin.effects import (
+    EncoderEccentricity,
+    EncoderGain,
+    JointCompliance,
+    JointHysteresis,
+    ReferenceFrame,
+    SeatError,
+    StylusOffset,
+    ThermalExpansion,
+    ZeroDrift,
+)
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, MissingConditionError, ShapeError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.noise import Noise
+from aacmm_pin.virtual import simulate_measurements
+
+PLANS: list[dict[str, Any]] = [
+    {"plan": "free"},
+    {"plan": "seats"},
+    {"plan": "seats", "known": False},
+    {"plan": "ball-bar", "bar_length": 0.4},
+    {"plan": "single-point"},
+]
+ARMS = ["sino6", "zero6", "ur5", "panda"]
+
+
+def quiet(nq: int = 6, **u: float) -> Noise:
+    return Noise.of(nq, **({"encoder": 0.0, "reference": 0.0, "probe": 0.0} | u))
+
+
+def simulated(model: Arm | ErrorModel, records: int = 300, seed: int = 1, **options: Any) -> Measurements:
+    return simulate_measurements(model, options.pop("plan"), records, rng=np.random.default_rng(seed), **options)
+
+
+@pytest.fixture(params=ARMS)
+def arm(request: pytest.FixtureRequest, robot_file: Callable[[str], Path]) -> Arm:
+    if request.param == "ur5":
+        return Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    if request.param == "panda":
+        return Arm.from_urdf(robot_file("panda.urdf"), "panda_hand")
+    return Arm.load(request.param)
+
+
+def tips_of(arm: Arm, q: Array) -> Array:
+    """Kinematics that the simulation does not use: the closed form of the table, or Pinocchio."""
+    if arm.dh is not None:
+        return arm.dh.positions(q)
+    data, frame = arm.model.createData(), arm.model.getFrameId(arm.tip, pin.FrameType.BODY)
+    tips = []
+    for row in q:
+        pin.framesForwardKinematics(arm.model, data, row)
+        tips.append(data.oMf[frame].translation.copy())
+    return np.array(tips)
+
+
+def consistent(whitened: Array) -> bool:
+    """Whether the numbers are standard normal, as far as the sum of their squares tells; wrong once in 10 000."""
+    return bool(1e-4 < chi2.cdf(np.square(whitened).sum(), whitened.size) < 1 - 1e-4)
+
+
+def directions(q: Array) -> Array:
+    return np.concatenate([np.cos(q), np.sin(q)], axis=1)
+
+
+# --- the points
+
+
+def test_tips_are_at_the_seats(arm: Arm) -> None:
+    measurements = simulated(arm, plan="seats", noise=quiet(arm.nq))
+    np.testing.assert_allclose(tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0)
+    assert [len(rows) for rows in measurements.seats().values()] == [30] * 10
+    assert np.isnan(measurements.reference_u).all()
+
+
+def test_tips_are_at_the_free_references(arm: Arm) -> None:
+    measurements = simulated(arm, plan="free", noise=quiet(arm.nq))
+    np.testing.assert_allclose(tips_of(arm, measurements.q), measurements.reference, atol=1e-12, rtol=0)
+    assert measurements.conditions.seat is None
+
+
+def test_a_bar_is_as_long_as_it_says(arm: Arm) -> None:
+    measurements = simulated(arm, plan="ball-bar", bar_length=0.4, noise=quiet(arm.nq), seats=6)
+    tips, seats = tips_of(arm, measurements.q), measurements.seats()
+    assert len(measurements.bars()) == 3
+    assert not measurements.known.any()
+    for bar in measurements.bars():
+        a, b = tips[seats[bar.seat_a]], tips[seats[bar.seat_b]]
+        assert bar.length == 0.4
+        np.testing.assert_allclose(np.linalg.norm(a[:, None] - b, axis=2), 0.4, atol=1e-9, rtol=0)
+
+
+def test_one_point_is_one_point(arm: Arm) -> None:
+    measurements = simulated(arm, plan="single-point", noise=quiet(arm.nq))
+    tips = tips_of(arm, measurements.q)
+    assert np.ptp(tips, axis=0).max() < 1e-9
+    assert list(measurements.seats()) == ["S1"]
+    assert not measurements.known.any()
+
+
+def test_unknown_seats_state_nothing(sino6: Arm) -> None:
+    measurements = simulated(sino6, plan="seats", known=False, noise=quiet())
+    assert not measurements.known.any()
+    tips = sino6.dh.positions(measurements.q)  # type: ignore[union-attr]
+    assert all(np.ptp(tips[rows], axis=0).max() < 1e-9 for rows in measurements.seats().values())
+
+
+def warped_tips(arm: Arm, measurements: Measurements) -> Array:
+    """Tips of an arm with five errors, written out by hand: only the DH table is shared with the package."""
+    known, q = measurements.conditions, measurements.q.copy()
+    assert known.time is not None
+    assert known.temperature is not None
+    assert known.approach is not None
+    assert arm.dh is not None
+    q[:, 2] += np.arcsin(2e-4 * np.cos(measurements.q[:, 2] - 0.7))
+    q[:, 3] += 1e-4 * known.approach[:, 3]
+    q[:, 0] += 3e-4 * (1 - np.exp(-known.time / 3600.0))
+    q[:, 4] += 1e-4 * measurements.q[:, 4]
+    growth = np.zeros((len(q), arm.dh.rows, 4))
+    growth[:, :, 0] = 2.4e-5 * (known.temperature - 20.0)[:, None] * arm.dh.a
+    growth[:, :, 1] = 2.4e-5 * (known.temperature - 20.0)[:, None] * arm.dh.d
+    return arm.dh.positions(q, errors=growth)
+
+
+@pytest.fixture(scope="module")
+def warped(sino6: Arm) -> ErrorModel:
+    return ErrorModel(sino6).with_effects(
+        EncoderEccentricity(joint=3, values=(2e-4 * np.cos(0.7), 2e-4 * np.sin(0.7))),
+        JointHysteresis(joint=4, values=(1e-4,)),
+        ZeroDrift(joint=1, time_constant_s=3600.0, values=(3e-4,)),
+        EncoderGain(joint=5, values=(1e-4,)),
+        ThermalExpansion(values=(2.4e-5,)),
+    )
+
+
+@pytest.mark.parametrize("plan", ["free", "seats"])
+def test_the_errors_are_exact(sino6: Arm, warped: ErrorModel, plan: str) -> None:
+    measurements = simulated(warped, plan=plan, noise=quiet())
+    np.testing.assert_allclose(warped_tips(sino6, measurements), measurements.reference, atol=1e-9, rtol=0)
+    off = np.linalg.norm(sino6.dh.positions(measurements.q) - measurements.reference, axis=1)  # type: ignore[union-attr]
+    assert np.median(off) > 1e-4  # or the test above would pass without errors
+
+
+def test_weight_bends_the_arm(sino6: Arm) -> None:
+    """Compliance by Pinocchio's gravity torque, iterated here."""
+    measurements = simulated(
+        ErrorModel(sino6).with_effects(JointCompliance(joint=2, values=(2e-5,))), plan="seats", noise=quiet(), seats=3
+    )
+    q, data = measurements.q.copy(), sino6.model.createData()
+    for k, row in enumerate(measurements.q):
+        for _ in range(5):
+            torque = -pin.computeGeneralizedGravity(sino6.model, data, q[k])[1]
+            q[k, 1] = row[1] + 2e-5 * torque
+    np.testing.assert_allclose(sino6.dh.positions(q), measurements.reference, atol=1e-9, rtol=0)  # type: ignore[union-attr]
+
+
+def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
+    assert sino6.dh is not None
+    shift = np.array([1e-4, -2e-4, 3e-4])
+    model = ErrorModel(sino6).with_effects(SeatError(seat="S3", values=tuple(shift)))
+    measurements = simulated(model, plan="seats", noise=quiet())
+    off = sino6.dh.positions(measurements.q) - measurements.reference  # true place = stated place + e
+    third = measurements.conditions.seat == "S3"
+    np.testing.assert_allclose(off[third], np.broadcast_to(shift, (30, 3)), atol=1e-9)
+    np.testing.assert_allclose(off[~third], 0.0, atol=1e-9)
+
+    turned = ErrorModel(sino6).with_effects(ReferenceFrame(values=(0.5, 0.1, -0.2, 0.0, 0.0, 0.3)))
+    measurements = simulated(turned, plan="free", noise=quiet())
+    motion = pin.exp6(np.array([0.5, 0.1, -0.2, 0.0, 0.0, 0.3]))
+    expected = sino6.dh.positions(measurements.q) @ motion.rotation.T + motion.translation
+    np.testing.assert_allclose(measurements.reference, expected, atol=1e-12)
+    unknown = simulated(turned, plan="single-point", noise=quiet())
+    assert np.ptp(sino6.dh.positions(unknown.q), axis=0).max() < 1e-9
+
+
+# --- the postures
+
+
+@pytest.mark.parametrize("options", PLANS, ids=lambda o: "-".join(map(str, o.values())))
+def test_postures_are_inside_the_limits_and_differ(arm: Arm, options: dict[str, Any]) -> None:
+    q = simulated(arm, **options).q
+    assert (q > arm.limits[:, 0]).all()
+    assert (q < arm.limits[:, 1]).all()
+    apart = np.linalg.norm(directions(q)[:, None] - directions(q), axis=2)
+    assert apart[~np.eye(len(q), dtype=bool)].min() > 0.01
+
+
+def test_postures_go_all_round_the_point(sino6: Arm) -> None:
+    """Whatever posture another solver finds at the point, one like it is there: 300 in three dimensions of freedom."""
+    assert sino6.dh is not None
+    q = simulated(sino6, plan="single-point", noise=quiet()).q
+    point, lower, upper = sino6.dh.positions(q)[0], sino6.limits[:, 0], sino6.limits[:, 1]
+    rng, found = np.random.default_rng(5), 0
+    for _ in range(120):
+        solution = least_squares(
+            lambda x: sino6.dh.positions(x[None])[0] - point,  # type: ignore[union-attr]
+            rng.uniform(lower, upper),
+            bounds=(lower, upper),
+        )
+        if solution.cost < 1e-18:
+            found += 1
+            assert np.linalg.norm(directions(q) - directions(solution.x[None]), axis=1).min() < 1.0
+    assert found >= 5
+
+
+def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> None:
+    measurements = simulated(sino6, plan="seats", noise=quiet(), seats=20, above=0.1)
+    points = np.array([measurements.reference[rows[0]] for rows in measurements.seats().values()])
+    apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(20, dtype=bool)]
+    assert apart.min() >= 0.05
+    assert apart.max() > 0.7
+    assert np.hypot(points[:, 0], points[:, 1]).min() >= 0.1
+    assert points[:, 2].min() >= 0.1
+    free = simulated(sino6, plan="free", noise=quiet(), above=0.1).reference
+    assert free[:, 2].min() >= 0.1
+    assert np.hypot(free[:, 0], free[:, 1]).min() >= 0.1
+
+
+def test_joints_may_slide_or_turn_without_end(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(written(tmp_path, ("prismatic", "0 0 1", 0.0, 0.5), *[("revolute", "0 0 1", -1e4, 1e4)] * 3), "tip")
+    measurements = simulated(arm, plan="seats", records=40, seats=4, noise=quiet(4))
+    np.testing.assert_allclose(tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0)
+    assert np.abs(measurements.q[:, 1:]).max() <= np.pi
+    assert 0.0 < measurements.q[:, 0].min() < measurements.q[:, 0].max() < 0.5
+
+
+# --- the noise
+
+
+def test_encoder_noise(sino6: Arm) -> None:
+    u = np.array([5e-6, 1e-5, 0.0, 2e-5, 8e-6, 4e-5])
+    exact = simulated(sino6, plan="seats", noise=quiet())
+    noisy = simulated(sino6, plan="seats", noise=Noise.of(6, encoder=u, reference=0.0))
+    off, some = noisy.q - exact.q, u > 0
+    assert consistent(off[:, some] / u[some])
+    assert (off[:, ~some] == 0).all()
+    assert np.abs(np.corrcoef(off[:, some].T) - np.eye(5)).max() < 0.25
+
+
+def test_encoder_noise_reaches_the_tip(arm: Arm) -> None:
+    measurements = simulated(arm, plan="seats", noise=quiet(arm.nq, encoder=1e-5))
+    off = tips_of(arm, measurements.q) - measurements.reference
+    jacobian = 1e-5 * arm.jacobian(measurements.q)
+    whitened = np.linalg.solve(np.linalg.cholesky(jacobian @ jacobian.transpose(0, 2, 1)), off[:, :, None])
+    assert consistent(whitened)
+
+
+def test_reference_noise(sino6: Arm) -> None:
+    options: dict[str, Any] = {"plan": "seats", "seats": 30}
+    exact, noisy = (simulated(sino6, noise=quiet(reference=u), **options) for u in (0.0, 2e-5))
+    off = noisy.reference - exact.reference
+    seats = list(noisy.seats().values())
+    assert all((off[rows] == off[rows[0]]).all() for rows in seats)  # one draw a seat
+    assert consistent(np.array([off[rows[0]] for rows in seats]) / 2e-5)
+    np.testing.assert_array_equal(noisy.reference_u, np.full((300, 3), 2e-5))
+    np.testing.assert_array_equal(noisy.q, exact.q)
+
+    exact, noisy = (simulated(sino6, plan="free", noise=quiet(reference=u)) for u in (0.0, 2e-5))
+    assert consistent((noisy.reference - exact.reference) / 2e-5)
+
+
+def test_contacts(sino6: Arm) -> None:
+    assert sino6.dh is not None
+    for plan in ("seats", "free"):
+        measurements = simulated(sino6, plan=plan, noise=quiet(probe=5e-6))
+        assert consistent((sino6.dh.positions(measurements.q) - measurements.reference) / 5e-6)
+
+
+def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:
+    options: dict[str, Any] = {"plan": "ball-bar", "bar_length": 0.4, "seats": 60}
+    measurements = simulated(sino6, noise=quiet(reference=1e-5), **options)
+    lengths = np.array([bar.length for bar in measurements.bars()])
+    assert len(lengths) == 30
+    assert consistent((lengths - 0.4) / 1e-5)
+
+
+def test_noise_that_nobody_stated(sino6: Arm, zero6: Arm) -> None:
+    measurements = simulated(sino6, plan="free")
+    assert measurements.source == "simulated, SINO6, plan free, seed 1, encoder noise 8 µrad (assumed)"
+    assert (measurements.reference_u == 1.2e-5).all()
+    exact = simulated(sino6, plan="free", noise=quiet())
+    assert consistent((measurements.q - exact.q) / 8e-6)
+    assert sino6.file is not None
+    rows = [row.model_copy(update={"encoder_noise_rad": 3e-6}) for row in sino6.file.joints]
+    stated = simulated(Arm.from_file(sino6.file.model_copy(update={"joints": rows})), plan="free")
+    assert "assumed" not in stated.source
+    assert consistent((stated.q - exact.q) / 3e-6)
+
+
+def test_noise_is_a_value() -> None:
+    noise = Noise.of(3, encoder=1e-5, probe=1e-6)
+    np.testing.assert_array_equal(noise.encoder, [1e-5] * 3)
+    assert (noise.reference, noise.probe) == (1.2e-5, 1e-6)
+    np.testing.assert_array_equal(Noise.of(2, encoder=[1e-5, 0.0]).encoder, [1e-5, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "said"),
+    [
+        (
+            lambda: Noise.of(6, encoder=-1e-6),
+            AacmmError,
+            "encoder noise is -1e-06 rad, expected a number that is not negative",
+        ),
+        (lambda: Noise.of(6, reference=-1e-6), AacmmError, "reference noise is -1e-06 m, expected"),
+        (lambda: Noise.of(6, probe=float("nan")), AacmmError, "probe noise is nan m, expected"),
+        (lambda: Noise.of(6, encoder=[1e-6] * 5), ShapeError, r"encoder noise has shape \(5,\), expected \(6,\) \[rad\]"),
+        (lambda: Noise(np.array(1e-6)), ShapeError, r"encoder noise has shape \(\), expected \(nq,\)"),
+    ],
+)
+def test_noise_of_no_use(make: Callable[[], Noise], error: type[AacmmError], said: str) -> None:
+    with pytest.raises(error, match=said):
+        make()
+
+
+# --- the workshop
+
+
+def test_conditions_are_those_of_a_workshop(sino6: Arm) -> None:
+    known = simulated(sino6, plan="seats", records=600).conditions
+    assert known.time is not None
+    assert known.temperature is not None
+    assert known.approach is not None
+    steps = np.diff(known.time)
+    assert known.time[0] >= 20.0
+    assert steps.min() >= 20.0
+    ordinary = steps <= 40.0
+    assert ordinary.mean() > 0.9
+    assert (steps[~ordinary] >= 200.0).all()  # pauses, and breaks between sessions
+    assert (steps > 3600.0).sum() == 2
+    assert np.abs(known.temperature - 20.0).max() <= 3.0
+    assert np.ptp(known.temperature) > 0.5
+    assert set(np.unique(known.approach)) == {-1.0, 1.0}
+    assert known.session is not None
+    assert list(dict.fromkeys(known.session)) == ["1", "2", "3"]
+    assert all(set(known.seat[known.session == s]) == {f"S{k}" for k in range(1, 11)} for s in "123")  # type: ignore[index]
+
+
+def test_joints_come_from_where_they_were(sino6: Arm) -> None:
+    measurements = simulated(sino6, plan="free", records=2000, noise=quiet())
+    assert measurements.conditions.approach is not None
+    same = np.sign(np.diff(measurements.q, axis=0)) == measurements.conditions.approach[1:]
+    assert same.mean() == pytest.approx(1 - workshop.OVERSHOOT, abs=0.02)
+
+
+def test_a_seat_is_touched_in_one_visit_a_session(sino6: Arm) -> None:
+    known = simulated(sino6, plan="seats", records=150).conditions
+    assert known.seat is not None
+    assert known.session is None
+    assert (known.seat[1:] != known.seat[:-1]).sum() == 9
+
+
+@pytest.mark.parametrize("kelvin", [0.0, 1.0, 10.0])
+def test_temperature_stays_in_its_range(zero6: Arm, kelvin: float) -> None:
+    ranges = []
+    for seed in range(20):
+        temperature = simulated(zero6, plan="free", seed=seed, temperature_range=kelvin).conditions.temperature
+        assert temperature is not None
+        assert np.abs(temperature - zero6.reference_temperature).max() <= kelvin
+        ranges.append(np.abs(temperature - zero6.reference_temperature).max())
+    assert max(ranges) >= 0.5 * kelvin
+
+
+@pytest.mark.parametrize("options", PLANS, ids=lambda o: "-".join(map(str, o.values())))
+def test_a_seed_is_a_data_set(sino6: Arm, options: dict[str, Any]) -> None:
+    first, again, other = (simulated(sino6, records=60, seed=seed, **options) for seed in (7, 7, 8))
+    assert first.to_frame().equals(again.to_frame())
+    assert not first.to_frame().equals(other.to_frame())
+    assert "seed 7" in first.source
+
+
+def test_the_seed_is_told_as_far_as_it_can_be(sino6: Arm) -> None:
+    def source(rng: np.random.Generator) -> str:
+        return simulate_measurements(sino6, "free", 10, rng=rng, noise=quiet()).source
+
+    used = np.random.default_rng(3)
+    used.random()
+    assert source(used).endswith("seed 3 (not fresh: numbers were drawn before)")
+    assert source(np.random.default_rng(3).spawn(2)[1]).endswith("seed 3 spawn (1,)")
+    legacy = np.random.RandomState(3)._bit_generator
+    assert source(np.random.Generator(legacy)).endswith("seed unknown")
+
+
+@pytest.mark.parametrize("options", PLANS, ids=lambda o: "-".join(map(str, o.values())))
+def test_a_file_of_them_can_be_read(sino6: Arm, tmp_path: Path, options: dict[str, Any]) -> None:
+    measurements = simulated(sino6, **options)
+    measurements.save(tmp_path / "data.csv")
+    again = Measurements.read(tmp_path / "data.csv", 6)
+    np.testing.assert_allclose(again.q, measurements.q, atol=1e-14)
+    np.testing.assert_allclose(again.reference, measurements.reference, atol=1e-15)
+    assert again.to_frame()["record"].tolist() == [str(k) for k in range(1, 301)]
+    assert "seed" not in " ".join(again.to_frame().columns)
+
+
+def test_seats_are_quick(warped: ErrorModel) -> None:
+    model = warped.with_effects(JointCompliance(joint=2, values=(2e-5,)))
+    start = time.perf_counter()
+    simulated(model, plan="seats")
+    assert time.perf_counter() - start < 3.0
+
+
+# --- what cannot be done
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"plan": "seat"}, "unknown plan 'seat'; known: free, seats, ball-bar, single-point"),
+        ({"plan": "free", "records": 0}, "records is 0, expected at least 1$"),
+        ({"plan": "seats", "records": 9}, "records is 9, expected at least 10: 1 at each of 10 seats"),
+        ({"plan": "seats", "records": 19, "known": False}, "records is 19, expected at least 20: 2 at each of 10 seats"),
+        ({"plan": "single-point", "records": 1}, "records is 1, expected at least 2: 2 at each of 1 seats"),
+        ({"plan": "seats", "seats": 0}, "seats is 0, expected at least 1"),
+        ({"plan": "ball-bar", "seats": 5, "bar_length": 0.4}, "seats is 5, expected an even number"),
+        ({"plan": "ball-bar"}, "bar_length was not given for plan 'ball-bar', expected the length of the bar"),
+        ({"plan": "seats", "bar_length": 0.4}, "bar_length is 0.4 m for plan 'seats', expected none: only plan 'ball-bar'"),
+        ({"plan": "ball-bar", "bar_length": 0.01}, "bar_length is 0.01 m, expected at least 0.05 m"),
+        ({"plan": "ball-bar", "bar_length": float("nan")}, "bar_length is nan m, expected at least"),
+        ({"plan": "ball-bar", "bar_length": 5.0}, "SINO6: 0 of 5 bars of 5000 mm found with both ends where many postures"),
+        ({"plan": "free", "above": float("inf")}, "above is inf m, expected a height"),
+        (
+            {"plan": "free", "above": 2.0},
+            "SINO6: 0 of 6000 random postures have their tip 100 mm .* 2000 mm or more",
+        ),
+        ({"plan": "seats", "above": 2.0}, "SINO6: 0 of 400000 random postures"),
+        ({"plan": "free", "temperature_range": -1.0}, "temperature_range is -1 K, expected a number that is not negative"),
+        ({"plan": "free", "noise": Noise.of(5)}, "noise is of 5 encoders, expected 6 for SINO6"),
+    ],
+)
+def test_a_plan_that_cannot_be_carried_out(sino6: Arm, options: dict[str, Any], said: str) -> None:
+    with pytest.raises(AacmmError, match=said):
+        simulated(sino6, **options)
+
+
+def test_an_effect_that_has_nothing_to_act_on(sino6: Arm) -> None:
+    model = ErrorModel(sino6)
+    with pytest.raises(UnknownNameError, match="unknown seat of seat_error 'S11'; known: S1, S2"):
+        simulated(model.with_effects(SeatError(seat="S11", values=(1e-4, 0.0, 0.0))), plan="seats")
+    with pytest.raises(MissingConditionError, match="seat_error:S1 needs the column seat"):
+        simulated(model.with_effects(SeatError(seat="S1", values=(1e-4, 0.0, 0.0))), plan="free")
+    with pytest.raises(MissingConditionError, match="needs the column marker"):
+        simulated(model.with_effects(StylusOffset(marker="T1", values=(0.1, 0.0, 0.0))), plan="seats")
+
+
+def test_an_effect_too_large_for_the_limits(sino6: Arm) -> None:
+    model = ErrorModel(sino6).with_effects(*(JointHysteresis(joint=j, values=(0.8,)) for j in range(1, 7)))
+    with pytest.raises(AacmmError, match=r"no posture inside the limits has its tip at the seat: joint_hysteresis:1, "):
+        simulated(model, plan="seats")
+
+
+def test_two_joints_in_a_plane_have_two_postures(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
+    said = "0 of 2 seats found that can be touched in 10 different postures inside the limits, of 8 tried; the others in 2"
+    with pytest.raises(AacmmError, match=said):
+        simulated(arm, plan="seats", records=20, seats=2)
+    measurements = simulated(arm, plan="seats", records=4, seats=2, noise=quiet(2))
+    np.testing.assert_allclose(tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0)
+
+
+def test_more_seats_than_there_is_room_for(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip")
+    with pytest.raises(AacmmError, match=r"made: room for [23] seats 50 mm or more apart, expected 10; ask for fewer"):
+        simulated(arm, plan="seats")
+
+
+def test_a_slide_without_end(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(written(tmp_path, ("prismatic", "1 0 0", 0.0, 1.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
+    arm.limits[0] = (0.0, np.inf)
+    with pytest.raises(UnsupportedArmError, match="joint 1 slides without limits; drawing postures needs them"):
+        simulated(arm, plan="free")
+
+
+def written(folder: Path, *joints: tuple[str, str, float, float]) -> Path:
+    """A URDF with links of 0.3 m along x; each joint with its type, axis and limits."""
+    text = '<robot name="made"><link name="l0"/>'
+    for k, (kind, axis, lower, upper) in enumerate(joints, start=1):
+        text += (
+            f'<link name="l{k}"/><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/>'
+            f'<origin xyz="{0.3 if k > 1 else 0} 0 0"/><axis xyz="{axis}"/>'
+            f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/></joint>'
+        )
+    text += (
+        f'<link name="tip"/><joint name="jt" type="fixed"><parent link="l{len(joints)}"/><child link="tip"/>'
+        '<origin xyz="0.3 0 0"/></joint></robot>'
+    )
+    path = folder / "made.urdf"
+    path.write_text(text, encoding="utf-8")
+    return path
