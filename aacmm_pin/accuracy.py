@@ -190,7 +190,7 @@ def accuracy_volume(
 
     The parameters of effects, and those that a calibration states, count as within ± k u, k = 2. Parameters that are known
     together (``[covariance]`` of the arm file) enter the covariance as S C Sᵀ; in their place ``zonotope``,
-    ``largest_deviation`` and the corners of ``monte-carlo`` take the columns of the root of their correlation, each within
+    ``largest_deviation`` and the corners of ``monte-carlo`` take the principal axes of their correlation, each within
     ± k times its standard uncertainty, see :mod:`aacmm_pin.error_sources`. Effects of the reference have no part.
 
     Args:

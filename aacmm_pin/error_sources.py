@@ -1,10 +1,11 @@
 """What may be off in an arm, and what it does to the position: sensitivity, covariance, and all that bounds allow.
 
-Parameters that a calibration knows together are replaced, where single sources are needed, by mixed ones: with the
-standard uncertainties D = diag(u) and the correlation matrix R of a group, the columns of ``D √R``, √R the symmetric root,
-are as many independent sources with the same covariance ``D R D``. R has no units, so the mixture does not depend on them,
-and it tends to the parameters themselves where correlations vanish. Other roots share the covariance, but not what depends
-on more than that, such as an accuracy volume.
+Parameters that a calibration knows together are replaced, where single sources are needed, by their principal axes: with
+the standard uncertainties D = diag(u) and the correlation matrix R = V λ Vᵀ of a group, the columns of ``D V √λ`` are as
+many independent sources with the same covariance ``D R D``, and parameters known only as a sum become one source. R has no
+units, so the axes do not depend on them; where eigenvalues coincide the axes are not unique, and neither is what depends
+on more than the covariance: the slightest correlation turns the axes away from the parameters, and the accuracy volume
+jumps. The covariance does not.
 """
 
 from __future__ import annotations
@@ -122,10 +123,9 @@ class ErrorSources:
 
     @cached_property
     def axes(self) -> Array | None:
-        """The symmetric root ``V √λ Vᵀ`` of the correlation of each group of correlated sources (p, p).
+        """Principal axes ``V √λ`` of each group of correlated sources, as columns in the places of its sources (p, p).
 
-        Its square is the correlation; it is the identity for the rest and tends to it where correlations vanish, as other
-        roots do not. None where all are independent.
+        Multiplied by its transpose it is the correlation; the identity for the rest. None where all are independent.
         """
         if self.correlation is None:
             return None
@@ -135,7 +135,7 @@ class ErrorSources:
             mine = np.flatnonzero(group == number)
             values, vectors = np.linalg.eigh(self.correlation[np.ix_(mine, mine)])
             # What rounded correlations leave below zero is no variance.
-            axes[np.ix_(mine, mine)] = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+            axes[np.ix_(mine, mine)] = vectors * np.sqrt(np.maximum(values, 0.0)) if len(mine) > 1 else 1.0
         return axes
 
     def sensitivity(self, q: Array, conditions: Conditions | None = None) -> Array:
@@ -172,7 +172,7 @@ class ErrorSources:
     def generators(self, q: Array, conditions: Conditions | None = None) -> Array:
         """What each bounded source does at its bound: half-width times sensitivity (n, 3, b) [m].
 
-        In place of correlated sources the columns ``k D V √λ Vᵀ``, k = 2 the half-width over u.
+        In place of correlated sources their principal axes ``k D V √λ``, k = 2 the half-width over u.
 
         Raises:
             AacmmError: no parameter is bounded.

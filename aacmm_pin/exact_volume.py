@@ -41,7 +41,7 @@ def exact_volume(
 
 
 def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator, m: int) -> Array:
-    """Errors (m, p) at the corners of the box, for correlated sources along the columns of the root of their correlation, that go farthest along
+    """Errors (m, p) at the corners of the box, for correlated sources along their principal axes, that go farthest along
     random directions; any corner is possible, so the hull never exceeds the true set, and random interior draws would
     leave most of it empty.
     """
