@@ -5,6 +5,10 @@ pitch and yaw and every number of the table appears in the text as it is (``%.17
 joint's origin and ``Tz(d) Tx(a) Rx(α)`` into the frame's; modified DH puts ``Rx(α) Tx(a)`` into an extra fixed joint before.
 Frames are named ``frame1`` ... ``frameN``; ``tip`` is the last. Joints are ``revolute`` (a ``continuous`` joint would give
 Pinocchio two numbers for one angle).
+
+A URDF holds geometry. Of the causes of error that an arm file may add, a ``stylus_offset`` without marker can go in: it
+shifts ``tip`` in the axes of the last frame. That is for other programs; here the tip stays where the table has it, because
+:class:`aacmm_pin.error_model.ErrorModel` adds the offset itself.
 """
 
 from __future__ import annotations
@@ -26,10 +30,14 @@ BODY_RADIUS = 0.03
 _COLORS = {"tube": "0.55 0.58 0.62 1", "joint": "0.13 0.23 0.36 1", "stylus": "0.75 0.1 0.15 1", "base": "0.3 0.3 0.32 1"}
 
 
-def urdf_text(arm: ArmFile) -> str:
+def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
     """URDF of ``arm``: joints with limits, primitive visuals, inertials from the stated masses.
 
     Lengths in metres, angles in radians. The text depends on ``arm`` alone, so it can be compared with a stored one.
+
+    Args:
+        arm: the arm file; its other effects have no part.
+        with_stylus_offset: shift ``tip`` by the arm's ``stylus_offset``, if it has one of the tip itself.
     """
     robot = ET.Element("robot", name=arm.name)
     robot.append(ET.Comment(f" made by aacmm-pin urdf from: {_comment(arm.source or arm.name)} "))
@@ -42,9 +50,18 @@ def urdf_text(arm: ArmFile) -> str:
         parent = _add_row(robot, parent, number, row, arm.convention == "standard-dh", number == last)
     tip = ET.SubElement(robot, "link", name="tip")
     _sphere(tip, "stylus", 0.004)
-    _joint(robot, "tip_fixed", "fixed", parent, "tip")
+    _joint(robot, "tip_fixed", "fixed", parent, "tip", _stylus_offset(arm) if with_stylus_offset else (0.0, 0.0, 0.0))
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
+
+
+def _stylus_offset(arm: ArmFile) -> tuple[float, ...]:
+    """Where the tip is in the last frame [m]."""
+    offset = [0.0, 0.0, 0.0]
+    for effect in arm.effects:
+        if effect.cause == "stylus_offset" and effect.structure.get("marker") is None:
+            offset = [effect.parameters.get(f"{axis}_mm", 0.0) * MM for axis in "xyz"]
+    return tuple(offset)
 
 
 def _add_row(robot: ET.Element, parent: str, number: int, row: Row, standard: bool, last: bool) -> str:

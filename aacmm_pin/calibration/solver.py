@@ -12,15 +12,15 @@ from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
 from aacmm_pin.calibration.system import System, assemble
 from aacmm_pin.checks import Array
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.observations import Observation
+from aacmm_pin.observations import KnownLength, Observation
 
 MOST_STEPS = 60
 SETTLED = 1e-6
 """The search ends when a step promises to lower χ² by less than this: parameters then stand still to 0.001 u."""
 LOOSELY_SETTLED = 1e-2
 """The same of the robust search, whose weights go on moving a little for long and whose result is only a start."""
-AT_BEST = 1e-10
-"""Unknown points that move by less than this are where they fit best [m]."""
+AT_BEST = 1e-7
+"""Ends of bars that move by less than this are where they fit best [m]."""
 FLOOR = 1e-10
 """Smallest damping, beside the square of the largest singular value."""
 LEAST_KNOWN = 0.1
@@ -126,12 +126,13 @@ def solve(
     Raises:
         AacmmError: the search does not settle.
     """
-    point, damping = _at_best(problem, start, observations, noise, weights), 0.0
+    point, damping = start, 0.0
     system = _system(problem, point, observations, noise, weights)
     for count in range(1, MOST_STEPS + 1):
         if robust:
             weights = _by_fit(system.distance)
             system = _system(problem, point, observations, noise, weights)
+        point, system = _at_best(problem, point, system, observations, noise, weights)
         spectrum = spectrum_of(problem, system, point.x)
         top = float(spectrum.values.max(initial=0.0)) or 1.0  # a set-up may have no unknown parameter at all
         cost, floor = _cost(problem, system, point.x), FLOOR * top**2
@@ -208,14 +209,21 @@ def _advanced(problem: Problem, point: Point, system: System, step: Array) -> Po
     return Point(x, frame, [values + change for values, change in moved], problem.predict(x, frame))
 
 
-def _at_best(problem: Problem, point: Point, observations: list[Observation], noise: Array, weights: Array) -> Point:
-    """The unknown points where they fit best, parameters as they are: costs are compared as if they were there."""
-    for _ in range(MOST_STEPS if any(values.size for values in point.nuisances) else 0):
-        steps = _system(problem, point, observations, noise, weights).nuisances(np.zeros(problem.scales.size))
+def _at_best(
+    problem: Problem, point: Point, system: System, observations: list[Observation], noise: Array, weights: Array
+) -> tuple[Point, System]:
+    """The ends of bars where they fit best, parameters as they are.
+
+    A system's residual is as if its nuisances were there, which linear ones are; where they are not, no step may seem to
+    lower it.
+    """
+    for _ in range(MOST_STEPS if any(isinstance(o, KnownLength) for o in observations) else 0):
+        steps = system.nuisances(np.zeros(problem.scales.size))
         if max(np.abs(step).max(initial=0.0) for step in steps) < AT_BEST:
             break
         point = replace(point, nuisances=[value + step for value, step in zip(point.nuisances, steps, strict=True)])
-    return point
+        system = _system(problem, point, observations, noise, weights)
+    return point, system
 
 
 def _prior(problem: Problem, x: Array) -> tuple[Array, Array]:

@@ -1,0 +1,156 @@
+"""What the subcommands share: the application, the types of its arguments, and how results leave it."""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Any, ParamSpec, Self
+
+import matplotlib
+import typer
+from matplotlib.figure import Figure
+
+from aacmm_pin.arm_file import bundled_arms
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.outputs import check_output, whole_file
+
+app = typer.Typer(
+    name="aacmm-pin",
+    help="Postures, accuracy and calibration of articulated-arm coordinate measuring machines, on Pinocchio.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+matplotlib.use("Agg")  # the command writes files and never opens a window
+
+PLOT_SUFFIXES = (".png", ".svg", ".pdf")
+
+P = ParamSpec("P")
+
+
+def command(name: str | None = None) -> Callable[[Callable[P, None]], Callable[P, None]]:
+    """Register a subcommand; errors that the package raises on purpose become one message and exit status 1."""
+
+    def register(function: Callable[P, None]) -> Callable[P, None]:
+        @functools.wraps(function)
+        def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
+            try:
+                function(*args, **kwargs)
+            except AacmmError as error:
+                note(f"aacmm-pin: {error}")
+                raise typer.Exit(1) from None
+            except KeyboardInterrupt:
+                note("aacmm-pin: interrupted; no output was left half-written")
+                raise typer.Exit(130) from None
+
+        app.command(name)(guarded)
+        return function
+
+    return register
+
+
+ArmName = Annotated[
+    str, typer.Argument(metavar="ARM", help=f"Bundled arm ({', '.join(bundled_arms())}) or the path of an arm file.")
+]
+Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")]
+Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write.")]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the result into this file (.png, .svg, .pdf).")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+EncoderNoise = Annotated[
+    float | None, typer.Option("--encoder-noise-rad", help="Standard uncertainty of one reading of each joint, in rad.")
+]
+
+
+def say(text: str) -> None:
+    """Tell what was found, on stdout."""
+    typer.echo(text)
+
+
+def note(text: str) -> None:
+    """Tell what was assumed or went wrong, on stderr."""
+    typer.echo(text, err=True)
+
+
+class Results:
+    """The files of one command and what it prints in their stead: all of it in the end, or nothing.
+
+    Used as a context: files are written beside their places and move there when the block ends without an error.
+    """
+
+    def __init__(self, force: bool, *paths: Path | None, plot: Path | None = None, json_: str | None = None) -> None:
+        """Look, before long work begins, whether everything can be written.
+
+        Args:
+            force: replace files that exist.
+            paths: files that will be written; None where one was not asked for.
+            plot: a picture.
+            json_: a file for JSON, ``-`` for stdout.
+
+        Raises:
+            AacmmError: a file cannot be written, is there already, or is asked for twice.
+        """
+        self._force, self._stack, self._printed = force, ExitStack(), list[Path | str]()
+        asked = [path for path in (*paths, plot, None if json_ in (None, "-") else Path(str(json_))) if path is not None]
+        for path in asked:
+            check_output(path, force)
+        places = [path.resolve() for path in asked]
+        for path, place in zip(asked, places, strict=True):
+            if places.count(place) > 1:
+                raise AacmmError(f"{path}: is to hold two results; expected a file for each")
+        if plot is not None and plot.suffix not in PLOT_SUFFIXES:
+            raise AacmmError(f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        printed = [] if kind else [p if isinstance(p, str) else p.read_text(encoding="utf-8") for p in self._printed]
+        self._stack.__exit__(kind, error, trace)
+        for text in printed:
+            sys.stdout.write(text)
+
+    def file(self, path: Path | None) -> Path:
+        """Where to write what shall stand in ``path``; what shall be printed where that is None."""
+        if path is not None:
+            return self._stack.enter_context(whole_file(path, self._force))
+        place = Path(self._stack.enter_context(tempfile.TemporaryDirectory())) / "printed"
+        self._printed.append(place)
+        return place
+
+    def text(self, text: str, path: Path | None) -> None:
+        """Write ``text`` to a file, or print it where ``path`` is None."""
+        if path is None:
+            self._printed.append(text)
+        else:
+            self.file(path).write_text(text, encoding="utf-8", newline="")
+
+    def json(self, content: dict[str, Any], target: str) -> None:
+        """Write one JSON object to the file ``target``, or to stdout where that is ``-``."""
+        text = json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
+        self.text(text, None if target == "-" else Path(target))
+
+    def picture(self, figure: Figure, path: Path) -> None:
+        """Write a picture."""
+        figure.savefig(self.file(path), dpi=150, bbox_inches="tight")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        say(f"aacmm-pin {version('aacmm-pin')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
+) -> None:
+    """Options of the command itself."""

@@ -1,0 +1,1 @@
+"""What needs measurements: virtual ones, calibration, correction."""

@@ -1,0 +1,176 @@
+"""What an admitted cause is worth: probability beside its look-alikes, family-wise p-value, retained fraction, aliases."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+from scipy.stats import chi2
+
+from aacmm_pin.checks import Array
+from aacmm_pin.diagnosis.evidence import Conditional, evidence_of
+from aacmm_pin.diagnosis.search import Question, conditional
+from aacmm_pin.diagnosis.statistics import Block, Gram
+
+DRAWS = 400
+"""Draws of records with nothing hidden, for the distribution of the largest evidence."""
+ALIASES = 5
+"""So many look-alikes are listed at most."""
+WORTH_LISTING = 1e-3
+"""A look-alike less probable than this is listed only if its columns are nearly the same."""
+SAME = 0.95
+"""Causes whose columns have a larger canonical correlation look the same in these records."""
+
+
+@dataclass(frozen=True)
+class Alias:
+    """A cause that looks like a finding in these records.
+
+    Attributes:
+        label: the cause and its place.
+        correlation: largest canonical correlation of the two causes' columns, geometry refitted.
+        probability: of this cause in the finding's place.
+    """
+
+    label: str
+    correlation: float
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class Strength:
+    """How sure an admitted block is.
+
+    Attributes:
+        block: its number.
+        probability: of this candidate, among all in its place and none.
+        p_value: chance that the best of all candidates is as good when nothing is there.
+        retained: part of its columns' effect that refitting the rest does not swallow.
+        aliases: look-alikes, most probable first.
+    """
+
+    block: int
+    probability: float
+    p_value: float
+    retained: float
+    aliases: tuple[Alias, ...]
+
+
+def strengths(
+    question: Question, gram: Gram, admitted: tuple[int, ...], names: tuple[str, ...], rng: np.random.Generator
+) -> list[Strength]:
+    """Of each admitted block, the others held in place."""
+    found = []
+    for k in admitted:
+        rest = tuple(other for other in admitted if other != k)
+        whole = conditional(question, gram, admitted)
+        left = Conditional(gram, question.blocks, question.nuisances, rest, whole.variance)
+        owners = {question.owner(other) for other in rest}
+        evidences = np.array([-np.inf if question.owner(i) in owners else e for i, e in enumerate(left.evidences)])
+        odds = question.log_prior + question.per_candidate(evidences)
+        shares = np.exp(odds - logsumexp([*odds, 0.0]))
+        own = question.owner(k)
+        found.append(
+            Strength(
+                k,
+                float(shares[own]),
+                family_wise(question, left, float(odds[own]), k, rng),
+                retained(left, question.blocks[k]),
+                tuple(_aliases(question, left, k, shares, names)),
+            )
+        )
+    return found
+
+
+def family_wise(question: Question, left: Conditional, observed: float, block: int, rng: np.random.Generator) -> float:
+    """Chance that the best odds of all candidates reach ``observed`` when nothing is there.
+
+    By draws of the gradients, which under the null are normal with the information as covariance; where no draw reaches
+    it, by Bonferroni's bound over the tried blocks, which then is the sharper one.
+    """
+    columns = slice(question.nuisances, left.gram.products.shape[0] - 1)
+    everything = left.information(columns, columns)
+    values, vectors = np.linalg.eigh(everything)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    drawn = root @ rng.standard_normal((root.shape[1], DRAWS))
+    best = np.full(DRAWS, -np.inf)
+    per_block = np.full((len(question.blocks), DRAWS), -np.inf)
+    for number, b in enumerate(question.blocks):
+        own = slice(b.columns.start - question.nuisances, b.columns.stop - question.nuisances)
+        per_block[number] = evidence_of(everything[own, own][None], drawn[own][None])[0]
+    owners = np.array([b.candidate for b in question.blocks])
+    for candidate in range(question.candidates):
+        mine = per_block[owners == candidate]
+        best = np.maximum(best, question.log_prior[candidate] + logsumexp(mine, axis=0) - np.log(len(mine)))
+    reached = int(np.sum(best >= observed))
+    if reached:
+        return (reached + 1) / (DRAWS + 1)
+    b = question.blocks[block]
+    score = _score(left, b)
+    bound = len(question.blocks) * float(chi2.sf(score, b.columns.stop - b.columns.start))
+    return min(bound, 1 / (DRAWS + 1))
+
+
+def _score(left: Conditional, block: Block) -> float:
+    """Likelihood ratio of a block: χ² with as many degrees as it has columns when it is not there."""
+    information = left.information(block.columns, block.columns)
+    gradient = left.gradient[block.columns]
+    return float(gradient @ np.linalg.lstsq(information, gradient, rcond=1e-10)[0])
+
+
+def retained(left: Conditional, block: Block) -> float:
+    """``‖M G β‖ / ‖G β‖`` at the block's best β."""
+    information = left.information(block.columns, block.columns)
+    step = np.linalg.lstsq(information, left.gradient[block.columns], rcond=1e-10)[0]
+    whole = left.gram.products[block.columns, block.columns] / left.variance
+    size = float(step @ whole @ step)
+    return float(np.sqrt(max(step @ information @ step, 0.0) / size)) if size > 0 else 0.0
+
+
+def _aliases(question: Question, left: Conditional, k: int, shares: Array, names: tuple[str, ...]) -> list[Alias]:
+    own = question.owner(k)
+    found = []
+    for candidate in range(question.candidates):
+        if candidate == own or not np.isfinite(shares[candidate]) or len(names) <= candidate:
+            continue
+        block = question.best_block(left.evidences, candidate)
+        correlation = canonical(left, question.blocks[k], question.blocks[block])
+        if shares[candidate] > WORTH_LISTING or correlation > SAME:
+            found.append(Alias(names[candidate], correlation, float(shares[candidate])))
+    found.sort(key=lambda alias: (-alias.probability, -alias.correlation))
+    return found[:ALIASES]
+
+
+def canonical(left: Conditional, one: Block, other: Block) -> float:
+    """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
+    roots = []
+    for block in (one, other):
+        values, vectors = np.linalg.eigh(left.information(block.columns, block.columns))
+        keep = values > 1e-9 * max(values.max(initial=0.0), 1e-300)
+        roots.append(vectors[:, keep] / np.sqrt(values[keep]))
+    if not (roots[0].size and roots[1].size):
+        return 0.0
+    cross = roots[0].T @ left.information(one.columns, other.columns) @ roots[1]
+    return float(min(np.linalg.svd(cross, compute_uv=False)[0], 1.0))
+
+
+def look_alikes(question: Question, gram: Gram, names: tuple[str, ...], causes: int) -> list[list[str]]:
+    """Classes of causes of the library whose columns look the same in these records, whatever the residuals are."""
+    left = Conditional(gram, question.blocks, question.nuisances, ())
+    single = [k for k, b in enumerate(question.blocks) if b.candidate < causes and _variants(question, b.candidate) == 1]
+    pairs = {
+        (i, j)
+        for n, i in enumerate(single)
+        for j in single[n + 1 :]
+        if canonical(left, question.blocks[i], question.blocks[j]) > SAME
+    }
+    classes: list[set[int]] = []
+    for i, j in sorted(pairs):
+        joined = [c for c in classes if i in c or j in c]
+        classes = [c for c in classes if c not in joined] + [{i, j}.union(*joined)]
+    return [sorted(names[question.owner(k)] for k in c) for c in classes]
+
+
+def _variants(question: Question, candidate: int) -> int:
+    return sum(b.candidate == candidate for b in question.blocks)

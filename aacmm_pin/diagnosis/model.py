@@ -1,0 +1,187 @@
+"""From chosen blocks to an extended arm: refine what was tried in steps, refit everything, choose again until it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aacmm_pin.calibration.evidence import StatedNoise
+from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.checks import Index
+from aacmm_pin.diagnosis.library import Candidate, Covariate
+from aacmm_pin.diagnosis.search import Question, conditional, search
+from aacmm_pin.diagnosis.statistics import Design, Gram, design_of, grams_of, prior_of
+from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError, ZeroDrift
+
+MOST_ROUNDS = 4
+LIBRARY = 0.9
+"""Probability, if anything is there, that it is a cause of the library."""
+LESS_USUAL = {"bearing_tilt": 0.2, "torsional_windup": 0.2, "counterbalance": 0.2, "stylus_bending": 0.2, "joint_error_curve": 0.3}
+"""Causes that are rarer, beside the others."""
+FINE = 15
+"""Steps in which an inner parameter is refined around the one that was tried."""
+
+ProblemOf = Callable[[Sequence[Effect]], Problem]
+"""The calibration problem with these effects estimated too."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was chosen, at the point where the refit with it ended.
+
+    Attributes:
+        fit: refit of geometry and causes.
+        design: columns there; the chosen causes are candidates.
+        question, gram: what the search was asked, and the inner products it used.
+        admitted: blocks, strongest first.
+        library, others: the candidates.
+        parts: part of each record for leaving out (n,).
+        grams: inner products of each part, without the prior.
+    """
+
+    fit: Fit
+    design: Design
+    question: Question
+    gram: Gram
+    admitted: tuple[int, ...]
+    library: tuple[Candidate, ...]
+    others: tuple[Covariate, ...]
+    parts: Index
+    grams: tuple[Gram, ...]
+
+    @property
+    def effects(self) -> list[Effect]:
+        """The admitted causes of the library, with the values that the refit gave them."""
+        return [self.variant(k) for k in self.causes]
+
+    @property
+    def causes(self) -> tuple[int, ...]:
+        """Admitted blocks that are causes of the library."""
+        return tuple(k for k in self.admitted if self.question.owner(k) < self.design.causes)
+
+    def variant(self, block: int) -> Effect:
+        """The effect of a block."""
+        b = self.design.blocks[block]
+        return self.library[b.candidate].variants[b.variant]
+
+
+def choose(
+    problem_of: ProblemOf,
+    noise: StatedNoise,
+    first: Fit,
+    library: Sequence[Candidate],
+    others: Sequence[Covariate],
+    parts: Index,
+) -> Choice:
+    """Search at the recalibrated arm, refit with what was found, search again there, until the choice stays."""
+    found = _chosen(first, tuple(library), tuple(others), parts, [], ())
+    for _ in range(MOST_ROUNDS):
+        if not found.causes:
+            return found
+        effects = [_refined(found, k) for k in found.causes]
+        refit = fit(problem_of(effects), noise)
+        before = [e.label for e in effects]
+        again = _chosen(refit, _with_variants(library, effects), tuple(others), parts, effects, found.admitted)
+        found = again
+        if [e.label for e in again.effects] == before and set(map(_inner, again.effects)) == set(map(_inner, effects)):
+            return again
+    return found
+
+
+def _chosen(
+    at: Fit,
+    library: tuple[Candidate, ...],
+    others: tuple[Covariate, ...],
+    parts: Index,
+    effects: list[Effect],
+    before: tuple[int, ...],
+) -> Choice:
+    design = design_of(at, library, others, len(effects))
+    grams = grams_of(design, parts)
+    gram = prior_of(design)
+    for part in grams:
+        gram = gram + part
+    question = question_of(design, at.stated)
+    start = tuple(_block_of(design, library, effect) for effect in effects)
+    admitted = search(question, gram, start)
+    return Choice(at, design, question, gram, admitted, library, others, parts, tuple(grams))
+
+
+def question_of(design: Design, stated: bool) -> Question:
+    """The search's question with the prior probabilities of the candidates."""
+    count = len(design.names)
+    usual = np.array([LESS_USUAL.get(name.split(":")[0], 1.0) for name in design.names[: design.causes]])
+    rest = count - design.causes
+    prior = np.concatenate([LIBRARY * usual / usual.sum(), np.full(rest, (1 - LIBRARY) / max(rest, 1))])
+    return Question(design.blocks, count, design.nuisances, np.log(prior), stated)
+
+
+def _block_of(design: Design, library: tuple[Candidate, ...], effect: Effect) -> int:
+    for number, block in enumerate(design.blocks):
+        if block.candidate < len(library) and _inner(library[block.candidate].variants[block.variant]) == _inner(effect):
+            return number
+    raise LookupError(effect.label)
+
+
+def _inner(effect: Effect) -> tuple[object, ...]:
+    return (effect.cause, *(getattr(effect, name) for name in effect.structure()))
+
+
+def _with_variants(library: Sequence[Candidate], effects: list[Effect]) -> tuple[Candidate, ...]:
+    """The library with the refined variants among those that are tried."""
+    refined = {e.label: e.at(()) for e in effects}
+    found = []
+    for candidate in library:
+        effect = refined.get(candidate.label) if candidate.cause == getattr(refined.get(candidate.label), "cause", None) else None
+        known = effect is None or _inner(effect) in {_inner(v) for v in candidate.variants}
+        found.append(candidate if known else Candidate((*candidate.variants, effect)))  # type: ignore[arg-type]
+    return tuple(found)
+
+
+def _refined(choice: Choice, block: int) -> Effect:
+    """The effect with its inner parameter where the evidence is largest, the others held."""
+    effect = choice.variant(block).at(())
+    tried = _around(choice, effect)
+    if len(tried) < 2:
+        return effect
+    rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
+    design = design_of(choice.fit, [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)], [], choice_taken_out(choice))
+    gram = prior_of(design)
+    for part in grams_of(design, np.zeros(len(choice.parts), dtype=np.intp)):
+        gram = gram + part
+    question = question_of(design, choice.fit.stated)
+    others = tuple(range(len(tried), len(tried) + len(rest)))
+    evidences = conditional(question, gram, others).evidences[: len(tried)]
+    return tried[int(np.argmax(evidences))]
+
+
+def choice_taken_out(choice: Choice) -> int:
+    """How many of the fit's estimated effects are candidates of the choice's design."""
+    width = sum(len(e.terms) for e in choice.fit.problem.estimated)
+    own = int(np.sum(choice.design.kept < width))
+    count = 0
+    for effect in reversed(choice.fit.problem.estimated):
+        if own == width:
+            break
+        width -= len(effect.terms)
+        count += 1
+    return count
+
+
+def _around(choice: Choice, effect: Effect) -> list[Effect]:
+    """Values of the inner parameter near the one that was tried."""
+    if isinstance(effect, JointPeriodicError):
+        steps = np.linspace(-0.5, 0.5, 2 * FINE + 1)
+        return [replace(effect, order=round(effect.order + float(s), 4)) for s in steps if effect.order + s > 0.3]
+    if isinstance(effect, EncoderSlip):
+        time = choice.fit.problem.measurements.conditions.time
+        times = np.unique(time) if time is not None else np.array([effect.time_s])
+        between = np.concatenate([[times[0]], (times[1:] + times[:-1]) / 2])
+        near = np.argsort(np.abs(between - effect.time_s))[: 4 * FINE]
+        return [replace(effect, time_s=float(t)) for t in np.sort(between[near])]
+    if isinstance(effect, ZeroDrift):
+        return [replace(effect, time_constant_s=float(effect.time_constant_s * f)) for f in np.geomspace(1 / 3, 3, FINE)]
+    return [effect]
