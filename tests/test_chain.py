@@ -154,6 +154,16 @@ def test_a_twist_acts_behind_its_place_and_on_all_beyond(robot: Arm, rng: np.ran
         same(bent[place:], carried @ plain[place:])
 
 
+@pytest.mark.parametrize("components", [range(6), (2, 5), (2,), (5,)], ids=str)
+def test_one_twist_for_all_records_is_that_twist_in_each(
+    robot: Arm, components: tuple[int, ...], rng: np.random.Generator
+) -> None:
+    q, twist = postures(robot, rng, 5), np.zeros((1, 6))
+    twist[:, list(components)] = rng.normal(scale=0.3, size=len(components))
+    for place in range(robot.chain.places):
+        same(frames(robot, q, {place: twist}), frames(robot, q, {place: np.tile(twist, (5, 1))}))
+
+
 def test_no_record_and_one_record(robot: Arm) -> None:
     for n in (0, 1):
         rotation, origin = robot.chain.walk(np.zeros((n, robot.nq)), {axis(1): np.zeros((n, 6)), end(2): np.zeros((1, 6))})

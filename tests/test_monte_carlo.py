@@ -19,7 +19,7 @@ from aacmm_pin.monte_carlo import length_uncertainty, point_uncertainty, shortes
 from aacmm_pin.noise import Noise
 from aacmm_pin.parameter_draws import drawn_effects, parameter_errors
 
-NOISE = Noise.of(6, encoder=1e-5, probe=3e-6)
+NOISE = Noise.of(6, encoder=1e-5, probe=3e-5)
 NONE = Noise.of(6, encoder=0.0, probe=0.0)
 Q = np.array([[1.0, -1.2, 2.0, -1.5, 0.3, -0.4]])
 FAR = np.array([[2.5, -0.7, 4.0, -2.0, -1.3, 1.4]])
@@ -153,6 +153,7 @@ def test_draws_of_effects_are_those_effects(extended: ErrorModel, rng: np.random
     errors = parameter_errors(extended, rng, 20)
     geometric = len(extended.arm.parameters)
     errors[:, :geometric] = 0.0
+    errors[:, geometric : geometric + 2] *= 3000.0  # an eccentricity of a tenth of the disc: far from linear
     q = rng.uniform(extended.arm.limits[:, 0], extended.arm.limits[:, 1], (20, 6))
     effects = drawn_effects(extended, errors)
     drawn = displaced(extended.arm, effects, q, warm(20), extended.arm.chain.tip, False).position
@@ -202,10 +203,13 @@ def test_both_ends_are_measured_by_one_arm(sino6: Arm, rng: np.random.Generator)
 
 
 def test_conditions_of_both_ends(extended: ErrorModel, rng: np.random.Generator) -> None:
-    conditions = Conditions(2, temperature=np.array([20.0, 30.0]), approach=np.array([[1.0] * 6, [-1.0] * 6]))
-    result = length_uncertainty(extended, Q, FAR, noise=NONE, rng=rng, draws=200, conditions=conditions)
+    conditions = Conditions(2, temperature=np.array([20.0, 90.0]), approach=np.array([[1.0] * 6, [-1.0] * 6]))
+    result = length_uncertainty(extended, Q, FAR, noise=NONE, rng=rng, draws=2000, conditions=conditions)
     tips = extended.predict(np.concatenate([Q, FAR]), conditions)
     assert result.estimate == pytest.approx(float(np.linalg.norm(tips[0] - tips[1])), abs=1e-15)
+    assert result.mean == pytest.approx(result.estimate, abs=5 * result.u / np.sqrt(2000))
+    alike = extended.predict(np.concatenate([Q, FAR]), conditions.take([0, 0]))
+    assert abs(np.linalg.norm(alike[0] - alike[1]) - result.estimate) > 10 * result.u / np.sqrt(2000)
 
 
 # --- intervals

@@ -31,6 +31,9 @@ from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MissingConditionError, ShapeError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.noise import Noise
+from aacmm_pin.plans import Pool
+from aacmm_pin.postures import posture_features, spread_out
+from aacmm_pin.room import MARGIN, Room
 from aacmm_pin.virtual import simulate_measurements
 
 PLANS: list[dict[str, Any]] = [
@@ -105,6 +108,7 @@ def test_a_bar_is_as_long_as_it_says(arm: Arm) -> None:
     for bar in measurements.bars():
         a, b = tips[seats[bar.seat_a]], tips[seats[bar.seat_b]]
         assert bar.length == 0.4
+        assert (bar.seat_a, bar.seat_b) == (f"{bar.bar}A", f"{bar.bar}B")
         np.testing.assert_allclose(np.linalg.norm(a[:, None] - b, axis=2), 0.4, atol=1e-9, rtol=0)
 
 
@@ -203,6 +207,38 @@ def test_postures_are_inside_the_limits_and_differ(arm: Arm, options: dict[str, 
     assert apart[~np.eye(len(q), dtype=bool)].min() > 0.01
 
 
+def test_postures_keep_off_the_limits_and_from_where_the_arm_is_stuck(arm: Arm) -> None:
+    q = simulated(arm, plan="seats", noise=quiet(arm.nq)).q
+    assert (q > arm.limits[:, 0] + MARGIN).all()
+    assert (q < arm.limits[:, 1] - MARGIN).all()
+    easiness = np.linalg.svd(arm.jacobian(q), compute_uv=False)
+    assert (easiness[:, 2] > 0.01 * easiness[:, 0]).all()
+
+
+def test_a_stretched_arm_touches_nothing(tmp_path: Path) -> None:
+    arm = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
+    model = ErrorModel(arm)
+    pool = Pool.draw(Room(arm), lambda q, _: model.state(q), 2, np.random.default_rng(1))
+    points = np.array([[0.4, 0.0, 0.0], [0.6 - 1e-6, 0.0, 0.0]])
+    assert [len(q) for q in pool.touched(points, 2)] == [2, 0]
+
+
+def test_how_postures_are_told_apart(sino6: Arm) -> None:
+    q = np.array([[1.0, -1.0, 2.0, -2.0, 0.5, 0.5]])
+    turned, small, mirrored = (
+        posture_features(sino6, q + step) for step in (2 * np.pi, [1e-4, 0, 0, 0, 0, 0], [0, 0, 0, 0, -1, 0])
+    )
+    here = posture_features(sino6, q)
+    np.testing.assert_allclose(turned, here, atol=1e-12)
+    assert np.linalg.norm(small - here) == pytest.approx(1e-4)
+    assert np.linalg.norm(mirrored - here) == pytest.approx(2 * np.sin(0.5))
+    line = np.array([[0.0], [1.0], [1.0], [4.0], [2.5]])
+    assert spread_out(line, 3, 0.0).tolist() == [0, 3, 4]
+    assert spread_out(line, 9, 0.0).tolist() == [0, 3, 4, 1]  # row 2 is row 1 again
+    assert spread_out(line, 9, 1.2).tolist() == [0, 3, 4]
+    assert spread_out(np.empty((0, 2)), 3, 0.0).tolist() == []
+
+
 def test_postures_go_all_round_the_point(sino6: Arm) -> None:
     """Whatever posture another solver finds at the point, one like it is there: 300 in three dimensions of freedom."""
     assert sino6.dh is not None
@@ -211,7 +247,7 @@ def test_postures_go_all_round_the_point(sino6: Arm) -> None:
     rng, found = np.random.default_rng(5), 0
     for _ in range(120):
         solution = least_squares(
-            lambda x: sino6.dh.positions(x[None])[0] - point,  # type: ignore[union-attr]
+            lambda x: sino6.dh.positions(x[None])[0] - point,
             rng.uniform(lower, upper),
             bounds=(lower, upper),
         )
@@ -229,6 +265,9 @@ def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> Non
     assert apart.max() > 0.7
     assert np.hypot(points[:, 0], points[:, 1]).min() >= 0.1
     assert points[:, 2].min() >= 0.1
+    ends = sino6.positions(simulated(sino6, plan="ball-bar", bar_length=0.2, seats=100, noise=quiet(), above=0.1).q)
+    assert ends[:, 2].min() >= 0.1 - 1e-9
+    assert np.hypot(ends[:, 0], ends[:, 1]).min() >= 0.1 - 1e-9
     free = simulated(sino6, plan="free", noise=quiet(), above=0.1).reference
     assert free[:, 2].min() >= 0.1
     assert np.hypot(free[:, 0], free[:, 1]).min() >= 0.1
@@ -290,6 +329,7 @@ def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:
     lengths = np.array([bar.length for bar in measurements.bars()])
     assert len(lengths) == 30
     assert consistent((lengths - 0.4) / 1e-5)
+    assert len(np.unique(lengths)) == 30
 
 
 def test_noise_that_nobody_stated(sino6: Arm, zero6: Arm) -> None:

@@ -80,24 +80,25 @@ def calibrate(
     chosen = [parameters] if isinstance(parameters, str) else list(parameters)
     if prior is None:
         prior = chosen != ["zero-offsets"]
-    noise = StatedNoise(_encoder(arm, encoder_noise), reference_noise, probe_noise, length_noise)
+    noise = StatedNoise(encoder_of(arm, encoder_noise), reference_noise, probe_noise, length_noise)
     external = reference_frame == "external"
     problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
     after = fit(problem, noise, robust=robust)
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
     before = fit(setup, noise, used=after.used)
     held = left_out(before, after, noise, rng or np.random.default_rng(1), progress) if hold_out else []
-    return Calibration(calibrated_model(after), before, after, tuple(held), tuple(_notes(after, noise)))
+    return Calibration(calibrated_model(after), before, after, tuple(held), tuple(notes_of(after, noise)))
 
 
-def _encoder(arm: Arm, stated: ArrayLike | None) -> Array | None:
+def encoder_of(arm: Arm, stated: ArrayLike | None) -> Array | None:
+    """Standard uncertainty of each reading as stated, else what the arm states (nq,) [rad]; None where nobody does."""
     if stated is None:
         return arm.encoder_noise
     noise = np.asarray(stated, dtype=np.float64)
     return vector(np.full(arm.nq, noise) if noise.ndim == 0 else noise, arm.nq, "encoder_noise", "rad")
 
 
-def _notes(after: Fit, noise: StatedNoise) -> list[str]:
+def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
     """What was assumed, or found instead of stated."""
     found = []
     if noise.encoder is None:

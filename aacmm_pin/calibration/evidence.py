@@ -72,7 +72,8 @@ def observations_of(measurements: Measurements, noise: StatedNoise, unmodelled: 
     found: list[Observation] = []
     free = np.flatnonzero(alone)
     if free.size:
-        found.append(KnownPoint(free, measurements.reference[free], np.hypot(u[free], contact)))
+        own = _reference_u(measurements, noise, 0.0)[free]  # what nobody stated is in the covariance of the tips already
+        found.append(KnownPoint(free, measurements.reference[free], np.hypot(own, contact)))
     return found + _barred(measurements, seats, noise, unmodelled)
 
 

@@ -102,13 +102,12 @@ class _Fitting:
             raise AacmmError("no record says where the tip was: no reference coordinates, and no seat touched twice")
         point = begin(self.problem, self.observations)
         self._prepare(0.0 if self.stated else FIRST_SCATTER, point)
-        if used is None and not robust:
-            used = spoken.copy()
-        if used is None:
-            solution = self._robustly(point, spoken)
-            used, point = self._believed(solution, spoken)
-            return self._final(point, used, spoken, near=True)
-        return self._final(point, used, spoken, near=False)
+        if used is None and robust:
+            used, point = self._believed(self._nearer(point, spoken, robust=True), spoken)
+        else:
+            used = spoken if used is None else used & spoken
+            point = self._nearer(point, used, robust=False).point
+        return self._final(point, used, spoken)
 
     def _prepare(self, unmodelled: float, point: Point) -> None:
         """Take ``unmodelled`` for the scatter that nobody stated."""
@@ -117,15 +116,22 @@ class _Fitting:
             self.observations = observations_of(self.problem.measurements, self.noise, unmodelled)
         self.tips = noise_of_tips(self.problem, point.frame, self.noise.encoder, unmodelled)
 
-    def _solve(self, point: Point, used: NDArray[np.bool_], robust: bool = False) -> Solution:
-        return solve(self.problem, self.observations, self.tips, point, used.astype(np.float64), robust)
+    def _solve(
+        self, point: Point, used: NDArray[np.bool_], robust: bool = False, roughly: bool = False
+    ) -> Solution:
+        weights = used.astype(np.float64)
+        return solve(self.problem, self.observations, self.tips, point, weights, robust=robust, roughly=roughly)
 
-    def _robustly(self, point: Point, spoken: NDArray[np.bool_]) -> Solution:
-        """The robust search, with the scatter that the records have so far taken for noise, until it falls no more."""
+    def _nearer(self, point: Point, spoken: NDArray[np.bool_], robust: bool) -> Solution:
+        """A search with the scatter that the records have so far taken for noise, until it falls no more.
+
+        From afar the noise itself would give the data so much weight that the search follows every valley of parameters
+        which they hardly tell; the widths of the parameters hold it in.
+        """
         scatter = self._scatter_of_median(deviations(self.observations, point), spoken)
         for _ in range(MOST_ROUNDS):
             self._prepare(scatter, point)
-            solution = self._solve(point, spoken, robust=True)
+            solution = self._solve(point, spoken, robust, roughly=True)
             point = solution.point
             before, scatter = scatter, self._scatter_of_median(solution.system.deviation, spoken)
             if scatter > 0.8 * before:
@@ -171,16 +177,14 @@ class _Fitting:
         stated = observations_of(self.problem.measurements, self.noise, 0.0)
         return [(o.records, o.covariance()) for o in stated]
 
-    def _final(self, point: Point, used: NDArray[np.bool_], spoken: NDArray[np.bool_], near: bool) -> Fit:
+    def _final(self, point: Point, used: NDArray[np.bool_], spoken: NDArray[np.bool_]) -> Fit:
         judged = None
         if self.stated:
             self._prepare(0.0, point)
-            searched = None if near else self._solve(point, used)  # from afar, one more step would say nothing
-            judged = self._best_chi2(point, used) if searched is None else _chi2(self.problem, searched)
+            judged = self._best_chi2(point, used)
             if judged[1] <= 0 or chi2.sf(judged[0], judged[1]) >= MISFIT:
-                solution = searched or self._solve(point, used)
+                solution = self._solve(point, used)
                 return self._done(solution, used, spoken, _chi2(self.problem, solution))
-            point = point if searched is None else searched.point
             self._prepare(self._scatter_of_median(deviations(self.observations, point), used) or FIRST_SCATTER, point)
         solution = self._solve(point, used)
         for _ in range(MOST_ROUNDS):
@@ -207,9 +211,11 @@ class _Fitting:
                 "seats' own; state the noise, measure more, or estimate less"
             )
         deviation, own = solution.system.deviation[used], self._own_covariance()[used]
+        points = zip(self.observations, solution.point.nuisances, strict=True)
+        tied = sum(float(np.square(o.ties(values)[0]).sum()) for o, values in points)
 
         def excess(variance: float) -> float:
-            return float(_squared(deviation, own + variance * np.eye(3)).sum()) - dof
+            return float(_squared(deviation, own + variance * np.eye(3)).sum()) + tied - dof
 
         return float(np.sqrt(_root(excess, deviation)))
 

@@ -18,7 +18,7 @@ MOST_STEPS = 60
 SETTLED = 1e-6
 """The search ends when a step promises to lower χ² by less than this: parameters then stand still to 0.001 u."""
 LOOSELY_SETTLED = 1e-2
-"""The same of the robust search, whose weights go on moving a little for long and whose result is only a start."""
+"""The same of a search whose result is only a start."""
 AT_BEST = 1e-7
 """Ends of bars that move by less than this are where they fit best [m]."""
 FLOOR = 1e-10
@@ -111,7 +111,14 @@ def begin(problem: Problem, observations: list[Observation]) -> Point:
 
 
 def solve(
-    problem: Problem, observations: list[Observation], noise: Array, start: Point, weights: Array, robust: bool
+    problem: Problem,
+    observations: list[Observation],
+    noise: Array,
+    start: Point,
+    weights: Array,
+    *,
+    robust: bool = False,
+    roughly: bool = False,
 ) -> Solution:
     """Search from ``start``.
 
@@ -122,6 +129,7 @@ def solve(
         start: see :func:`begin`.
         weights: of the records (n,), 0 leaves one out.
         robust: weigh records by how well they fit, anew in every step.
+        roughly: the result is only a start for another search.
 
     Raises:
         AacmmError: the search does not settle.
@@ -146,7 +154,7 @@ def solve(
             if damping > top**2 / FLOOR:
                 raise AacmmError("the calibration does not settle: no step lowers the residuals; are the angles right?")
         point, system = trial, tried
-        ends = SETTLED if not robust else LOOSELY_SETTLED
+        ends = LOOSELY_SETTLED if robust or roughly else SETTLED
         if spectrum.promise() < ends:
             return Solution(point, system, spectrum_of(problem, system, point.x), weights, count)
         share = gained / spectrum.promise(damping)

@@ -53,7 +53,7 @@ def problem_of(
     chosen: list[_Unknown] = _of_target(model.arm, measurements, target)
     for item in [parameters] if isinstance(parameters, str) else parameters:
         if isinstance(item, Effect):
-            chosen.append(_of_effect(item, prior))
+            chosen.append(_of_effect(item))
         elif item == "zero-offsets":
             chosen += [_geometric(model.arm, JointZeroOffset(row), prior) for row in _moving_rows(model.arm)]
         elif item == "geometry":
@@ -103,9 +103,9 @@ def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
     return effect, np.where(stated, u, assembled), stated
 
 
-def _of_effect(effect: Effect, prior: bool) -> _Unknown:
+def _of_effect(effect: Effect) -> _Unknown:
     u = np.array(effect.u)
-    stated = (u > 0) & prior
+    stated = u > 0
     return effect, np.where(stated, u, [BEYOND_TYPICAL * t.typical for t in effect.terms]), stated
 
 

@@ -15,7 +15,6 @@ from typing import Annotated, Any, ParamSpec, Self
 
 import matplotlib
 import typer
-from matplotlib.figure import Figure
 
 from aacmm_pin.arm_file import bundled_arms
 from aacmm_pin.errors import AacmmError
@@ -138,8 +137,8 @@ class Results:
         text = json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
         self.text(text, None if target == "-" else Path(target))
 
-    def picture(self, figure: Figure, path: Path) -> None:
-        """Write a picture."""
+    def picture(self, figure: Any, path: Path) -> None:
+        """Write a matplotlib figure."""
         figure.savefig(self.file(path), dpi=150, bbox_inches="tight")
 
 

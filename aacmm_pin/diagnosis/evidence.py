@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.special import logsumexp
 
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.statistics import Block, Gram
@@ -101,6 +100,11 @@ class Conditional:
                 found[which] = self._evidence_of(columns)
         return found
 
+    def evidence(self, block: int) -> float:
+        """The same of one block."""
+        columns = self.blocks[block].columns
+        return float(self._evidence_of(np.arange(columns.start, columns.stop)[None])[0])
+
     def _evidence_of(self, columns: Array) -> Array:
         """Of several blocks of one size: columns (blocks, q)."""
         white = self._whitened[:, columns]  # (refitted, blocks, q)
@@ -118,12 +122,14 @@ def evidence_of(information: Array, gradient: Array) -> Array:
     values = np.maximum(values, 0.0)
     drawn = gradient.ndim == 3
     along = np.einsum("bij,bi...->bj...", vectors, gradient)
-    each = []
+    total = None
     for magnitude in MAGNITUDES**2:
         shrink = magnitude / (1.0 + magnitude * values)
-        gain = np.einsum("bj...,bj->b...", along**2, shrink) - np.log1p(magnitude * values).sum(axis=1)[(..., *([None] * drawn))]
-        each.append(0.5 * gain)
-    return np.asarray(logsumexp(each, axis=0) - np.log(len(MAGNITUDES)))
+        penalty = np.log1p(magnitude * values).sum(axis=1)
+        gain = 0.5 * (np.einsum("bj...,bj->b...", along**2, shrink) - (penalty[:, None] if drawn else penalty))
+        total = gain if total is None else np.logaddexp(total, gain)
+    assert total is not None
+    return np.asarray(total - np.log(len(MAGNITUDES)))
 
 
 def factor(matrix: Array) -> Array:

@@ -94,15 +94,13 @@ def family_wise(question: Question, left: Conditional, observed: float, block: i
     values, vectors = np.linalg.eigh(everything)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = root @ rng.standard_normal((root.shape[1], DRAWS))
-    best = np.full(DRAWS, -np.inf)
     per_block = np.full((len(question.blocks), DRAWS), -np.inf)
     for number, b in enumerate(question.blocks):
         own = slice(b.columns.start - question.nuisances, b.columns.stop - question.nuisances)
         per_block[number] = evidence_of(everything[own, own][None], drawn[own][None])[0]
-    owners = np.array([b.candidate for b in question.blocks])
-    for candidate in range(question.candidates):
-        mine = per_block[owners == candidate]
-        best = np.maximum(best, question.log_prior[candidate] + logsumexp(mine, axis=0) - np.log(len(mine)))
+    owners, first, variants = np.unique([b.candidate for b in question.blocks], return_index=True, return_counts=True)
+    each = np.logaddexp.reduceat(per_block, first, axis=0) + (question.log_prior[owners] - np.log(variants))[:, None]
+    best = each.max(axis=0)
     reached = int(np.sum(best >= observed))
     if reached:
         return (reached + 1) / (DRAWS + 1)

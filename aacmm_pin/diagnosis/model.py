@@ -11,6 +11,7 @@ from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.checks import Index
+from aacmm_pin.diagnosis.evidence import ADMITTED
 from aacmm_pin.diagnosis.library import Candidate, Covariate
 from aacmm_pin.diagnosis.search import Question, conditional, search
 from aacmm_pin.diagnosis.statistics import Design, Gram, design_of, grams_of, prior_of
@@ -82,13 +83,18 @@ def choose(
         if not found.causes:
             return found
         effects = [_refined(found, k) for k in found.causes]
-        refit = fit(problem_of(effects), noise)
+        refit = fit(problem_of([_free(e) for e in effects]), noise)
         before = [e.label for e in effects]
         again = _chosen(refit, _with_variants(library, effects), tuple(others), parts, effects, found.admitted)
         found = again
         if [e.label for e in again.effects] == before and set(map(_inner, again.effects)) == set(map(_inner, effects)):
             return again
     return found
+
+
+def _free(effect: Effect) -> Effect:
+    """The effect as the search took it: anywhere within a few typical magnitudes."""
+    return effect.at((), tuple(ADMITTED * t.typical for t in effect.terms))
 
 
 def _chosen(

@@ -48,13 +48,11 @@ class Question:
 
     def per_candidate(self, evidences: Array) -> Array:
         """Log evidence of each candidate, averaged over its variants (candidates,)."""
-        owners = np.array([b.candidate for b in self.blocks])
+        owners, first = np.unique([b.candidate for b in self.blocks], return_index=True)
         found = np.full(self.candidates, -np.inf)
-        for candidate in range(self.candidates):
-            mine = evidences[owners == candidate]
-            mine = mine[np.isfinite(mine)]
-            if mine.size:
-                found[candidate] = logsumexp(mine) - np.log(mine.size)
+        variants = np.add.reduceat(np.isfinite(evidences).astype(np.float64), first)
+        with np.errstate(invalid="ignore"):  # a candidate that is struck out has nothing to add up
+            found[owners] = np.logaddexp.reduceat(evidences, first) - np.log(np.maximum(variants, 1.0))
         return found
 
     def best_block(self, evidences: Array, candidate: int) -> int:
@@ -152,7 +150,7 @@ def log_evidence(question: Question, gram: Gram, admitted: tuple[int, ...]) -> f
     total = 0.0
     for count, block in enumerate(admitted):
         left = replace(Conditional(gram, question.blocks, question.nuisances, admitted[:count]), variance=variance)
-        total += float(left.evidences[block]) + float(question.log_prior[question.owner(block)])
+        total += left.evidence(block) + float(question.log_prior[question.owner(block)])
     return total
 
 
@@ -160,5 +158,5 @@ def _by_strength(question: Question, gram: Gram, admitted: tuple[int, ...]) -> t
     strength = {}
     for k in admitted:
         rest = tuple(other for other in admitted if other != k)
-        strength[k] = conditional(question, gram, rest).evidences[k]
+        strength[k] = conditional(question, gram, rest).evidence(k)
     return tuple(sorted(admitted, key=lambda k: -strength[k]))

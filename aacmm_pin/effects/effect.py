@@ -123,6 +123,12 @@ class Effect(ABC):
         return self.cause if where is None else f"{self.cause}:{where}"
 
     @property
+    def key(self) -> str:
+        """The label with what tells several of one cause at one place apart: ``joint_periodic_error:6,order=7``."""
+        inner = [f"{n}={getattr(self, n):g}" for n in ("order", "time_s", "time_constant_s") if hasattr(self, n)]
+        return ",".join([self.label, *inner])
+
+    @property
     def row(self) -> int | None:
         """The DH row it belongs to; None for causes of the whole arm."""
         where = getattr(self, "joint", getattr(self, "link", None))
@@ -130,7 +136,7 @@ class Effect(ABC):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters with their values and uncertainties."""
-        names = [f"{self.label}.{t.name}" if t.name else self.label for t in self.terms]
+        names = [f"{self.key}.{t.name}" if t.name else self.key for t in self.terms]
         numbers = zip(names, self.terms, self.values, self.u, strict=True)
         return tuple(Parameter(n, self.cause, self.row, t.unit, value, None, u, self.scope) for n, t, value, u in numbers)
 

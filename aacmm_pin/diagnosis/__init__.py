@@ -1,0 +1,8 @@
+"""Diagnosis: what the simulation gets wrong, the cause, the extended model, and the gain."""
+
+from aacmm_pin.diagnosis.diagnose import diagnose
+from aacmm_pin.diagnosis.findings import Alias
+from aacmm_pin.diagnosis.gain import Gain
+from aacmm_pin.diagnosis.result import Diagnosis, Finding, Unexplained
+
+__all__ = ["Alias", "Diagnosis", "Finding", "Gain", "Unexplained", "diagnose"]

@@ -1,0 +1,145 @@
+"""What the extended model is worth on records that had no part in choosing or fitting it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.cluster.vq import kmeans2
+
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.checks import Array, Index
+from aacmm_pin.diagnosis.evidence import Conditional
+from aacmm_pin.diagnosis.model import Choice
+from aacmm_pin.diagnosis.search import search
+from aacmm_pin.diagnosis.statistics import Gram
+
+PARTS = 10
+FEWEST = 5
+"""Fewer seats than this are no groups to leave out in turn; blocks of joint space are taken instead."""
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """Residuals of records left out in turn, by groups.
+
+    Attributes:
+        kind: ``seats`` or ``blocks`` of joint space.
+        groups: how many parts were left out in turn.
+        simulation, recalibrated, extended: distances of the records by each model (n,) [m]; nan where there is none.
+        part: part of each record (n,).
+        chosen: labels that were chosen without each part.
+        interval: 95 % interval of the gain, by resampling the parts.
+    """
+
+    kind: str
+    groups: int
+    simulation: Array
+    recalibrated: Array
+    extended: Array
+    part: Index
+    chosen: tuple[tuple[str, ...], ...]
+    interval: tuple[float, float]
+
+    @property
+    def gain(self) -> float:
+        """1 - RMS(extended)/RMS(recalibrated)."""
+        return 1.0 - rms(self.extended) / rms(self.recalibrated)
+
+
+def rms(distance: Array) -> float:
+    """Root mean square of what is there [m]."""
+    return float(np.sqrt(np.nanmean(np.square(distance))))
+
+
+def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
+    """Which records are left out together: seats (those of a bar together), else blocks of joint space."""
+    records = fit.problem.measurements
+    units = [o.records for o in fit.observations if o.unknowns]
+    covered = sum(len(u) for u in units)
+    if len(units) >= FEWEST and covered > 0.9 * records.n:
+        order = rng.permutation(len(units))
+        part = np.zeros(records.n, dtype=np.intp)
+        for place, number in enumerate(order):
+            part[units[number]] = place % PARTS
+        return "seats", part
+    turns = np.hstack([np.cos(records.q), np.sin(records.q)])
+    clusters = kmeans2(turns, min(PARTS, max(2, records.n // 5)), minit="++", rng=rng)[1]
+    part = np.unique(clusters, return_inverse=True)[1].astype(np.intp)
+    for unit in units:  # an observation with unknown points cannot be torn apart
+        part[unit] = part[unit[0]]
+    return "blocks", part
+
+
+def gain_of(
+    choice: Choice,
+    before: Fit,
+    kind: str,
+    rng: np.random.Generator,
+    progress: Callable[[Iterable[int]], Iterable[int]] | None = None,
+) -> Gain:
+    """Leave out every part in turn; choose and fit with the rest; predict it.
+
+    Args:
+        choice: what was chosen with all records; only its columns and inner products are used.
+        before: the arm as it was, set-up fitted.
+        kind: of the parts, for the record.
+        rng: for the interval.
+        progress: wraps the parts.
+    """
+    n = choice.fit.problem.measurements.n
+    total = choice.gram
+    distances = np.full((3, n), np.nan)
+    chosen: list[tuple[str, ...]] = []
+    numbers = [k for k in range(len(choice.grams)) if choice.grams[k].free > 0]
+    for number in progress(numbers) if progress else numbers:
+        out = choice.fit.used & (choice.parts == number)
+        training = total - choice.grams[number]
+        admitted = search(choice.question, training)
+        chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
+        distances[1, out] = _predicted(choice, training, (), out)
+        distances[2, out] = _predicted(choice, training, admitted, out)
+        distances[0, out] = _by(before, out)
+    interval = _interval(distances[1], distances[2], choice.parts, rng)
+    return Gain(kind, len(numbers), distances[0], distances[1], distances[2], choice.parts, tuple(chosen), interval)
+
+
+def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], out: Array) -> Array:
+    """Distances of the records ``out`` by a model fitted to ``training``."""
+    left = Conditional(training, choice.question.blocks, choice.question.nuisances, admitted)
+    step = left.solution()
+    rows = np.flatnonzero(out)
+    tips = choice.design.tips[rows] + choice.design.jacobian[rows][:, :, left.refitted] @ step
+    return _distances(choice.fit, tips, rows)
+
+
+def _by(fit: Fit, out: Array) -> Array:
+    rows = np.flatnonzero(out)
+    return _distances(fit, fit.solution.point.prediction.tips[rows], rows)
+
+
+def _distances(fit: Fit, tips: Array, rows: Index) -> Array:
+    """From the stated coordinates, or else from the mean of the same seat, widened for having been taken from the same."""
+    records = fit.problem.measurements.take(rows)
+    distance = np.linalg.norm(tips - records.reference, axis=1)
+    for members in records.seats().values():
+        unknown = members[~records.known[members]]
+        if unknown.size > 1:
+            spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
+            distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
+    return np.asarray(distance)
+
+
+def _interval(recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator) -> tuple[float, float]:
+    sums = []
+    for number in np.unique(part):
+        mine = part == number
+        if np.isfinite(extended[mine]).any():
+            sums.append([np.nansum(recalibrated[mine] ** 2), np.nansum(extended[mine] ** 2)])
+    table = np.array(sums)
+    drawn = table[rng.integers(0, len(table), (RESAMPLES, len(table)))].sum(axis=1)
+    gains = 1.0 - np.sqrt(drawn[:, 1] / drawn[:, 0])
+    low, high = np.quantile(gains, [0.025, 0.975])
+    return float(low), float(high)

@@ -1,0 +1,220 @@
+"""What a diagnosis gives back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.checks import Array
+from aacmm_pin.diagnosis.findings import Alias
+from aacmm_pin.diagnosis.gain import Gain, rms
+from aacmm_pin.diagnosis.model import Choice
+from aacmm_pin.effects import Effect
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.units import MM
+
+SCHEMA = "aacmm-pin/diagnosis/1"
+Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained"]
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A cause that the simulation lacks.
+
+    Attributes:
+        cause: its name.
+        joint: DH row, or None for causes of the whole arm.
+        effect: the cause with its estimated values and u.
+        parameters: described values with u: name -> (value, u).
+        probability: of this cause, among its look-alikes and none.
+        p_value: family-wise.
+        retained_fraction: of its effect, beside what recalibration swallows.
+        aliases: look-alikes in these data.
+    """
+
+    cause: str
+    joint: int | None
+    effect: Effect
+    parameters: dict[str, tuple[float, float]]
+    probability: float
+    p_value: float
+    retained_fraction: float
+    aliases: tuple[Alias, ...]
+
+    @property
+    def label(self) -> str:
+        """Cause and place."""
+        return self.effect.label
+
+    def __str__(self) -> str:
+        values = ", ".join(f"{k} = {v:.3g} ± {2 * u:.1g}" for k, (v, u) in self.parameters.items() if len(self.parameters) <= 8)
+        return f"{self.label} (probability {self.probability:.3f}{', ' + values if values else ''})"
+
+
+@dataclass(frozen=True, eq=False)
+class Unexplained:
+    """Structure that no cause of the library has.
+
+    Attributes:
+        p_value: chance of as much structure over any covariate when there is none, family-wise.
+        depends_on: the covariates, strongest first.
+        shapes: for each, value of the covariate and the smooth correction in x, y, z, one row a record [mm].
+        gain: what the smooth correction would be worth on held-out records, or None.
+    """
+
+    p_value: float
+    depends_on: tuple[str, ...]
+    shapes: dict[str, pd.DataFrame]
+    gain: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the simulation gets wrong, why, and how much better it is when it knows.
+
+    Attributes:
+        verdict: ``explained``, ``no-discrepancy``, ``ambiguous`` or ``unexplained``.
+        findings: causes, strongest first; geometric values beyond their stated uncertainty last.
+        model: the arm recalibrated, with the causes found.
+        before: the arm as it was, set-up fitted; recalibrated: geometry refitted; extended: with the causes.
+        choice: the search behind it.
+        held_out: residuals of records left out of choosing and fitting, or None.
+        unexplained: structure without a cause.
+        cannot_tell_apart: causes that look the same in these records whatever is there.
+        simulation_groups, extended_groups: residuals by seat, joint range, time, … against what is predicted.
+        noise: RMS that the noise alone would give [m].
+        next_measurements: what would settle what is open, in a sentence.
+        notes: what was assumed.
+    """
+
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    model: ErrorModel
+    before: Fit
+    recalibrated: Fit
+    extended: Fit
+    choice: Choice
+    held_out: Gain | None
+    unexplained: Unexplained
+    cannot_tell_apart: tuple[tuple[str, ...], ...]
+    simulation_groups: pd.DataFrame
+    extended_groups: pd.DataFrame
+    noise: float
+    next_measurements: str
+    notes: tuple[str, ...]
+
+    @property
+    def rms(self) -> dict[str, float]:
+        """RMS of the used records by simulation, recalibrated and extended model, and by noise alone [m]."""
+        used = self.extended.used
+        fits = {"simulation": self.before, "recalibrated": self.recalibrated, "extended": self.extended}
+        of_fits = {name: rms(np.linalg.norm(fit.solution.system.deviation[used], axis=1)) for name, fit in fits.items()}
+        return of_fits | {"noise": self.noise}
+
+    @property
+    def excluded(self) -> pd.DataFrame:
+        """Records that cannot belong even with the causes known: row, residual [mm], reason."""
+        records, out = self.extended.problem.measurements, self.extended.excluded
+        distance = np.linalg.norm(self.extended.solution.system.deviation[out], axis=1) / MM
+        return pd.DataFrame(
+            {"row": records.row[out], "residual_mm": distance, "reason": "outlier: farther off than the noise allows"}
+        )
+
+    def __str__(self) -> str:
+        sizes = self.rms
+        text = (
+            f"{self.verdict}: RMS {sizes['simulation'] / MM:.4f} mm simulated, {sizes['recalibrated'] / MM:.4f} mm "
+            f"recalibrated, {sizes['extended'] / MM:.4f} mm extended, {sizes['noise'] / MM:.4f} mm by noise alone"
+        )
+        if self.findings:
+            text += "; " + "; ".join(str(f) for f in self.findings)
+        if self.unexplained.depends_on:
+            text += f"; something depends on {', '.join(self.unexplained.depends_on)}"
+        if self.held_out is not None:
+            low, high = self.held_out.interval
+            text += f"; gain on held-out {self.held_out.kind} {self.held_out.gain:.2f} ({low:.2f} to {high:.2f})"
+        return text
+
+    def summary(self) -> dict[str, Any]:
+        """Schema ``aacmm-pin/diagnosis/1``."""
+        return {
+            "schema": SCHEMA,
+            "arm": self.model.arm.name,
+            "verdict": self.verdict,
+            "records": {
+                "used": int(self.extended.used.sum()),
+                "excluded": [
+                    {"row": int(r["row"]), "reason": r["reason"], "residual_mm": float(r["residual_mm"])}
+                    for r in self.excluded.to_dict("records")
+                ],
+            },
+            "rms_mm": {name: value / MM for name, value in self.rms.items()},
+            "findings": [_finding(f) for f in self.findings],
+            "held_out": None if self.held_out is None else _held_out(self.held_out),
+            "unexplained": {
+                "p_value": self.unexplained.p_value,
+                "depends_on": list(self.unexplained.depends_on),
+                "smooth_correction_gain": self.unexplained.gain,
+            },
+            "cannot_tell_apart": [list(group) for group in self.cannot_tell_apart],
+            "next_measurements": self.next_measurements,
+            "notes": list(self.notes),
+        }
+
+    def _repr_html_(self) -> str:
+        rows = [
+            {"cause": f.label, "probability": f.probability, "p": f.p_value, "look-alikes": ", ".join(a.label for a in f.aliases)}
+            for f in self.findings
+        ]
+        return f"<p>{self}</p>" + (pd.DataFrame(rows).to_html(index=False) if rows else "")
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "cause": finding.cause,
+        "joint": finding.joint,
+        **{name: getattr(finding.effect, name) for name in _inner_fields(finding.effect)},
+        "probability": finding.probability,
+        "p_value": finding.p_value,
+        "retained_fraction": finding.retained_fraction,
+        "parameters": {k: {"value": v, "u": u if math.isfinite(u) else None} for k, (v, u) in finding.parameters.items()},
+        "aliases": [
+            {"cause": a.label.split(":")[0], "joint": _place(a.label), "correlation": a.correlation, "probability": a.probability}
+            for a in finding.aliases
+        ],
+    }
+
+
+def _inner_fields(effect: Effect) -> list[str]:
+    return [name for name in effect.structure() if name not in ("joint", "bodies") and getattr(effect, name) is not None]
+
+
+def _place(label: str) -> int | str | None:
+    place = label.split(":", 1)[1] if ":" in label else ""
+    return int(place) if place.isdigit() else place or None
+
+
+def _held_out(gain: Gain) -> dict[str, Any]:
+    return {
+        "kind": gain.kind,
+        "groups": gain.groups,
+        "rms_mm": {
+            "simulation": rms(gain.simulation) / MM,
+            "recalibrated": rms(gain.recalibrated) / MM,
+            "extended": rms(gain.extended) / MM,
+        },
+        "gain": gain.gain,
+        "gain_ci95": list(gain.interval),
+    }
+
+
+def described(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
+    """Described values of an effect with u, from the covariance of its parameters (p, p)."""
+    jacobian = effect.described_jacobian()
+    u = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian), 0.0))
+    return {k: (v, float(s)) for (k, v), s in zip(effect.described().items(), u, strict=True)}

@@ -1,0 +1,42 @@
+"""Pictures of configurations, accuracy, maps and calibrations, with matplotlib.
+
+Every function draws on ``ax`` and returns it; ``ax.figure`` is the picture. Without ``ax`` a new pyplot figure is made,
+which a notebook shows by itself and a program should close; axes of your own ``matplotlib.figure.Figure`` leave pyplot
+alone. Lengths are in mm, volumes in mm³, uncertainties in µm, angles in degrees.
+"""
+
+from aacmm_pin.plots.accuracy import plot_accuracy_over_swivel, plot_accuracy_over_theta3, plot_budget
+from aacmm_pin.plots.calibration import plot_calibration, plot_correlation, plot_parameter_changes, plot_residual_sizes
+from aacmm_pin.plots.circle import plot_circle
+from aacmm_pin.plots.maps import plot_comprehensive, plot_flexibility, plot_uncertainty
+from aacmm_pin.plots.residuals import (
+    plot_normalised_residuals,
+    plot_residual_vectors,
+    plot_residuals_by_seat,
+    plot_residuals_over_joint,
+    plot_residuals_over_joints,
+)
+from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION
+
+__all__ = [
+    "BLUE",
+    "GREY",
+    "INK",
+    "VERMILLION",
+    "plot_accuracy_over_swivel",
+    "plot_accuracy_over_theta3",
+    "plot_budget",
+    "plot_calibration",
+    "plot_circle",
+    "plot_comprehensive",
+    "plot_correlation",
+    "plot_flexibility",
+    "plot_normalised_residuals",
+    "plot_parameter_changes",
+    "plot_residual_sizes",
+    "plot_residual_vectors",
+    "plot_residuals_by_seat",
+    "plot_residuals_over_joint",
+    "plot_residuals_over_joints",
+    "plot_uncertainty",
+]
