@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -11,7 +12,6 @@ from numpy.typing import ArrayLike
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
-from aacmm_pin.calibration.fold import calibrated_model
 from aacmm_pin.calibration.held_out import held_out as left_out
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.unknowns import ASSEMBLED, Target, problem_of
@@ -85,9 +85,11 @@ def calibrate(
     problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
     after = fit(problem, noise, robust=robust)
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
-    before = fit(setup, noise, used=after.used)
-    held = left_out(before, after, noise, rng or np.random.default_rng(1), progress) if hold_out else []
-    return Calibration(calibrated_model(after), before, after, tuple(held), tuple(notes_of(after, noise)))
+    found = Calibration(after, setup, noise, (), tuple(notes_of(after, noise)))
+    if not hold_out:
+        return found
+    held = left_out(found.before, after, noise, rng or np.random.default_rng(1), progress)
+    return replace(found, held_out=tuple(held))
 
 
 def encoder_of(arm: Arm, stated: ArrayLike | None) -> Array | None:
@@ -104,10 +106,10 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
     if noise.encoder is None:
         found.append("no encoder noise is stated: its effect is part of the scatter found")
     if not after.stated:
-        found.append(f"the noise is not stated in full: a scatter of {after.unmodelled / MM:.4f} mm per coordinate was found")
+        found.append(f"the noise is not stated in full: {after.unmodelled / MM:.4f} mm of scatter per coordinate were found")
     elif after.unmodelled > 0:
         found.append(
-            f"the records scatter more than the stated noise explains: {after.unmodelled / MM:.4f} mm per coordinate was added, "
+            f"the records scatter more than stated: {after.unmodelled / MM:.4f} mm per coordinate were added, "
             "so the uncertainties hold for this arm with what is still wrong in it"
         )
     free = [p for p, stated in zip(after.problem.parameters, after.problem.stated, strict=True) if not stated]

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, Index
@@ -29,7 +30,7 @@ class _Same:
     place: Index
     twist: Array
     number: Index
-    of_reference: np.typing.NDArray[np.bool_]
+    of_reference: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +87,18 @@ class Columns:
                 else:
                     varying.append(_Varying(d, own, effect.of_reference, straight))
         same = _Same(
-            np.array(places, dtype=np.intp), np.vstack(twists), np.array(which, dtype=np.intp), np.array(of_reference, dtype=bool)
+            np.array(places, dtype=np.intp),
+            np.vstack(twists),
+            np.array(which, dtype=np.intp),
+            np.array(of_reference, dtype=bool),
         )
         return Columns(state, effects, tuple(numbers), same, tuple(varying))
 
     def at(self, x: Array) -> State:
         """The arm with all effects at the values ``x`` (p,), as the references state it."""
         state = replace(self.state, twists=self._twists(x, False))
-        elastic = [e.at(tuple(x[own])) for e, own in zip(self.effects, self.numbers, strict=True) if e.elastic and x[own].any()]
+        given = zip(self.effects, self.numbers, strict=True)
+        elastic = [effect.at(tuple(x[own])) for effect, own in given if effect.elastic and x[own].any()]
         state = settled(elastic, state) if elastic else state
         return replace(state, twists=_sum(dict(state.twists), self._twists(x, True)))
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth
 from scipy.optimize import brentq
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from aacmm_pin.calibration.evidence import StatedNoise, observations_of
 from aacmm_pin.calibration.problem import Problem
@@ -21,6 +21,8 @@ from aacmm_pin.observations import Observation
 
 FALSE_EXCLUSION = 0.01
 """Chance that any good record is excluded, over the whole file."""
+EFFICIENCY = 0.53
+"""A scatter taken from the median of χ² with three degrees is as certain as from this part of all the records' numbers."""
 MISFIT = 1e-3
 """χ² beyond its stated noise with less chance than this means that something scatters which nobody stated."""
 MOST_ROUNDS = 12
@@ -42,8 +44,6 @@ class Fit:
         excluded: (n,) True for records that fit too badly to be believed.
         chi2_stated: χ² against the stated noise alone, and its degrees of freedom; None where it was not complete.
         dof: degrees of freedom of the final fit.
-        unknown: directions of which the records tell nothing, in units of the scales (p, k), orthonormal.
-        covariance: of all columns, the frame's included (p, p) [units]; zero along what nothing determines.
     """
 
     problem: Problem
@@ -56,13 +56,30 @@ class Fit:
     excluded: NDArray[np.bool_]
     chi2_stated: tuple[float, float] | None
     dof: float
-    unknown: Array
-    covariance: Array
+
+    @cached_property
+    def unknown(self) -> Array:
+        """Directions of which these records tell nothing, in units of the scales (p, k), orthonormal.
+
+        A direction that leaves every residual as it is tells nothing; but where tips scatter about their targets, a turn
+        of the whole arm about its base, or of its target about the last joint, seems to move them a little apart, which
+        would pass for knowledge. The first does not move targets apart, the second not tips: so both are asked.
+        """
+        point = self.solution.point
+        off = np.nan_to_num(deviations(self.observations, point))
+        seen = self.problem.predict(point.x, point.frame, point.prediction.tips - off)
+        there = Point(point.x, point.frame, point.nuisances, replace(point.prediction, jacobian=seen.jacobian))
+        at_targets = standing(self.problem, self.observations, self.noise, there, self.solution.weights).spectrum
+        spectra = (self.solution.spectrum, at_targets)
+        return np.asarray(orth(np.hstack([s.directions[:, ~s.known] for s in spectra]), rcond=1e-6))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of all columns, the frame's included (p, p) [units]; zero along what nothing determines."""
+        return covariance_of(self.problem, self.solution, self.unknown)
 
 
-def fit(
-    problem: Problem, stated_noise: StatedNoise, *, robust: bool = True, used: NDArray[np.bool_] | None = None
-) -> Fit:
+def fit(problem: Problem, stated_noise: StatedNoise, *, robust: bool = True, used: NDArray[np.bool_] | None = None) -> Fit:
     """Estimate what is unknown in ``problem``.
 
     First robustly, then without the records that cannot belong (χ² of their residual, Bonferroni's bound over all
@@ -116,14 +133,12 @@ class _Fitting:
             self.observations = observations_of(self.problem.measurements, self.noise, unmodelled)
         self.tips = noise_of_tips(self.problem, point.frame, self.noise.encoder, unmodelled)
 
-    def _solve(
-        self, point: Point, used: NDArray[np.bool_], robust: bool = False, roughly: bool = False
-    ) -> Solution:
+    def _solve(self, point: Point, used: NDArray[np.bool_], robust: bool = False, roughly: bool = False) -> Solution:
         weights = used.astype(np.float64)
         return solve(self.problem, self.observations, self.tips, point, weights, robust=robust, roughly=roughly)
 
     def _nearer(self, point: Point, spoken: NDArray[np.bool_], robust: bool) -> Solution:
-        """A search with the scatter that the records have so far taken for noise, until it falls no more.
+        """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.
 
         From afar the noise itself would give the data so much weight that the search follows every valley of parameters
         which they hardly tell; the widths of the parameters hold it in.
@@ -134,31 +149,36 @@ class _Fitting:
             solution = self._solve(point, spoken, robust, roughly=True)
             point = solution.point
             before, scatter = scatter, self._scatter_of_median(solution.system.deviation, spoken)
-            if scatter > 0.8 * before:
+            if not robust or scatter == 0.0 or scatter > 0.8 * before:
                 break
         return solution
 
     def _believed(self, solution: Solution, spoken: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], Point]:
         """Which records belong, judged by the scatter of the better half of them."""
-        point = solution.point
-        self._prepare(self._scatter_of_median(solution.system.deviation, spoken), point)
+        point, count = solution.point, int(spoken.sum())
+        dof = max(_chi2(self.problem, solution)[1], 1.0)
+        self._prepare(self._scatter_of_median(solution.system.deviation, spoken, min(1.0, dof / (3 * count))), point)
+        # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
+        limit = 3 * f.isf(FALSE_EXCLUSION / count, 3, EFFICIENCY * dof if self.unmodelled > 0 else np.inf)
         used = spoken.copy()
         for _ in range(MOST_ROUNDS):
             solution = self._solve(point, used)
             point = solution.point
-            limit = chi2.isf(FALSE_EXCLUSION / max(spoken.sum(), 1), 3)
             belongs = spoken & (np.nan_to_num(solution.system.distance, nan=np.inf) <= limit)
             if (belongs == used).all() or belongs.sum() < 0.5 * spoken.sum():
                 break
             used = belongs
         return used, point
 
-    def _scatter_of_median(self, deviation: Array, spoken: NDArray[np.bool_]) -> float:
-        """Scatter beyond the stated noise that brings the median squared distance to that of χ² with three degrees."""
+    def _scatter_of_median(self, deviation: Array, spoken: NDArray[np.bool_], share: float = 1.0) -> float:
+        """Scatter beyond the stated noise that brings the median squared distance to that of χ² with three degrees.
+
+        What was fitted to the records has taken some of it away: ``share`` is what it left.
+        """
         deviation, own = deviation[spoken], self._own_covariance()[spoken]
 
         def excess(variance: float) -> float:
-            return float(np.median(_squared(deviation, own + variance * np.eye(3)))) - MEDIAN
+            return float(np.median(_squared(deviation, own + variance * np.eye(3)))) - share * MEDIAN
 
         slack = MEDIAN * 6.0 / np.sqrt(spoken.sum())  # the median of a few records scatters by itself
         if self.stated and excess(0.0) < slack:
@@ -207,8 +227,8 @@ class _Fitting:
         if dof <= 0:
             numbers = 3 * int(used.sum())
             raise AacmmError(
-                f"too few records to find the noise: {numbers} coordinates for {self.problem.scales.size} parameters and the "
-                "seats' own; state the noise, measure more, or estimate less"
+                f"too few records to find the noise: {numbers} coordinates for {self.problem.scales.size} parameters "
+                "and the seats' own; state the noise, measure more, or estimate less"
             )
         deviation, own = solution.system.deviation[used], self._own_covariance()[used]
         points = zip(self.observations, solution.point.nuisances, strict=True)
@@ -223,7 +243,6 @@ class _Fitting:
         self, solution: Solution, used: NDArray[np.bool_], spoken: NDArray[np.bool_], judged: tuple[float, float] | None
     ) -> Fit:
         _, dof = _chi2(self.problem, solution)
-        unknown = self._unknown(solution)
         return Fit(
             self.problem,
             self.observations,
@@ -235,24 +254,7 @@ class _Fitting:
             spoken & ~used,
             judged,
             dof,
-            unknown,
-            covariance_of(self.problem, solution, unknown),
         )
-
-    def _unknown(self, solution: Solution) -> Array:
-        """Directions of which these records tell nothing, in units of the scales (p, k), orthonormal.
-
-        A direction that leaves every residual as it is tells nothing; but where tips scatter about their targets, a turn
-        of the whole arm about its base, or of its target about the last joint, seems to move them a little apart, which
-        would pass for knowledge. The first does not move targets apart, the second not tips: so both are asked.
-        """
-        point = solution.point
-        off = np.nan_to_num(deviations(self.observations, point))
-        seen = self.problem.predict(point.x, point.frame, point.prediction.tips - off)
-        there = Point(point.x, point.frame, point.nuisances, replace(point.prediction, jacobian=seen.jacobian))
-        at_targets = standing(self.problem, self.observations, self.tips, there, solution.weights).spectrum
-        spectra = (solution.spectrum, at_targets)
-        return np.asarray(orth(np.hstack([s.directions[:, ~s.known] for s in spectra]), rcond=1e-6))
 
 
 def covariance_of(problem: Problem, solution: Solution, unknown: Array) -> Array:

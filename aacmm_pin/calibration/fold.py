@@ -88,4 +88,3 @@ def origins(problem: Problem) -> Array:
         of_arm = geometric_parameters(problem.model.arm, effect)
         found += [p.value for p in of_arm] if of_arm else [0.0] * len(effect.terms)
     return np.array(found)
-

@@ -1,4 +1,4 @@
-"""How well a calibration predicts records that it never saw: random ones, and whole seats, sessions or blocks of joint space."""
+"""How well a calibration predicts records that it never saw: random ones, whole seats, sessions, blocks of joint space."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class HeldOut:
     """Residuals of records left out of the fit in turn.
 
     Attributes:
-        kind: ``records`` (at random; neighbours stay in, which flatters), ``seats``, ``sessions`` or ``blocks`` of joint space.
+        kind: ``records`` (at random; neighbours stay in, which flatters), ``seats``, ``sessions``, ``blocks`` (of joints).
         groups: how many parts were left out in turn.
         before: residual of each record by the arm as it was, only the set-up fitted (n,) [m]; nan where there is none.
         after: by the calibrated arm (n,) [m].
@@ -62,7 +62,9 @@ def folds(labels: Index, rng: np.random.Generator) -> Index:
     return np.array([part[label] for label in labels], dtype=np.intp)
 
 
-def held_out(before: Fit, after: Fit, noise: StatedNoise, rng: np.random.Generator, progress: object = None) -> list[HeldOut]:
+def held_out(
+    before: Fit, after: Fit, noise: StatedNoise, rng: np.random.Generator, progress: object = None
+) -> list[HeldOut]:
     """Leave out records at random, then by their natural groups; excluded records are neither used nor predicted.
 
     Args:
@@ -102,7 +104,8 @@ def _left_out(fit: Fit, noise: StatedNoise, kept: Array, out: Array) -> Array:
         solution = solve(problem, observations, tips, point, np.ones(problem.measurements.n), robust=False)
     except AacmmError as error:
         raise AacmmError(f"with {int(np.sum(out))} records held out: {error}") from None
-    seats = {label: values for o, v in zip(observations, solution.point.nuisances, strict=True) for label, values in o.points(v)}
+    found = zip(observations, solution.point.nuisances, strict=True)
+    seats = {label: point for observation, values in found for label, point in observation.points(values)}
     return _distances(fit.problem, solution.point, out, seats)
 
 

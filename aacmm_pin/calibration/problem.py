@@ -42,10 +42,10 @@ class Frame:
         """Points (n, 3) of the frame of the references in the base."""
         return np.asarray((points - self.shift) @ self.rotation)
 
-    def moved(self, step: Array, about: Array) -> Frame:
-        """Turned by step[3:] about a point of the reference frame, then shifted by step[:3]."""
-        turn = exp(np.concatenate([np.zeros(3), step[3:]])[None])[0][0]
-        return Frame(turn @ self.rotation, turn @ (self.shift - about) + about + step[:3])
+    def moved(self, step: Array) -> Frame:
+        """With the base moved by a twist (6,), v then ω, in its own axes [m, rad]."""
+        turn, shift = (part[0] for part in exp(step[None]))
+        return Frame(self.rotation @ turn, self.rotation @ shift + self.shift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +54,11 @@ class Prediction:
 
     Attributes:
         tips: (n, 3) [m].
-        jacobian: by the unknown parameters, the frame's six last where it is unknown (n, 3, p) [m/unit].
-        about: the point about which the frame turns (3,) [m].
+        jacobian: by the unknown parameters, last the base's twist where the frame is unknown (n, 3, p) [m/unit].
     """
 
     tips: Array
     jacobian: Array
-    about: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,17 +140,15 @@ class Problem:
             looked_at: take the derivative of these points of the last body (n, 3), in the frame of the references, instead
                 of that of the tips [m].
         """
-        records = self.measurements
         state = self._columns.at(np.concatenate([self._fixed, x]))
         seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
         jacobian = self._columns.jacobian(seen)[:, :, self._fixed.size :]
         tips = frame.apply(state.position)
-        about = tips.mean(axis=0) if records.n else np.zeros(3)
         if self.external:
-            turns = -skew((tips if looked_at is None else looked_at) - about)
+            turns = -skew(seen.position)
             shifts = np.broadcast_to(np.eye(3), turns.shape)
-            jacobian = np.concatenate([frame.rotation @ jacobian, shifts, turns], axis=2)
-        return Prediction(tips, jacobian, about)
+            jacobian = frame.rotation @ np.concatenate([jacobian, shifts, turns], axis=2)
+        return Prediction(tips, jacobian)
 
     def of(self, measurements: Measurements) -> Problem:
         """The same problem with other records."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,10 +13,12 @@ import pandas as pd
 from scipy.stats import chi2
 
 from aacmm_pin.arm_file import COVERAGE_FACTOR
-from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.fold import origins
+from aacmm_pin.calibration.evidence import StatedNoise
+from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.fold import calibrated_model, origins
 from aacmm_pin.calibration.held_out import HeldOut
 from aacmm_pin.calibration.identifiability import Observability, undetermined
+from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.checks import Array
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.units import MM
@@ -30,19 +33,28 @@ class Calibration:
     """A calibrated arm and how far to trust it.
 
     Attributes:
-        model: the calibrated arm with its effects and the covariance of its parameters.
-        before: fit of the set-up alone (reference frame, target), the arm as it was.
         fit: fit of everything.
+        setup: the problem of the set-up alone (reference frame, target), the arm as it was.
+        stated_noise: standard uncertainties as stated.
         held_out: residuals of records left out of the fit, by kind; empty where that was not asked for.
         notes: what was assumed, in sentences.
-        seed: of the generator that chose the records to leave out, where it is known.
     """
 
-    model: ErrorModel
-    before: Fit
     fit: Fit
+    setup: Problem
+    stated_noise: StatedNoise
     held_out: tuple[HeldOut, ...]
     notes: tuple[str, ...]
+
+    @cached_property
+    def model(self) -> ErrorModel:
+        """The calibrated arm with its effects and the covariance of its parameters."""
+        return calibrated_model(self.fit)
+
+    @cached_property
+    def before(self) -> Fit:
+        """Fit of the set-up alone, the arm as it was."""
+        return fit(self.setup, self.stated_noise, used=self.fit.used)
 
     @property
     def rms_before(self) -> float:
@@ -190,16 +202,17 @@ class Calibration:
     def __str__(self) -> str:
         used, left = int(self.fit.used.sum()), int(self.fit.excluded.sum())
         text = (
-            f"{self.model.arm.name} calibrated on {used} records ({left} excluded): RMS {self.rms_before / MM:.4f} mm before, "
-            f"{self.rms / MM:.4f} mm after"
+            f"{self.model.arm.name} calibrated on {used} records ({left} excluded): "
+            f"RMS {self.rms_before / MM:.4f} mm before, {self.rms / MM:.4f} mm after"
         )
         for h in self.held_out:
             text += f"; {h.rms_after / MM:.4f} mm on held-out {h.kind}"
         return text
 
     def _repr_html_(self) -> str:
-        unknown = "".join(f"<li>{line}</li>" for line in self.undetermined)
-        return f"<p>{self}</p>{self.parameters.to_html(index=False)}" + (f"<p>Not told by these data:</p><ul>{unknown}</ul>" * bool(unknown))
+        unknown = "".join(f"<li>{html.escape(line)}</li>" for line in self.undetermined)
+        untold = f"<p>Not told by these data:</p><ul>{unknown}</ul>" if unknown else ""
+        return f"<p>{html.escape(str(self))}</p>{self.parameters.to_html(index=False)}{untold}"
 
 
 def _rms(fit: Fit, judge: Fit) -> float:

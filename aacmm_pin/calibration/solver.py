@@ -163,9 +163,7 @@ def solve(
     raise AacmmError(f"the calibration does not settle in {MOST_STEPS} steps; are the start values and the angles right?")
 
 
-def standing(
-    problem: Problem, observations: list[Observation], noise: Array, point: Point, weights: Array
-) -> Solution:
+def standing(problem: Problem, observations: list[Observation], noise: Array, point: Point, weights: Array) -> Solution:
     """The system at a point, as if the search ended there."""
     system = _system(problem, point, observations, noise, weights)
     return Solution(point, system, spectrum_of(problem, system, point.x), weights, 0)
@@ -211,7 +209,7 @@ def _system(problem: Problem, point: Point, observations: list[Observation], noi
 
 def _advanced(problem: Problem, point: Point, system: System, step: Array) -> Point:
     p = point.x.size
-    frame = point.frame.moved(step[p:], point.prediction.about) if problem.external else point.frame
+    frame = point.frame.moved(step[p:]) if problem.external else point.frame
     moved = zip(point.nuisances, system.nuisances(step), strict=True)
     x = point.x + step[:p]
     return Point(x, frame, [values + change for values, change in moved], problem.predict(x, frame))

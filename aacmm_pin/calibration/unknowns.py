@@ -118,4 +118,3 @@ def _of_target(arm: Arm, measurements: Measurements, target: Target) -> list[_Un
     if markers is not None and any(markers):
         return [(StylusOffset(str(m)), width, unstated) for m in dict.fromkeys(markers) if m]
     return [(StylusOffset(), width, unstated)] if target == "unknown" else []
-

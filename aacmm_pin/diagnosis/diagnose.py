@@ -13,8 +13,8 @@ from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of
 from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.fold import calibrated_model
-from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.unknowns import OF_KIND, Target, problem_of
+from aacmm_pin.calibration.problem import OF_KIND, Problem
+from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.findings import Strength, look_alikes, strengths
 from aacmm_pin.diagnosis.gain import Gain, gain_of, parts_of
@@ -71,7 +71,8 @@ def diagnose(
     rng = rng or np.random.default_rng(1)
     model = ErrorModel.of(model)
     if measurements.nq != model.arm.nq:
-        raise AacmmError(f"{measurements.source} has angles of {measurements.nq} joints, {model.arm.name} has {model.arm.nq}")
+        own, theirs = model.arm.nq, measurements.nq
+        raise AacmmError(f"{measurements.source} has angles of {theirs} joints, {model.arm.name} has {own}")
     noise = StatedNoise(encoder_of(model.arm, encoder_noise), reference_noise, probe_noise, length_noise)
     external = reference_frame == "external"
 

@@ -145,7 +145,7 @@ def canonical(left: Conditional, one: Block, other: Block) -> float:
     roots = []
     for block in (one, other):
         values, vectors = np.linalg.eigh(left.information(block.columns, block.columns))
-        keep = values > 1e-9 * max(values.max(initial=0.0), 1e-300)
+        keep = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
         roots.append(vectors[:, keep] / np.sqrt(values[keep]))
     if not (roots[0].size and roots[1].size):
         return 0.0

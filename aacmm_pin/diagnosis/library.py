@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.chain import axis, end
@@ -139,7 +141,7 @@ def _of_structure(arm: Arm, conditions: Conditions) -> Iterator[Effect]:
 
 def tubes(arm: Arm) -> list[int]:
     """Rows of the bodies that are long enough to bend."""
-    rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+    _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     spans = [np.linalg.norm(origin[end(row)] - origin[axis(row)]) for row in range(1, arm.chain.rows + 1)]
     return [row for row, span in enumerate(spans, start=1) if span > TUBE]
 
@@ -156,18 +158,17 @@ class Covariate:
 
     name: str
     functions: Array
-    values: Array
+    values: NDArray[Any]
 
 
 def covariates(measurements: Measurements) -> list[Covariate]:
     """Everything known of the records that residuals may depend on."""
     conditions = measurements.conditions
-    found: list[tuple[str, Iterable[object]]] = [
-        (f"joint {j + 1}", measurements.q[:, j]) for j in range(measurements.nq) if np.ptp(measurements.q[:, j]) > LEAST_SPREAD
-    ]
-    for name, values in (("time", conditions.time), ("temperature", conditions.temperature), ("session", conditions.session)):
-        if values is not None:
-            found.append((name, values))
+    angles = enumerate(measurements.q.T, start=1)
+    found: list[tuple[str, Iterable[object]]] = [(f"joint {j}", a) for j, a in angles if np.ptp(a) > LEAST_SPREAD]
+    for name in ("time", "temperature", "session"):
+        if (known := getattr(conditions, name)) is not None:
+            found.append((name, known))
     if measurements.operator is not None:
         found.append(("operator", measurements.operator))
     found += [(str(name), measurements.extra[name]) for name in measurements.extra]

@@ -20,7 +20,13 @@ from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError, ZeroDrift
 MOST_ROUNDS = 4
 LIBRARY = 0.9
 """Probability, if anything is there, that it is a cause of the library."""
-LESS_USUAL = {"bearing_tilt": 0.2, "torsional_windup": 0.2, "counterbalance": 0.2, "stylus_bending": 0.2, "joint_error_curve": 0.3}
+LESS_USUAL = {
+    "bearing_tilt": 0.2,
+    "torsional_windup": 0.2,
+    "counterbalance": 0.2,
+    "stylus_bending": 0.2,
+    "joint_error_curve": 0.3,
+}
 """Causes that are rarer, beside the others."""
 FINE = 15
 """Steps in which an inner parameter is refined around the one that was tried."""
@@ -141,9 +147,11 @@ def _with_variants(library: Sequence[Candidate], effects: list[Effect]) -> tuple
     refined = {e.label: e.at(()) for e in effects}
     found = []
     for candidate in library:
-        effect = refined.get(candidate.label) if candidate.cause == getattr(refined.get(candidate.label), "cause", None) else None
-        known = effect is None or _inner(effect) in {_inner(v) for v in candidate.variants}
-        found.append(candidate if known else Candidate((*candidate.variants, effect)))  # type: ignore[arg-type]
+        effect = refined.get(candidate.label)
+        if effect is None or _inner(effect) in {_inner(v) for v in candidate.variants}:
+            found.append(candidate)
+        else:
+            found.append(Candidate((*candidate.variants, effect)))
     return tuple(found)
 
 

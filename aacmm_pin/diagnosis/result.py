@@ -52,7 +52,8 @@ class Finding:
         return self.effect.label
 
     def __str__(self) -> str:
-        values = ", ".join(f"{k} = {v:.3g} ± {2 * u:.1g}" for k, (v, u) in self.parameters.items() if len(self.parameters) <= 8)
+        few = self.parameters if len(self.parameters) <= 8 else {}
+        values = ", ".join(f"{k} = {v:.3g} ± {2 * u:.1g}" for k, (v, u) in few.items())
         return f"{self.label} (probability {self.probability:.3f}{', ' + values if values else ''})"
 
 
@@ -168,7 +169,12 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         rows = [
-            {"cause": f.label, "probability": f.probability, "p": f.p_value, "look-alikes": ", ".join(a.label for a in f.aliases)}
+            {
+                "cause": f.label,
+                "probability": f.probability,
+                "p": f.p_value,
+                "look-alikes": ", ".join(a.label for a in f.aliases),
+            }
             for f in self.findings
         ]
         return f"<p>{self}</p>" + (pd.DataFrame(rows).to_html(index=False) if rows else "")
@@ -184,7 +190,12 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "retained_fraction": finding.retained_fraction,
         "parameters": {k: {"value": v, "u": u if math.isfinite(u) else None} for k, (v, u) in finding.parameters.items()},
         "aliases": [
-            {"cause": a.label.split(":")[0], "joint": _place(a.label), "correlation": a.correlation, "probability": a.probability}
+            {
+                "cause": a.label.split(":")[0],
+                "joint": _place(a.label),
+                "correlation": a.correlation,
+                "probability": a.probability,
+            }
             for a in finding.aliases
         ],
     }

@@ -114,10 +114,8 @@ def _settled(question: Question, gram: Gram, admitted: tuple[int, ...]) -> tuple
             evidences = _without(question, left.evidences, rest)
             odds = question.log_prior + question.per_candidate(evidences)
             best = int(np.argmax(odds))
-            if logsumexp(odds) < np.log(SURE / (1 - SURE)):
-                changed = rest
-            else:
-                changed = (*rest, question.best_block(evidences, best))
+            something = logsumexp(odds) >= np.log(SURE / (1 - SURE))
+            changed = (*rest, question.best_block(evidences, best)) if something else rest
         if changed == admitted or set(changed) == set(admitted):
             return admitted
         admitted = changed

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from aacmm_pin.calibration.fit import Fit
@@ -53,23 +56,21 @@ def groups_table(fit: Fit, covariance: Array) -> pd.DataFrame:
     return table.sort_values("times_predicted", ascending=False, ignore_index=True)
 
 
-def _groups(fit: Fit) -> list[tuple[str, str, Array]]:
+def _groups(fit: Fit) -> list[tuple[str, str, NDArray[np.bool_]]]:
     records = fit.problem.measurements
-    found: list[tuple[str, str, Array]] = []
+    found: list[tuple[str, str, NDArray[np.bool_]]] = []
     for name in ("seat", "marker", "session"):
         labels = getattr(records.conditions, name)
         if labels is not None:
             found += [(name, str(label), labels == label) for label in dict.fromkeys(labels) if label]
-    numbers: list[tuple[str, Array, float, str]] = [
-        (f"joint {j + 1}", records.q[:, j], DEG, "°") for j in range(records.nq)
-    ]
+    numbers: list[tuple[str, Array, float, str]] = [(f"joint {j + 1}", records.q[:, j], DEG, "°") for j in range(records.nq)]
     if records.conditions.time is not None:
         numbers.append(("time", records.conditions.time, 1.0, " s"))
     if records.conditions.temperature is not None:
         numbers.append(("temperature", records.conditions.temperature, 1.0, " °C"))
     for name, values, unit, text in numbers:
         edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in itertools.pairwise(edges):
             inside = (values >= low) & ((values <= high) if high == edges[-1] else (values < high))
             found.append((name, f"{low / unit:.4g} to {high / unit:.4g}{text}", inside))
     return found

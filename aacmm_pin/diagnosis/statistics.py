@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aacmm_pin.calibration.columns import Columns
 from aacmm_pin.calibration.fit import Fit
@@ -186,7 +187,7 @@ def _rows(design: Design, records: Index, whiten: Array, off: Array) -> Array:
     return np.concatenate([columns.reshape(3 * len(records), -1), residual.reshape(-1, 1)], axis=1)
 
 
-def _projected(design: Design, observation: Observation, values: Array, whiten: Array, used: Array) -> Array:
+def _projected(design: Design, observation: Observation, values: Array, whiten: Array, used: NDArray[np.bool_]) -> Array:
     """The same with the observation's unknown points at their best, whatever the columns do."""
     records = observation.records[used]
     rows = _rows(design, records, whiten[used], _off(design, observation, values)[used])

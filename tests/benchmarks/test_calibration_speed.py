@@ -100,11 +100,21 @@ class Problem:
 
 
 def ours(problem: Problem) -> Any:
-    """Calibrate with this package; the result has ``.rms`` [m]."""
-    from aacmm_pin import Measurements, calibrate
+    """Calibrate with this package, as the peers do: no prior, no search for outliers, nothing held out.
 
+    24 DH values and the 6 of an unknown reference frame, of which 27 combinations can be told; the result has ``.rms`` [m].
+    """
     measurements = Measurements.of(problem.q, reference=problem.positions)
-    return calibrate(problem.arm, measurements, parameters="geometry", reference_noise=NOISE, hold_out=False)
+    return calibrate(
+        problem.arm,
+        measurements,
+        "geometry",
+        reference_frame="external",
+        reference_noise=NOISE,
+        prior=False,
+        robust=False,
+        hold_out=False,
+    )
 
 
 def theirs(peer: Peer, problem: Problem, folder: Path) -> dict[str, Any]:
