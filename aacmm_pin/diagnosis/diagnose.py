@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -17,9 +18,9 @@ from aacmm_pin.calibration.problem import OF_KIND, Problem
 from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.findings import Strength, look_alikes, strengths
-from aacmm_pin.diagnosis.gain import Gain, gain_of, parts_of
+from aacmm_pin.diagnosis.gain import Gain, gain_of, parts_of, survivors
 from aacmm_pin.diagnosis.library import candidates, covariates
-from aacmm_pin.diagnosis.model import Choice, choose
+from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding, Unexplained, Verdict, described
 from aacmm_pin.diagnosis.search import conditional
 from aacmm_pin.diagnosis.show import groups_table, moved_geometry, predicted_covariance
@@ -83,6 +84,7 @@ def diagnose(
     kind, parts = parts_of(recalibrated, rng)
     library, others = candidates(model.arm, measurements), covariates(measurements)
     choice = choose(lambda effects: problem(["geometry", *effects]), noise, recalibrated, library, others, parts)
+    choice = _surviving(choice, lambda effects: problem(["geometry", *effects]), noise)
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
     recalibrated = fit(problem(["geometry"]), noise, used=extended.used)
@@ -110,6 +112,15 @@ def diagnose(
         next_measurements=_next(verdict, findings, groups, model.arm),
         notes=tuple(notes_of(extended, noise)),
     )
+
+
+def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise) -> Choice:
+    """The choice without what does not survive its held-out test, refitted."""
+    kept = survivors(choice)
+    if kept == choice.admitted:
+        return choice
+    effects = [free(choice.variant(k)) for k in kept if k in choice.causes]
+    return replace(choice, fit=fit(problem(effects), noise), admitted=kept)
 
 
 def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:

@@ -120,7 +120,7 @@ def _score(left: Conditional, block: Block) -> float:
 def retained(left: Conditional, block: Block) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β."""
     information = left.information(block.columns, block.columns)
-    step = np.linalg.lstsq(information, left.gradient[block.columns], rcond=1e-10)[0]
+    step = np.asarray(np.linalg.lstsq(information, left.gradient[block.columns], rcond=1e-10)[0])
     whole = left.gram.products[block.columns, block.columns] / left.variance
     size = float(step @ whole @ step)
     return float(np.sqrt(max(step @ information @ step, 0.0) / size)) if size > 0 else 0.0

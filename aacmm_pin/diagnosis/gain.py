@@ -19,6 +19,8 @@ PARTS = 10
 FEWEST = 5
 """Fewer seats than this are no groups to leave out in turn; blocks of joint space are taken instead."""
 RESAMPLES = 2000
+SURVIVES = 1.64
+"""Standard errors by which a cause has to help, or may at most harm, on held-out parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +106,37 @@ def gain_of(
         distances[0, out] = _by(before, out)
     interval = _interval(distances[1], distances[2], choice.parts, rng)
     return Gain(kind, len(numbers), distances[0], distances[1], distances[2], choice.parts, tuple(chosen), interval)
+
+
+def survivors(choice: Choice) -> tuple[int, ...]:
+    """The admitted blocks without which held-out records are predicted worse.
+
+    Where the noise is known and suffices, a cause goes only if it makes prediction worse beyond its own scatter from part
+    to part; where residuals scatter more than any stated noise, evidence alone says too much, and a cause has to prove
+    that it helps. The weakest is asked first.
+    """
+    kept = choice.admitted
+    known = choice.fit.stated and choice.fit.unmodelled == 0.0
+    for block in reversed(choice.admitted):
+        if choice.about_a_group(block):  # left out whole, a group has nothing to say of itself
+            continue
+        with_it, without = (_losses(choice, blocks) for blocks in (kept, tuple(k for k in kept if k != block)))
+        better = without - with_it
+        error = float(np.std(better, ddof=1) / np.sqrt(len(better))) if len(better) > 1 else np.inf
+        helps = float(np.mean(better)) > (-SURVIVES if known else SURVIVES) * error
+        if not helps:
+            kept = tuple(k for k in kept if k != block)
+    return kept
+
+
+def _losses(choice: Choice, blocks: tuple[int, ...]) -> Array:
+    """Mean squared distance of the records of each part, predicted by the others with these blocks admitted [m²]."""
+    found = []
+    for number, gram in enumerate(choice.grams):
+        out = choice.fit.used & (choice.parts == number)
+        if gram.free > 0 and out.any():
+            found.append(float(np.nanmean(_predicted(choice, choice.gram - gram, blocks, out) ** 2)))
+    return np.array(found)
 
 
 def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], out: Array) -> Array:

@@ -154,11 +154,13 @@ class Covariate:
         name: ``joint 4``, ``time``, ``temperature``, or the name of an unknown column.
         functions: smooth functions of it at the records, or one for each label (n, m), mean zero, root mean square one.
         values: the covariate itself (n,), numbers or labels.
+        of_target: True where it would shift the target on the last body instead of the point in the room.
     """
 
     name: str
     functions: Array
     values: NDArray[Any]
+    of_target: bool = False
 
 
 def covariates(measurements: Measurements) -> list[Covariate]:
@@ -173,7 +175,24 @@ def covariates(measurements: Measurements) -> list[Covariate]:
         found.append(("operator", measurements.operator))
     found += [(str(name), measurements.extra[name]) for name in measurements.extra]
     made = [_covariate(name, pd.Series(values)) for name, values in found]
-    return [covariate for covariate in made if covariate is not None]
+    return [covariate for covariate in made if covariate is not None] + _groups(measurements)
+
+
+FEWEST = 3
+"""With fewer groups than this nobody can say which one is the odd one out."""
+
+
+def _groups(measurements: Measurements) -> list[Covariate]:
+    """One group of records, a bar or else a seat of unknown place, in which the target sat elsewhere on the arm."""
+    labels = measurements.bar if measurements.bar is not None else measurements.conditions.seat
+    what = "bar" if measurements.bar is not None else "seat"
+    if labels is None or measurements.known.any():
+        return []
+    names = [name for name in dict.fromkeys(labels) if name and np.sum(labels == name) > FEWEST]
+    if len(names) < FEWEST:
+        return []
+    inside = [(name, (labels == name).astype(np.float64)[:, None]) for name in names]
+    return [Covariate(f"{what} {name}", _normalised(mine), labels, of_target=True) for name, mine in inside]
 
 
 MOST_LABELS = 12

@@ -69,6 +69,11 @@ class Choice:
         """Admitted blocks that are causes of the library."""
         return tuple(k for k in self.admitted if self.question.owner(k) < self.design.causes)
 
+    def about_a_group(self, block: int) -> bool:
+        """Whether a block is about one group of records whose target sat elsewhere."""
+        number = self.question.owner(block) - self.design.causes
+        return number >= 0 and self.others[number].of_target
+
     def variant(self, block: int) -> Effect:
         """The effect of a block."""
         b = self.design.blocks[block]
@@ -89,7 +94,7 @@ def choose(
         if not found.causes:
             return found
         effects = [_refined(found, k) for k in found.causes]
-        refit = fit(problem_of([_free(e) for e in effects]), noise)
+        refit = fit(problem_of([free(e) for e in effects]), noise)
         before = [e.label for e in effects]
         again = _chosen(refit, _with_variants(library, effects), tuple(others), parts, effects, found.admitted)
         found = again
@@ -98,7 +103,7 @@ def choose(
     return found
 
 
-def _free(effect: Effect) -> Effect:
+def free(effect: Effect) -> Effect:
     """The effect as the search took it: anywhere within a few typical magnitudes."""
     return effect.at((), tuple(ADMITTED * t.typical for t in effect.terms))
 

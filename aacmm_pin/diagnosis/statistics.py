@@ -103,7 +103,8 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
             scales.append(typical)
             first += typical.size
     for number, covariate in enumerate(others, start=len(library)):
-        smooth = np.einsum("nm,ij->nimj", covariate.functions, np.eye(3)).reshape(len(covariate.functions), 3, -1)
+        axes = frame.rotation @ state.rotation[-1] if covariate.of_target else np.broadcast_to(np.eye(3), (len(own), 3, 3))
+        smooth = np.einsum("nm,nij->nimj", covariate.functions, axes).reshape(len(own), 3, -1)
         parts.append(smooth)
         blocks.append(Block(number, 0, slice(first, first + smooth.shape[2]), np.ones(smooth.shape[2])))
         scales.append(np.full(smooth.shape[2], TYPICAL_STRUCTURE))
