@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.resources
 import math
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -148,6 +149,19 @@ class Covariance(_Part):
             raise ValueError("correlation is not a correlation matrix: it has a negative eigenvalue")
         return self
 
+    def restricted(self, names: Iterable[str]) -> Covariance | None:
+        """The part about those of the parameters that are among ``names``; None where there is none."""
+        among = set(names)
+        keep = [i for i, name in enumerate(self.parameters) if name in among]
+        if not keep:
+            return None
+        matrix = self.matrix_of_correlation()[np.ix_(keep, keep)]
+        return Covariance(
+            parameters=tuple(self.parameters[i] for i in keep),
+            standard_uncertainty_si=tuple(self.standard_uncertainty_si[i] for i in keep),
+            correlation=tuple(tuple(float(c) for c in row[:i]) for i, row in enumerate(matrix)),
+        )
+
     def matrix_of_correlation(self) -> Array:
         """The whole matrix (p, p)."""
         matrix = np.eye(len(self.parameters))
@@ -213,7 +227,6 @@ class ArmFile(_Part):
                 else:
                     parameters.append(Parameter.bounded(name, kind, number, unit, value, half))
         return tuple(parameters)
-
 
     def _calibrated_u(self) -> dict[str, float]:
         known = self.covariance

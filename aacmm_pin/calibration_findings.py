@@ -16,9 +16,8 @@ from aacmm_pin.units import DEG, MM
 
 WORTH = 0.05
 """A calibration whose held-out residuals fall by less than this part has not helped."""
-SMALL = {"mm": ("µm", 1e3), "rad": ("µrad", 1e6)}
-"""The small unit of a unit."""
-DIGITS = {"mm": ".5f", "rad": ".7f"}
+DIGITS = {"mm": "z.5f", "rad": "z.7f"}
+"""Formats of values."""
 MISFIT = 1e-3
 """χ² with less chance than this, or with more than one minus this, does not fit the stated noise."""
 
@@ -50,8 +49,8 @@ def fit_in_words(result: Calibration) -> str:
         if result.fit.stated:
             return "There are no more numbers than parameters, so nothing can be said about the fit."
         return (
-            f"The noise was not stated in full, so χ² cannot judge the model: {result.fit.unmodelled / MM:.4f} mm per "
-            "coordinate is what the residuals show, noise and what the model lacks together."
+            "The noise was not stated in full, so χ² cannot judge the model: beyond what was stated the residuals show "
+            f"{result.fit.unmodelled / MM:.4f} mm per coordinate, noise and what the model lacks together."
         )
     numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, p = {p:.2g}"
     if p < MISFIT:
@@ -104,25 +103,46 @@ def parameter_table(result: Calibration) -> pd.DataFrame:
 def readable_parameters(result: Calibration) -> pd.DataFrame:
     """The same for reading: value with its unit as text; changes and uncertainties in µm and µrad, see column ``in``."""
     table = parameter_table(result)
-    small = [SMALL.get(unit, (unit, 1.0)) for unit in table["unit"]]
+    small = [small_unit(unit) for unit in table["unit"]]
     factor = np.array([f for _, f in small])
-    digits = [DIGITS.get(unit, ".6g") for unit in table["unit"]]
-    values = zip(table["after"], digits, table["unit"], strict=True)
+    values = zip(table["after"], table["unit"], strict=True)
     readable = {
         "parameter": table["parameter"],
-        "value": [f"{value:{spec}} {unit}".removesuffix(" 1") for value, spec, unit in values],
+        "value": [f"{value:{DIGITS.get(unit, '.6g')}} {unit}".removesuffix(" 1") for value, unit in values],
         "in": [unit for unit, _ in small],
     }
-    readable |= {name: table[name] * factor for name in ("change", "u", "U", "stated")}
+    readable |= {name: table[name] * factor for name in ("change", "stated", "u", "U")}
     return pd.DataFrame(readable | {"known": table["known"], "beyond": table["beyond"]})
 
 
-def number(value: float) -> str:
-    """Three significant digits without a power of ten; "–" where there is no number."""
-    if not np.isfinite(value):
-        return "–"
-    tiny = value != 0 and abs(value) < 1e-4
-    return f"{value:.2e}" if tiny else np.format_float_positional(value, precision=3, fractional=False, trim="-")
+def small_unit(unit: str) -> tuple[str, float]:
+    """The unit of changes of a parameter, and how many of it make one of ``unit``."""
+    if unit == "mm":
+        return "µm", 1e3
+    return ("µ" + unit if unit.startswith("rad") else "10⁻⁶" + unit.removeprefix("1")), 1e6
+
+
+def decimals(table: pd.DataFrame) -> str:
+    """Format of the changes and uncertainties of :func:`readable_parameters`: two digits of the smaller u, 1 at least."""
+    u = table["u"].to_numpy()
+    smaller = float(np.quantile(u[u > 0], 0.25)) if (u > 0).any() else 1.0
+    return f"z.{min(6, max(1, 1 - int(np.floor(np.log10(smaller)))))}f"
+
+
+def causes_in_words(result: Calibration) -> list[str]:
+    """Estimated causes of error as people state them, amplitude and phase of a wave such as, with their U (k = 2)."""
+    found, first = [], 0
+    problem = result.fit.problem
+    for effect in problem.effects(result.fit.solution.point.x):
+        own = slice(first, first + len(effect.terms))
+        first = own.stop
+        if geometric_parameters(problem.model.arm, effect):
+            continue
+        jacobian = effect.described_jacobian()
+        expanded = COVERAGE_FACTOR * np.sqrt(np.diag(jacobian @ result.covariance[own, own] @ jacobian.T))
+        said = zip(effect.described().items(), expanded, strict=True)
+        found.append(f"{effect.label}: " + ", ".join(f"{key} {value:.4g} ± {u:.2g}" for (key, value), u in said))
+    return found
 
 
 def not_in_urdf(result: Calibration) -> list[str]:
@@ -147,9 +167,9 @@ def comment(result: Calibration, data: str, when: str) -> str:
         *(f"Note: {line}." for line in result.notes),
         *(f"Not told by these data: {line}." for line in result.undetermined),
         "",
-        "How to read it: values are those after calibration. [covariance] holds the standard uncertainties (SI: m, rad) of",
-        "the parameters it names and their correlations: row i of `correlation` is that of parameter i with those before it.",
-        "It overrides [joints.uncertainty], the half-widths from before, which stay for parameters that it does not name.",
+        "How to read it: values are those after calibration. [covariance] holds the standard uncertainties (SI: m, rad)",
+        "of the parameters it names, and their correlations: row i is that of parameter i with those before it. It",
+        "overrides [joints.uncertainty], the half-widths from before, which stay for parameters that it does not name.",
     ]
     return "\n".join(lines)
 

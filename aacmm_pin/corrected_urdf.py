@@ -59,20 +59,20 @@ class _Reader:
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         if self.path == ["robot"] and name == "joint":
-            end = self._tag()[1]
+            end = self._tag(name)[1]
             self.joints[attributes.get("name", "")] = _Joint(end, end, attributes.get("type", ""))
         elif self.path == ["robot", "joint"] and self.joints:
             joint = list(self.joints.values())[-1]
             if name == "origin":
-                joint.start, joint.end = self._tag()
+                joint.start, joint.end = self._tag(name)
                 joint.attributes = attributes
             elif name == "child":
                 joint.child = attributes.get("link", "")
         self.path.append(name)
 
-    def _tag(self) -> tuple[int, int]:
+    def _tag(self, name: str) -> tuple[int, int]:
         found = _TAG.match(self.text, self.parser.CurrentByteIndex)
-        if found is None:
+        if found is None or not found[0].startswith(b"<" + name.encode()):
             raise AacmmError("the XML is not in an encoding whose tags are ASCII, expected UTF-8")
         return found.span()
 

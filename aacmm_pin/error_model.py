@@ -54,8 +54,11 @@ class ErrorModel:
 
     @staticmethod
     def of(model: Arm | ErrorModel) -> ErrorModel:
-        """``model`` itself, or an arm without effects."""
-        return model if isinstance(model, ErrorModel) else ErrorModel(model)
+        """``model`` itself, or an arm with the effects of its file."""
+        if isinstance(model, ErrorModel):
+            return model
+        entries = [] if model.file is None else model.file.effects
+        return ErrorModel(model, tuple(_effect(entry, model.name, n) for n, entry in enumerate(entries, start=1)))
 
     @staticmethod
     def load(name_or_path: str | Path) -> ErrorModel:
@@ -91,7 +94,7 @@ class ErrorModel:
         if self.arm.file is None:
             self.arm.require_dh("an arm file")
             raise AacmmError(f"{self.arm.name}: was not made from an arm file, so there is none to extend")
-        return self.arm.file.model_copy(update={"effects": [_entry(effect) for effect in self.effects]})
+        return self.arm.file.model_copy(update={"effects": [entry_of(effect) for effect in self.effects]})
 
     def save(self, path: str | Path, force: bool = False, comment: str = "") -> None:
         """Write the arm file of this model; ``comment`` stands in front.
@@ -213,7 +216,8 @@ def _identity(effect: Effect) -> tuple[object, ...]:
     return (effect.cause, *(getattr(effect, name) for name in effect.structure()))
 
 
-def _entry(effect: Effect) -> EffectEntry:
+def entry_of(effect: Effect) -> EffectEntry:
+    """The effect as an arm file has it."""
     structure = {name: getattr(effect, name) for name in effect.structure()}
     fields = {k: list(v) if isinstance(v, tuple) else v for k, v in structure.items() if v not in (None, ())}
     u = {term.key: float(u / term.scale) for term, u in zip(effect.terms, effect.u, strict=True) if u}

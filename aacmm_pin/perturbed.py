@@ -28,7 +28,9 @@ def perturbed_model(model: ErrorModel, rng: np.random.Generator) -> ErrorModel:
     model.arm.require_dh("drawing the geometry")
     errors = parameter_errors(model, rng, 1)[0]
     if not errors.any():
-        raise AacmmError(f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths in the arm file")
+        raise AacmmError(
+            f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths in the arm file"
+        )
     geometric = len(model.arm.parameters)
     ends = geometric + np.cumsum([len(effect.terms) for effect in model.effects])
     own = np.split(errors[geometric:], ends[:-1] - geometric) if model.effects else []

@@ -25,7 +25,7 @@ class State:
         conditions: what else is known of the records.
         target: the place whose origin is looked at.
         twists: displacements of places, see :meth:`Chain.walk`.
-        looked_at: a point of the last body near the target, whose motion is asked for instead (n, 3) [m]; None for the target.
+        looked_at: a point of the last body near the target, whose motion is asked for (n, 3) [m]; None for the target.
     """
 
     arm: Arm

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin.arm import Arm
-from aacmm_pin.calibration.evidence import StatedNoise
-from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.evidence import LENGTH, StatedNoise
+from aacmm_pin.calibration.fit import Fit, fit, redundant
 from aacmm_pin.calibration.held_out import held_out as left_out
+from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.unknowns import ASSEMBLED, Target, problem_of
 from aacmm_pin.checks import Array, vector
@@ -20,6 +21,7 @@ from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
+from aacmm_pin.observations import KnownLength
 from aacmm_pin.units import DEG, MM
 
 ReferenceFrame = Literal["base", "external"]
@@ -59,7 +61,7 @@ def calibrate(
         encoder_noise: standard uncertainty of a reading, one number or (nq,) [rad]; default what the arm states.
         reference_noise: of each coordinate of a reference where the records do not state it [m].
         probe_noise: of each coordinate of one contact [m].
-        length_noise: of a bar's length; default ``reference_noise`` [m].
+        length_noise: of a bar's length; default 50 µm, which is then said [m].
         robust: look for gross errors.
         hold_out: predict records left out of the fit, at random and by seats, sessions or blocks of joint space.
         rng: chooses which; default seed 1.
@@ -83,6 +85,7 @@ def calibrate(
     noise = StatedNoise(encoder_of(arm, encoder_noise), reference_noise, probe_noise, length_noise)
     external = reference_frame == "external"
     problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
+    require_scale(problem)
     after = fit(problem, noise, robust=robust)
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
     found = Calibration(after, setup, noise, (), tuple(notes_of(after, noise)))
@@ -90,6 +93,23 @@ def calibrate(
         return found
     held = left_out(found.before, after, noise, rng or np.random.default_rng(1), progress)
     return replace(found, held_out=tuple(held))
+
+
+def require_scale(problem: Problem) -> None:
+    """Refuse records that tell nothing of the arm's size: the smallest arm would scatter least about its seats.
+
+    Raises:
+        AacmmError: no coordinates, no lengths between seats, and lengths of the arm that nobody stated are to be estimated.
+    """
+    records = problem.measurements
+    lengths = [p.name for p, stated in zip(problem.parameters, problem.stated, strict=True) if p.unit == "m" and not stated]
+    of_arm = [name for name in lengths if not name.startswith("stylus_offset")]
+    if of_arm and not records.known.any() and not records.bars():
+        raise AacmmError(
+            f"{records.source} has seats without coordinates and no bar between them, which tell nothing of the arm's size: "
+            f"{', '.join(of_arm[:4])} … cannot be found; add a bar of known length or coordinates, state the arm's "
+            "uncertainties, or estimate zero-offsets"
+        )
 
 
 def encoder_of(arm: Arm, stated: ArrayLike | None) -> Array | None:
@@ -118,6 +138,10 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
             f"nobody states how far off {len(free)} of the parameters may be: taken as ±{ASSEMBLED['m'] / MM:g} mm and "
             f"±{ASSEMBLED['rad'] / DEG:.0f}° for geometry, wide enough not to matter where the data say something"
         )
+    if not redundant(after.problem, after.solution) and not after.excluded.any():
+        found.append("so few records cannot tell which of them are wrong: none was looked for")
+    if noise.length is None and any(isinstance(o, KnownLength) for o in after.observations):
+        found.append(f"nobody states how well the bars' lengths are known: taken as {LENGTH / MM:g} mm")
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
         found.append(f"{silent} records have no coordinates and no seat, and say nothing")

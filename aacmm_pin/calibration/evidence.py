@@ -44,6 +44,8 @@ class StatedNoise:
         stated = np.asarray(np.isfinite(measurements.reference_u).all(axis=1))
         if self.reference is None and not stated[measurements.known].all():
             return False
+        if touched.any() and self.probe is None and self.encoder is None:
+            return False  # a seat touched again would have to give the very same tip
         return self.probe is not None or not unseen.any()
 
 
@@ -74,7 +76,7 @@ def observations_of(measurements: Measurements, noise: StatedNoise, unmodelled: 
     if free.size:
         own = _reference_u(measurements, noise, 0.0)[free]  # what nobody stated is in the covariance of the tips already
         found.append(KnownPoint(free, measurements.reference[free], np.hypot(own, contact)))
-    return found + _barred(measurements, seats, noise, unmodelled)
+    return found + _barred(measurements, seats, noise)
 
 
 def _reference_u(measurements: Measurements, noise: StatedNoise, unmodelled: float) -> Array:
@@ -83,6 +85,8 @@ def _reference_u(measurements: Measurements, noise: StatedNoise, unmodelled: flo
     return np.maximum(u, LEAST)
 
 
+LENGTH = 5e-5
+"""Standard uncertainty of a bar's length that nobody stated [m]."""
 LEAST = 1e-12
 """A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
 
@@ -93,13 +97,11 @@ def _common(references: Array) -> Array | None:
     return references[0].copy() if same else None
 
 
-def _barred(
-    measurements: Measurements, seats: dict[str, SamePoint], noise: StatedNoise, unmodelled: float
-) -> list[Observation]:
+def _barred(measurements: Measurements, seats: dict[str, SamePoint], noise: StatedNoise) -> list[Observation]:
     """Seats joined by bars become one observation each, the others stay."""
     labels = list(seats)
     number = {label: i for i, label in enumerate(labels)}
-    u = next((value for value in (noise.length, noise.reference) if value is not None), unmodelled)
+    u = LENGTH if noise.length is None else noise.length
     bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
     ends = [(number[b.seat_a], number[b.seat_b]) for b in bars]
     rows, columns = (np.array([e[k] for e in ends], dtype=np.intp) for k in (0, 1))

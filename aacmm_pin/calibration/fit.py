@@ -23,6 +23,8 @@ FALSE_EXCLUSION = 0.01
 """Chance that any good record is excluded, over the whole file."""
 EFFICIENCY = 0.53
 """A scatter taken from the median of χ² with three degrees is as certain as from this part of all the records' numbers."""
+LEAST_DOF = 0.5
+"""With fewer degrees of freedom records do not tell their scatter; widths that nobody stated leave a little above zero."""
 MISFIT = 1e-3
 """χ² beyond its stated noise with less chance than this means that something scatters which nobody stated."""
 MOST_ROUNDS = 12
@@ -120,11 +122,12 @@ class _Fitting:
         point = begin(self.problem, self.observations)
         self._prepare(0.0 if self.stated else FIRST_SCATTER, point)
         if used is None and robust:
-            used, point = self._believed(self._nearer(point, spoken, robust=True), spoken)
-        else:
-            used = spoken if used is None else used & spoken
-            point = self._nearer(point, used, robust=False).point
-        return self._final(point, used, spoken)
+            near = self._nearer(point, spoken, robust=True)
+            if redundant(self.problem, near):
+                used, point = self._believed(near, spoken)
+                return self._final(point, used, spoken)
+        used = spoken if used is None else used & spoken
+        return self._final(self._nearer(point, used, robust=False).point, used, spoken)
 
     def _prepare(self, unmodelled: float, point: Point) -> None:
         """Take ``unmodelled`` for the scatter that nobody stated."""
@@ -159,15 +162,17 @@ class _Fitting:
         dof = max(_chi2(self.problem, solution)[1], 1.0)
         self._prepare(self._scatter_of_median(solution.system.deviation, spoken, min(1.0, dof / (3 * count))), point)
         # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
-        limit = 3 * f.isf(FALSE_EXCLUSION / count, 3, EFFICIENCY * dof if self.unmodelled > 0 else np.inf)
+        chance = FALSE_EXCLUSION / count
+        limit = 3 * f.isf(chance, 3, EFFICIENCY * dof) if self.unmodelled > 0 else chi2.isf(chance, 3)
         used = spoken.copy()
-        for _ in range(MOST_ROUNDS):
-            solution = self._solve(point, used)
-            point = solution.point
+        solution = standing(self.problem, self.observations, self.tips, point, used.astype(np.float64))
+        for tried in range(MOST_ROUNDS):
             belongs = spoken & (np.nan_to_num(solution.system.distance, nan=np.inf) <= limit)
-            if (belongs == used).all() or belongs.sum() < 0.5 * spoken.sum():
+            if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
                 break
             used = belongs
+            solution = self._solve(point, used)
+            point = solution.point
         return used, point
 
     def _scatter_of_median(self, deviation: Array, spoken: NDArray[np.bool_], share: float = 1.0) -> float:
@@ -202,7 +207,7 @@ class _Fitting:
         if self.stated:
             self._prepare(0.0, point)
             judged = self._best_chi2(point, used)
-            if judged[1] <= 0 or chi2.sf(judged[0], judged[1]) >= MISFIT:
+            if judged[1] < LEAST_DOF or chi2.sf(judged[0], judged[1]) >= MISFIT:
                 solution = self._solve(point, used)
                 return self._done(solution, used, spoken, _chi2(self.problem, solution))
             self._prepare(self._scatter_of_median(deviations(self.observations, point), used) or FIRST_SCATTER, point)
@@ -224,7 +229,7 @@ class _Fitting:
     def _scatter(self, solution: Solution, used: NDArray[np.bool_]) -> float:
         """Scatter beyond the stated noise with which χ² meets its degrees of freedom."""
         _, dof = _chi2(self.problem, solution)
-        if dof <= 0:
+        if dof < LEAST_DOF:
             numbers = 3 * int(used.sum())
             raise AacmmError(
                 f"too few records to find the noise: {numbers} coordinates for {self.problem.scales.size} parameters "
@@ -279,16 +284,23 @@ def _chi2(problem: Problem, solution: Solution) -> tuple[float, float]:
     return float(system.residual @ system.residual), system.free - left_out - determined
 
 
+def redundant(problem: Problem, solution: Solution) -> bool:
+    """Whether the records are enough to tell which of them are wrong: half of them cannot be fitted whatever they say."""
+    return _chi2(problem, solution)[1] >= 0.5 * solution.system.free
+
+
 def _squared(deviation: Array, covariance: Array) -> Array:
+    # Stated noise may be nothing at all, of an exact contact with exact readings.
+    covariance = covariance + LEAST_SCATTER**2 * np.eye(3)
     return np.asarray(np.einsum("ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]))
 
 
 def _root(excess: Callable[[float], float], deviation: Array) -> float:
-    """Variance at which ``excess`` vanishes; it falls with the variance."""
-    low, high = LEAST_SCATTER**2, float(np.square(deviation).sum()) + LEAST_SCATTER**2
+    """Variance at which ``excess``, which falls with it, vanishes; the largest that can be where it does not."""
+    low, high = LEAST_SCATTER**2, 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
     if excess(low) <= 0:
         return low
-    return float(brentq(excess, low, 10 * high, xtol=1e-24, rtol=1e-10))
+    return high if excess(high) > 0 else float(brentq(excess, low, high, xtol=1e-24, rtol=1e-10))
 
 
 LEAST_SCATTER = 1e-10

@@ -11,11 +11,15 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.problem import Problem, geometric_parameters
 from aacmm_pin.checks import Array
 from aacmm_pin.effects import Effect, StylusOffset
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.error_model import ErrorModel, entry_of
 from aacmm_pin.units import MM
 
 FIELDS = {"a": ("a_mm", MM), "d": ("d_mm", MM), "alpha": ("alpha_rad", 1.0), "theta_offset": ("theta_offset_rad", 1.0)}
 """Where a kind of parameter stands in a row of an arm file, and the file's unit."""
+
+
+UNTOLD = 0.999
+"""A parameter that is as good as all of an unknown combination is not told at all."""
 
 
 def calibrated_model(fit: Fit) -> ErrorModel:
@@ -38,9 +42,13 @@ def calibrated_model(fit: Fit) -> ErrorModel:
         else:
             effects.append(effect.at(effect.values, tuple(u[own])))
         names += [p.name for p in (of_arm or effect.parameters())]
+    # A parameter that the data tell nothing of has no u that means anything.
+    told = np.linalg.norm(fit.unknown[: len(names)], axis=1) < UNTOLD
+    names = [name if tells else "" for name, tells in zip(names, told, strict=True)]
     known = _covariance(arm, names, fit.covariance[: len(names), : len(names)])
-    moved = _moved_table(arm, steps, known) if arm.dh is not None else _moved_placements(arm, steps, known)
-    return ErrorModel(moved, (*problem.model.effects, *effects))
+    every = (*problem.model.effects, *effects)
+    moved = _moved_table(arm, steps, known, every) if arm.dh is not None else _moved_placements(arm, steps, known)
+    return ErrorModel(moved, every)
 
 
 def _covariance(arm: Arm, names: list[str], matrix: Array) -> Covariance | None:
@@ -64,7 +72,7 @@ def covariance_block(names: list[str], matrix: Array) -> Covariance:
     return Covariance(parameters=tuple(names), standard_uncertainty_si=tuple(float(v) for v in u), correlation=rows)
 
 
-def _moved_table(arm: Arm, steps: dict[str, float], known: Covariance | None) -> Arm:
+def _moved_table(arm: Arm, steps: dict[str, float], known: Covariance | None, effects: tuple[Effect, ...]) -> Arm:
     assert arm.file is not None
     rows = list(arm.file.joints)
     for parameter in arm.parameters:
@@ -72,7 +80,8 @@ def _moved_table(arm: Arm, steps: dict[str, float], known: Covariance | None) ->
             field, unit = FIELDS[parameter.kind]
             row = rows[parameter.joint - 1]
             rows[parameter.joint - 1] = row.model_copy(update={field: getattr(row, field) + steps[parameter.name] / unit})
-    file: ArmFile = arm.file.model_copy(update={"joints": rows, "covariance": known})
+    entries = [entry_of(effect) for effect in effects]
+    file: ArmFile = arm.file.model_copy(update={"joints": rows, "covariance": known, "effects": entries})
     return Arm.from_file(file)
 
 

@@ -14,8 +14,8 @@ from scipy.stats import chi2
 
 from aacmm_pin.arm_file import COVERAGE_FACTOR
 from aacmm_pin.calibration.evidence import StatedNoise
-from aacmm_pin.calibration.fit import Fit, fit
-from aacmm_pin.calibration.fold import calibrated_model, origins
+from aacmm_pin.calibration.fit import LEAST_DOF, Fit, fit
+from aacmm_pin.calibration.fold import UNTOLD, calibrated_model, origins
 from aacmm_pin.calibration.held_out import HeldOut
 from aacmm_pin.calibration.identifiability import Observability, undetermined
 from aacmm_pin.calibration.problem import Problem
@@ -24,6 +24,8 @@ from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.units import MM
 
 SCHEMA = "aacmm-pin/calibration/1"
+HARDLY = 0.1
+"""A parameter that nobody stated and whose u is more than this part of what it may be off is hardly known."""
 UNCHANGED = 0.95
 """A parameter whose u is more than this part of the stated one has learnt nothing from the data."""
 
@@ -78,7 +80,7 @@ class Calibration:
     def p_value(self) -> float | None:
         """Chance of a χ² this large if the model and the stated noise are right; None where the noise was not stated."""
         judged = self.fit.chi2_stated
-        return None if judged is None or judged[1] <= 0 else float(chi2.sf(*judged))
+        return None if judged is None or judged[1] < LEAST_DOF else float(chi2.sf(*judged))
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
@@ -103,11 +105,12 @@ class Calibration:
     def parameters(self) -> pd.DataFrame:
         """One row a parameter: before, after, change, u, U (k = 2), in the unit of the row; and what the data say of it.
 
-        ``known`` is ``measured``, ``as stated`` (the data add nothing to the stated uncertainty) or ``in combination``
+        ``known`` is ``measured``, ``hardly``, ``as stated`` (the data add nothing to what was stated) or ``in combination``
         (part of a combination in :attr:`undetermined`, u is of the part that is known).
         """
         problem = self.fit.problem
         x, u = self.fit.solution.point.x, np.sqrt(np.diag(self.covariance))
+        u[np.linalg.norm(self.fit.unknown[: u.size], axis=1) >= UNTOLD] = np.nan
         before = origins(problem) + problem.start
         rows = []
         for i, parameter in enumerate(problem.parameters):
@@ -131,7 +134,9 @@ class Calibration:
         problem = self.fit.problem
         if np.linalg.norm(self.fit.unknown[i]) > 0.02:
             return "in combination"
-        return "as stated" if problem.stated[i] and u > UNCHANGED * problem.widths[i] else "measured"
+        if problem.stated[i]:
+            return "as stated" if u > UNCHANGED * problem.widths[i] else "measured"
+        return "hardly" if u > HARDLY * problem.widths[i] else "measured"
 
     @cached_property
     def correlation(self) -> pd.DataFrame:

@@ -21,8 +21,12 @@ LOOSELY_SETTLED = 1e-2
 """The same of a search whose result is only a start."""
 AT_BEST = 1e-7
 """Ends of bars that move by less than this are where they fit best [m]."""
-FLOOR = 1e-10
-"""Smallest damping, beside the square of the largest singular value."""
+FLAT = 1e-4
+"""A promise below this that nothing comes of ends the search too: what bends under weight has no exact derivative here."""
+FLOOR = 0.01
+"""Smallest damping, beside the square of the smallest singular value that matters."""
+MOST_DAMPING = 1e10
+"""Largest damping, beside the square of the largest; with more no step moves anything."""
 LEAST_KNOWN = 0.1
 """A direction about which data and stated uncertainties together say less than this, one over its width, is not known."""
 WILD = 2.0
@@ -143,7 +147,8 @@ def solve(
         point, system = _at_best(problem, point, system, observations, noise, weights)
         spectrum = spectrum_of(problem, system, point.x)
         top = float(spectrum.values.max(initial=0.0)) or 1.0  # a set-up may have no unknown parameter at all
-        cost, floor = _cost(problem, system, point.x), FLOOR * top**2
+        # Any damping that matters holds back the direction that is known least; the others hardly notice.
+        cost, floor = _cost(problem, system, point.x), FLOOR * float(spectrum.values[spectrum.movable].min(initial=top)) ** 2
         while True:
             trial = _advanced(problem, point, system, spectrum.step(damping) * problem.scales)
             tried = _system(problem, trial, observations, noise, weights)
@@ -151,13 +156,14 @@ def solve(
             if gained >= -1e-12 * cost - SETTLED:
                 break
             damping = max(10 * damping, floor)
-            if damping > top**2 / FLOOR:
+            if damping > MOST_DAMPING * top**2:
                 raise AacmmError("the calibration does not settle: no step lowers the residuals; are the angles right?")
         point, system = trial, tried
         ends = LOOSELY_SETTLED if robust or roughly else SETTLED
-        if spectrum.promise() < ends:
+        if spectrum.promise() < ends or (spectrum.promise() < FLAT and gained < SETTLED):
             return Solution(point, system, spectrum_of(problem, system, point.x), weights, count)
-        share = gained / spectrum.promise(damping)
+        promised = spectrum.promise(damping)
+        share = gained / promised if promised > 0 else 0.0
         damping = max(10 * damping, floor) if share < 0.25 else damping / 10 if damping > floor and share > 0.75 else damping
         damping = 0.0 if share > 0.75 and damping <= floor else damping
     raise AacmmError(f"the calibration does not settle in {MOST_STEPS} steps; are the start values and the angles right?")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -67,7 +68,9 @@ def problem_of(
     fixed = tuple(e for e in model.effects if e.label not in labels)
     widths = np.concatenate([np.empty(0), *(w for _, w, _ in chosen)])
     stated = np.concatenate([np.empty(0, dtype=bool), *(s for _, _, s in chosen)])
-    base = ErrorModel(model.arm, fixed)
+    stay = [p.name for p in (*model.arm.parameters, *(p for e in fixed for p in e.parameters()))]
+    known = None if model.arm.covariance is None else model.arm.covariance.restricted(stay)
+    base = ErrorModel(replace(model.arm, covariance=known), fixed)
     return Problem(base, tuple(e for e, _, _ in chosen), widths, stated, measurements, external)
 
 

@@ -1,6 +1,7 @@
 """The command ``aacmm-pin``: one function for each subcommand, no logic of its own."""
 
 from aacmm_pin.cli import before as before
+from aacmm_pin.cli import diagnosed as diagnosed
 from aacmm_pin.cli import measured as measured
 from aacmm_pin.cli.common import app
 

@@ -18,11 +18,15 @@ BAR_LENGTH_MM = 500.0
 
 MaybeArm = Annotated[
     str | None,
-    typer.Argument(metavar="ARM", help=f"Bundled arm ({', '.join(bundled_arms())}) or path of an arm file; none with --urdf."),
+    typer.Argument(
+        metavar="ARM", help=f"Bundled arm ({', '.join(bundled_arms())}) or path of an arm file; none with --urdf."
+    ),
 ]
 Data = Annotated[str | None, typer.Argument(metavar="DATA", help="Measurement file (CSV).", show_default=False)]
 Urdf = Annotated[str | None, typer.Option("--urdf", metavar="FILE", help="Any serial arm by its URDF, in place of ARM.")]
-FrameName = Annotated[str | None, typer.Option("--frame", metavar="NAME", help="With --urdf: the frame whose origin is the tip.")]
+FrameName = Annotated[
+    str | None, typer.Option("--frame", metavar="NAME", help="With --urdf: the frame whose origin is the tip.")
+]
 ReferenceNoise = Annotated[
     float | None, typer.Option("--reference-noise-mm", help="Standard uncertainty of a reference coordinate, in mm.")
 ]

@@ -17,6 +17,7 @@ from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
 from aacmm_pin.calibration_findings import calibration_summary, comment, not_in_urdf
 from aacmm_pin.calibration_page import calibration_page
+from aacmm_pin.checks import Array
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Output, Plot, Results, command, note
 from aacmm_pin.cli.effect_option import EffectTexts, check_rows, effects_of, known_effects
 from aacmm_pin.cli.given import (
@@ -60,7 +61,9 @@ def simulate(
     unknown: Annotated[bool, typer.Option("--unknown", help="With plan seats: without their coordinates.")] = False,
     bar_length_mm: Annotated[float | None, typer.Option(help="With plan ball-bar: length of the bars.")] = None,
     effect: EffectTexts = None,
-    perturb: Annotated[bool, typer.Option("--perturb", help="Draw the true geometry within the arm's uncertainties.")] = False,
+    perturb: Annotated[
+        bool, typer.Option("--perturb", help="Draw the true geometry within the arm's uncertainties.")
+    ] = False,
     seed: Seed = 1,
     encoder_noise_rad: EncoderNoise = None,
     reference_noise_mm: ReferenceNoise = None,
@@ -122,7 +125,9 @@ def calibrate_(
     with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_) as results:
         model, path = model_and_data(arm, data, urdf, frame)
         if output is not None and model.arm.dh is None:
-            raise UnsupportedArmError(f"{output}: an arm file needs a DH table, {model.arm.name} came as URDF; use --urdf-out")
+            raise UnsupportedArmError(
+                f"{output}: an arm file needs a DH table, {model.arm.name} came as URDF; use --urdf-out"
+            )
         effects = known_effects(effect, model)
         check_rows(effects, model)
         result = calibrate(
@@ -194,15 +199,14 @@ def correct(
     note(f"{path}: {readings.n} readings corrected by {model.arm.name} with {effects}")
 
 
-def _u(model: ErrorModel, readings: Measurements, encoder_noise: float | None) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _u(model: ErrorModel, readings: Measurements, encoder_noise: float | None) -> Array:
     """Standard uncertainty of each position (n,) [m]; nan where nobody states any."""
-    stated = np.diag(model.covariance()).any() or model.arm.encoder_noise is not None or encoder_noise is not None
-    if not stated:
+    noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
+    if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
         note(f"note: {model.arm.name} states no uncertainty, so u_mm is left empty")
         return np.full(readings.n, np.nan)
-    if model.arm.encoder_noise is None and encoder_noise is None:
+    if noise is None:
         note("note: u_mm is of the parameters alone; --encoder-noise-rad adds the noise of the readings")
-    found = accuracy_volume(
+    return accuracy_volume(
         model, readings.q, conditions=readings.conditions, method="ellipsoid", encoder_noise=encoder_noise
-    )
-    return found.u
+    ).u

@@ -9,7 +9,14 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from aacmm_pin.calibration import Calibration
-from aacmm_pin.calibration_findings import fit_in_words, frame_in_words, number, readable_parameters, verdict
+from aacmm_pin.calibration_findings import (
+    causes_in_words,
+    decimals,
+    fit_in_words,
+    frame_in_words,
+    readable_parameters,
+    verdict,
+)
 from aacmm_pin.cli.common import note, say
 
 WIDTH = 118
@@ -26,6 +33,8 @@ def say_calibration(result: Calibration) -> None:
     say(fit_in_words(result))
     if frame := frame_in_words(result):
         say(frame)
+    for line in causes_in_words(result):
+        say(line)
     _say_excluded(result)
     if result.undetermined:
         say("These data do not tell, and leave as it was:")
@@ -47,6 +56,9 @@ def _say_excluded(result: Calibration) -> None:
 
 
 def _say_parameters(result: Calibration) -> None:
+    if not result.fit.problem.parameters:
+        say("No parameter was estimated: the arm states all of them to be exact; --no-prior estimates them all the same.")
+        return
     table = Table(
         Column("parameter", no_wrap=True),
         Column("value", justify="right", no_wrap=True),
@@ -56,9 +68,11 @@ def _say_parameters(result: Calibration) -> None:
         box=SIMPLE,
     )
     rows = readable_parameters(result)
+    form = decimals(rows)
     for row in rows.to_dict("records"):
-        change = f"{'* ' if row['beyond'] else ''}{number(row['change'])}"
-        table.add_row(row["parameter"], row["value"], change, number(row["u"]), number(row["U"]), row["in"], row["known"])
+        numbers = [f"{row[name]:{form}}" for name in ("change", "u", "U")]
+        numbers[0] = "* " * row["beyond"] + numbers[0]
+        table.add_row(row["parameter"], row["value"], *numbers, row["in"], row["known"])
     Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
     if rows["beyond"].any():
-        say("* moved farther than its stated uncertainty allows")
+        say("* moved farther than its stated and its new uncertainty together allow")

@@ -122,8 +122,8 @@ def retained(left: Conditional, block: Block) -> float:
     information = left.information(block.columns, block.columns)
     step = np.asarray(np.linalg.lstsq(information, left.gradient[block.columns], rcond=1e-10)[0])
     whole = left.gram.products[block.columns, block.columns] / left.variance
-    size = float(step @ whole @ step)
-    return float(np.sqrt(max(step @ information @ step, 0.0) / size)) if size > 0 else 0.0
+    kept, size = (float(np.dot(np.dot(step, matrix), step)) for matrix in (information, whole))
+    return float(np.sqrt(max(kept, 0.0) / size)) if size > 0 else 0.0
 
 
 def _aliases(question: Question, left: Conditional, k: int, shares: Array, names: tuple[str, ...]) -> list[Alias]:

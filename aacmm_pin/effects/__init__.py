@@ -49,9 +49,9 @@ CAUSES: dict[str, type[Effect]] = {
 """Every cause by its name."""
 
 __all__ = [
+    "CAUSES",
     "BaseCompliance",
     "BearingTilt",
-    "CAUSES",
     "Counterbalance",
     "Displacement",
     "Effect",

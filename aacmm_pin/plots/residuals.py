@@ -69,9 +69,7 @@ def fit_of(result: Calibration, when: When) -> Fit:
     return result.fit if when == "after" else result.before
 
 
-def plot_residual_vectors(
-    result: Calibration, when: When = "after", plane: Plane = "xy", ax: Axes | None = None
-) -> Axes:
+def plot_residual_vectors(result: Calibration, when: When = "after", plane: Plane = "xy", ax: Axes | None = None) -> Axes:
     """Residuals as lines from each target towards the tip, projected, and magnified by the factor in the title.
 
     The ends of the lines, where the tips would be, have a dot; excluded records are crosses at their targets.
@@ -106,7 +104,7 @@ def plot_residual_vectors(
     _scale_bar(ax, corner, factor, round_down(1.3 * longest))
     ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
     ax.margins(0.08)
-    ax.legend(loc="upper right", fontsize=8, framealpha=0.85)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, fontsize=8, frameon=False)
     name = result.model.arm.name
     ax.set_title(f"{name}: residuals {when} calibration, magnified {factor:g}×", fontsize=10)
     return ax
@@ -238,7 +236,9 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     distance = np.sqrt(result.fit.solution.system.distance[result.fit.used])
     ax = axes_of(ax, (5.4, 3.6))
     most = max(4.5, float(distance.max(initial=0.0)))
-    ax.hist(distance, np.linspace(0, most, 31), density=True, color=BLUE, alpha=0.75, label=f"{len(distance)} records used")
+    ax.hist(
+        distance, list(np.linspace(0, most, 31)), density=True, color=BLUE, alpha=0.75, label=f"{len(distance)} records used"
+    )
     x = np.linspace(0, most, 300)
     ax.plot(x, chi.pdf(x, 3), color=VERMILLION, lw=1.8, label="χ, 3 degrees of freedom")
     ax.set(xlabel="normalised residual [1]", ylabel="density [1]", xlim=(0, most))

@@ -29,7 +29,9 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import load_arm_file
+from aacmm_pin.calibration import calibrate
 from aacmm_pin.checks import Array
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.urdf import urdf_text
 
 RECORDS = 100

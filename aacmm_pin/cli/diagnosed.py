@@ -1,0 +1,93 @@
+"""What the simulation gets wrong, and why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, cast
+
+import numpy as np
+import typer
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Column, Table
+from tqdm.auto import tqdm
+
+from aacmm_pin.calibration.calibrate import ReferenceFrame
+from aacmm_pin.calibration.unknowns import Target
+from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, command, note, say
+from aacmm_pin.cli.given import Data, FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_and_data
+from aacmm_pin.diagnosis import Diagnosis, diagnose
+from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.measurements import Measurements
+
+
+@command("diagnose")
+def diagnose_(
+    arm: MaybeArm = None,
+    data: Data = None,
+    reference_frame: Annotated[str, typer.Option(help="base, or external: an unknown frame.")] = "base",
+    target: Annotated[str, typer.Option(help="tip, or unknown: some point on the last body.")] = "tip",
+    no_prior: Annotated[bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")] = False,
+    encoder_noise_rad: EncoderNoise = None,
+    reference_noise_mm: ReferenceNoise = None,
+    probe_noise_mm: ProbeNoise = None,
+    length_noise_mm: Annotated[float | None, typer.Option(help="Standard uncertainty of a bar's length, in mm.")] = None,
+    no_held_out: Annotated[bool, typer.Option("--no-held-out", help="Do not measure the gain.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 1,
+    urdf: Urdf = None,
+    frame: FrameName = None,
+    extended_arm: Annotated[Path | None, typer.Option(help="Arm file for the extended model.")] = None,
+    json_: Json = None,
+    force: Force = False,
+) -> None:
+    """What the simulation gets wrong, which cause it has, and how much better the arm is once the model knows."""
+    with Results(force, extended_arm, json_=json_) as results:
+        model, path = model_and_data(arm, data, urdf, frame)
+        if extended_arm is not None and model.arm.dh is None:
+            raise UnsupportedArmError(f"{extended_arm}: an arm file needs a DH table, {model.arm.name} came as URDF")
+        result = diagnose(
+            model,
+            Measurements.read(path, model.arm.nq),
+            reference_frame=cast(ReferenceFrame, reference_frame),
+            target=cast(Target, target),
+            prior=not no_prior,
+            encoder_noise=encoder_noise_rad,
+            reference_noise=in_metres(reference_noise_mm),
+            probe_noise=in_metres(probe_noise_mm),
+            length_noise=in_metres(length_noise_mm),
+            hold_out=not no_held_out,
+            rng=np.random.default_rng(seed),
+            progress=lambda parts: tqdm(parts, desc="held out", unit="part", leave=False, disable=None),
+        )
+        if extended_arm is not None:
+            result.model.save(results.file(extended_arm), comment=f"Extended by aacmm-pin diagnose from {path}: {result}")
+        if json_ is not None:
+            results.json(result.summary() | {"source": path, "seed": seed}, json_)
+    for text in result.notes:
+        note(f"note: {text}")
+    if json_ is None:
+        _say(result)
+
+
+def _say(result: Diagnosis) -> None:
+    say(str(result))
+    if result.findings:
+        table = Table("cause", Column("values ± U", ratio=1), "probability", "p", "kept", "looks like", box=SIMPLE)
+        for f in result.findings:
+            few = f.parameters if len(f.parameters) <= 6 else {}
+            values = "\n".join(f"{k} {v:.4g} ± {2 * u:.2g}" for k, (v, u) in few.items()) or f"{len(f.parameters)} values"
+            alike = ", ".join(f"{a.label} ({a.probability:.2g})" for a in f.aliases[:3])
+            kept = f"{f.retained_fraction:.2f}"
+            table.add_row(f.label, values, f"{f.probability:.3f}", f"{f.p_value:.1g}", kept, alike)
+        Console().print(table)
+    for row in result.excluded.to_dict("records"):
+        say(f"excluded: row {row['row']}, {row['residual_mm']:.3f} mm off: {row['reason']}")
+    worst = result.simulation_groups.head(3)
+    if len(worst):
+        say("where the simulation is off most, beside what its own uncertainties predict:")
+        for row in worst.to_dict("records"):
+            say(
+                f"  {row['by']} {row['group']}: {row['rms_mm']:.4f} mm, {row['times_predicted']:.1f} times the predicted "
+                f"{row['predicted_mm']:.4f} mm"
+            )
+    say(f"next: {result.next_measurements}")

@@ -1,0 +1,9 @@
+"""A measuring arm with a hidden fault, for blind tests of diagnosis: own kinematics, own physics, no line of the package.
+
+:func:`blind.plant.draw` makes a measurement file from a seed, and says afterwards what was hidden in it.
+"""
+
+from blind.plant import Draw, Sample, draw
+from blind.truth import Hidden, Truth
+
+__all__ = ["Draw", "Hidden", "Sample", "Truth", "draw"]

@@ -1,0 +1,134 @@
+"""The arm with its faults: from indications and conditions to the coordinates that a perfect reference would give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from blind import outside
+from blind.conditions import Conditions
+from blind.encoders import ENCODER, Parameters
+from blind.kinematics import Arm, Array, jacobian, placements
+from blind.statics import Elastic, Rest, settle
+from blind.truth import Hidden
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """An arm whose DH values are really ``values`` (R, 4), with ``faults`` and, where not None, small terms."""
+
+    arm: Arm
+    values: Array
+    faults: tuple[Hidden, ...] = ()
+    small: outside.SmallTerms | None = None
+
+    def with_faults(self, faults: Sequence[Hidden]) -> Machine:
+        return replace(self, faults=tuple(faults))
+
+    def joint_angles(self, q: Array, conditions: Conditions) -> Array:
+        """Angles of all rows (n, R) [rad] at the indications q (n, nq) [rad]."""
+        angles = self.arm.all_angles(q)
+        for fault in self.faults:
+            if fault.cause in ENCODER:
+                assert fault.joint is not None
+                i = fault.joint - 1
+                angles[:, i] = ENCODER[fault.cause](angles[:, i], fault.parameters, conditions, fault.joint)
+            elif fault.parameters.get("kind") == "joint_product":
+                angles = outside.joint_product(angles, fault.parameters)
+        return angles if self.small is None else self.small.added(angles, conditions)
+
+    def dh(self, conditions: Conditions) -> Array:
+        """DH values of each record (n, R, 4): warm and moist lengths, geometric faults."""
+        values = np.repeat(self.values[None], len(conditions.time), axis=0)
+        growth = np.zeros(values.shape[:2])
+        for fault in self.faults:
+            rows = slice(None) if fault.joint is None else slice(fault.joint - 1, fault.joint)
+            if fault.cause == "thermal_expansion":
+                rise = conditions.temperature - self.arm.reference_temperature
+                growth[:, rows] += fault.parameters["expansion_per_k"] * rise[:, None]
+            elif fault.cause in GEOMETRY:
+                name, column, unit = GEOMETRY[fault.cause]
+                values[:, rows, column] += unit * fault.parameters[name]
+            elif fault.parameters.get("kind") == "humidity":
+                for tube in self.arm.tubes():
+                    growth[:, tube - 1] += outside.swelling(fault.parameters, conditions)
+        values[:, :, :2] *= 1.0 + growth[:, :, None]
+        return values
+
+    def elastic(self) -> Elastic:
+        """The flexibilities among the faults."""
+        elastic = Elastic.rigid(self.arm.rows)
+        base = 0.0
+        for fault in self.faults:
+            if fault.cause == "base_compliance":
+                base += fault.parameters["compliance_rad_per_nm"]
+            elif fault.cause in ELASTIC:
+                assert fault.joint is not None
+                i = fault.joint - 1
+                name, where = ELASTIC[fault.cause]
+                length = np.abs(self.values[i, :2]).max() if fault.cause == "torsional_windup" else 1.0
+                getattr(elastic, where)[i] += fault.parameters[name] / length
+        return replace(elastic, base=base)
+
+    def rest(self, q: Array, conditions: Conditions) -> Rest:
+        """The arm at rest."""
+        return settle(self.arm, self.dh(conditions), self.joint_angles(q, conditions), self.elastic())
+
+    def observed(self, q: Array, conditions: Conditions) -> Array:
+        """Coordinates of the tip (n, 3) [m] that a perfect reference in the base frame states."""
+        last = self.rest(q, conditions).frames[:, -1]
+        tip = last[:, :3, 3].copy()
+        for fault in self.faults:
+            p = fault.parameters
+            if fault.cause == "stylus_offset":
+                tip += 1e-3 * last[:, :3, :3] @ _vector(p)
+            elif fault.cause == "stylus_bending":
+                tip += 1e-3 * p["level_sag_mm"] * self._down_across_stylus(last)
+            elif fault.cause == "seat_error":
+                tip -= 1e-3 * np.where(conditions.seat[:, None] == int(p["seat"][1:]) - 1, _vector(p), 0.0)
+            elif fault.cause == "unexplained":
+                tip += outside.shift(p, last[:, :3, 3], conditions)
+        return tip
+
+    def _down_across_stylus(self, last: Array) -> Array:
+        axis = last[:, :3, :3] @ self.arm.stylus
+        down = self.arm.gravity / np.linalg.norm(self.arm.gravity)
+        return np.asarray(down - axis * (axis @ down)[:, None])
+
+    def jacobian(self, q: Array) -> Array:
+        """Of the bare table at the indications, (n, 3, nq) [m/rad]."""
+        return jacobian(placements(self.values, self.arm.all_angles(q)), self.arm.moving)
+
+    def touching(self, q: Array, conditions: Conditions, points: Array) -> Array:
+        """Indications near q (n, nq) at which the reference states ``points`` (n, 3) [m] exactly."""
+        for _ in range(20):
+            missing = points - self.observed(q, conditions)
+            if np.abs(missing).max() < 1e-12:
+                return q
+            j = self.jacobian(q)
+            q = q + np.einsum("nkj,nk->nj", j, np.linalg.solve(j @ j.transpose(0, 2, 1), missing[..., None])[..., 0])
+        raise RuntimeError(f"the tip stays {np.abs(missing).max():.1e} m away from its points")
+
+
+def _vector(p: Parameters) -> Array:
+    return np.array([p["x_mm"], p["y_mm"], p["z_mm"]])
+
+
+GEOMETRY = {
+    "link_length": ("a_mm", 0, 1e-3),
+    "joint_distance": ("d_mm", 1, 1e-3),
+    "link_twist": ("alpha_rad", 2, 1.0),
+    "joint_zero_offset": ("offset_rad", 3, 1.0),
+}
+"""Parameter, column of the DH values, and unit."""
+
+ELASTIC = {
+    "joint_compliance": ("compliance_rad_per_nm", "joint"),
+    "bearing_tilt": ("compliance_rad_per_nm", "tilt"),
+    "link_bending": ("flexibility_rad_per_nm2", "bend"),
+    "torsional_windup": ("compliance_rad_per_nm", "twist"),
+    "counterbalance": ("level_turn_rad", "spring"),
+}
+"""Parameter and field of Elastic; the compliance of a windup is that of the whole tube, length / GJ."""

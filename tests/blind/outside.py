@@ -1,0 +1,92 @@
+"""Faults that no cause of the contract describes, and the small terms that every real arm has beside its faults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blind.conditions import Conditions
+from blind.encoders import Parameters, bumps
+from blind.kinematics import Arm, Array, jacobian, placements
+
+DEPENDS_ON = {
+    "joint_product": ("theta{j}", "theta{k}"),
+    "humidity": ("humidity_pct",),
+    "operator": ("operator",),
+    "frame_walk": ("time_s",),
+    "tip_field": ("x_mm", "y_mm", "z_mm"),
+}
+"""Kinds of ``unexplained``, and the columns they depend on."""
+
+
+def joint_product(angles: Array, p: Parameters) -> Array:
+    """(n, R) angles with a term at one joint that depends on two: A sin(θj - a) sin(θk - b)."""
+    j, k = p["joints"]
+    out = angles.copy()
+    out[:, j - 1] += (
+        p["amplitude_rad"] * np.sin(angles[:, j - 1] - p["phases_rad"][0]) * np.sin(angles[:, k - 1] - p["phases_rad"][1])
+    )
+    return out
+
+
+def swelling(p: Parameters, conditions: Conditions) -> Array:
+    """(n,) relative growth of the tubes with humidity."""
+    return np.asarray(p["per_pct"] * (conditions.humidity - 48.0))
+
+
+def shift(p: Parameters, tip: Array, conditions: Conditions) -> Array:
+    """(n, 3) what is added to the coordinates of the tip."""
+    if p["kind"] == "operator":
+        return np.where(conditions.operator[:, None] == 1, np.asarray(p["shift_m"]), 0.0)
+    if p["kind"] == "frame_walk":
+        walk = np.asarray(p["walk_m"])
+        return np.stack([np.interp(conditions.time, p["knots_s"], walk[:, axis]) for axis in range(3)], axis=1)
+    if p["kind"] == "tip_field":
+        distance = np.linalg.norm(tip - np.asarray(p["centre_m"]), axis=1)
+        return np.asarray(np.exp(-0.5 * (distance / p["width_m"]) ** 2)[:, None] * p["shift_m"])
+    return np.zeros_like(tip)
+
+
+@dataclass(frozen=True, eq=False)
+class SmallTerms:
+    """For each joint a smooth curve of little bumps and a ripple of high order; 1 to 2 µm rms at the tip in all."""
+
+    smooth: tuple[Parameters, ...]
+    ripple_order: Array
+    ripple_phase: Array
+    ripple: Array
+
+    @staticmethod
+    def of(rng: np.random.Generator, arm: Arm) -> SmallTerms:
+        rows, total = arm.rows, rng.uniform(1.0e-6, 2.0e-6)
+        q = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (200, len(arm.limits)))
+        levers = jacobian(placements(arm.values, arm.all_angles(q)), arm.moving)
+        lever = float(np.sqrt((levers**2).sum(axis=(1, 2)).mean()))
+        ripple = rng.uniform(3.0e-6, 5.0e-6, rows) / 2.0  # from peak to peak
+        share = rng.uniform(0.6, 0.9)
+        ripple *= np.sqrt(share) * total / (lever * float(np.sqrt(np.mean(ripple**2 / 2.0))))
+        smooth = tuple(_smooth(rng, np.sqrt(1.0 - share) * total / lever) for _ in range(rows))
+        return SmallTerms(smooth, rng.integers(90, 400, rows).astype(float), rng.uniform(0.0, 2.0 * np.pi, rows), ripple)
+
+    def added(self, angles: Array, conditions: Conditions) -> Array:
+        """(n, R) angles with the small terms."""
+        out = angles + self.ripple * np.cos(self.ripple_order * angles - self.ripple_phase)
+        for i, curve in enumerate(self.smooth):
+            out[:, i] += bumps(angles[:, i], curve, conditions, i + 1) - angles[:, i]
+        return out
+
+
+def _smooth(rng: np.random.Generator, rms: float) -> Parameters:
+    """Bumps of random height on eight places of the turn, scaled to the given rms over it [rad]."""
+    curve = {
+        "centres_rad": rng.uniform(0.0, 2.0 * np.pi, 8),
+        "widths_rad": rng.uniform(0.3, 0.8, 8),
+        "heights_rad": rng.standard_normal(8),
+    }
+    turn = np.linspace(0.0, 2.0 * np.pi, 361)[:-1]
+    values = (
+        np.exp(-0.5 * (2.0 * np.sin(0.5 * (turn[:, None] - curve["centres_rad"])) / curve["widths_rad"]) ** 2)
+        @ curve["heights_rad"]
+    )
+    return curve | {"heights_rad": curve["heights_rad"] * rms / values.std()}

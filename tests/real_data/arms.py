@@ -1,0 +1,121 @@
+"""The real arms as their makers describe them, built from published nominal dimensions; nothing measured is in here."""
+
+from __future__ import annotations
+
+from math import pi
+
+import pinocchio as pin
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile
+
+QUARTER = pi / 2
+LIMITS = [-6.3, 6.3]
+"""Wide enough for every record; the Fanuc's wrist turns almost once either way [rad]."""
+
+Row = tuple[float, float, float]
+"""a [mm], d [mm], alpha [rad]."""
+
+UR10: list[Row] = [
+    (0, 127.3, QUARTER),
+    (-612, 0, 0),
+    (-572.3, 0, 0),
+    (0, 163.941, QUARTER),
+    (0, 115.7, -QUARTER),
+    (0, 92.2, 0),
+]
+PANDA: list[Row] = [  # Craig: a and alpha of the row before
+    (0, 333, 0),
+    (0, 0, -QUARTER),
+    (0, 316, QUARTER),
+    (82.5, 0, QUARTER),
+    (-82.5, 384, -QUARTER),
+    (0, 0, QUARTER),
+    (88, 107, QUARTER),
+]
+IIWA14: list[Row] = [
+    (0, 360, -QUARTER),
+    (0, 0, QUARTER),
+    (0, 420, QUARTER),
+    (0, 0, -QUARTER),
+    (0, 400, -QUARTER),
+    (0, 0, QUARTER),
+    (0, 126, 0),
+]
+FANUC: list[Row] = [  # joints 3 to 6 turn against the base's axes: the rows before them point z the other way
+    (312, 670, -QUARTER),
+    (1075, 0, pi),
+    (225, 0, -QUARTER),
+    (0, -1280, QUARTER),
+    (0, 0, -QUARTER),
+    (0, -215, 0),
+]
+FANUC_OFFSETS = [0, -QUARTER, 0, 0, 0, 0]
+"""The upper arm stands upright at zero; x of its row points along it."""
+
+FANUC_CHAIN = [  # place of each joint beyond the one before [m], and its axis there: Rz Ry Ry Rx Ry Rx, signs + + - - - -
+    ("0 0 0.670", "0 0 1"),
+    ("0.312 0 0", "0 1 0"),
+    ("0 0 1.075", "0 -1 0"),
+    ("1.280 0 0.225", "-1 0 0"),
+    ("0 0 0", "0 -1 0"),
+    ("0 0 0", "-1 0 0"),
+]
+FANUC_FLANGE = "0.215 0 0"
+
+
+def of_table(name: str, rows: list[Row], convention: str = "standard-dh", offsets: list[float] | None = None) -> Arm:
+    """An arm by its DH table; nobody states how well the numbers are known."""
+    joints = [
+        {
+            "a_mm": float(a),
+            "d_mm": float(d),
+            "alpha_rad": float(alpha),
+            "theta_offset_rad": float(offset),
+            "limits_rad": LIMITS,
+        }
+        for (a, d, alpha), offset in zip(rows, offsets or [0.0] * len(rows), strict=True)
+    ]
+    content = {"schema": "aacmm-pin/arm/1", "name": name, "convention": convention, "joints": joints}
+    return Arm.from_file(ArmFile.model_validate(content))
+
+
+def ur10() -> Arm:
+    """Universal Robots UR10 (CB3)."""
+    return of_table("UR10", UR10)
+
+
+def panda() -> Arm:
+    """Franka Emika Panda."""
+    return of_table("Panda", PANDA, "modified-dh")
+
+
+def iiwa14() -> Arm:
+    """KUKA LBR iiwa 14 R820."""
+    return of_table("iiwa 14", IIWA14)
+
+
+def fanuc_table() -> Arm:
+    """Fanuc R-2000iC/165F by a DH table."""
+    return of_table("R-2000iC", FANUC, offsets=FANUC_OFFSETS)
+
+
+def fanuc() -> Arm:
+    """Fanuc R-2000iC/165F as a chain of joints."""
+    return Arm.from_model(pin.buildModelFromXML(fanuc_urdf()), "flange")
+
+
+def fanuc_urdf() -> str:
+    """URDF text of that chain."""
+    links = "".join(f'<link name="link{k}"/>' for k in range(len(FANUC_CHAIN) + 1))
+    limit = f'<limit lower="{LIMITS[0]}" upper="{LIMITS[1]}" effort="0" velocity="0"/>'
+    joints = "".join(
+        f'<joint name="joint{k}" type="revolute"><parent link="link{k - 1}"/><child link="link{k}"/>'
+        f'<origin xyz="{place}"/><axis xyz="{axis}"/>{limit}</joint>'
+        for k, (place, axis) in enumerate(FANUC_CHAIN, start=1)
+    )
+    last = (
+        f'<link name="flange"/><joint name="mount" type="fixed"><parent link="link{len(FANUC_CHAIN)}"/>'
+        f'<child link="flange"/><origin xyz="{FANUC_FLANGE}"/></joint>'
+    )
+    return f'<robot name="R-2000iC">{links}{joints}{last}</robot>'

@@ -1,0 +1,358 @@
+"""Calibration against the paper, an independent least squares, repeats on simulated data, and records that are wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile, load_arm_file
+from aacmm_pin.calibration import Calibration, calibrate
+from aacmm_pin.checks import Array
+from aacmm_pin.conditions import Conditions
+from aacmm_pin.effects import (
+    BaseCompliance,
+    Effect,
+    EncoderEccentricity,
+    EncoderGain,
+    EncoderSlip,
+    JointCompliance,
+    JointHysteresis,
+    JointPeriodicError,
+    LinkBending,
+    ThermalExpansion,
+    ZeroDrift,
+)
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.noise import Noise
+from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.zero_offset_paper import printed_postures
+
+READING, REFERENCE = 8e-6, 12e-6
+
+
+def within(arm: Arm, rng: np.random.Generator, n: int) -> Array:
+    return np.column_stack([rng.uniform(low, high, n) for low, high in arm.limits])
+
+
+def free_points(arm: Arm, rng: np.random.Generator, n: int = 300) -> tuple[Measurements, Array]:
+    """Records of an arm whose geometry is off by a draw of its stated uncertainty, and that draw."""
+    q = within(arm, rng, n)
+    errors = rng.normal(size=len(arm.parameters)) * np.array([p.u for p in arm.parameters])
+    tips = arm.perturbed_positions(q, np.tile(errors, (n, 1)))
+    noisy = q + rng.normal(size=q.shape) * READING
+    return Measurements.of(noisy, tips + rng.normal(size=tips.shape) * REFERENCE), errors
+
+
+def quick(arm: Arm | ErrorModel, data: Measurements, *args: object, **options: object) -> Calibration:
+    known = {"encoder_noise": READING, "reference_noise": REFERENCE, "hold_out": False}
+    return calibrate(arm, data, *args, **(known | options))  # type: ignore[arg-type]
+
+
+def normalised(arm: Arm, result: Calibration, errors: Array) -> Array:
+    """Estimate minus truth over u, of the parameters that the data tell."""
+    true = {p.name: p.value + e for p, e in zip(arm.parameters, errors, strict=True)}
+    table = result.parameters[result.parameters["known"] == "measured"]
+    scale = np.where(table["unit"] == "mm", 1e-3, 1.0)
+    off = table["after"] * scale - [true[name] for name in table["parameter"]]
+    return np.asarray(off / (table["u"] * scale))
+
+
+def agreement(arm: Arm, result: Calibration, errors: Array) -> float:
+    """Chance of an estimate as far from the truth as this one, by its own covariance."""
+    position = {p.name: i for i, p in enumerate(arm.parameters)}
+    off = result.fit.solution.point.x - errors[[position[p.name] for p in result.fit.problem.parameters]]
+    return float(chi2.sf(off @ np.linalg.solve(result.covariance, off), off.size))
+
+
+# --- the zero-offset paper
+
+
+@pytest.mark.parametrize("run", [1, 2, 3])
+def test_the_paper_offsets_are_found(run: int) -> None:
+    """Three postures, six offsets; the paper's own residuals of 0.15 mm are its rounding (true offsets of its Table 1)."""
+    true = load_arm_file("zero6")
+    rows = [row.model_copy(update={"theta_offset_rad": 0.0}) for row in true.joints]
+    arm = Arm.from_file(true.model_copy(update={"joints": rows}))
+    postures = printed_postures()
+    postures = postures[postures["run"] == run]
+    q = np.deg2rad(postures[[f"theta{j}_deg" for j in range(1, 7)]].to_numpy(dtype=float))
+    points = postures[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=float) * 1e-3
+    result = calibrate(arm, Measurements.of(q, points), "zero-offsets", reference_noise=3e-7, robust=False, hold_out=False)
+    found = np.array([row.theta_offset_rad for row in result.model.file().joints[:6]])
+    expected = np.array([row.theta_offset_rad for row in true.joints[:6]])
+    np.testing.assert_allclose(np.rad2deg(found), np.rad2deg(expected), rtol=0, atol=2e-4)
+    assert result.rms < 1e-6
+    assert result.rms_before > 0.015
+
+
+# --- the estimate and its uncertainty
+
+
+def test_an_independent_least_squares_agrees(sino6: Arm, rng: np.random.Generator) -> None:
+    data, _ = free_points(sino6, rng, 120)
+    result = quick(sino6, data, robust=False)
+    dh, names = sino6.dh, [p.name for p in sino6.parameters]
+    assert dh is not None
+    chosen = [names.index(name) for name in result.parameters["parameter"]]
+    width = np.array([sino6.parameters[i].u for i in chosen])
+    jacobian = dh.jacobian(data.q)
+    noise = REFERENCE**2 * np.eye(3) + READING**2 * jacobian @ jacobian.transpose(0, 2, 1)
+    whiten = np.linalg.inv(np.linalg.cholesky(noise))
+
+    def residual(z: Array) -> Array:
+        errors = np.zeros(len(names))
+        errors[chosen] = z * width
+        off = dh.positions(data.q, errors=errors.reshape(-1, 4)) - data.reference
+        return np.concatenate([np.einsum("nij,nj->ni", whiten, off).ravel(), z])
+
+    best = least_squares(residual, np.zeros(len(chosen)), x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    u = np.sqrt(np.diag(result.covariance))
+    np.testing.assert_allclose(result.fit.solution.point.x / u, best.x * width / u, rtol=0, atol=1e-2)
+    covariance = np.linalg.inv(best.jac.T @ best.jac) * np.outer(width, width)
+    np.testing.assert_allclose(result.covariance / np.outer(u, u), covariance / np.outer(u, u), rtol=0, atol=1e-2)
+
+
+def test_uncertainties_are_honest(sino6: Arm) -> None:
+    """RMS of error over u is one, and 95 % intervals hold 95 % of the true values, over repeats."""
+    repeats = 40
+    rngs = [np.random.default_rng(seed) for seed in range(repeats)]
+    results = [(quick(sino6, data), errors) for data, errors in (free_points(sino6, rng) for rng in rngs)]
+    off = np.concatenate([normalised(sino6, result, errors) for result, errors in results])
+    independent = off.size / 2  # the parameters of one repeat are correlated
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=4 / np.sqrt(2 * independent))
+    assert np.mean(np.abs(off) < 1.96) == pytest.approx(0.95, abs=4 * np.sqrt(0.05 * 0.95 / independent))
+    chances = np.array([result.p_value for result, _ in results], dtype=float)
+    assert 0.3 < chances.mean() < 0.7
+    assert sum(len(result.excluded) for result, _ in results) <= 4
+
+
+def test_more_scatter_than_stated_is_found_and_said(sino6: Arm, rng: np.random.Generator) -> None:
+    data, _ = free_points(sino6, rng)
+    worse = Measurements.of(data.q, data.reference + rng.normal(size=data.reference.shape) * 50e-6)
+    result = quick(sino6, worse)
+    assert result.p_value is not None
+    assert result.p_value < 1e-6
+    assert result.fit.unmodelled == pytest.approx(50e-6, rel=0.1)
+    assert any("scatter more than stated" in note for note in result.notes)
+
+
+def test_noise_that_nobody_stated_is_estimated(sino6: Arm, rng: np.random.Generator) -> None:
+    data, _ = free_points(sino6, rng)
+    result = calibrate(sino6, data, hold_out=False)
+    assert result.p_value is None
+    assert 12e-6 < result.fit.unmodelled < 16e-6
+
+
+# --- kinds of evidence
+
+
+@pytest.mark.parametrize("plan", ["seats", "unknown seats", "bars"])
+def test_seats_and_bars(sino6: Arm, rng: np.random.Generator, plan: str) -> None:
+    q = np.zeros((1, 6))
+    errors = rng.normal(size=24) * np.array([p.u for p in sino6.parameters])
+    file = load_arm_file("sino6")
+    rows = []
+    for row, e in zip(file.joints, errors.reshape(-1, 4), strict=True):
+        moved = {"a_mm": row.a_mm + e[0] * 1e3, "d_mm": row.d_mm + e[1] * 1e3, "alpha_rad": row.alpha_rad + e[2]}
+        rows.append(row.model_copy(update=moved | {"theta_offset_rad": row.theta_offset_rad + e[3]}))
+    real = Arm.from_file(file.model_copy(update={"joints": rows}))
+    assert np.abs(real.positions(q) - sino6.positions(q)).max() > 1e-6
+    noise = Noise.of(6, encoder=READING, reference=REFERENCE, probe=5e-6)
+    data = simulate_measurements(
+        real,
+        "ball-bar" if plan == "bars" else "seats",
+        300,
+        rng=rng,
+        noise=noise,
+        known=plan == "seats",
+        bar_length=0.5 if plan == "bars" else None,
+    )
+    result = quick(sino6, data, probe_noise=5e-6, length_noise=REFERENCE)
+    assert agreement(sino6, result, errors) > 1e-3
+    assert result.rms < 0.3 * result.rms_before
+    assert result.p_value is not None
+    assert result.p_value > 1e-4
+
+
+def test_an_unknown_frame_and_what_it_hides(sino6: Arm, rng: np.random.Generator) -> None:
+    data, errors = free_points(sino6, rng)
+    turn = Rotation.from_rotvec([0.4, -0.2, 1.1]).as_matrix()
+    elsewhere = Measurements.of(data.q, data.reference @ turn.T + [1.0, 2.0, -0.5])
+    result = quick(sino6, elsewhere, reference_frame="external", prior=False)
+    assert set(result.undetermined) == {
+        "alpha6: not at all",
+        "d1 and frame.z: only their sum",
+        "theta_offset1 and frame.rz: only their sum",
+    }
+    assert result.rms == pytest.approx(quick(sino6, data, prior=False).rms, rel=0.02)
+    with_prior = quick(sino6, elsewhere, reference_frame="external")
+    assert agreement(sino6, with_prior, errors) > 1e-3
+
+
+def parallel_arm() -> Arm:
+    rows = [(0, 127.3, np.pi / 2), (-612, 0, 0), (-572.3, 0, 0), (0, 163.9, np.pi / 2), (0, 115.7, -np.pi / 2), (0, 92.2, 0)]
+    joints = [
+        {"a_mm": float(a), "d_mm": float(d), "alpha_rad": float(t), "theta_offset_rad": 0.0, "limits_rad": [-3.0, 3.0]}
+        for a, d, t in rows
+    ]
+    return Arm.from_file(
+        ArmFile.model_validate(
+            {"schema": "aacmm-pin/arm/1", "name": "parallel", "convention": "standard-dh", "joints": joints}
+        )
+    )
+
+
+def test_parallel_axes_are_known_together(rng: np.random.Generator) -> None:
+    arm = parallel_arm()
+    q = within(arm, rng, 150)
+    data = Measurements.of(q, arm.positions(q) + rng.normal(size=(150, 3)) * 1e-5)
+    result = calibrate(arm, data, reference_noise=1e-5, hold_out=False)
+    together = [line for line in result.undetermined if "d2" in line or "d3" in line or "d4" in line]
+    assert len(together) == 2
+    assert all("only their sum" in line for line in together)
+    x, unknown = result.fit.solution.point.x, result.fit.unknown
+    for direction in unknown.T:
+        moved = result.fit.problem.predict(x + 1e-3 * direction * result.fit.problem.widths, result.fit.solution.point.frame)
+        np.testing.assert_allclose(moved.tips, result.fit.solution.point.prediction.tips, rtol=0, atol=2e-6)
+
+
+# --- records that are wrong
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0])
+def test_a_tenth_of_gross_errors(sino6: Arm, rng: np.random.Generator, size: float) -> None:
+    data, _ = free_points(sino6, rng)
+    wrong = rng.choice(300, 30, replace=False)
+    reference = data.reference.copy()
+    reference[wrong] += size * rng.normal(size=(30, 3))
+    result = quick(sino6, Measurements.of(data.q, reference))
+    excluded = set(result.excluded["row"] - 2)
+    clear = {int(i) for i in wrong if np.linalg.norm(reference[i] - data.reference[i]) > 1.5e-4}
+    assert clear <= excluded <= {int(i) for i in wrong}
+    clean = quick(sino6, data.take(np.setdiff1d(np.arange(300), wrong)))
+    u = np.sqrt(np.diag(clean.covariance))
+    assert np.abs((result.fit.solution.point.x - clean.fit.solution.point.x) / u).max() < 1.0
+
+
+def test_a_wrong_angle(sino6: Arm, rng: np.random.Generator) -> None:
+    data, _ = free_points(sino6, rng)
+    q = data.q.copy()
+    q[[5, 50], 3] += np.pi / 2
+    assert set(quick(sino6, Measurements.of(q, data.reference)).excluded["row"]) == {7, 52}
+
+
+# --- causes, and the calibrated arm
+
+CAUSES: list[Effect] = [
+    EncoderEccentricity(3, values=(1e-4, -5e-5)),
+    JointPeriodicError(2, 7.0, values=(3e-5, 6e-5)),
+    EncoderGain(5, values=(1e-4,)),
+    JointCompliance(2, values=(2e-5,)),
+    LinkBending(3, values=(5e-5,)),
+    BaseCompliance(values=(1e-5,)),
+    ThermalExpansion(values=(2e-5,)),
+    JointHysteresis(1, values=(1e-4,)),
+    EncoderSlip(4, 3000.0, values=(2e-4,)),
+    ZeroDrift(2, 1800.0, values=(2e-4,)),
+]
+
+
+@pytest.mark.parametrize("cause", CAUSES, ids=lambda e: e.label)
+def test_a_cause_is_recovered(sino6: Arm, rng: np.random.Generator, cause: Effect) -> None:
+    n = 300
+    q = within(sino6, rng, n)
+    conditions = Conditions(
+        n,
+        time=np.linspace(0, 7200, n),
+        temperature=20 + 3 * np.sin(np.linspace(0, 9, n)),
+        approach=rng.choice([-1.0, 1.0], (n, 6)),
+    )
+    tips = ErrorModel(sino6, (cause,)).predict(q, conditions)
+    noisy = q + rng.normal(size=q.shape) * READING
+    data = Measurements.of(noisy, tips + rng.normal(size=(n, 3)) * REFERENCE, conditions=conditions)
+    result = quick(sino6, data, ["geometry", cause.at(())])
+    (found,) = result.model.effects
+    assert np.all(np.abs(np.array(found.values) - cause.values) < 4.5 * np.array(found.u))
+    assert np.all(np.array(found.u) < np.linalg.norm(cause.values))
+
+
+def test_the_calibrated_arm_is_saved_and_calibrated_again(sino6: Arm, rng: np.random.Generator, tmp_path: Path) -> None:
+    data, _ = free_points(sino6, rng)
+    result = quick(sino6, data, ["geometry", EncoderEccentricity(3)])
+    result.model.save(tmp_path / "cal.toml")
+    loaded = ErrorModel.load(tmp_path / "cal.toml")
+    q = within(sino6, rng, 50)
+    np.testing.assert_allclose(loaded.predict(q), result.model.predict(q), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(loaded.predict(data.q), result.fit.solution.point.prediction.tips, rtol=0, atol=1e-9)
+    by_name = {p.name: i for i, p in enumerate(loaded.parameters)}
+    names = [p.name for p in result.fit.problem.parameters]
+    where = [by_name[name] for name in names]
+    np.testing.assert_allclose(loaded.covariance()[np.ix_(where, where)], result.covariance, rtol=1e-6, atol=1e-30)
+    again = quick(loaded, data, ["geometry", EncoderEccentricity(3)])
+    assert again.rms == pytest.approx(result.rms, rel=0.05)
+    assert [e.label for e in ErrorModel.of(result.model.arm).effects] == ["encoder_eccentricity:3"]
+
+
+def test_held_out_residuals_against_an_explicit_refit(sino6: Arm, rng: np.random.Generator) -> None:
+    data, _ = free_points(sino6, rng, 200)
+    result = quick(sino6, data, hold_out=True, rng=np.random.default_rng(5))
+    kinds = {h.kind: h for h in result.held_out}
+    assert set(kinds) == {"records", "blocks"}
+    assert result.rms < kinds["records"].rms_after < 1.3 * result.rms
+    assert kinds["blocks"].rms_after >= 0.98 * kinds["records"].rms_after
+    part = np.flatnonzero(np.random.default_rng(1).random(200) < 0.1)
+    rest = quick(sino6, data.take(np.setdiff1d(np.arange(200), part)))
+    out = data.take(part)
+    distance = np.linalg.norm(rest.model.predict(out.q) - out.reference, axis=1)
+    assert np.sqrt(np.mean(distance**2)) == pytest.approx(kinds["records"].rms_after, rel=0.35)
+
+
+# --- bad input
+
+
+def fails(match: str, work: Callable[[], object], kind: type[AacmmError] = AacmmError) -> None:
+    with pytest.raises(kind, match=match):
+        work()
+
+
+def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
+    data, _ = free_points(sino6, rng, 40)
+    fails("no record says where the tip was", lambda: quick(sino6, Measurements.of(data.q)))
+    fails("unknown set of parameters 'all'", lambda: quick(sino6, data, "all"), UnknownNameError)
+    fails("unknown reference frame", lambda: quick(sino6, data, reference_frame="x"), UnknownNameError)
+    fails("to be estimated twice", lambda: quick(sino6, data, ["zero-offsets", "zero-offsets"]))
+    fails("time_s", lambda: quick(sino6, data, ["geometry", EncoderSlip(1, 10.0)]), MissingConditionError)
+    fails("5 joints, SINO6 has 6", lambda: quick(sino6, Measurements.of(data.q[:, :5], data.reference)))
+    fails("not negative", lambda: quick(sino6, data, reference_noise=-1.0))
+    two = data.take([0, 1])
+    fails("expected 3 or more", lambda: quick(sino6, two, reference_frame="external"))
+    few = within(zero6, rng, 2)
+    bare = Measurements.of(few, zero6.positions(few))
+    fails("too few records to find the noise", lambda: calibrate(zero6, bare, hold_out=False))
+    seats = simulate_measurements(zero6, "seats", 60, rng=rng, known=False)
+    fails("nothing of the arm's size", lambda: calibrate(zero6, seats, hold_out=False))
+
+
+def test_too_few_records_say_what_they_cannot_tell(zero6: Arm, rng: np.random.Generator) -> None:
+    q = within(zero6, rng, 3)
+    result = calibrate(zero6, Measurements.of(q, zero6.positions(q)), reference_noise=1e-5, hold_out=False)
+    assert len(result.undetermined) >= 15
+    assert result.summary()["undetermined"]
+
+
+def test_degrees_taken_for_radians_are_bad_news(sino6: Arm, rng: np.random.Generator) -> None:
+    data, _ = free_points(sino6, rng, 60)
+    result = quick(sino6, replace(data, q=np.rad2deg(data.q)))
+    assert result.p_value is not None
+    assert result.p_value < 1e-6
+    assert result.rms > 0.1

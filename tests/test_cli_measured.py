@@ -1,0 +1,566 @@
+"""simulate, calibrate and correct as a user meets them: the files, what is said, exit statuses, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import aacmm_pin
+from aacmm_pin.accuracy import accuracy_volume
+from aacmm_pin.arm import Arm
+from aacmm_pin.cli import app
+from aacmm_pin.cli.effect_option import effects_of, known_effects
+from aacmm_pin.effects import (
+    EncoderEccentricity,
+    JointCompliance,
+    JointErrorCurve,
+    SeatError,
+    StylusOffset,
+    ThermalExpansion,
+)
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.units import MM
+from aacmm_pin.virtual import simulate_measurements
+
+NOISE = ["--encoder-noise-rad", "8e-6"]
+QUICK = [*NOISE, "--no-held-out"]
+REFERENCE = ["x_mm", "y_mm", "z_mm"]
+HEADER = "theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg"
+CORRECTED = [f"corrected_{name}" for name in REFERENCE]
+
+
+def run(*words: str | Path) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.stdout, result.stderr
+
+
+def done(*words: str | Path) -> tuple[str, str]:
+    status, out, err = run(*words)
+    assert status == 0, err
+    return out, err
+
+
+def refused(*words: str | Path) -> str:
+    status, out, err = run(*words)
+    assert (status, out) == (1, "")
+    assert err.splitlines()[-1].startswith("aacmm-pin: ") or "\naacmm-pin: " in f"\n{err}"
+    return err
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Data and truth of a virtual SINO6 that differs from its file."""
+    folder = tmp_path_factory.mktemp("data")
+    words = ["simulate", "sino6", "--plan", "seats", "--records", "150", "--perturb", "--seed", "1"]
+    done(*words, "-o", folder / "data.csv", "--truth", folder / "truth.toml")
+    done("calibrate", "sino6", folder / "data.csv", *QUICK, "-o", folder / "cal.toml")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def data(folder: Path) -> Path:
+    return folder / "data.csv"
+
+
+@pytest.fixture(scope="module")
+def extended(folder: Path) -> Path:
+    """Arm file with an eccentricity and thermal expansion, and readings of that arm in warm.csv."""
+    effects = ["--effect", "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"]
+    effects += ["--effect", "thermal_expansion:expansion_per_k=2e-5"]
+    words = ["simulate", "sino6", "--plan", "free", "--records", "150", *effects]
+    done(*words, "-o", folder / "warm.csv", "--truth", folder / "extended.toml")
+    return folder / "extended.toml"
+
+
+# simulate ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "known", "seats", "bars"),
+    [
+        (["--plan", "free"], 40, 0, 0),
+        (["--plan", "seats", "--seats", "4"], 40, 4, 0),
+        (["--plan", "seats", "--seats", "4", "--unknown"], 0, 4, 0),
+        (["--plan", "ball-bar", "--seats", "4", "--bar-length-mm", "400"], 0, 4, 2),
+        (["--plan", "single-point"], 0, 1, 0),
+    ],
+)
+def test_every_plan_gives_a_file_that_can_be_read(
+    words: list[str], known: int, seats: int, bars: int, tmp_path: Path
+) -> None:
+    target = tmp_path / "d.csv"
+    out, err = done("simulate", "sino6", *words, "--records", "40", "-o", target)
+    assert out == ""
+    read = Measurements.read(target, 6)
+    assert (read.n, read.known.sum(), len(read.seats()), len(read.bars())) == (40, known, seats, bars)
+    for word in ("seed 1", "40 records", "8e-06 rad are assumed", "references 0.012 mm", "contacts 0 mm"):
+        assert word in err
+
+
+def test_a_ball_bar_has_a_usual_length_which_is_said(tmp_path: Path) -> None:
+    _, err = done("simulate", "sino6", "--plan", "ball-bar", "--seats", "2", "--records", "20", "-o", tmp_path / "d.csv")
+    assert "bars of 500 mm are assumed" in err
+    assert Measurements.read(tmp_path / "d.csv").bars()[0].length == pytest.approx(0.5, abs=1e-4)
+
+
+def test_without_a_file_the_same_goes_to_stdout(tmp_path: Path) -> None:
+    words = ["simulate", "sino6", "--records", "30", "--seats", "3", "--seed", "7"]
+    done(*words, "-o", tmp_path / "d.csv")
+    out, _ = done(*words)
+    assert out == (tmp_path / "d.csv").read_text(encoding="utf-8")
+    assert out != done(*words[:-1], "8")[0]
+
+
+def test_stated_noise_is_used_and_said() -> None:
+    noise = ["--encoder-noise-rad", "0", "--reference-noise-mm", "0", "--probe-noise-mm", "0"]
+    _, err = done("simulate", "sino6", "--records", "30", "--seats", "3", *noise)
+    assert "assumed" not in err
+    assert "noise: readings 0 rad, references 0 mm, contacts 0 mm" in err
+
+
+def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder: Path, data: Path) -> None:
+    truth, nominal, read = ErrorModel.load(folder / "truth.toml"), ErrorModel.load("sino6"), Measurements.read(data, 6)
+    off = [np.linalg.norm(m.predict(read.q) - read.reference, axis=1) for m in (truth, nominal)]
+    assert np.sqrt(np.mean(off[0] ** 2)) < 0.03 * MM
+    assert np.sqrt(np.mean(off[1] ** 2)) > 2 * np.sqrt(np.mean(off[0] ** 2))
+    text = (folder / "truth.toml").read_text(encoding="utf-8")
+    assert text.startswith("# The arm behind: simulated, SINO6, plan seats, seed 1; noise:")
+    widths = {p.name: p.half_width for p in nominal.parameters}
+    for true, stated in zip(truth.parameters, nominal.parameters, strict=True):
+        assert abs(true.value - stated.value) <= (widths[true.name] or 0.0) * (1 + 1e-9)
+
+
+def test_perturbing_is_said_and_keeps_the_plan(tmp_path: Path) -> None:
+    words = ["simulate", "sino6", "--records", "30", "--seats", "3", "--seed", "5"]
+    _, err = done(*words, "--perturb", "-o", tmp_path / "p.csv")
+    assert "true geometry was drawn within the uncertainties of SINO6, seed 5" in err
+    done(*words, "-o", tmp_path / "n.csv")
+    perturbed, nominal = (Measurements.read(tmp_path / name) for name in ("p.csv", "n.csv"))
+    assert (perturbed.conditions.seat == nominal.conditions.seat).all()
+    assert 0 < np.abs(perturbed.reference - nominal.reference).max() < 5e-2
+
+
+def test_effects_make_the_data_and_stand_in_the_truth(extended: Path, folder: Path) -> None:
+    model, read = ErrorModel.load(extended), Measurements.read(folder / "warm.csv", 6)
+    eccentricity, expansion = model.effects
+    assert isinstance(eccentricity, EncoderEccentricity)
+    assert (eccentricity.amplitude, eccentricity.phase) == pytest.approx((1e-4, 0.5))
+    assert expansion == ThermalExpansion(values=(2e-5,))
+    off = np.linalg.norm(model.predict(read.q, read.conditions) - read.reference, axis=1)
+    assert np.sqrt(np.mean(off**2)) < 0.03 * MM
+
+
+def test_an_effect_replaces_that_of_the_arm_file(extended: Path, tmp_path: Path) -> None:
+    words = ["--plan", "free", "--records", "10", "--effect", "thermal_expansion:expansion_per_k=1e-5"]
+    done("simulate", extended, *words, "-o", tmp_path / "d.csv", "--truth", tmp_path / "t.toml")
+    effects = ErrorModel.load(tmp_path / "t.toml").effects
+    assert [e.values for e in effects if isinstance(e, ThermalExpansion)] == [(1e-5,)]
+    assert len(effects) == 2
+
+
+def test_any_arm_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path) -> None:
+    words = ["--urdf", robot_file("panda.urdf"), "--frame", "panda_hand_tcp", "--plan", "free", "--records", "20"]
+    done("simulate", *words, "-o", tmp_path / "d.csv")
+    assert Measurements.read(tmp_path / "d.csv").nq == 7
+    assert "needs a DH table" in refused("simulate", *words, "--truth", tmp_path / "t.toml", "-o", tmp_path / "e.csv")
+    assert [path.name for path in tmp_path.iterdir()] == ["d.csv"]
+
+
+SIMULATE = ["simulate", "sino6", "--records", "30", "--seats", "3"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["simulate", "sino7"], ["sino7", "sino6, zero6"]),
+        ([*SIMULATE, "--plan", "grid"], ["unknown plan 'grid'", "free, seats, ball-bar, single-point"]),
+        (["simulate", "sino6", "--records", "5"], ["records is 5"]),
+        ([*SIMULATE, "--seats", "0"], ["seats is 0"]),
+        ([*SIMULATE, "--plan", "ball-bar"], ["seats is 3", "even"]),
+        ([*SIMULATE, "--bar-length-mm", "300"], ["bar_length", "0.3"]),
+        ([*SIMULATE, "--encoder-noise-rad", "nan"], ["encoder noise", "nan"]),
+        ([*SIMULATE, "--reference-noise-mm", "-1"], ["reference noise", "-0.001"]),
+        ([*SIMULATE, "--effect", "gremlin:joint=3"], ["unknown cause 'gremlin'", "encoder_eccentricity", "stylus_offset"]),
+        ([*SIMULATE, "--effect", "encoder_gain:joint=2,gian=1"], ["encoder_gain 'gian'", "joint, gain"]),
+        ([*SIMULATE, "--effect", "encoder_gain:gain=1e-4"], ["encoder_gain", "missing joint"]),
+        ([*SIMULATE, "--effect", "encoder_gain:joint=two"], ["joint is 'two'", "integer"]),
+        ([*SIMULATE, "--effect", "encoder_gain:joint=0"], ["joint is 0", "from 1"]),
+        ([*SIMULATE, "--effect", "encoder_gain:joint=9,gain=1e-4"], ["encoder_gain:9", "rows 1 to 6"]),
+        ([*SIMULATE, "--effect", "encoder_gain:joint=2,gain=much"], ["gain is 'much'", "number"]),
+        ([*SIMULATE, "--effect", "encoder_gain:joint=2,gain=inf"], ["inf", "finite"]),
+        ([*SIMULATE, "--effect", "encoder_gain:joint=2,gain"], ["'gain' has no value", "NAME=VALUE"]),
+        ([*SIMULATE, "--effect", "encoder_gain:joint=2,joint=3"], ["joint is there twice"]),
+        ([*SIMULATE, "--effect", "encoder_gain:joint=2", "--effect", "encoder_gain:joint=2"], ["there twice"]),
+        ([*SIMULATE, "--effect", "seat_error:seat=S9,x_mm=1"], ["S9", "S1, S2, S3"]),
+        (["simulate", "zero6", "--perturb"], ["zero6", "no parameter has an uncertainty"]),
+        (["simulate", "--urdf", "none.urdf", "--frame", "tool0"], ["none.urdf", "no such file"]),
+    ],
+)
+def test_what_cannot_be_simulated_is_one_message(words: list[str], said: list[str], tmp_path: Path) -> None:
+    err = refused(*words, "-o", tmp_path / "d.csv", *(["--truth", tmp_path / "t.toml"] if "--urdf" not in words else []))
+    for word in said:
+        assert word in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_effects_as_they_are_typed(sino6: Arm) -> None:
+    typed = {
+        "encoder_eccentricity:joint=3,amplitude_rad=1e-4": EncoderEccentricity(joint=3, values=(1e-4, 0.0)),
+        "seat_error:seat=S3,x_mm=0.02": SeatError(seat="S3", values=(2e-5, 0.0, 0.0)),
+        "seat_error:seat=3": SeatError(seat="3"),
+        "thermal_expansion:expansion_per_k=2e-5": ThermalExpansion(values=(2e-5,)),
+        "thermal_expansion:link=3": ThermalExpansion(link=3),
+        "joint_compliance:joint=4,bodies=4+5+6": JointCompliance(joint=4, bodies=(4, 5, 6)),
+        "joint_error_curve:joint=2,lower_rad=-4,upper_rad=1,coefficients=5,c2_rad=1e-4": JointErrorCurve(
+            joint=2, lower_rad=-4.0, upper_rad=1.0, coefficients=5, values=(0.0, 1e-4, 0.0, 0.0, 0.0)
+        ),
+    }
+    assert effects_of(list(typed)) == list(typed.values())
+    assert effects_of(None) == []
+
+
+def test_an_effect_to_be_estimated_starts_where_the_arm_has_it(sino6: Arm) -> None:
+    known = EncoderEccentricity(joint=3, values=(1e-4, 2e-5), u=(1e-6, 1e-6))
+    model = ErrorModel(sino6, (known,))
+    assert known_effects(["encoder_eccentricity:joint=3"], model) == [known]
+    assert known_effects(["encoder_eccentricity:joint=4"], model) == [EncoderEccentricity(joint=4)]
+    stated = "encoder_eccentricity:joint=3,amplitude_rad=5e-5"
+    assert known_effects([stated], model) == [EncoderEccentricity(joint=3, values=(5e-5, 0.0))]
+
+
+# calibrate --------------------------------------------------------------------------------------------------------------
+
+
+def test_three_commands_in_a_row(tmp_path: Path) -> None:
+    data, calibrated = tmp_path / "data.csv", tmp_path / "cal.toml"
+    done("simulate", "sino6", "--plan", "seats", "--records", "300", "--perturb", "--seed", "1", "-o", data)
+    out, _ = done("calibrate", "sino6", data, "-o", calibrated)
+    assert out.startswith("Calibration helps SINO6: seats it never saw are off by ")
+    out, _ = done("accuracy", calibrated, "--point", "33.6", "-671.9", "182.9")
+    assert "theta_offset3" in out
+
+
+def test_what_is_said_of_a_calibration(data: Path) -> None:
+    out, err = done("calibrate", "sino6", data, *NOISE)
+    assert err == ""
+    verdict, fit, *_ = out.splitlines()
+    assert verdict.startswith("Calibration helps SINO6: seats it never saw are off by")
+    assert verdict.endswith("mm after.")
+    assert fit.startswith("The residuals are what the stated noise explains: χ² = ")
+    for word in ("U (k = 2)", "known", "theta_offset3", "µrad", "measured"):
+        assert word in out
+
+
+def test_the_truth_is_found_within_its_uncertainty(folder: Path) -> None:
+    truth, found = (ErrorModel.load(folder / name) for name in ("truth.toml", "cal.toml"))
+    nominal = ErrorModel.load("sino6")
+    threes = zip(found.parameters, truth.parameters, nominal.parameters, strict=True)
+    score = [(f.value - t.value) / f.u for f, t, n in threes if n.u]
+    assert len(score) == 21
+    assert np.abs(score).max() < 4
+    assert 0.4 < np.sqrt(np.mean(np.square(score))) < 1.6
+
+
+def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder: Path, data: Path, tmp_path: Path) -> None:
+    text = (folder / "cal.toml").read_text(encoding="utf-8")
+    head = text[: text.index("\nschema")]
+    assert all(line.startswith("#") or not line for line in head.splitlines())
+    for word in (
+        str(data),
+        "(UTC)",
+        "150 records used, 0 excluded",
+        "RMS distance",
+        "[covariance]",
+        "standard uncertainties",
+    ):
+        assert word in head
+    out, _ = done("calibrate", folder / "cal.toml", data, *QUICK, "-o", tmp_path / "again.toml")
+    assert "nothing was held out" in out
+    once, twice = (ErrorModel.load(path) for path in (folder / "cal.toml", tmp_path / "again.toml"))
+    for a, b in zip(once.parameters, twice.parameters, strict=True):
+        assert b.value == pytest.approx(a.value, abs=1e-9 + a.u)
+
+
+def test_json_is_alone_on_stdout(data: Path) -> None:
+    out, err = done("calibrate", "sino6", data, *NOISE, "--parameters", "zero-offsets", "--json", "-", "--seed", "3")
+    assert err == ""
+    summary = json.loads(out)
+    assert (summary["schema"], summary["data"], summary["seed"]) == ("aacmm-pin/calibration/1", str(data), 3)
+    assert [row["parameter"] for row in summary["parameters"]] == [f"theta_offset{j}" for j in range(1, 7)]
+    assert summary["parameters"][0]["stated"] is None
+    assert summary["parameters"][2]["stated"] == pytest.approx(1.8e-4)
+    assert {row["kind"] for row in summary["held_out"]} == {"records", "seats"}
+    assert summary["base_in_reference_frame"] is None
+    assert summary["verdict"]
+
+
+def test_all_files_at_once(data: Path, tmp_path: Path) -> None:
+    names = {"-o": "c.toml", "--urdf-out": "c.urdf", "--residuals": "r.csv", "--plot": "p.png", "--report": "r.html"}
+    files = [word for option, name in names.items() for word in (option, tmp_path / name)]
+    done("calibrate", "sino6", data, *QUICK, *files, "--json", tmp_path / "c.json")
+    assert {path.name for path in tmp_path.iterdir()} == {*names.values(), "c.json"}
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+    residuals = pd.read_csv(tmp_path / "r.csv")
+    assert len(residuals) == 150
+    assert {"row", "seat", "before_mm", "after_mm", "used"} <= set(residuals.columns)
+    assert json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))["records"]["used"] == 150
+    assert "</html>" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    model, arm = ErrorModel.load(tmp_path / "c.toml"), Arm.from_urdf(tmp_path / "c.urdf", "tip")
+    q = Measurements.read(data).q
+    np.testing.assert_allclose(arm.positions(q), model.predict(q), rtol=0, atol=1e-12)
+    refused("calibrate", "sino6", data, *QUICK, "-o", tmp_path / "c.toml")
+    done("calibrate", "sino6", data, *QUICK, "-o", tmp_path / "c.toml", "--force")
+
+
+def test_one_file_that_cannot_be_written_leaves_none(data: Path, tmp_path: Path) -> None:
+    words = ["calibrate", "sino6", data, *QUICK, "-o", tmp_path / "c.toml", "--residuals", tmp_path / "r.csv"]
+    assert "does not exist" in refused(*words, "--report", tmp_path / "no" / "r.html")
+    assert "two results" in refused(*words, "--plot", tmp_path / "c.toml")
+    assert ".png" in refused(*words, "--plot", tmp_path / "c.nope")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failure_on_the_way_leaves_none(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> str:
+        assert any(tmp_path.iterdir())  # the others are on their way
+        raise AacmmError("no page today")
+
+    monkeypatch.setattr("aacmm_pin.cli.measured.calibration_page", fail)
+    files = ["-o", tmp_path / "c.toml", "--residuals", tmp_path / "r.csv", "--report", tmp_path / "r.html", "--json", "-"]
+    assert "no page today" in refused("calibrate", "sino6", data, *QUICK, *files)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_path: Path) -> None:
+    effects = ["--effect", "encoder_eccentricity:joint=3", "--effect", "thermal_expansion"]
+    out, err = done("calibrate", "sino6", folder / "warm.csv", *QUICK, *effects, "-o", tmp_path / "c.toml")
+    assert "encoder_eccentricity:3: amplitude_rad " in out
+    assert "10⁻⁶/K" in out
+    assert "nobody states how far off" in err
+    eccentricity, expansion = ErrorModel.load(tmp_path / "c.toml").effects
+    assert eccentricity.values == pytest.approx((1e-4 * np.cos(0.5), 1e-4 * np.sin(0.5)), abs=4 * max(eccentricity.u))
+    assert expansion.values[0] == pytest.approx(2e-5, abs=4 * expansion.u[0])
+    assert 0 < expansion.u[0] < 1e-5
+
+
+def test_references_in_a_frame_that_nobody_knows(folder: Path, tmp_path: Path) -> None:
+    read = Measurements.read(folder / "data.csv")
+    table = read.to_frame()
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    table[REFERENCE] = table[REFERENCE].to_numpy() @ turn.T + [1000.0, -200.0, 30.0]
+    table.to_csv(tmp_path / "d.csv", index=False)
+    words = ["calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--reference-frame", "external"]
+    summary = json.loads(done(*words, "--json", "-")[0])
+    frame = summary["base_in_reference_frame"]
+    np.testing.assert_allclose(frame["rotation"], turn, atol=1e-4)
+    np.testing.assert_allclose(frame["origin_mm"], [1000.0, -200.0, 30.0], atol=0.1)
+    assert "The base stands at (" in done(*words)[0]
+
+
+def test_records_that_cannot_belong_are_listed(folder: Path, tmp_path: Path) -> None:
+    table = Measurements.read(folder / "data.csv").to_frame()
+    table.loc[3, "theta2_deg"] += 0.5
+    table.to_csv(tmp_path / "d.csv", index=False)
+    out, _ = done("calibrate", "sino6", tmp_path / "d.csv", *QUICK)
+    assert "1 records excluded" in out
+    assert f"row 5 ({table.loc[3, 'seat']}): " in out
+
+
+def test_noise_that_nobody_states_is_found_and_said(folder: Path, tmp_path: Path) -> None:
+    table = Measurements.read(folder / "warm.csv").to_frame().drop(columns=["u_x_mm", "u_y_mm", "u_z_mm"])
+    table.to_csv(tmp_path / "d.csv", index=False)
+    out, err = done("calibrate", "sino6", tmp_path / "d.csv", "--no-held-out")
+    assert "The noise was not stated in full" in out
+    assert "no encoder noise is stated" in err
+
+
+def test_a_robot_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator) -> None:
+    path = robot_file("ur5_robot.urdf")
+    arm = Arm.from_urdf(path, "tool0")
+    true = ErrorModel(arm.with_placements(rng.normal(0, 2e-4, (6, 6)), None), (StylusOffset(values=(0.01, 0.02, 0.03)),))
+    simulate_measurements(true, "free", 80, rng=rng).save(tmp_path / "d.csv")
+    words = ["calibrate", "--urdf", path, "--frame", "tool0", tmp_path / "d.csv", *QUICK, "--target", "unknown"]
+    out, _ = done(*words, "--urdf-out", tmp_path / "c.urdf")
+    assert "These data do not tell" in out
+    assert "only their sum" in out
+    found = Arm.from_urdf(tmp_path / "c.urdf", "tool0")
+    q = rng.uniform(-np.pi, np.pi, (200, 6))
+    off = np.linalg.norm(found.positions(q) - true.predict(q), axis=1)
+    assert off.max() < 0.05 * MM
+    assert np.linalg.norm(arm.positions(q) - true.predict(q), axis=1).min() > 10 * MM
+    assert "DH table" in refused(*words, "-o", tmp_path / "c.toml")
+
+
+def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended: Path, tmp_path: Path) -> None:
+    offset = StylusOffset(values=(1e-3, 2e-3, 3e-3))
+    model = ErrorModel.load(extended).with_effects(offset, StylusOffset("M1", values=(1, 0, 0)))
+    model.save(tmp_path / "m.toml")
+    done("urdf", tmp_path / "m.toml", "-o", tmp_path / "m.urdf")
+    q = np.random.default_rng(1).uniform(*model.arm.limits.T, (50, 6))
+    shifted, here = Arm.from_urdf(tmp_path / "m.urdf", "tip"), Arm.load(tmp_path / "m.toml")
+    np.testing.assert_allclose(shifted.positions(q), ErrorModel(model.arm, (offset,)).predict(q), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(here.poses(q).position, model.arm.positions(q), rtol=0, atol=1e-12)
+    done("simulate", extended, "--plan", "free", "--records", "100", "-o", tmp_path / "d.csv")
+    _, err = done("calibrate", extended, tmp_path / "d.csv", *QUICK, "--urdf-out", tmp_path / "c.urdf")
+    assert "a URDF has no place for encoder_eccentricity:3, thermal_expansion" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--parameters", "everything"], ["everything", "zero-offsets, geometry"]),
+        (["--target", "nose"], ["nose", "tip, unknown"]),
+        (["--reference-frame", "room"], ["room", "base, external"]),
+        (["--encoder-noise-rad", "-1"], ["encoder noise", "not negative"]),
+        (["--probe-noise-mm", "nan"], ["probe noise", "not negative"]),
+        (["--effect", "encoder_gain:joint=7"], ["encoder_gain:7", "rows 1 to 6"]),
+        (["--effect", "torsion"], ["unknown cause 'torsion'"]),
+        (["--effect", "joint_zero_offset:joint=3"], ["joint_zero_offset:3", "twice"]),
+    ],
+)
+def test_what_cannot_be_calibrated_is_one_message(words: list[str], said: list[str], data: Path, tmp_path: Path) -> None:
+    err = refused("calibrate", "sino6", data, "--no-held-out", *words, "-o", tmp_path / "c.toml", "--json", "-")
+    for word in said:
+        assert word in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_effect_without_its_column_is_refused(data: Path, tmp_path: Path) -> None:
+    table = pd.read_csv(data).drop(columns="temperature_c")
+    table.to_csv(tmp_path / "d.csv", index=False)
+    err = refused("calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--effect", "thermal_expansion")
+    assert "temperature_c" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", ["is empty"]),
+        ("theta1_deg,theta2_deg\n1,2\n", ["2 joints", "6"]),
+        (
+            "theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg\n1,2,3,4,5,six\n",
+            ["row 2", "theta6_deg", "six"],
+        ),
+        ("theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg\n1,2,3,4,5,6\n", ["no record says where"]),
+    ],
+)
+def test_a_bad_measurement_file_is_named(text: str, said: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text, encoding="utf-8")
+    err = refused("calibrate", "sino6", path, "-o", tmp_path / "c.toml")
+    for word in said:
+        assert word in err
+    assert [p.name for p in tmp_path.iterdir()] == ["bad.csv"]
+
+
+def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(data: Path, tmp_path: Path) -> None:
+    lines = (Path(aacmm_pin.__file__).parent / "arms" / "sino6.toml").read_text(encoding="utf-8").splitlines()
+    zero = "uncertainty = { a_mm = 0.0, d_mm = 0.0, alpha_rad = 0.0, theta_offset_rad = 0.0 }"
+    text = "\n".join(zero if line.startswith("uncertainty") else line for line in lines)
+    (tmp_path / "exact.toml").write_text(text, encoding="utf-8")
+    files = ["--plot", tmp_path / "p.png", "--report", tmp_path / "r.html"]
+    out, _ = done("calibrate", tmp_path / "exact.toml", data, *QUICK, *files)
+    assert "No parameter was estimated" in out
+    assert "No parameter was estimated" in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+# correct ----------------------------------------------------------------------------------------------------------------
+
+
+def test_corrected_coordinates_are_those_of_the_model(extended: Path, folder: Path, tmp_path: Path) -> None:
+    source = folder / "warm.csv"
+    out, err = done("correct", extended, source, *NOISE, "-o", tmp_path / "c.csv")
+    assert out == ""
+    assert "150 readings corrected by SINO6 with encoder_eccentricity:3, thermal_expansion" in err
+    before, after = (pd.read_csv(path, dtype=str, na_filter=False) for path in (source, tmp_path / "c.csv"))
+    assert list(after.columns) == [*before.columns, *CORRECTED, "u_mm"]
+    pd.testing.assert_frame_equal(after[before.columns], before)
+    model, read = ErrorModel.load(extended), Measurements.read(source, 6)
+    tips = after[CORRECTED].to_numpy(dtype=float)
+    np.testing.assert_allclose(tips, model.correct(read.q, read.conditions) / MM, rtol=0, atol=1e-9)
+    u = accuracy_volume(model, read.q, conditions=read.conditions, encoder_noise=8e-6).u / MM
+    np.testing.assert_allclose(after["u_mm"].to_numpy(dtype=float), u, rtol=1e-9)
+    off = np.linalg.norm(tips - read.reference / MM, axis=1)
+    assert np.sqrt(np.mean(off**2)) < 0.03
+
+
+def test_readings_need_nothing_but_angles(tmp_path: Path) -> None:
+    text = "\ufefftheta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,seat,note\r\n"
+    text += '10,-20,30,-40,50,60,S1,"a, b"\r\n\r\n1e1,-20.0,30,-40,50,60,S2,\r\n'
+    (tmp_path / "r.csv").write_text(text, encoding="utf-8", newline="")
+    out, err = done("correct", "sino6", tmp_path / "r.csv")
+    assert "--encoder-noise-rad adds" in err
+    first, second = out.splitlines()[1:]
+    assert first.startswith('10,-20,30,-40,50,60,S1,"a, b",')
+    assert second.startswith("1e1,-20.0,30,-40,50,60,S2,,")
+    assert first.split(",")[-4:] == second.split(",")[-4:]
+
+
+def test_without_a_stated_uncertainty_u_is_empty(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text("theta1_rad,theta2_rad,theta3_rad,theta4_rad,theta5_rad,theta6_rad\n1,1,1,1,1,1\n")
+    out, err = done("correct", "zero6", tmp_path / "r.csv")
+    assert out.endswith(",\n")
+    assert "u_mm is left empty" in err
+    assert not done("correct", "zero6", tmp_path / "r.csv", *NOISE)[0].endswith(",\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", ["is empty"]),
+        (HEADER + "\n", ["no records"]),
+        (HEADER + "\n1,2,3,4,5\n", ["row 2", "5 cells", "6"]),
+        (HEADER + "\n1,2,3,4,5,x\n", ["row 2", "theta6_deg", "'x'"]),
+        (HEADER + ",u_mm\n1,2,3,4,5,6,7\n", ["u_mm", "there already"]),
+        (HEADER.replace("theta6", "theta5") + "\n1,2,3,4,5,6\n", ["theta5_deg", "2 times"]),
+        (HEADER[:-11] + "\n1,2,3,4,5\n", ["5 joints", "6"]),
+        (HEADER + "\n1,2,3,4,5,6\n", ["temperature_c", "thermal_expansion"]),
+        (HEADER + '\n1,2,3,4,5,"6\n', ["not CSV"]),
+    ],
+)
+def test_readings_that_cannot_be_corrected_are_named(text: str, said: list[str], extended: Path, tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text(text, encoding="utf-8")
+    err = refused("correct", extended, path, "-o", tmp_path / "c.csv")
+    for word in ["r.csv", *said]:
+        assert word in err
+    assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    for command in ("correct", "calibrate"):
+        assert "none.csv" in refused(command, "sino6", tmp_path / "none.csv")
+    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
+    assert "UTF-8" in refused("correct", "sino6", tmp_path / "b.csv")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["simulate"],
+        ["simulate", "sino6", "--unknown", "--plan", "free"],
+        ["simulate", "sino6", "--seed", "-1"],
+        ["simulate", "sino6", "--urdf", "a.urdf", "--frame", "tip"],
+        ["simulate", "--urdf", "a.urdf"],
+        ["calibrate"],
+        ["calibrate", "sino6"],
+        ["calibrate", "sino6", "data.csv", "--frame", "tip"],
+        ["calibrate", "sino6", "data.csv", "--urdf", "a.urdf", "--frame", "tip"],
+        ["correct", "sino6"],
+        ["correct", "sino6", "readings.csv", "--encoder-noise-rad", "small"],
+    ],
+)
+def test_wrong_usage_is_status_2(words: list[str]) -> None:
+    status, out, err = run(*words)
+    assert (status, out) == (2, "")
+    assert "Usage" in err

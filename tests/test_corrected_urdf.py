@@ -1,0 +1,135 @@
+"""A URDF with corrected joints: Pinocchio finds the calibrated arm in it, and nothing else has changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.checks import Array
+from aacmm_pin.corrected_urdf import corrected_urdf, roll_pitch_yaw
+from aacmm_pin.errors import AacmmError, UnsupportedArmError
+
+ROBOTS = [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand_tcp"), ("panda.urdf", "panda_link5")]
+SHIFT = np.array([1e-3, -2e-3, 3e-3])
+SMALL = """<?xml version='1.0'?>
+<!-- a comment -->
+<robot name="two">
+  <link name="base"/><link name="one"/><link name="two"/><link name="tip"/>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="one"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/><axis xyz="0 0 1"/></joint>
+  <joint name="j2" type="revolute"><origin xyz="0.5 0 0" rpy="0 1.5707963267948966 0" ></origin>
+    <parent link="one"/><child link="two"/><axis xyz="0 -1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="end" type="fixed"><parent link="two"/><child link="tip"/></joint>
+  <transmission name="t"><joint name="j1"/></transmission>
+</robot>
+"""
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Arm:
+    path = tmp_path / "small.urdf"
+    path.write_text(SMALL, encoding="utf-8")
+    return Arm.from_urdf(path, "tip")
+
+
+def moved(arm: Arm, rng: np.random.Generator) -> Arm:
+    return arm.with_placements(rng.normal(0.0, 5e-3, (arm.nq, 6)), None)
+
+
+def reread(text: bytes, tmp_path: Path, frame: str) -> Arm:
+    path = tmp_path / "corrected.urdf"
+    path.write_bytes(text)
+    return Arm.from_urdf(path, frame)
+
+
+def assert_same(found: Arm, expected: Arm, shift: Array, rng: np.random.Generator) -> None:
+    q = rng.uniform(-1.0, 1.0, (100, found.nq))
+    poses = expected.poses(q)
+    where = poses.position + poses.placement[:, :3, :3] @ shift
+    np.testing.assert_allclose(found.positions(q), where, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.poses(q).placement[:, :3, :3], poses.placement[:, :3, :3], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "frame"), ROBOTS)
+def test_pinocchio_finds_the_corrected_arm(
+    name: str, frame: str, robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
+) -> None:
+    arm = Arm.from_urdf(robot_file(name), frame)
+    after = moved(arm, rng)
+    assert_same(reread(corrected_urdf(arm, after), tmp_path, frame), after, np.zeros(3), rng)
+
+
+@pytest.mark.parametrize(("name", "frame"), ROBOTS[:2])
+def test_the_tip_is_shifted_in_its_own_axes(
+    name: str, frame: str, robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
+) -> None:
+    arm = Arm.from_urdf(robot_file(name), frame)
+    after = moved(arm, rng)
+    assert_same(reread(corrected_urdf(arm, after, SHIFT), tmp_path, frame), after, SHIFT, rng)
+
+
+def test_joints_without_an_origin_and_with_odd_tags(small: Arm, tmp_path: Path, rng: np.random.Generator) -> None:
+    after = moved(small, rng)
+    text = corrected_urdf(small, after, SHIFT)
+    assert_same(reread(text, tmp_path, "tip"), after, SHIFT, rng)
+    assert text.startswith(b"<?xml version='1.0'?>\n<!-- a comment -->")
+    assert text.count(b"<origin") == 3
+
+
+def test_all_else_stays_as_it_was(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+    path = robot_file("ur5_robot.urdf")
+    arm = Arm.from_urdf(path, "tool0")
+    assert corrected_urdf(arm, arm) == path.read_bytes()
+    before, after = path.read_bytes().splitlines(), corrected_urdf(arm, moved(arm, rng)).splitlines()
+    changed = [line for line, other in zip(before, after, strict=True) if line != other]
+    assert len(changed) == 6
+    assert all(b"<origin" in line for line in changed)
+
+
+def test_a_tip_without_a_joint_of_its_own_is_refused(robot_file: Callable[[str], Path]) -> None:
+    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "wrist_3_link")
+    with pytest.raises(UnsupportedArmError, match=r"wrist_3_link.*no fixed joint"):
+        corrected_urdf(arm, arm, SHIFT)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (SMALL.replace('"j2" type', '"other" type'), "no joint 'j2'"),
+        (SMALL[:-20], "not XML"),
+        (None, "cannot be read"),
+    ],
+)
+def test_another_file_under_the_same_name_is_refused(small: Arm, text: str | None, said: str) -> None:
+    path = Path(small.source)
+    path.unlink()
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(AacmmError, match=said) as error:
+        corrected_urdf(small, small)
+    assert "small.urdf" in str(error.value)
+
+
+def test_an_encoding_without_ascii_tags_is_refused(small: Arm, rng: np.random.Generator) -> None:
+    Path(small.source).write_bytes(SMALL.replace("version='1.0'", "version='1.0' encoding='utf-16'").encode("utf-16"))
+    with pytest.raises(AacmmError, match="UTF-8"):
+        corrected_urdf(small, moved(small, rng))
+
+
+def test_roll_pitch_yaw_against_scipy(rng: np.random.Generator) -> None:
+    for rotation in Rotation.random(200, rng=rng).as_matrix():
+        again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
+        np.testing.assert_allclose(again, rotation, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 1.57079632679, -np.pi / 2 + 1e-7])
+def test_roll_pitch_yaw_where_the_gimbals_lock(pitch: float, rng: np.random.Generator) -> None:
+    for roll, yaw in rng.uniform(-3, 3, (50, 2)):
+        rotation = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
+        again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
+        np.testing.assert_allclose(again, rotation, rtol=0, atol=1e-14)

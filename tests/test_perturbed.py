@@ -1,0 +1,92 @@
+"""A virtual arm drawn within the uncertainties of its file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import ArmFile, Covariance
+from aacmm_pin.effects import EncoderEccentricity, ThermalExpansion
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, UnsupportedArmError
+from aacmm_pin.perturbed import perturbed_model
+
+
+def steps(drawn: ErrorModel, model: ErrorModel) -> np.ndarray:
+    return np.array([a.value - b.value for a, b in zip(drawn.parameters, model.parameters, strict=True)])
+
+
+def test_geometry_stays_within_its_half_widths_and_fills_them(sino6: Arm) -> None:
+    model = ErrorModel(sino6)
+    drawn = np.array([steps(perturbed_model(model, np.random.default_rng(k)), model) for k in range(60)])
+    widths = np.array([p.half_width for p in sino6.parameters])
+    assert (np.abs(drawn) <= widths * (1 + 1e-9) + 1e-15).all()
+    free = widths > 0
+    assert (np.abs(drawn[:, free]).max(axis=0) > 0.8 * widths[free]).all()
+    assert not drawn[:, ~free].any()
+
+
+def test_the_truth_states_no_uncertainty_and_keeps_the_rest(sino6: Arm, rng: np.random.Generator) -> None:
+    drawn = perturbed_model(ErrorModel(sino6), rng).arm
+    assert not any(p.u for p in drawn.parameters)
+    assert drawn.file is not None
+    assert drawn.file.covariance is None
+    np.testing.assert_array_equal(drawn.limits, sino6.limits)
+    np.testing.assert_array_equal(drawn.masses, sino6.masses)
+    assert drawn.source.startswith("drawn within the uncertainties of: Xu You")
+
+
+def test_pinocchio_moves_with_the_table(sino6: Arm, rng: np.random.Generator) -> None:
+    drawn = perturbed_model(ErrorModel(sino6), rng).arm
+    q = rng.uniform(*sino6.limits.T, (20, 6))
+    np.testing.assert_allclose(drawn.poses(q).position, drawn.positions(q), atol=1e-12)
+    assert np.abs(drawn.positions(q) - sino6.positions(q)).max() > 1e-5
+
+
+def test_effects_are_drawn_by_their_own_uncertainty(sino6: Arm) -> None:
+    effects = (
+        EncoderEccentricity(joint=3, values=(1e-4, 0.0), u=(1e-5, 0.0)),
+        ThermalExpansion(values=(2e-5,), u=(1e-6,)),
+    )
+    model = ErrorModel(sino6, effects)
+    drawn = [perturbed_model(model, np.random.default_rng(k)).effects for k in range(200)]
+    cos = np.array([e[0].values[0] for e in drawn])
+    expansion = np.array([e[1].values[0] for e in drawn])
+    assert all(e[0].values[1] == 0.0 for e in drawn)
+    assert np.std(cos) == pytest.approx(1e-5, rel=0.2)
+    assert np.mean(expansion) == pytest.approx(2e-5, rel=0.01)
+    assert np.std(expansion) == pytest.approx(1e-6, rel=0.2)
+    assert not any(e.u[0] for e in drawn[0])
+
+
+def test_parameters_known_together_are_drawn_together(sino6: Arm) -> None:
+    known = Covariance(parameters=("d3", "d5"), standard_uncertainty_si=(1e-5, 1e-5), correlation=((), (-0.999,)))
+    assert sino6.file is not None
+    file: ArmFile = sino6.file.model_copy(update={"covariance": known})
+    model = ErrorModel(Arm.from_file(file))
+    names = [p.name for p in model.parameters]
+    drawn = np.array([steps(perturbed_model(model, np.random.default_rng(k)), model) for k in range(100)])
+    d3, d5 = drawn[:, names.index("d3")], drawn[:, names.index("d5")]
+    assert np.corrcoef(d3, d5)[0, 1] < -0.99
+    assert np.std(d3 + d5) < 0.1 * np.std(d3)
+
+
+def test_an_arm_that_states_nothing_is_refused(zero6: Arm, rng: np.random.Generator) -> None:
+    with pytest.raises(AacmmError, match=r"zero6: no parameter has an uncertainty to draw from"):
+        perturbed_model(ErrorModel(zero6), rng)
+
+
+def test_an_arm_without_a_table_is_refused(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=1e-4)
+    with pytest.raises(UnsupportedArmError, match="DH table"):
+        perturbed_model(ErrorModel(arm), rng)
+
+
+def test_an_arm_without_a_file_is_refused(sino6: Arm, rng: np.random.Generator) -> None:
+    with pytest.raises(AacmmError, match="not made from an arm file"):
+        perturbed_model(ErrorModel(replace(sino6, file=None, covariance=None)), rng)
