@@ -188,6 +188,20 @@ def test_residuals_along_a_joint_are_those_of_its_angle(with_wave: Calibration) 
     np.testing.assert_allclose(dots.get_xdata(), np.rad2deg(records.q[fit.used, 1]), rtol=1e-12)
 
 
+def test_a_turned_reference_frame_makes_no_difference_to_a_joint(sino6: Arm) -> None:
+    data = simulate_measurements(ErrorModel(sino6, (WAVE,)), "free", 100, rng=np.random.default_rng(2))
+    turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    turned = replace(data, reference=data.reference @ turn.T)
+    along = []
+    for records in (data, turned):
+        result = calibrate(
+            sino6, records, "zero-offsets", reference_frame="external", encoder_noise=READINGS, hold_out=False
+        )
+        ax = plot_residuals_over_joint(result, 3)
+        along.append(next(line.get_ydata() for line in ax.lines if line.get_marker() == "."))
+    np.testing.assert_allclose(along[0], along[1], atol=0.01)
+
+
 def test_normalised_residuals_follow_chi(at_seats: Calibration) -> None:
     ax = plot_normalised_residuals(at_seats)
     drawn(ax.figure)
@@ -299,6 +313,13 @@ def test_stated_half_widths_are_those_of_the_arm(at_seats: Calibration, of_robot
     expected = [widths[p.name] for p in at_seats.fit.problem.parameters]
     np.testing.assert_allclose(stated_half_widths(at_seats), np.array(expected, dtype=float))
     assert np.isnan(stated_half_widths(of_robot)).all()
+
+
+def test_stated_uncertainties_of_causes_count_twice(with_wave: Calibration, sino6: Arm) -> None:
+    known = EncoderEccentricity(3, values=(2e-4, 0.0), u=(1e-5, 2e-5))
+    data = with_wave.fit.problem.measurements
+    result = calibrate(sino6, data, [known], encoder_noise=READINGS, hold_out=False)
+    np.testing.assert_allclose(stated_half_widths(result), [2e-5, 4e-5])
 
 
 def test_a_parameter_is_beyond_where_both_uncertainties_together_are_exceeded(sino6: Arm) -> None:

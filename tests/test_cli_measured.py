@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -123,9 +124,15 @@ def test_without_a_file_the_same_goes_to_stdout(tmp_path: Path) -> None:
 
 def test_stated_noise_is_used_and_said() -> None:
     noise = ["--encoder-noise-rad", "0", "--reference-noise-mm", "0", "--probe-noise-mm", "0"]
-    _, err = done("simulate", "sino6", "--records", "30", "--seats", "3", *noise)
+    words = ["simulate", "sino6", "--records", "30", "--seats", "3"]
+    _, err = done(*words, *noise)
     assert "assumed" not in err
     assert "noise: readings 0 rad, references 0 mm, contacts 0 mm" in err
+    out, err = done(*words, *noise[:4], "--probe-noise-mm", "0.5")
+    assert "contacts 0.5 mm" in err
+    read = Measurements.from_frame(pd.read_csv(io.StringIO(out)))
+    off = ErrorModel.load("sino6").predict(read.q) - read.reference
+    assert np.std(off) == pytest.approx(0.5 * MM, rel=0.2)
 
 
 def test_the_truth_explains_the_data_and_the_arm_file_does_not(folder: Path, data: Path) -> None:
@@ -172,7 +179,8 @@ def test_any_arm_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path) 
     words = ["--urdf", robot_file("panda.urdf"), "--frame", "panda_hand_tcp", "--plan", "free", "--records", "20"]
     done("simulate", *words, "-o", tmp_path / "d.csv")
     assert Measurements.read(tmp_path / "d.csv").nq == 7
-    assert "needs a DH table" in refused("simulate", *words, "--truth", tmp_path / "t.toml", "-o", tmp_path / "e.csv")
+    for more in ([], ["-o", tmp_path / "e.csv"]):
+        assert "needs a DH table" in refused("simulate", *words, "--truth", tmp_path / "t.toml", *more)
     assert [path.name for path in tmp_path.iterdir()] == ["d.csv"]
 
 
@@ -330,6 +338,16 @@ def test_one_file_that_cannot_be_written_leaves_none(data: Path, tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
+def test_files_are_looked_at_before_the_work_begins(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def work(*_: object, **__: object) -> None:
+        raise AssertionError("work began")
+
+    monkeypatch.setattr("aacmm_pin.cli.measured.calibrate", work)
+    (tmp_path / "c.toml").write_text("mine")
+    assert "--force" in refused("calibrate", "sino6", data, "-o", tmp_path / "c.toml")
+    assert (tmp_path / "c.toml").read_text() == "mine"
+
+
 def test_a_failure_on_the_way_leaves_none(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> str:
         assert any(tmp_path.iterdir())  # the others are on their way
@@ -339,6 +357,23 @@ def test_a_failure_on_the_way_leaves_none(data: Path, tmp_path: Path, monkeypatc
     files = ["-o", tmp_path / "c.toml", "--residuals", tmp_path / "r.csv", "--report", tmp_path / "r.html", "--json", "-"]
     assert "no page today" in refused("calibrate", "sino6", data, *QUICK, *files)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_without_the_prior_nothing_counts_as_stated(data: Path) -> None:
+    with_prior, without = (done("calibrate", "sino6", data, *QUICK, *more) for more in ([], ["--no-prior"]))
+    assert "alpha6" not in with_prior[0]
+    assert "alpha6: not at all" in without[0]
+    assert "nobody states" in without[1]
+
+
+def test_noise_on_the_command_line_is_in_millimetres(folder: Path, tmp_path: Path) -> None:
+    table = Measurements.read(folder / "data.csv").to_frame().drop(columns=["u_x_mm", "u_y_mm", "u_z_mm"])
+    table.to_csv(tmp_path / "d.csv", index=False)
+    words = [*QUICK, "--json", "-"]
+    stated = json.loads(done("calibrate", "sino6", tmp_path / "d.csv", *words, "--reference-noise-mm", "0.012")[0])
+    file = json.loads(done("calibrate", "sino6", folder / "data.csv", *words)[0])
+    assert stated["noise_stated"]
+    assert stated["chi2"]["value"] == pytest.approx(file["chi2"]["value"], rel=1e-6)
 
 
 def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_path: Path) -> None:
@@ -351,6 +386,9 @@ def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_pat
     assert eccentricity.values == pytest.approx((1e-4 * np.cos(0.5), 1e-4 * np.sin(0.5)), abs=4 * max(eccentricity.u))
     assert expansion.values[0] == pytest.approx(2e-5, abs=4 * expansion.u[0])
     assert 0 < expansion.u[0] < 1e-5
+    out, err = done("calibrate", tmp_path / "c.toml", folder / "warm.csv", *QUICK, *effects)  # from where it has them now
+    assert "nobody states how far off" not in err
+    assert "thermal_expansion: expansion_per_k " in out
 
 
 def test_references_in_a_frame_that_nobody_knows(folder: Path, tmp_path: Path) -> None:
@@ -410,6 +448,13 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended: Path
     shifted, here = Arm.from_urdf(tmp_path / "m.urdf", "tip"), Arm.load(tmp_path / "m.toml")
     np.testing.assert_allclose(shifted.positions(q), ErrorModel(model.arm, (offset,)).predict(q), rtol=0, atol=1e-12)
     np.testing.assert_allclose(here.poses(q).position, model.arm.positions(q), rtol=0, atol=1e-12)
+    tip = ErrorModel(model.arm, (offset,))
+    tip.save(tmp_path / "t.toml")
+    done("simulate", tmp_path / "t.toml", "--plan", "free", "--records", "100", "-o", tmp_path / "t.csv")
+    files = ["-o", tmp_path / "u.toml", "--urdf-out", tmp_path / "u.urdf"]
+    done("calibrate", tmp_path / "t.toml", tmp_path / "t.csv", *QUICK, *files)
+    found = Arm.from_urdf(tmp_path / "u.urdf", "tip").positions(q)
+    np.testing.assert_allclose(found, ErrorModel.load(tmp_path / "u.toml").predict(q), rtol=0, atol=1e-12)
     done("simulate", extended, "--plan", "free", "--records", "100", "-o", tmp_path / "d.csv")
     _, err = done("calibrate", extended, tmp_path / "d.csv", *QUICK, "--urdf-out", tmp_path / "c.urdf")
     assert "a URDF has no place for encoder_eccentricity:3, thermal_expansion" in err
@@ -423,6 +468,8 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended: Path
         (["--reference-frame", "room"], ["room", "base, external"]),
         (["--encoder-noise-rad", "-1"], ["encoder noise", "not negative"]),
         (["--probe-noise-mm", "nan"], ["probe noise", "not negative"]),
+        (["--reference-noise-mm", "-1"], ["reference noise is -0.001", "not negative"]),
+        (["--length-noise-mm", "-1"], ["length noise is -0.001", "not negative"]),
         (["--effect", "encoder_gain:joint=7"], ["encoder_gain:7", "rows 1 to 6"]),
         (["--effect", "torsion"], ["unknown cause 'torsion'"]),
         (["--effect", "joint_zero_offset:joint=3"], ["joint_zero_offset:3", "twice"]),

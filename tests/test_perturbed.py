@@ -70,6 +70,7 @@ def test_parameters_known_together_are_drawn_together(sino6: Arm) -> None:
     file: ArmFile = sino6.file.model_copy(update={"covariance": known})
     model = ErrorModel(Arm.from_file(file))
     names = [p.name for p in model.parameters]
+    assert perturbed_model(model, np.random.default_rng(0)).arm.covariance is None
     drawn = np.array([steps(perturbed_model(model, np.random.default_rng(k)), model) for k in range(100)])
     d3, d5 = drawn[:, names.index("d3")], drawn[:, names.index("d5")]
     assert np.corrcoef(d3, d5)[0, 1] < -0.99
