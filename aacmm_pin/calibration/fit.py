@@ -146,13 +146,16 @@ class _Fitting:
         From afar the noise itself would give the data so much weight that the search follows every valley of parameters
         which they hardly tell; the widths of the parameters hold it in.
         """
-        scatter = self._scatter_of_median(deviations(self.observations, point), spoken)
+        squared = np.square(deviations(self.observations, point)[spoken]).sum(axis=1)
+        scatter = float(np.sqrt(np.median(squared) / MEDIAN))
         for _ in range(MOST_ROUNDS):
             self._prepare(scatter, point)
             solution = self._solve(point, spoken, robust, roughly=True)
+            if not robust:
+                break
             point = solution.point
             before, scatter = scatter, self._scatter_of_median(solution.system.deviation, spoken)
-            if not robust or scatter == 0.0 or scatter > 0.8 * before:
+            if scatter == 0.0 or scatter > 0.8 * before:
                 break
         return solution
 

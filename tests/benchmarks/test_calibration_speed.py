@@ -69,8 +69,8 @@ class Peer:
 
 
 PEERS = [
-    Peer("robotkinecal", "AACMM_PIN_ROBOTKINECAL_PYTHON", 20.0),
-    Peer("figaroh", "AACMM_PIN_FIGAROH_PYTHON", 50.0),
+    Peer("robotkinecal", "AACMM_PIN_ROBOTKINECAL_PYTHON", 12.0),
+    Peer("figaroh", "AACMM_PIN_FIGAROH_PYTHON", 10.0),
 ]
 
 
@@ -150,7 +150,7 @@ def test_calibration_of_100_records(
     assert report["rms_before_m"] > 10 * NOISE  # otherwise there was nothing to calibrate
     assert report["rms_after_m"] < 1.1 * NOISE  # and a peer that does not calibrate is no peer
     mine, result = float("inf"), None
-    for _ in range(REPEATS):
+    for _ in range(10 * REPEATS):  # milliseconds: other work on the machine shows in a few of them
         start = time.perf_counter()
         result = ours(problem)
         mine = min(mine, time.perf_counter() - start)
