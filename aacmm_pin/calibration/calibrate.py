@@ -24,6 +24,8 @@ from aacmm_pin.measurements import Measurements
 from aacmm_pin.observations import KnownLength
 from aacmm_pin.units import DEG, MM
 
+FAR = 2e-3
+"""Scatter that no arm has; something else is wrong [m]."""
 ReferenceFrame = Literal["base", "external"]
 
 
@@ -131,6 +133,11 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
         found.append(
             f"the records scatter more than stated: {after.unmodelled / MM:.4f} mm per coordinate were added, "
             "so the uncertainties hold for this arm with what is still wrong in it"
+        )
+    if after.unmodelled > FAR:
+        found.append(
+            f"{after.unmodelled / MM:.1f} mm of scatter is far more than an arm has: are the columns, their units and the "
+            "reference frame right?"
         )
     free = [p for p, stated in zip(after.problem.parameters, after.problem.stated, strict=True) if not stated]
     if any(p.unit in ASSEMBLED for p in free):

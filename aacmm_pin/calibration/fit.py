@@ -23,6 +23,8 @@ FALSE_EXCLUSION = 0.01
 """Chance that any good record is excluded, over the whole file."""
 EFFICIENCY = 0.53
 """A scatter taken from the median of χ² with three degrees is as certain as from this part of all the records' numbers."""
+UNEQUAL = 1.5
+"""Records far out scatter more, by their readings; where nobody states the noise, they are believed this much farther."""
 LEAST_DOF = 0.5
 """With fewer degrees of freedom records do not tell their scatter; widths that nobody stated leave a little above zero."""
 MISFIT = 1e-3
@@ -167,10 +169,11 @@ class _Fitting:
         # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
         chance = FALSE_EXCLUSION / count
         limit = 3 * f.isf(chance, 3, EFFICIENCY * dof) if self.unmodelled > 0 else chi2.isf(chance, 3)
+        limit *= 1.0 if self.stated else UNEQUAL**2
         used = spoken.copy()
-        solution = standing(self.problem, self.observations, self.tips, point, used.astype(np.float64))
+        solution = standing(self.problem, self.observations, self.tips, point, solution.weights)
         for tried in range(MOST_ROUNDS):
-            belongs = spoken & (np.nan_to_num(solution.system.distance, nan=np.inf) <= limit)
+            belongs = spoken & (deleted_distances(self.observations, solution, self.tips) <= limit)
             if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
                 break
             used = belongs
@@ -285,6 +288,34 @@ def _chi2(problem: Problem, solution: Solution) -> tuple[float, float]:
     determined = float(np.square(system.jacobian @ scaled).sum())
     left_out = 3 * int(np.sum((solution.weights == 0.0) & np.isfinite(system.distance)))
     return float(system.residual @ system.residual), system.free - left_out - determined
+
+
+def deleted_distances(observations: list[Observation], solution: Solution, noise: Array) -> Array:
+    """Squared distance of each record from where the *others* put its target, over its own and that place's variance (n,).
+
+    A record pulls an unknown point towards itself, the more the fewer the others are; and where it has been left out, its
+    target is only as sure as the others make it. Records without a target are infinitely far.
+    """
+    found = np.full(len(noise), np.inf)
+    for observation, values in zip(observations, solution.point.nuisances, strict=True):
+        records = observation.records
+        targets, by = observation.targets(values)
+        covariance = noise[records] + observation.covariance()
+        off = solution.point.prediction.tips[records] - targets
+        if values.size:
+            inverse = np.linalg.inv(covariance)
+            weighted = solution.weights[records, None, None] * (by.transpose(0, 2, 1) @ inverse)
+            tied = observation.ties(values)[1]
+            apart = weighted @ by
+            rest = np.linalg.inv(apart.sum(axis=0) + tied.T @ tied - apart + NOTHING_KNOWN * np.eye(values.size))
+            off = off + np.einsum("nij,nj->ni", by @ rest @ weighted, off)
+            covariance = covariance + by @ rest @ by.transpose(0, 2, 1)
+        found[records] = _squared(off, covariance)
+    return found
+
+
+NOTHING_KNOWN = 1e-4
+"""Information on a point of which no other record says anything: it is somewhere within a hundred metres [1/m²]."""
 
 
 def redundant(problem: Problem, solution: Solution) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -22,8 +24,13 @@ UNTOLD = 0.999
 """A parameter that is as good as all of an unknown combination is not told at all."""
 
 
-def calibrated_model(fit: Fit) -> ErrorModel:
-    """The arm and effects with the estimated values; targets of single markers are part of the set-up, not of the arm."""
+def calibrated_model(fit: Fit, encoder_noise: Array | None = None) -> ErrorModel:
+    """The arm and effects with the estimated values; targets of single markers are part of the set-up.
+
+    Args:
+        fit: what was estimated.
+        encoder_noise: of the readings, kept in the arm where it is given (nq,) [rad].
+    """
     problem = fit.problem
     arm, u = problem.model.arm, np.sqrt(np.diag(fit.covariance))
     steps: dict[str, float] = {}
@@ -48,6 +55,8 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     known = _covariance(arm, names, fit.covariance[: len(names), : len(names)])
     every = (*problem.model.effects, *effects)
     moved = _moved_table(arm, steps, known, every) if arm.dh is not None else _moved_placements(arm, steps, known)
+    if encoder_noise is not None:
+        moved = _with_noise(moved, encoder_noise)
     return ErrorModel(moved, every)
 
 
@@ -83,6 +92,15 @@ def _moved_table(arm: Arm, steps: dict[str, float], known: Covariance | None, ef
     entries = [entry_of(effect) for effect in effects]
     file: ArmFile = arm.file.model_copy(update={"joints": rows, "covariance": known, "effects": entries})
     return Arm.from_file(file)
+
+
+def _with_noise(arm: Arm, noise: Array) -> Arm:
+    """The arm with the noise of its readings as it was stated for the calibration."""
+    if arm.file is None:
+        return replace(arm, encoder_noise=noise)
+    of_joint = iter(noise.tolist())
+    rows = [r if r.fixed else r.model_copy(update={"encoder_noise_rad": next(of_joint)}) for r in arm.file.joints]
+    return Arm.from_file(arm.file.model_copy(update={"joints": rows}))
 
 
 def _moved_placements(arm: Arm, steps: dict[str, float], known: Covariance | None) -> Arm:

@@ -51,7 +51,7 @@ class Calibration:
     @cached_property
     def model(self) -> ErrorModel:
         """The calibrated arm with its effects and the covariance of its parameters."""
-        return calibrated_model(self.fit)
+        return calibrated_model(self.fit, self.stated_noise.encoder)
 
     @cached_property
     def before(self) -> Fit:

@@ -107,6 +107,8 @@ def accuracy(
             results.json(summary, json_)
     if json_ is None:
         _show_accuracy(circle, result, summary)
+        if encoder_noise_rad is None and model.arm.encoder_noise is None:
+            note("note: nobody states the noise of the encoders; u is of the parameters alone (--encoder-noise-rad adds it)")
 
 
 @command("map")

@@ -98,7 +98,7 @@ def diagnose(
     return Diagnosis(
         verdict=verdict,
         findings=tuple(findings),
-        model=calibrated_model(extended),
+        model=calibrated_model(extended, noise.encoder),
         before=before,
         recalibrated=recalibrated,
         extended=extended,
