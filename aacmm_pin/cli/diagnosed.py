@@ -72,7 +72,8 @@ def diagnose_(
 def _say(result: Diagnosis) -> None:
     say(str(result))
     if result.findings:
-        table = Table("cause", Column("values ± U", ratio=1), "probability", "p", "kept", "looks like", box=SIMPLE)
+        cause = Column("cause", no_wrap=True)
+        table = Table(cause, Column("value ± U (k = 2)", no_wrap=True), "prob.", "p", "kept", "looks like", box=SIMPLE)
         for f in result.findings:
             few = f.parameters if len(f.parameters) <= 6 else {}
             values = "\n".join(f"{k} {v:.4g} ± {2 * u:.2g}" for k, (v, u) in few.items()) or f"{len(f.parameters)} values"
