@@ -10,6 +10,7 @@ import pytest
 import aacmm_pin
 
 FLOORS = {
+    "blas": 0,
     "errors": 0,
     "units": 0,
     "checks": 1,

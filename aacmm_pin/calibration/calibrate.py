@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin.arm import Arm
+from aacmm_pin.blas import one_blas_thread
 from aacmm_pin.calibration.evidence import LENGTH, StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit, redundant
 from aacmm_pin.calibration.held_out import held_out as left_out
@@ -29,6 +30,7 @@ FAR = 2e-3
 ReferenceFrame = Literal["base", "external"]
 
 
+@one_blas_thread
 def calibrate(
     model: Arm | ErrorModel,
     measurements: Measurements,

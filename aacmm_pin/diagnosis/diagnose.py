@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
+from scipy.stats import chi2
 
 from aacmm_pin.arm import Arm
+from aacmm_pin.blas import one_blas_thread
 from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of
 from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
@@ -17,9 +19,10 @@ from aacmm_pin.calibration.fold import calibrated_model
 from aacmm_pin.calibration.problem import OF_KIND, Problem
 from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
-from aacmm_pin.diagnosis.findings import Strength, look_alikes, strengths
+from aacmm_pin.diagnosis.covariates import covariates
+from aacmm_pin.diagnosis.findings import Strength, look_alikes, score, strengths
 from aacmm_pin.diagnosis.gain import Gain, gain_of, parts_of, survivors
-from aacmm_pin.diagnosis.library import candidates, covariates
+from aacmm_pin.diagnosis.library import candidates
 from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding, Unexplained, Verdict, described
 from aacmm_pin.diagnosis.search import conditional
@@ -34,6 +37,9 @@ SETTLED = 0.95
 """A cause at least this probable, beside its look-alikes, is named without doubt."""
 
 
+@threadpool_limits.wrap(
+    limits=1, user_api="blas"
+)  # matrices are small: threads that wait for one another cost up to forty times
 def diagnose(
     model: Arm | ErrorModel,
     measurements: Measurements,
@@ -82,7 +88,7 @@ def diagnose(
 
     recalibrated = fit(problem(["geometry"]), noise)
     kind, parts = parts_of(recalibrated, rng)
-    library, others = candidates(model.arm, measurements), covariates(measurements)
+    library, others = candidates(model.arm, measurements), covariates(model.arm, measurements)
     choice = choose(lambda effects: problem(["geometry", *effects]), noise, recalibrated, library, others, parts)
     choice = _surviving(choice, lambda effects: problem(["geometry", *effects]), noise)
     extended = choice.fit
@@ -90,7 +96,7 @@ def diagnose(
     recalibrated = fit(problem(["geometry"]), noise, used=extended.used)
     strong = strengths(choice.question, choice.gram, choice.admitted, choice.design.names, rng)
     held = gain_of(choice, before, kind, rng, progress) if hold_out else None
-    findings = _findings(choice, strong) + _geometry(extended)
+    findings = _findings(choice, strong) + _geometry(choice)
     unexplained = _unexplained(choice, strong, held)
     groups = look_alikes(choice.question, choice.gram, choice.design.names, choice.design.causes)
     shown = predicted_covariance(before, *_prior_predictive(model, before))
@@ -156,10 +162,10 @@ def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
     return found
 
 
-def _geometry(extended: Fit) -> list[Finding]:
+def _geometry(choice: Choice) -> list[Finding]:
     """Geometric values beyond their stated uncertainty."""
     found = []
-    for row in moved_geometry(extended).to_dict("records"):
+    for row in moved_geometry(choice).to_dict("records"):
         kind = next(k for k, c in OF_KIND.items() if c.cause == row["cause"]) if row["cause"] in _GEOMETRIC else ""
         if not kind:
             continue
@@ -175,18 +181,21 @@ _GEOMETRIC = {cause.cause for cause in OF_KIND.values()}
 
 
 def _unexplained(choice: Choice, strong: list[Strength], held: Gain | None) -> Unexplained:
-    names, causes = choice.design.names, choice.design.causes
+    causes = choice.design.causes
     mine = [s for s in strong if choice.question.owner(s.block) >= causes]
-    depends = tuple(names[choice.question.owner(s.block)] for s in mine)
-    if mine:
-        p_value = min(s.p_value for s in mine)
-    else:
-        left = conditional(choice.question, choice.gram, choice.admitted)
-        each = choice.question.per_candidate(left.evidences)[causes:]
-        best = float(np.max(each, initial=-np.inf))
-        p_value = float(1.0 / (1.0 + np.exp(min(best, 500.0)) / max(len(each), 1)))
-    shapes = {names[choice.question.owner(s.block)]: _shape(choice, s.block) for s in mine}
+    covariates_ = [choice.others[choice.question.owner(s.block) - causes] for s in mine]
+    depends = tuple(dict.fromkeys(name for covariate in covariates_ for name in covariate.depends_on))
+    shapes = {c.name: _shape(choice, s.block) for c, s in zip(covariates_, mine, strict=True)}
+    p_value = min(s.p_value for s in mine) if mine else _any_structure(choice)
     return Unexplained(p_value, depends, shapes, held.gain if held is not None and mine else None)
+
+
+def _any_structure(choice: Choice) -> float:
+    """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
+    left = conditional(choice.question, choice.gram, choice.admitted)
+    blocks = [b for b in choice.design.blocks if b.candidate >= choice.design.causes]
+    each = [float(chi2.sf(score(left, b), b.size)) for b in blocks]
+    return min(1.0, len(each) * min(each, default=1.0))
 
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from aacmm_pin.checks import Array
-from aacmm_pin.diagnosis.statistics import Block, Gram
+from aacmm_pin.diagnosis.design import Block
+from aacmm_pin.diagnosis.products import Gram
 
 MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0])
 """Standard deviations of a cause's parameters that its evidence averages over, in units of the typical magnitude."""
@@ -41,75 +42,97 @@ class Conditional:
     @cached_property
     def refitted(self) -> Array:
         """Numbers of the columns that are refitted."""
-        columns = [np.arange(self.nuisances)]
-        columns += [np.arange(self.blocks[k].columns.start, self.blocks[k].columns.stop) for k in self.admitted]
-        return np.concatenate(columns)
+        return np.concatenate([np.arange(s.start, s.stop) for s in self._slices])
+
+    @cached_property
+    def _slices(self) -> list[slice]:
+        return [slice(0, self.nuisances), *(self.blocks[k].columns for k in self.admitted)]
+
+    @cached_property
+    def _strips(self) -> Array:
+        """Products of what is refitted with all columns (refitted, columns + 1)."""
+        return np.concatenate([self.gram.strip(s) for s in self._slices])
 
     @cached_property
     def _factor(self) -> Array:
-        inside = self.gram.products[np.ix_(self.refitted, self.refitted)].copy()
         width = np.full(self.refitted.size, 1e-9)
         width[self.nuisances :] = 1.0 / ADMITTED**2
-        return np.asarray(np.linalg.cholesky(inside + np.diag(width)))
+        return np.asarray(np.linalg.cholesky(self._strips[:, self.refitted] + np.diag(width)))
 
     @cached_property
     def _whitened(self) -> Array:
         """``L⁻¹ G``: (refitted, columns + 1)."""
-        return np.asarray(solve_triangular(self._factor, self.gram.products[self.refitted], lower=True, check_finite=False))
+        return np.asarray(solve_triangular(self._factor, self._strips, lower=True, check_finite=False))
 
     @cached_property
     def gradient(self) -> Array:
         """Of every column (columns,)."""
         white = self._whitened
-        return np.asarray((self.gram.products[:-1, -1] - white[:, :-1].T @ white[:, -1]) / self.variance)
+        return np.asarray((self.gram.residual[:-1] - white[:, :-1].T @ white[:, -1]) / self.variance)
+
+    def gradients(self, products: Array) -> Array:
+        """The same for other residuals, given by their products with all columns (columns, draws)."""
+        white = solve_triangular(self._factor, products[self.refitted], lower=True, check_finite=False)
+        return np.asarray((products - self._whitened[:, :-1].T @ white) / self.variance)
 
     @cached_property
     def chi2(self) -> float:
         """What is left of χ², prior rows included."""
-        return float(self.gram.products[-1, -1] - self._whitened[:, -1] @ self._whitened[:, -1])
+        return float(self.gram.residual[-1] - self._whitened[:, -1] @ self._whitened[:, -1])
 
     @cached_property
     def determined(self) -> float:
         """How many of the refitted parameters the records, apart from priors, determine."""
-        inverse = cho_solve((self._factor, True), np.eye(self.refitted.size), check_finite=False)
+        inverse = np.diag(self.covariance) / self.variance
         prior = np.ones(self.refitted.size)
         prior[self.nuisances :] = 1.0 / ADMITTED**2
-        return float(self.refitted.size - np.sum(np.diag(inverse) * prior))
+        return float(self.refitted.size - np.sum(inverse * prior))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the refitted columns, in units of the design's scales (refitted, refitted)."""
+        return np.asarray(self.variance * cho_solve((self._factor, True), np.eye(self.refitted.size), check_finite=False))
 
     def solution(self) -> Array:
         """Best step of the refitted columns, in units of the design's scales."""
         right = self._whitened[:, -1]
         return np.asarray(-solve_triangular(self._factor.T, right, lower=False, check_finite=False))
 
-    def information(self, one: slice | Array, other: slice | Array) -> Array:
-        """Inner products of two sets of columns when what is refitted is at its best."""
+    def information(self, block: Block) -> Array:
+        """Inner products of a block's columns when what is refitted is at its best (q, q)."""
+        white = self._whitened[:, block.columns]
+        return np.asarray((self.gram.inside(block) - white.T @ white) / self.variance)
+
+    def cross(self, one: Block, other: Block) -> Array:
+        """The same of the columns of two blocks (q, q')."""
         white = self._whitened
-        left = self.gram.products[one][:, other] - white[:, one].T @ white[:, other]
+        left = self.gram.strip(one.columns)[:, other.columns] - white[:, one.columns].T @ white[:, other.columns]
         return np.asarray(left / self.variance)
+
+    def whole(self, block: Block) -> Array:
+        """Inner products of a block's columns as they are, nothing refitted (q, q)."""
+        return np.asarray(self.gram.inside(block) / self.variance)
 
     @cached_property
     def evidences(self) -> Array:
-        """Log Bayes factor of each block against leaving it out (blocks,)."""
+        """Log Bayes factor of each block against leaving it out; minus infinity for the admitted (blocks,)."""
         found = np.full(len(self.blocks), -np.inf)
-        sizes = np.array([b.columns.stop - b.columns.start for b in self.blocks])
-        starts = np.array([b.columns.start for b in self.blocks])
+        sizes = np.array([b.size for b in self.blocks])
         for size in np.unique(sizes):
-            which = np.flatnonzero((sizes == size) & ~np.isin(np.arange(sizes.size), self.admitted))
-            if which.size:
-                columns = starts[which, None] + np.arange(size)
-                found[which] = self._evidence_of(columns)
+            found[sizes == size] = self._evidences_of(int(size))
+        found[list(self.admitted)] = -np.inf
         return found
 
     def evidence(self, block: int) -> float:
         """The same of one block."""
-        columns = self.blocks[block].columns
-        return float(self._evidence_of(np.arange(columns.start, columns.stop)[None])[0])
+        b = self.blocks[block]
+        return float(evidence_of(self.information(b)[None], self.gradient[b.columns][None])[0])
 
-    def _evidence_of(self, columns: Array) -> Array:
-        """Of several blocks of one size: columns (blocks, q)."""
-        white = self._whitened[:, columns]  # (refitted, blocks, q)
-        inside = self.gram.products[columns[:, :, None], columns[:, None, :]]
-        information = (inside - np.einsum("zbi,zbj->bij", white, white, optimize=True)) / self.variance
+    def _evidences_of(self, size: int) -> Array:
+        """Of all blocks of one size."""
+        columns = self.gram.products.columns_of_size(size)
+        white = self._whitened[:, columns].transpose(1, 0, 2)  # (blocks, refitted, q)
+        information = (self.gram.insides(size) - white.transpose(0, 2, 1) @ white) / self.variance
         return evidence_of(information, self.gradient[columns])
 
 
@@ -130,9 +153,3 @@ def evidence_of(information: Array, gradient: Array) -> Array:
         total = gain if total is None else np.logaddexp(total, gain)
     assert total is not None
     return np.asarray(total - np.log(len(MAGNITUDES)))
-
-
-def factor(matrix: Array) -> Array:
-    """A Cholesky factor of a positive semidefinite matrix, with as little added as it needs."""
-    size = float(np.trace(matrix)) / max(len(matrix), 1)
-    return np.asarray(cho_factor(matrix + 1e-10 * size * np.eye(len(matrix)), lower=True, check_finite=False)[0])

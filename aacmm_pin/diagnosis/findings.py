@@ -9,9 +9,10 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from aacmm_pin.checks import Array
+from aacmm_pin.diagnosis.design import Block
 from aacmm_pin.diagnosis.evidence import Conditional, evidence_of
+from aacmm_pin.diagnosis.products import Gram
 from aacmm_pin.diagnosis.search import Question, conditional
-from aacmm_pin.diagnosis.statistics import Block, Gram
 
 DRAWS = 400
 """Draws of records with nothing hidden, for the distribution of the largest evidence."""
@@ -86,43 +87,32 @@ def strengths(
 def family_wise(question: Question, left: Conditional, observed: float, block: int, rng: np.random.Generator) -> float:
     """Chance that the best odds of all candidates reach ``observed`` when nothing is there.
 
-    By draws of the gradients, which under the null are normal with the information as covariance; where no draw reaches
-    it, by Bonferroni's bound over the tried blocks, which then is the sharper one.
+    Bonferroni's bound over all that is tried, where that is smaller than any number of draws could tell; else by draws of
+    the gradients of residuals that are noise alone.
     """
-    columns = slice(question.nuisances, left.gram.products.shape[0] - 1)
-    everything = left.information(columns, columns)
-    values, vectors = np.linalg.eigh(everything)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    drawn = root @ rng.standard_normal((root.shape[1], DRAWS))
-    per_block = np.full((len(question.blocks), DRAWS), -np.inf)
-    for number, b in enumerate(question.blocks):
-        own = slice(b.columns.start - question.nuisances, b.columns.stop - question.nuisances)
-        per_block[number] = evidence_of(everything[own, own][None], drawn[own][None])[0]
+    b = question.blocks[block]
+    bound = len(question.blocks) * float(chi2.sf(score(left, b), b.size))
+    if bound < 1 / DRAWS:
+        return bound
+    drawn = left.gradients(left.gram.products.drawn(DRAWS, rng)) * np.sqrt(left.variance)
+    per_block = np.stack([evidence_of(left.information(b)[None], drawn[b.columns][None])[0] for b in question.blocks])
     owners, first, variants = np.unique([b.candidate for b in question.blocks], return_index=True, return_counts=True)
     each = np.logaddexp.reduceat(per_block, first, axis=0) + (question.log_prior[owners] - np.log(variants))[:, None]
-    best = each.max(axis=0)
-    reached = int(np.sum(best >= observed))
-    if reached:
-        return (reached + 1) / (DRAWS + 1)
-    b = question.blocks[block]
-    score = _score(left, b)
-    bound = len(question.blocks) * float(chi2.sf(score, b.columns.stop - b.columns.start))
-    return min(bound, 1 / (DRAWS + 1))
+    reached = int(np.sum(each.max(axis=0) >= observed))
+    return min((reached + 1) / (DRAWS + 1), max(bound, 1 / (DRAWS + 1)), 1.0)
 
 
-def _score(left: Conditional, block: Block) -> float:
+def score(left: Conditional, block: Block) -> float:
     """Likelihood ratio of a block: χ² with as many degrees as it has columns when it is not there."""
-    information = left.information(block.columns, block.columns)
     gradient = left.gradient[block.columns]
-    return float(gradient @ np.linalg.lstsq(information, gradient, rcond=1e-10)[0])
+    return float(gradient @ np.linalg.lstsq(left.information(block), gradient, rcond=1e-10)[0])
 
 
 def retained(left: Conditional, block: Block) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β."""
-    information = left.information(block.columns, block.columns)
+    information = left.information(block)
     step = np.asarray(np.linalg.lstsq(information, left.gradient[block.columns], rcond=1e-10)[0])
-    whole = left.gram.products[block.columns, block.columns] / left.variance
-    kept, size = (float(np.dot(np.dot(step, matrix), step)) for matrix in (information, whole))
+    kept, size = (float(step @ matrix @ step) for matrix in (information, left.whole(block)))
     return float(np.sqrt(max(kept, 0.0) / size)) if size > 0 else 0.0
 
 
@@ -144,12 +134,12 @@ def canonical(left: Conditional, one: Block, other: Block) -> float:
     """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
     roots = []
     for block in (one, other):
-        values, vectors = np.linalg.eigh(left.information(block.columns, block.columns))
+        values, vectors = np.linalg.eigh(left.information(block))
         keep = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
         roots.append(vectors[:, keep] / np.sqrt(values[keep]))
     if not (roots[0].size and roots[1].size):
         return 0.0
-    cross = roots[0].T @ left.information(one.columns, other.columns) @ roots[1]
+    cross = roots[0].T @ left.cross(one, other) @ roots[1]
     return float(min(np.linalg.svd(cross, compute_uv=False)[0], 1.0))
 
 

@@ -12,8 +12,8 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.model import Choice
+from aacmm_pin.diagnosis.products import Gram
 from aacmm_pin.diagnosis.search import search
-from aacmm_pin.diagnosis.statistics import Gram
 
 PARTS = 10
 FEWEST = 5
@@ -92,13 +92,12 @@ def gain_of(
         progress: wraps the parts.
     """
     n = choice.fit.problem.measurements.n
-    total = choice.gram
     distances = np.full((3, n), np.nan)
     chosen: list[tuple[str, ...]] = []
-    numbers = [k for k in range(len(choice.grams)) if choice.grams[k].free > 0]
+    numbers = [k for k, part in enumerate(choice.gram.products.parts) if part.free > 0]
     for number in progress(numbers) if progress else numbers:
         out = choice.fit.used & (choice.parts == number)
-        training = total - choice.grams[number]
+        training = choice.gram.without(number)
         admitted = search(choice.question, training)
         chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
         distances[1, out] = _predicted(choice, training, (), out)
@@ -132,10 +131,10 @@ def survivors(choice: Choice) -> tuple[int, ...]:
 def _losses(choice: Choice, blocks: tuple[int, ...]) -> Array:
     """Mean squared distance of the records of each part, predicted by the others with these blocks admitted [m²]."""
     found = []
-    for number, gram in enumerate(choice.grams):
+    for number, part in enumerate(choice.gram.products.parts):
         out = choice.fit.used & (choice.parts == number)
-        if gram.free > 0 and out.any():
-            found.append(float(np.nanmean(_predicted(choice, choice.gram - gram, blocks, out) ** 2)))
+        if part.free > 0 and out.any():
+            found.append(float(np.nanmean(_predicted(choice, choice.gram.without(number), blocks, out) ** 2)))
     return np.array(found)
 
 

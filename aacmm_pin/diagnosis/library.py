@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.chain import axis, end
@@ -144,74 +141,3 @@ def tubes(arm: Arm) -> list[int]:
     _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     spans = [np.linalg.norm(origin[end(row)] - origin[axis(row)]) for row in range(1, arm.chain.rows + 1)]
     return [row for row, span in enumerate(spans, start=1) if span > TUBE]
-
-
-@dataclass(frozen=True, eq=False)
-class Covariate:
-    """Something that residuals may depend on in a way that no cause of the library has.
-
-    Attributes:
-        name: ``joint 4``, ``time``, ``temperature``, or the name of an unknown column.
-        functions: smooth functions of it at the records, or one for each label (n, m), mean zero, root mean square one.
-        values: the covariate itself (n,), numbers or labels.
-        of_target: True where it would shift the target on the last body instead of the point in the room.
-    """
-
-    name: str
-    functions: Array
-    values: NDArray[Any]
-    of_target: bool = False
-
-
-def covariates(measurements: Measurements) -> list[Covariate]:
-    """Everything known of the records that residuals may depend on."""
-    conditions = measurements.conditions
-    angles = enumerate(measurements.q.T, start=1)
-    found: list[tuple[str, Iterable[object]]] = [(f"joint {j}", a) for j, a in angles if np.ptp(a) > LEAST_SPREAD]
-    for name in ("time", "temperature", "session"):
-        if (known := getattr(conditions, name)) is not None:
-            found.append((name, known))
-    if measurements.operator is not None:
-        found.append(("operator", measurements.operator))
-    found += [(str(name), measurements.extra[name]) for name in measurements.extra]
-    made = [_covariate(name, pd.Series(values)) for name, values in found]
-    return [covariate for covariate in made if covariate is not None] + _groups(measurements)
-
-
-FEWEST = 3
-"""With fewer groups than this nobody can say which one is the odd one out."""
-
-
-def _groups(measurements: Measurements) -> list[Covariate]:
-    """One group of records, a bar or else a seat of unknown place, in which the target sat elsewhere on the arm."""
-    labels = measurements.bar if measurements.bar is not None else measurements.conditions.seat
-    what = "bar" if measurements.bar is not None else "seat"
-    if labels is None or measurements.known.any():
-        return []
-    names = [name for name in dict.fromkeys(labels) if name and np.sum(labels == name) > FEWEST]
-    if len(names) < FEWEST:
-        return []
-    inside = [(name, (labels == name).astype(np.float64)[:, None]) for name in names]
-    return [Covariate(f"{what} {name}", _normalised(mine), labels, of_target=True) for name, mine in inside]
-
-
-MOST_LABELS = 12
-FUNCTIONS = 6
-
-
-def _covariate(name: str, values: pd.Series) -> Covariate | None:
-    numbers = pd.to_numeric(values, errors="coerce")
-    if numbers.notna().all() and numbers.nunique() > MOST_LABELS:
-        x = 2 * (numbers.rank(method="average").to_numpy() - 0.5) / len(numbers) - 1
-        functions = np.cos(np.pi * np.arange(1, FUNCTIONS + 1) * (x[:, None] + 1) / 2)
-        return Covariate(name, _normalised(functions), numbers.to_numpy(dtype=np.float64))
-    labels = values.astype(str)
-    if not 2 <= labels.nunique() <= MOST_LABELS:
-        return None
-    dummies = pd.get_dummies(labels, dtype=float).to_numpy()[:, 1:]
-    return Covariate(name, _normalised(dummies), labels.to_numpy())
-
-
-def _normalised(functions: Array) -> Array:
-    centred = functions - functions.mean(axis=0)
-    return np.asarray(centred / np.sqrt(np.square(centred).mean(axis=0)))

@@ -11,13 +11,16 @@ from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.checks import Index
+from aacmm_pin.diagnosis.covariates import Covariate
+from aacmm_pin.diagnosis.design import Design, design_of
 from aacmm_pin.diagnosis.evidence import ADMITTED
-from aacmm_pin.diagnosis.library import Candidate, Covariate
+from aacmm_pin.diagnosis.library import Candidate
+from aacmm_pin.diagnosis.products import Gram, products_of
 from aacmm_pin.diagnosis.search import Question, conditional, search
-from aacmm_pin.diagnosis.statistics import Design, Gram, design_of, grams_of, prior_of
 from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError, ZeroDrift
 
-MOST_ROUNDS = 4
+MOST_ROUNDS = 10
+"""The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
 LIBRARY = 0.9
 """Probability, if anything is there, that it is a cause of the library."""
 LESS_USUAL = {
@@ -46,7 +49,6 @@ class Choice:
         admitted: blocks, strongest first.
         library, others: the candidates.
         parts: part of each record for leaving out (n,).
-        grams: inner products of each part, without the prior.
     """
 
     fit: Fit
@@ -57,7 +59,6 @@ class Choice:
     library: tuple[Candidate, ...]
     others: tuple[Covariate, ...]
     parts: Index
-    grams: tuple[Gram, ...]
 
     @property
     def effects(self) -> list[Effect]:
@@ -117,14 +118,11 @@ def _chosen(
     before: tuple[int, ...],
 ) -> Choice:
     design = design_of(at, library, others, len(effects))
-    grams = grams_of(design, parts)
-    gram = prior_of(design)
-    for part in grams:
-        gram = gram + part
+    gram = Gram(products_of(design, parts))
     question = question_of(design, at.stated)
     start = tuple(_block_of(design, library, effect) for effect in effects)
     admitted = search(question, gram, start)
-    return Choice(at, design, question, gram, admitted, library, others, parts, tuple(grams))
+    return Choice(at, design, question, gram, admitted, library, others, parts)
 
 
 def question_of(design: Design, stated: bool) -> Question:
@@ -168,9 +166,7 @@ def _refined(choice: Choice, block: int) -> Effect:
         return effect
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
     design = design_of(choice.fit, [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)], [], choice_taken_out(choice))
-    gram = prior_of(design)
-    for part in grams_of(design, np.zeros(len(choice.parts), dtype=np.intp)):
-        gram = gram + part
+    gram = Gram(products_of(design, np.zeros(len(choice.parts), dtype=np.intp)))
     question = question_of(design, choice.fit.stated)
     others = tuple(range(len(tried), len(tried) + len(rest)))
     evidences = conditional(question, gram, others).evidences[: len(tried)]

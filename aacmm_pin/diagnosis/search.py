@@ -9,10 +9,11 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from aacmm_pin.checks import Array
+from aacmm_pin.diagnosis.design import Block
 from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.statistics import Block, Gram
+from aacmm_pin.diagnosis.products import Gram
 
-MOST = 8
+MOST = 24
 """No more than so many causes are admitted; a set of records that seems to need more is not explained."""
 SURE = 0.99
 """Probability that something is there at all which a first admission needs."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
@@ -11,13 +12,18 @@ from scipy.stats import chi2
 
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.fold import origins
-from aacmm_pin.calibration.problem import geometric_parameters
+from aacmm_pin.calibration.problem import Problem, geometric_parameters
 from aacmm_pin.checks import Array
+from aacmm_pin.diagnosis.model import Choice
+from aacmm_pin.diagnosis.search import conditional
+from aacmm_pin.effects import Effect
 from aacmm_pin.units import DEG, MM
 
 BINS = 4
 MOVED = 0.01
 """Family-wise level at which a geometric value counts as beyond its stated uncertainty."""
+LEAST_SHARE = 0.1
+"""A value is judged only if the data could move it by this part of its stated uncertainty."""
 
 
 def predicted_covariance(before: Fit, sensitivity: Array, covariance: Array) -> Array:
@@ -76,45 +82,47 @@ def _groups(fit: Fit) -> list[tuple[str, str, NDArray[np.bool_]]]:
     return found
 
 
-def moved_geometry(fit: Fit) -> pd.DataFrame:
+def moved_geometry(choice: Choice) -> pd.DataFrame:
     """Geometric values that the data move farther than their stated uncertainty allows.
 
-    If the stated values are right to within their u₀, the change to an estimate with u has variance u₀² - u².
+    If the stated values are right to within their u₀, the change to an estimate with u has variance u₀² - u². The estimate
+    is the one with everything in it that was admitted, covariates included: what they do is not geometry's.
 
     Returns:
         parameter, cause, joint, before, change, u, stated_u [SI], times (change over its standard deviation), p_value
         (two-sided, times the number of values that are judged); those that count, strongest first.
     """
-    problem, x = fit.problem, fit.solution.point.x
-    u = np.sqrt(np.diag(fit.covariance))
-    before = origins(problem)
-    rows, first, judged = [], 0, 0
-    for effect in problem.estimated:
-        geometric = geometric_parameters(problem.model.arm, effect)
-        for k in range(len(effect.terms)):
-            i = first + k
-            variance = problem.widths[i] ** 2 - u[i] ** 2
-            if geometric and problem.stated[i] and variance > (0.1 * problem.widths[i]) ** 2:
-                judged += 1
-                change = float(x[i] - problem.start[i])
-                times = change / np.sqrt(variance)
-                rows.append(
-                    {
-                        "parameter": problem.parameters[i].name,
-                        "cause": effect.cause,
-                        "joint": effect.row,
-                        "before": float(before[i]),
-                        "change": change,
-                        "u": float(u[i]),
-                        "stated_u": float(problem.widths[i]),
-                        "times": float(times),
-                        "p_value": float(chi2.sf(times**2, 1)),
-                    }
-                )
-        first += len(effect.terms)
-    table = pd.DataFrame(
-        rows, columns=["parameter", "cause", "joint", "before", "change", "u", "stated_u", "times", "p_value"]
-    )
-    table["p_value"] = np.minimum(table["p_value"] * max(judged, 1), 1.0)
+    problem = choice.fit.problem
+    left = conditional(choice.question, choice.gram, choice.admitted)
+    own = choice.design.nuisances
+    scales = choice.design.scales[:own]
+    x = dict(zip(choice.design.kept.tolist(), scales * left.solution()[:own], strict=True))
+    u = dict(zip(choice.design.kept.tolist(), scales * np.sqrt(np.diag(left.covariance)[:own]), strict=True))
+    rows = [
+        {
+            "parameter": name,
+            "cause": effect.cause,
+            "joint": effect.row,
+            "before": before,
+            "change": float(choice.fit.solution.point.x[i] + x[i] - problem.start[i]),
+            "u": float(u[i]),
+            "stated_u": float(problem.widths[i]),
+        }
+        for i, effect, name, before in _judged(problem)
+        if i in u and u[i] < np.sqrt(1.0 - LEAST_SHARE**2) * problem.widths[i]
+    ]
+    table = pd.DataFrame(rows, columns=["parameter", "cause", "joint", "before", "change", "u", "stated_u"])
+    table["times"] = table["change"] / np.sqrt(table["stated_u"] ** 2 - table["u"] ** 2)
+    table["p_value"] = np.minimum(chi2.sf(table["times"] ** 2, 1) * max(len(table), 1), 1.0)
     table = table[table["p_value"] < MOVED]
     return table.sort_values("p_value", ignore_index=True)
+
+
+def _judged(problem: Problem) -> Iterator[tuple[int, Effect, str, float]]:
+    """Number, cause, name and value before of each geometric value whose uncertainty is stated."""
+    before, first = origins(problem), 0
+    for effect in problem.estimated:
+        own = range(first, first + len(effect.terms))
+        first = own.stop
+        if geometric_parameters(problem.model.arm, effect):
+            yield from ((i, effect, problem.parameters[i].name, float(before[i])) for i in own if problem.stated[i])

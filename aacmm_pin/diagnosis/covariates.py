@@ -1,0 +1,148 @@
+"""What residuals may depend on in a way that no cause of the library has, and where it may act."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.checks import Array
+from aacmm_pin.diagnosis.library import LEAST_SPREAD
+from aacmm_pin.measurements import Measurements
+
+FEWEST = 3
+"""With fewer groups than this nobody can say which one is the odd one out."""
+MOST_LABELS = 12
+"""Numbers with more different values than this are a scale, others are labels."""
+SMOOTH = (5, 20)
+"""Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it may shift the tip."""
+CENTRES = 24
+"""Places in the room round which a field may have its own shift."""
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """Smooth functions of a covariate, and what they act on.
+
+    Attributes:
+        functions: (n, m), root mean square one, the constant first: whatever depends on something also has a mean.
+        carrier: ``room`` (the tip shifts along the axes of the reference frame), ``target`` (along those of the last body),
+            ``before j`` (along those of the body before row j), ``angle j`` (the angle of row j), ``lengths`` (all lengths
+            grow).
+    """
+
+    functions: Array
+    carrier: str
+
+
+@dataclass(frozen=True, eq=False)
+class Covariate:
+    """Something that residuals may depend on.
+
+    Attributes:
+        name: ``joint 4``, ``joint 2 × joint 4``, ``time``, ``temperature``, ``place``, ``bar left``, or an unknown column.
+        depends_on: the single covariates in it: ``joint 2``, ``time``, ``x``, …
+        variants: ways in which it may act.
+        values: the covariate itself, numbers or labels (n,); the first of several.
+    """
+
+    name: str
+    depends_on: tuple[str, ...]
+    variants: tuple[Carried, ...]
+    values: NDArray[Any]
+
+    @property
+    def of_target(self) -> bool:
+        """Whether it is about one group of records whose target sat elsewhere on the arm."""
+        return self.variants[0].carrier == "target"
+
+
+def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
+    """Everything known of the records that residuals may depend on."""
+    conditions = measurements.conditions
+    rows = [place // 2 for place in arm.chain.moving_axes()]
+    angles = [f"angle {row}" for row in rows]
+    numbers = [(j, row) for j, row in enumerate(rows) if np.ptp(measurements.q[:, j]) > LEAST_SPREAD]
+    found = [_of(f"joint {row}", measurements.q[:, j], [f"before {row}"]) for j, row in numbers]
+    named: list[tuple[str, Iterable[object], list[str]]] = [
+        (name, known, ["room", *angles, "lengths"])
+        for name in ("time", "temperature", "session")
+        if (known := getattr(conditions, name)) is not None
+    ]
+    if conditions.torque is not None:
+        named += [(f"torque {row}", conditions.torque[:, j], ["room", *angles]) for j, row in enumerate(rows)]
+    if measurements.operator is not None:
+        named.append(("operator", measurements.operator, ["room", *angles]))
+    named += [(str(name), measurements.extra[name], ["room", *angles, "lengths"]) for name in measurements.extra]
+    found += [_of(name, values, carriers) for name, values, carriers in named]
+    found += [_product(measurements.q, one, other) for one, other in itertools.combinations(numbers, 2)]
+    return [c for c in found if c is not None] + [_place(arm, measurements)] + _groups(measurements)
+
+
+def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covariate | None:
+    """A column of numbers or labels that may act on each of the carriers."""
+    series = pd.Series(values)
+    numbers = pd.to_numeric(series, errors="coerce")
+    if numbers.notna().all() and numbers.nunique() > MOST_LABELS:
+        slow, quick = (_cosines(numbers, count) for count in SMOOTH)
+        variants = [Carried(slow, carrier) for carrier in carriers]
+        if carriers[0] == "room" and len(series) > 3 * SMOOTH[1]:
+            variants.append(Carried(quick, "room"))
+        return Covariate(name, (name,), tuple(variants), numbers.to_numpy(dtype=np.float64))
+    labels = series.astype(str)
+    if not 2 <= labels.nunique() <= MOST_LABELS:
+        return None
+    dummies = _of_size_one(pd.get_dummies(labels, dtype=float).to_numpy())
+    return Covariate(name, (name,), tuple(Carried(dummies, carrier) for carrier in carriers), labels.to_numpy())
+
+
+def _cosines(numbers: pd.Series, count: int) -> Array:
+    turned = np.pi * (numbers.rank(method="average").to_numpy() - 0.5) / len(numbers)
+    return _of_size_one(np.cos(np.arange(count + 1) * turned[:, None]))
+
+
+def _product(q: Array, one: tuple[int, int], other: tuple[int, int]) -> Covariate:
+    """The angle of one of two joints depends on where both stand."""
+    (j, row), (k, further) = one, other
+    wave = {n: np.stack([np.cos(q[:, n]), np.sin(q[:, n])], axis=1) for n in (j, k)}
+    variants = []
+    for acts, turns, at in ((j, k, row), (k, j, further)):
+        own = np.hstack([np.ones((len(q), 1)), wave[acts]])
+        variants.append(Carried(_of_size_one(np.einsum("na,nb->nab", own, wave[turns]).reshape(len(q), -1)), f"angle {at}"))
+    names = (f"joint {row}", f"joint {further}")
+    return Covariate(" × ".join(names), names, tuple(variants), q[:, j])
+
+
+def _place(arm: Arm, measurements: Measurements) -> Covariate:
+    """Where the tip is: a field of shifts in the room, as a table that bends or a tracker's own error would give."""
+    tip = arm.chain.walk(measurements.q)[1][-1]
+    count = int(np.clip(len(tip) // 6, 1, CENTRES))
+    centres, nearest = kmeans2(tip, count, minit="++", rng=np.random.default_rng(count))
+    width = 1.5 * float(np.sqrt(np.square(tip - centres[nearest]).sum(axis=1).mean()))
+    distance = np.linalg.norm(tip[:, None] - centres, axis=2)
+    bumps = np.exp(-0.5 * (distance / max(width, 1e-9)) ** 2)
+    return Covariate("place", ("x", "y", "z"), (Carried(_of_size_one(bumps), "room"),), tip[:, 0])
+
+
+def _groups(measurements: Measurements) -> list[Covariate]:
+    """One group of records, a bar or else a seat of unknown place, in which the target sat elsewhere on the arm."""
+    labels = measurements.bar if measurements.bar is not None else measurements.conditions.seat
+    what = "bar" if measurements.bar is not None else "seat"
+    if labels is None or measurements.known.any():
+        return []
+    names = [name for name in dict.fromkeys(labels) if name and np.sum(labels == name) > FEWEST]
+    if len(names) < FEWEST:
+        return []
+    inside = [(f"{what} {name}", (labels == name).astype(np.float64)[:, None]) for name in names]
+    return [Covariate(name, (name,), (Carried(_of_size_one(mine), "target"),), labels) for name, mine in inside]
+
+
+def _of_size_one(functions: Array) -> Array:
+    return np.asarray(functions / np.sqrt(np.maximum(np.square(functions).mean(axis=0), 1e-12)))

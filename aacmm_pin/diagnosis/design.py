@@ -1,0 +1,149 @@
+"""Columns of all that is considered: what is refitted anyway, every cause of the library, every covariate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin.calibration.columns import Columns
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.chain import axis
+from aacmm_pin.checks import Array, Index
+from aacmm_pin.diagnosis.covariates import Carried, Covariate
+from aacmm_pin.diagnosis.library import Candidate
+from aacmm_pin.effects import Effect, JointZeroOffset
+from aacmm_pin.state import State
+
+TYPICAL_SHIFT = 2e-5
+"""Usual size of what no cause explains, for each smooth function of it: at the tip [m] …"""
+TYPICAL_TURN = 5e-5
+"""… at a joint [rad] …"""
+TYPICAL_GROWTH = 2e-5
+"""… and of all lengths [1]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Columns that are admitted together: one variant of a candidate.
+
+    Attributes:
+        candidate: number of the candidate.
+        variant: number of the variant.
+        columns: which columns.
+    """
+
+    candidate: int
+    variant: int
+    columns: slice
+
+    @property
+    def size(self) -> int:
+        """How many columns."""
+        return int(self.columns.stop - self.columns.start)
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Columns of all that is considered, at the point where a calibration ended.
+
+    Attributes:
+        fit: the calibration.
+        names: label of each candidate; covariates after the causes.
+        causes: number of causes of the library among them.
+        blocks: their columns.
+        nuisances: number of nuisance columns, which come first.
+        scales: by which each column was multiplied, so that all are of one order (columns,).
+        jacobian: (n, 3, columns) [m].
+        kept: which of the fit's own parameters are nuisances.
+        tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m].
+    """
+
+    fit: Fit
+    names: tuple[str, ...]
+    causes: int
+    blocks: tuple[Block, ...]
+    nuisances: int
+    scales: Array
+    jacobian: Array
+    kept: Index
+    tips: Array
+
+
+def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate], taken_out: int = 0) -> Design:
+    """The columns of every candidate in the arm as calibrated.
+
+    Args:
+        fit: the calibration.
+        library: causes to consider.
+        others: covariates that anything else may depend on.
+        taken_out: so many of the estimated effects, the last ones, are no nuisances but candidates: what they do is taken
+            out of the tips, so that they can be chosen again or not.
+    """
+    problem, point = fit.problem, fit.solution.point
+    width = sum(len(e.terms) for e in problem.estimated)
+    stays = width - sum(len(e.terms) for e in problem.estimated[len(problem.estimated) - taken_out :])
+    own = point.prediction.jacobian
+    kept = np.concatenate([np.arange(stays), np.arange(width, own.shape[2])])
+    tips = point.prediction.tips - own[:, :, stays:width] @ point.x[stays:width]
+    variants = [variant for candidate in library for variant in candidate.variants]
+    carriers = _Carriers(fit, variants) if others else None
+    carried = [way for covariate in others for way in covariate.variants]
+    ways = [carriers.columns(way) for way in carried] if carriers else []
+    of_variants = carriers.of_variants if carriers else _columns_of(fit, variants)[0]
+    typical = [np.array([t.typical for t in variant.terms]) for variant in variants]
+    typical += [np.full(columns.shape[2], _typical(way)) for way, columns in zip(carried, ways, strict=True)]
+    counts = [*(len(candidate.variants) for candidate in library), *(len(covariate.variants) for covariate in others)]
+    owners = [(number, which) for number, count in enumerate(counts) for which in range(count)]
+    ends = kept.size + np.cumsum([0, *(t.size for t in typical)])
+    blocks = [Block(*owner, slice(int(ends[k]), int(ends[k + 1]))) for k, owner in enumerate(owners)]
+    scales = np.concatenate([problem.scales[kept], *typical])
+    jacobian = np.concatenate([own[:, :, kept], of_variants, *ways], axis=2)
+    jacobian *= scales
+    names = (*(candidate.label for candidate in library), *(covariate.name for covariate in others))
+    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, jacobian, kept, tips)
+
+
+def _columns_of(fit: Fit, effects: Sequence[Effect]) -> tuple[Array, State]:
+    """∂(tip)/∂parameters of effects that are all zero, in the calibrated arm and the frame of the references (n, 3, p)."""
+    problem, point = fit.problem, fit.solution.point
+    given = (*problem.model.effects, *problem.effects(point.x))
+    columns = Columns.of(problem.model.arm, problem.measurements.q, problem.measurements.conditions, (*given, *effects))
+    values = [v for effect in given for v in effect.values]
+    state = columns.at(np.concatenate([values, np.zeros(sum(len(e.terms) for e in effects))]))
+    found = columns.jacobian(state)[:, :, len(values) :]
+    return (point.frame.rotation @ found if problem.external else found), state
+
+
+class _Carriers:
+    """What covariates act on, at every record."""
+
+    def __init__(self, fit: Fit, variants: Sequence[Effect]) -> None:
+        arm = fit.problem.model.arm
+        self.rows = [place // 2 for place in arm.chain.moving_axes()]
+        both, self.state = _columns_of(fit, [*variants, *(JointZeroOffset(row) for row in self.rows)])
+        self.of_variants, self.of_angles = np.split(both, [both.shape[2] - len(self.rows)], axis=2)
+        self.frame = fit.solution.point.frame.rotation if fit.problem.external else np.eye(3)
+
+    def columns(self, way: Carried) -> Array:
+        """Shift of the tip by each function on each axis of the carrier (n, 3, functions · axes) [m/unit]."""
+        axes = self._axes(way.carrier)
+        return np.asarray(np.einsum("nm,nij->nimj", way.functions, axes).reshape(len(axes), 3, -1))
+
+    def _axes(self, carrier: str) -> Array:
+        what, _, row = carrier.partition(" ")
+        if what == "room":
+            return np.broadcast_to(np.eye(3), (self.state.n, 3, 3))
+        if what == "target":
+            return np.asarray(self.frame @ self.state.rotation[-1])
+        if what == "before":
+            return np.asarray(self.frame @ self.state.rotation[axis(int(row)) - 1])
+        if what == "angle":
+            number = self.rows.index(int(row))
+            return self.of_angles[:, :, number : number + 1]
+        return np.asarray((self.state.position @ self.frame.T)[:, :, None])
+
+
+def _typical(way: Carried) -> float:
+    return {"angle": TYPICAL_TURN, "lengths": TYPICAL_GROWTH}.get(way.carrier.split(" ")[0], TYPICAL_SHIFT)
