@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq, minimize
 from scipy.stats import binomtest, chi2, ncx2
 
@@ -77,20 +79,20 @@ def confusion(judged: pd.DataFrame) -> pd.DataFrame:
     return pd.crosstab(runs["true_cause"], runs["said_cause"].mask(misplaced, "other joint"))
 
 
-def oracle_power(lambda_: Sequence[float], columns: Sequence[float], alpha: float = ALPHA) -> np.ndarray:
+def oracle_power(lambda_: ArrayLike, columns: ArrayLike, alpha: float = ALPHA) -> np.ndarray:
     """P(χ²_q(λ) > χ²_{q, 1-α}) for each λ with its number q of columns."""
     q = np.asarray(columns, dtype=float)
     return np.asarray(ncx2.sf(chi2.isf(alpha, q), q, np.maximum(np.asarray(lambda_, dtype=float), 1e-12)))
 
 
-def oracle_lambda(columns: Sequence[float], level: float = LEVEL, alpha: float = ALPHA) -> float:
+def oracle_lambda(columns: ArrayLike, level: float = LEVEL, alpha: float = ALPHA) -> float:
     """λ at which the oracle's power, as a mean over the given numbers of columns, is ``level``."""
     q = np.asarray(columns, dtype=float)
     return float(brentq(lambda x: oracle_power(np.full(len(q), x), q, alpha).mean() - level, 1e-6, 1e4))
 
 
-def logistic_lambda(lambda_: Sequence[float], true: Sequence[bool], level: float = LEVEL) -> Row:
-    """λ at which a logistic curve in ln λ, fitted to what was right, reaches ``level``; ``lambda`` is None outside the data."""
+def logistic_lambda(lambda_: ArrayLike, true: ArrayLike, level: float = LEVEL) -> Row:
+    """λ at which a logistic curve in ln λ, fitted to what was right, reaches ``level``; None outside the data."""
     x, y = np.log(np.maximum(np.asarray(lambda_, dtype=float), 1e-6)), np.asarray(true, dtype=float)
     if len(x) < 10 or y.min() == y.max():
         return {"lambda": None, "intercept": None, "slope": None, "n": len(x)}
@@ -109,14 +111,12 @@ def logistic_lambda(lambda_: Sequence[float], true: Sequence[bool], level: float
 
 def power(judged: pd.DataFrame) -> Row:
     """Noticed and named against λ, beside the oracle; single faults of which λ and columns are known."""
-    runs = judged[
-        (judged["kind"] == "single") & judged["error"].isna() & judged["lambda"].notna() & judged["columns"].notna()
-    ]
+    runs = judged[(judged["kind"] == "single") & judged["error"].isna()].dropna(subset=["lambda", "columns"])
     if runs.empty:
         return {"runs": 0}
     edges = np.array([0.0, 3.0, 6.0, 10.0, 15.0, 22.0, 33.0, 50.0, 100.0, 300.0, 1000.0, np.inf])
     bins = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges.tolist()):
         part = runs[(runs["lambda"] >= low) & (runs["lambda"] < high)]
         if len(part):
             asked = part.loc[part["oracle_right"].notna(), "oracle_right"]
@@ -159,10 +159,10 @@ def coverage(stated: pd.DataFrame) -> Row:
         return {"all": rate(pd.Series(dtype=bool)), "by_parameter": {}, "without_truth": {}}
     known = stated[stated["z"].notna()]
     inside = known["z"].abs() <= 1.96
-    by = {
-        f"{cause}.{parameter}": {**rate(part.abs() <= 1.96), "median_z": float(part.median()), "rms_z": float((part**2).mean() ** 0.5)}
-        for (cause, parameter), part in known["z"].groupby([known["cause"], known["parameter"]])
-    }  # fmt: skip
+    by = {}
+    for (cause, parameter), z in known["z"].groupby([known["cause"], known["parameter"]]):
+        of_all = {"median_z": float(z.median()), "rms_z": float((z**2).mean() ** 0.5)}
+        by[f"{cause}.{parameter}"] = rate(z.abs() <= 1.96) | of_all
     unknown = stated[stated["z"].isna()]
     names = (unknown["cause"] + "." + unknown["parameter"]).value_counts()
     return {"all": rate(inside), "by_parameter": by, "without_truth": {str(k): int(v) for k, v in names.items()}}

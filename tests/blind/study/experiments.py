@@ -25,7 +25,7 @@ class Experiment:
         name: by which ``--only`` and the table know it.
         kind: ``single``, ``pair``, ``nothing`` or ``outside``: what a right answer is.
         draw: arguments of :func:`blind.draw` beside the seed.
-        first: seed of run 0; run i has ``first + i``. Experiments with the same ``first`` hide the same faults in the same arm.
+        first: seed of run 0; run i has ``first + i``. The same ``first`` hides the same faults in the same arms.
         vary: argument that goes through ``values`` from run to run.
         share: of the number of runs asked for; less than 1 where a run takes long.
         quick: number of runs of ``--quick``.

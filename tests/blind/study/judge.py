@@ -37,10 +37,13 @@ def covariate(name: str) -> str:
 def judge(row: Row) -> Row:
     """One flat row.
 
-    ``right``: the strongest finding has cause and joint of the (largest) hidden fault. ``right_or_alias``: or of a cause that
-    nobody could tell from it. ``listed``: the truth is the strongest finding or one of its stated aliases. ``alone``: right,
-    and nothing else found. ``all_named``: every hidden fault is among the findings. ``noticed``: anything at all was said.
-    ``answer``: what counts for the experiment's kind.
+    - ``right``: the strongest finding has cause and joint of the (largest) hidden fault;
+    - ``right_or_alias``: or those of a cause that nobody could tell from it;
+    - ``listed``: the truth is the strongest finding or one of its stated aliases;
+    - ``alone``: right, and nothing else found;
+    - ``all_named``: every hidden fault is among the findings;
+    - ``noticed``: anything at all was said;
+    - ``answer``: what counts for the experiment's kind.
     """
     truth, said = row["truth"], row["said"] or {}
     hidden, findings = truth["hidden"], said.get("findings", [])

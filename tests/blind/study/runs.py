@@ -90,8 +90,8 @@ def _diagnosis(folder: Path, task: Task) -> Any:
 def _fresh_gain(folder: Path, drawn: Draw, options: list[str]) -> Row:
     """Gain on another run of the same arm, by the corrected tips of the extended and of the recalibrated arm.
 
-    In free space a reference is the tip at the posture with noise; on seats it is the seat, and the contact's noise is in the
-    indications: in both the distance from reference to corrected tip is what is left of the fault, and the noise.
+    In free space a reference is the tip at the posture with noise; on seats it is the seat, and the contact's noise is in
+    the indications: in both the distance from reference to corrected tip is what is left of the fault, and the noise.
     """
     fresh = drawn.fresh(FRESH_RECORDS)
     fresh.write(folder / "fresh.csv")
@@ -124,7 +124,9 @@ def _truth(drawn: Draw, shifts: dict[tuple[int, str], float], likely: bool) -> R
         deviation = unit * drawn.truth.geometry[row - 1, ("a", "d", "alpha", "theta_offset").index(kind)]
         hidden.append(_plain({"cause": cause, "joint": row, "key": f"{cause}:{row}", "parameters": {parameter: deviation}}))
     probabilities = oracle.probabilities() if oracle is not None and likely else None
-    return _plain({"hidden": hidden, "outliers": drawn.truth.outliers, "probabilities": _largest(probabilities, hidden)})
+    likeliest = _largest(probabilities, hidden)
+    plain: Row = _plain({"hidden": hidden, "outliers": drawn.truth.outliers, "probabilities": likeliest})
+    return plain
 
 
 def _hidden(oracle: Oracle, fault: Hidden) -> Row:
@@ -134,7 +136,8 @@ def _hidden(oracle: Oracle, fault: Hidden) -> Row:
     row |= {"parameters": fault.parameters, "size_um": fault.size_um, "depends_on": fault.depends_on}
     row |= {"lambda": power, "retained_fraction": retained, "columns": _columns(oracle, row["key"])}
     aliases = {key: cosine for key, cosine in oracle.aliases(fault).items() if key != row["key"]}
-    return _plain(row | {"aliases": aliases})
+    plain: Row = _plain(row | {"aliases": aliases})
+    return plain
 
 
 def _columns(oracle: Oracle, key: str) -> int | None:
@@ -152,7 +155,7 @@ def _largest(probabilities: dict[str, float] | None, hidden: list[Row]) -> dict[
 
 
 def _plain(value: Any) -> Any:
-    """As JSON reads it back."""
+    """What JSON can hold."""
     if isinstance(value, Mapping):
         return {str(name): _plain(content) for name, content in value.items()}
     if isinstance(value, np.ndarray | np.generic):
