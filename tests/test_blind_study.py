@@ -25,10 +25,10 @@ def fault(key: str, aliases: tuple[str, ...] = (), lambda_: float = 100.0, **par
     return hidden | {"aliases": dict.fromkeys(aliases, 0.97)}
 
 
-def finding(key: str, probability: float = 0.99, aliases: tuple[str, ...] = (), **parameters: Any) -> dict[str, Any]:
+def finding(key: str, probability: float = 0.99, aliases: tuple[str, ...] = (), parameters: Any = ()) -> dict[str, Any]:
     cause, _, at = key.partition(":")
     place = {"seat": at} if cause == "seat_error" else {"joint": int(at) if at else None}
-    said = {"cause": cause, **place, "probability": probability, "parameters": parameters}
+    said = {"cause": cause, **place, "probability": probability, "parameters": dict(parameters)}
     return said | {"aliases": [{"correlation": 0.97, **finding(a, 0.01)} for a in aliases]}
 
 
@@ -244,14 +244,14 @@ def test_intervals_hold_or_miss_the_truth() -> None:
         "phase_rad": {"value": -3.1, "u": 0.1},
         "beside": {"value": 1.0, "u": 0.1},
     }
-    found = pd.DataFrame(intervals(row(hidden=hidden, findings=(finding("encoder_eccentricity:3", **stated),))))
+    found = pd.DataFrame(intervals(row(hidden=hidden, findings=(finding("encoder_eccentricity:3", parameters=stated),))))
     z = found.set_index("parameter")["z"]
     assert z["amplitude_rad"] == pytest.approx(3.0)
     assert z["phase_rad"] == pytest.approx((2.0 * np.pi - 6.2) / 0.1)
     cover = study.coverage(found)
     assert (cover["all"]["k"], cover["all"]["n"]) == (1, 2)
     assert cover["without_truth"] == {"encoder_eccentricity.beside": 1}
-    assert intervals(row(hidden=hidden, findings=(finding("encoder_eccentricity:4", **stated),))) == []
+    assert intervals(row(hidden=hidden, findings=(finding("encoder_eccentricity:4", parameters=stated),))) == []
 
 
 def test_gains_stated_and_fresh() -> None:

@@ -171,12 +171,14 @@ def coverage(stated: pd.DataFrame) -> Row:
 def gains(judged: pd.DataFrame) -> Row:
     """Gain as stated for held-out records beside that on fresh data."""
     runs = judged[judged["gain"].notna() & judged["gain_fresh"].notna()]
+    refused = int(judged["fresh_error"].notna().sum())
     if runs.empty:
-        return {"n": 0}
+        return {"n": 0, "refused": refused}
     off = (runs["gain"] - runs["gain_fresh"]).astype(float)
     inside = (runs["gain_fresh"] >= runs["gain_low"]) & (runs["gain_fresh"] <= runs["gain_high"])
     return {
         "n": len(runs),
+        "refused": refused,
         "mean_stated_minus_fresh": float(off.mean()),
         "median_absolute_difference": float(off.abs().median()),
         "within_0.05": rate(off.abs() <= 0.05),

@@ -134,6 +134,7 @@ def _gains(row: Row, said: Row) -> Row:
         "gain_low": low,
         "gain_high": high,
         "gain_fresh": fresh.get("gain"),
+        "fresh_error": fresh.get("error"),
         "fresh_rms_mm": fresh.get("rms_mm", {}).get("extended"),
         "fresh_noise_mm": fresh.get("rms_mm", {}).get("noise"),
         "rms_recalibrated_mm": rms.get("recalibrated"),

@@ -41,7 +41,7 @@ def report(rows: Sequence[Row], folder: Path, about: Row) -> None:
     about = about | {"seeds": seeds}
     (folder / "study.json").write_text(json.dumps({"about": about, **found}, indent=1) + "\n", encoding="utf-8")
     judged.to_csv(folder / "judged.csv", index=False)
-    wrong = judged.loc[~judged["answer"], ["experiment", "seed", "size", *SHOWN, "oracle_right", "error"]]
+    wrong = judged.loc[~judged["answer"], ["experiment", "seed", "size", *SHOWN, "oracle_right", "error", "fresh_error"]]
     wrong.to_csv(folder / "wrong.csv", index=False)
     table = confusion(judged)
     (folder / "study.md").write_text(text(found, table, about), encoding="utf-8")
@@ -137,7 +137,7 @@ def _stated(found: Row) -> list[str]:
         parts += [
             "## Stated gain and gain on fresh data",
             "",
-            f"{g['n']} runs: stated minus fresh {g['mean_stated_minus_fresh']:+.3f} in the mean, "
+            f"{g['n']} runs, {g['refused']} where a command refused the fresh data: stated minus fresh {g['mean_stated_minus_fresh']:+.3f} in the mean, "
             f"{g['median_absolute_difference']:.3f} apart in the median; within ±0.05: {said(g['within_0.05'])}; "
             f"fresh gain in the stated interval: {said(g['in_stated_interval'])}; "
             f"fresh RMS of the extended arm over the noise floor: {g['fresh_rms_over_noise']:.3f}",

@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -60,10 +61,13 @@ def perform(task: Task) -> Row:
         try:
             row["said"] = _diagnosis(folder, task)
             row["seconds"] = round(time.process_time() - start, 3)
-            if task.fresh and task.experiment.fresh:
-                row["fresh"] = _fresh_gain(folder, drawn, task.experiment.options)
         except CommandError as error:
             row["error"] = str(error)
+        if task.fresh and task.experiment.fresh and row["error"] is None:
+            try:
+                row["fresh"] = _fresh_gain(folder, drawn, task.experiment.options)
+            except CommandError as error:
+                row["fresh"] = {"error": str(error)}
     return row | {"truth": _truth(drawn, arguments.get("shifts") or {}, task.experiment.likely)}
 
 
@@ -92,9 +96,12 @@ def _fresh_gain(folder: Path, drawn: Draw, options: list[str]) -> Row:
 
     In free space a reference is the tip at the posture with noise; on seats it is the seat, and the contact's noise is in
     the indications: in both the distance from reference to corrected tip is what is left of the fault, and the noise.
+    Records beyond the angles of the first run are left out: a curve is known as far as it was measured.
     """
     fresh = drawn.fresh(FRESH_RECORDS)
-    fresh.write(folder / "fresh.csv")
+    measured = ((fresh.read >= drawn.read.min(axis=0)) & (fresh.read <= drawn.read.max(axis=0))).all(axis=1)
+    header, *lines = fresh.csv_text.splitlines(keepends=True)
+    (folder / "fresh.csv").write_text(header + "".join(compress(lines, measured)), encoding="utf-8")
     _command(
         "calibrate", "sino6", str(folder / "data.csv"), *options, "--no-held-out", "-o", str(folder / "recalibrated.toml")
     )
@@ -103,10 +110,11 @@ def _fresh_gain(folder: Path, drawn: Draw, options: list[str]) -> Row:
         out = folder / f"{arm}.csv"
         _command("correct", str(folder / f"{arm}.toml"), str(folder / "fresh.csv"), "-o", str(out))
         tips = 1e-3 * pd.read_csv(out)[[f"corrected_{axis}_mm" for axis in "xyz"]].to_numpy()
-        rms[arm], without_noise[arm] = _rms(tips - fresh.reference), _rms(tips - fresh.touched)
+        rms[arm], without_noise[arm] = _rms(tips - fresh.reference[measured]), _rms(tips - fresh.touched[measured])
     return {
         "rms_mm": {name: 1e3 * value for name, value in rms.items()} | {"noise": 1e3 * fresh.oracle_rms},
         "model_rms_mm": {name: 1e3 * value for name, value in without_noise.items()},
+        "records": int(measured.sum()),
         "gain": 1.0 - rms["extended"] / rms["recalibrated"],
     }
 
