@@ -20,7 +20,12 @@ ABOUT = {"date": "today", "command": "made up", "version": ["0"]}
 
 def fault(key: str, aliases: tuple[str, ...] = (), lambda_: float = 100.0, **parameters: Any) -> dict[str, Any]:
     cause, _, at = key.partition(":")
-    hidden = {"cause": cause, "joint": int(at) if at.isdigit() else None, "key": key, "parameters": parameters}
+    hidden: dict[str, Any] = {
+        "cause": cause,
+        "joint": int(at) if at.isdigit() else None,
+        "key": key,
+        "parameters": parameters,
+    }
     hidden |= {"size_um": 50.0, "depends_on": [], "lambda": lambda_, "retained_fraction": 0.5, "columns": 2}
     return hidden | {"aliases": dict.fromkeys(aliases, 0.97)}
 
@@ -28,7 +33,7 @@ def fault(key: str, aliases: tuple[str, ...] = (), lambda_: float = 100.0, **par
 def finding(key: str, probability: float = 0.99, aliases: tuple[str, ...] = (), parameters: Any = ()) -> dict[str, Any]:
     cause, _, at = key.partition(":")
     place = {"seat": at} if cause == "seat_error" else {"joint": int(at) if at else None}
-    said = {"cause": cause, **place, "probability": probability, "parameters": dict(parameters)}
+    said: dict[str, Any] = {"cause": cause, **place, "probability": probability, "parameters": dict(parameters)}
     return said | {"aliases": [{"correlation": 0.97, **finding(a, 0.01)} for a in aliases]}
 
 

@@ -137,7 +137,8 @@ def _stated(found: Row) -> list[str]:
         parts += [
             "## Stated gain and gain on fresh data",
             "",
-            f"{g['n']} runs, {g['refused']} where a command refused the fresh data: stated minus fresh {g['mean_stated_minus_fresh']:+.3f} in the mean, "
+            f"{g['n']} runs (and {g['refused']} whose fresh data a command refused): "
+            f"stated minus fresh {g['mean_stated_minus_fresh']:+.3f} in the mean, "
             f"{g['median_absolute_difference']:.3f} apart in the median; within ±0.05: {said(g['within_0.05'])}; "
             f"fresh gain in the stated interval: {said(g['in_stated_interval'])}; "
             f"fresh RMS of the extended arm over the noise floor: {g['fresh_rms_over_noise']:.3f}",
