@@ -1,0 +1,98 @@
+"""What is drawn: a list of experiments, each a set of arguments of :func:`blind.draw` and the seeds it is run with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from blind import workshop
+from blind.outside import DEPENDS_ON
+from blind.plant import ENCODER_NOISE, REFERENCE_NOISE
+
+SEATS_ONLY = ("seat_error",)
+CAUSES = tuple(cause for cause in workshop.CAUSES if cause != "unexplained")
+OUTSIDE = tuple(f"unexplained:{kind}" for kind in DEPENDS_ON)
+WEAK = tuple(0.01 * 1.12**k for k in range(30))
+"""Sizes between a hundredth and a quarter, where the power rises."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Runs of one sort.
+
+    Attributes:
+        name: by which ``--only`` and the table know it.
+        kind: ``single``, ``pair``, ``nothing`` or ``outside``: what a right answer is.
+        draw: arguments of :func:`blind.draw` beside the seed.
+        first: seed of run 0; run i has ``first + i``. The same ``first`` hides the same faults in the same arms.
+        vary: argument that goes through ``values`` from run to run.
+        share: of the number of runs asked for; less than 1 where a run takes long.
+        quick: number of runs of ``--quick``.
+        likely: also ask the oracle for the probability of each cause, about a second a run of 300 records.
+        fresh: ``--fresh`` measures the gain on fresh data here.
+    """
+
+    name: str
+    kind: str
+    draw: Mapping[str, Any] = field(default_factory=dict)
+    first: int = 10000
+    vary: str | None = None
+    values: Sequence[Any] = ()
+    share: float = 1.0
+    quick: int = 0
+    likely: bool = False
+    fresh: bool = False
+
+    def arguments(self, run: int) -> dict[str, Any]:
+        """Of :func:`blind.draw` for run number ``run``."""
+        varied = {} if self.vary is None else {self.vary: self.values[run % len(self.values)]}
+        return {"seed": self.first + run, **self.draw, **varied}
+
+    @property
+    def options(self) -> list[str]:
+        """Of the command line: the noise that the plant has, and where the references come from."""
+        words = ["--encoder-noise-rad", f"{ENCODER_NOISE:.12g}", "--reference-noise-mm", f"{1e3 * REFERENCE_NOISE:.12g}"]
+        if self.draw.get("plan", "free") != "free":
+            words += ["--probe-noise-mm", f"{1e3 * REFERENCE_NOISE:.12g}"]
+        if self.draw.get("external"):
+            words += ["--reference-frame", "external"]
+        return words
+
+
+def _single(name: str, quick: int = 0, fresh: bool = False, likely: bool = True, **draw: Any) -> Experiment:
+    return Experiment(name, "single", {"cause": "any", **draw}, quick=quick, fresh=fresh, likely=likely)
+
+
+EXPERIMENTS = (
+    _single("single-free", quick=10, fresh=True),
+    _single("single-seats", quick=10, fresh=True, plan="seats"),
+    _single("single-free-half", quick=5, fresh=True, size=0.5),
+    _single("single-seats-half", quick=5, fresh=True, plan="seats", size=0.5),
+    _single("single-free-0.3", size=0.3),
+    _single("single-seats-0.3", plan="seats", size=0.3),
+    _single("single-unknown-seats", plan="unknown-seats"),
+    Experiment("weak-free", "single", {"cause": "any"}, first=15000, vary="size", values=WEAK, likely=True),
+    Experiment("weak-seats", "single", {"cause": "any", "plan": "seats"}, 15000, "size", WEAK, likely=True),
+    Experiment("nothing-free", "nothing", first=20000, quick=5),
+    Experiment("nothing-seats", "nothing", {"plan": "seats"}, first=20000, quick=5),
+    Experiment("nothing-unknown-seats", "nothing", {"plan": "unknown-seats"}, first=20000),
+    Experiment("nothing-outliers", "nothing", {"outliers": 0.1}, first=20000, quick=3),
+    Experiment("nothing-seats-outliers", "nothing", {"outliers": 0.1, "plan": "seats"}, first=20000),
+    Experiment("twins", "nothing", {"cause": "any", "twin": True}, quick=5),
+    Experiment("twins-seats", "nothing", {"cause": "any", "twin": True, "plan": "seats"}),
+    Experiment("pairs-free", "pair", {"cause": "any", "count": 2}, first=30000, quick=5),
+    Experiment("pairs-seats", "pair", {"cause": "any", "count": 2, "plan": "seats"}, first=30000, quick=5),
+    Experiment("outside-free", "outside", {}, 40000, "cause", OUTSIDE, quick=5),
+    Experiment("outside-seats", "outside", {"plan": "seats"}, 40000, "cause", OUTSIDE, quick=5),
+    _single("outliers-single", quick=3, likely=False, outliers=0.1),
+    _single("outliers-single-seats", likely=False, outliers=0.1, plan="seats"),
+    _single("records-100", records=100),
+    Experiment("records-3000", "single", {"cause": "any", "records": 3000}, share=0.2),
+    _single("external", likely=False, external=True),
+    Experiment("geometry", "single", {"shifts": {(4, "theta_offset"): 9.0}}, first=50000, quick=2),
+    Experiment(
+        "causes-free", "single", {}, 60000, "cause", [c for c in CAUSES if c not in SEATS_ONLY], likely=True, quick=23
+    ),
+    Experiment("causes-seats", "single", {"plan": "seats"}, 60000, "cause", CAUSES, likely=True),
+)
