@@ -37,9 +37,7 @@ SETTLED = 0.95
 """A cause at least this probable, beside its look-alikes, is named without doubt."""
 
 
-@threadpool_limits.wrap(
-    limits=1, user_api="blas"
-)  # matrices are small: threads that wait for one another cost up to forty times
+@one_blas_thread
 def diagnose(
     model: Arm | ErrorModel,
     measurements: Measurements,
