@@ -37,8 +37,10 @@ TUBE = 0.15
 """Bodies longer than this are tubes that bend [m]."""
 ORDERS = (0.5, 1.5, 2.5, *(k / 2 for k in range(6, 21)), *(float(k) for k in range(11, 33)))
 """Orders of a periodic error that are tried before the order is refined."""
-SLIPS = 24
-"""Times of a slip that are tried, in quantiles of the records' times."""
+SLIPS = 40
+"""Times of a slip that are tried, in quantiles of the records' times, besides the middle of every pause."""
+PAUSE = 5.0
+"""A pause is so many times longer than the median time between records."""
 WARM_UPS = (600.0, 1800.0, 5400.0)
 """Time constants of a warm-up that are tried [s]."""
 CURVES = (24, 60)
@@ -106,9 +108,18 @@ def _of_time(row: int, conditions: Conditions) -> Iterator[tuple[Effect, ...]]:
     time = conditions.time
     if time is None or np.ptp(time) == 0.0:
         return
-    quantiles = np.unique(np.quantile(time, np.linspace(0.04, 0.96, SLIPS)))
-    yield tuple(EncoderSlip(row, float(t)) for t in quantiles)
+    yield tuple(EncoderSlip(row, float(t)) for t in _steps(time))
     yield tuple(ZeroDrift(row, constant) for constant in WARM_UPS)
+
+
+def _steps(time: Array) -> Array:
+    """Times at which something may have changed: between records, and in every pause, when arms are handled."""
+    taken = np.unique(time)
+    between = (taken[1:] + taken[:-1]) / 2
+    gaps = np.diff(taken)
+    pauses = between[gaps > PAUSE * np.median(gaps)][:SLIPS]
+    spread = between[np.unique(np.linspace(0.04, 0.96, SLIPS) * (len(between) - 1)).astype(int)]
+    return np.union1d(spread, pauses)
 
 
 def _of_joint_load(arm: Arm, row: int, conditions: Conditions) -> Iterator[Effect]:

@@ -11,12 +11,10 @@ from aacmm_pin.chain import axis, end
 from aacmm_pin.checks import Array
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
 from aacmm_pin.effects.gravity import GravityEffect
+from aacmm_pin.effects.tube import SHORT, Tube
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.state import State
 from aacmm_pin.units import MM
-
-SHORT = 1e-3
-"""A body shorter than this is no tube [m]."""
 
 
 @dataclass(frozen=True)
@@ -108,18 +106,18 @@ class TorsionalWindup(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """A turn at the end of the tube."""
-        along = _direction(state, self.link, self.label)
-        turn = np.einsum("ni,ni->n", along, state.moment_at_end(self.link))[:, None] * along
-        return [Displacement(end(self.link), twist(angular=state.in_axes_of(end(self.link), turn)[:, :, None]))]
+        tube = Tube.of(state, self.link, self.label)
+        turn = np.einsum("ni,ni->n", tube.along, tube.moment)[:, None] * tube.along
+        return [_at_end(state, self.link, np.cross(turn, tube.rest), turn)]
 
 
 @dataclass(frozen=True)
 class LinkBending(Effect):
     """A tube bends under its own weight and all that hangs beyond: slope and sag of its end.
 
-    Euler–Bernoulli cantilever of length L along u from the body's axis to its end, with the weight W and moment M of all
-    beyond at its end, and its own weight w at the distance s of its centre of mass, κ = 1/EI:
-    slope ``κ (L²/2 u×W + s²/2 u×w + L M)``, sag ``κ (L³/3 W + s²(3L - s)/6 w + L²/2 M×u)``, each without its part along u.
+    Euler–Bernoulli cantilever of length L along u, with the weight W and moment M of all beyond at its end, and the weight
+    w of the tube spread evenly (see :class:`~aacmm_pin.effects.tube.Tube`), κ = 1/EI:
+    slope ``κ (L²/2 u×W + L²/6 u×w + L M)``, sag ``κ (L³/3 W + L³/8 w + L²/2 M×u)``, each without its part along u.
     Unit rad/(N·m²) = (rad/m)/(N·m); typical 3e-5 to 8e-5 (aluminium or carbon tube of 50 to 60 mm). Source: beam theory
     (Timoshenko). Needs no column, but masses. Confused with: ``bearing_tilt`` and ``joint_compliance`` of the joint before.
     """
@@ -135,16 +133,18 @@ class LinkBending(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """Slope and sag at the end of the tube."""
-        row, root = self.link, axis(self.link)
-        along = _direction(state, row, self.label)
-        length = np.linalg.norm(state.span(row), axis=1)[:, None]
-        moment, weight = state.moment_at_end(row), np.broadcast_to(state.weight_beyond(row), along.shape)
-        own, centre = state.own_weight(row), state.rotation[root] @ state.arm.centres_of_mass[row - 1]
-        s = np.clip(np.einsum("ni,ni->n", centre, along)[:, None], 0.0, length)
-        slope = length**2 / 2 * np.cross(along, weight) + s**2 / 2 * np.cross(along, own) + length * moment
-        sag = length**3 / 3 * weight + s**2 * (3 * length - s) / 6 * own + length**2 / 2 * np.cross(moment, along)
-        local = [state.in_axes_of(end(row), _across(part, along))[:, :, None] for part in (sag, slope)]
-        return [Displacement(end(row), twist(*local))]
+        tube = Tube.of(state, self.link, self.label)
+        u, length = tube.along, tube.length
+        slope = length**2 * np.cross(u, tube.weight / 2 + tube.own / 6) + length * tube.moment
+        sag = length**3 * (tube.weight / 3 + tube.own / 8) + length**2 / 2 * np.cross(tube.moment, u)
+        slope, sag = tube.across(slope), tube.across(sag)
+        return [_at_end(state, self.link, sag + np.cross(slope, tube.rest), slope)]
+
+
+def _at_end(state: State, row: int, shift: Array, turn: Array) -> Displacement:
+    """Of the end of body ``row``, from vectors of the base (n, 3)."""
+    local = [state.in_axes_of(end(row), part)[:, :, None] for part in (shift, turn)]
+    return Displacement(end(row), twist(*local))
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,3 @@ def _direction(state: State, row: int, label: str) -> Array:
     if (length < SHORT).any():
         raise AacmmError(f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, expected a tube")
     return np.asarray(span / length)
-
-
-def _across(vectors: Array, along: Array) -> Array:
-    return np.asarray(vectors - np.einsum("ni,ni->n", vectors, along)[:, None] * along)

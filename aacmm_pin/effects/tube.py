@@ -1,0 +1,77 @@
+"""The straight tube inside a body, what hangs at its end, and how it carries its own weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin.chain import axis
+from aacmm_pin.checks import Array
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.state import State
+from aacmm_pin.units import MM
+
+SHORT = 1e-3
+"""A body shorter than this is no tube [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """A tube along the axis of its row or across it, whichever the body is longer along; the rest of the body is rigid.
+
+    Attributes:
+        along: unit vector from its clamp to its end (n, 3).
+        length: (n, 1) [m].
+        rest: from its end to the end of the body (n, 3) [m].
+        weight: of what hangs at its end, a lump of the body itself included (n, 3) [N].
+        moment: of that about its end (n, 3) [N·m].
+        own: weight that is spread evenly over its length (n, 3) [N].
+    """
+
+    along: Array
+    length: Array
+    rest: Array
+    weight: Array
+    moment: Array
+    own: Array
+
+    @staticmethod
+    def of(state: State, row: int, label: str) -> Tube:
+        """The tube of body ``row``.
+
+        As much of the body's weight is spread over the tube as its centre of mass allows; the rest is a lump at the end of
+        the tube or, where the centre of mass is in the nearer half, at its clamp.
+
+        Raises:
+            AacmmError: the body is too short.
+            UnsupportedArmError: the arm states no masses.
+        """
+        span, z = state.span(state.known_row(row)), state.rotation[axis(row)][:, :, 2]
+        upward = np.einsum("ni,ni->n", span, z)[:, None] * z
+        outward = span - upward
+        lengthwise = np.linalg.norm(upward) >= np.linalg.norm(outward)
+        tube, clamp = (upward, np.zeros_like(upward)) if lengthwise else (outward, upward)
+        length = np.linalg.norm(tube, axis=1, keepdims=True)
+        if (length < SHORT).any():
+            raise AacmmError(f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, expected a tube")
+        rest = span - clamp - tube
+        centre = state.rotation[axis(row)] @ state.arm.centres_of_mass[row - 1] - clamp
+        place = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
+        share = np.clip(2 * np.minimum(place, 1 - place), 0.0, 1.0)
+        body, beyond = state.own_weight(row), state.weight_beyond(row)
+        # The first moment of the lump about the end is the body's less that of the tube, whose middle is half a length back.
+        lump = np.where(place > 0.5, 1.0, 0.0)
+        off = lump * (centre - (1 - share / 2) * tube)
+        return Tube(
+            along=tube / length,
+            length=length,
+            rest=rest,
+            weight=beyond + lump * (1 - share) * body,
+            moment=state.moment_at_end(row) + np.cross(rest, beyond) + np.cross(off, body),
+            own=share * body,
+        )
+
+    def across(self, vectors: Array) -> Array:
+        """Vectors (n, 3) without their part along the tube."""
+        return np.asarray(vectors - np.einsum("ni,ni->n", vectors, self.along)[:, None] * self.along)
