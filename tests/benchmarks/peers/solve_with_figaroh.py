@@ -1,9 +1,11 @@
 """Calibrate an arm with FIGAROH and print seconds and residuals as one JSON line.
 
 Run by the interpreter of an environment of its own (``pip install figaroh``):
-``python solve_with_figaroh.py PROBLEM.npz ARM.urdf [--tip tip] [--repeats 3] [--method trf] [--base-unknown]``.
+``python solve_with_figaroh.py PROBLEM.npz ARM.urdf [--tip tip] [--repeats 3] [--method trf] [--base-unknown] [--elastic]
+[--gravity X Y Z]``.
 
-``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``positions`` (n, 3) [m]; the URDF is the nominal arm.
+``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``positions`` (n, 3) [m]; the URDF is the nominal arm. Where it holds
+``held_out`` (m, joints) [rad] too, the tips that the calibrated model predicts there are reported (m, 3) [m].
 
 What is called is the way of the package's documentation: a subclass of ``BaseCalibration`` with a cost function of its own,
 ``initialize()``, then ``solve_optimisation()``. Level ``full_params``, tip unknown, positions measured, every other option
@@ -16,6 +18,12 @@ parameters), and the reports that ``solve()`` adds, are outside the clock; ``ini
 The base frame is called known. The 27 parameters of a 6R arm then move the base too, through the placement of joint 1.
 Called unknown (``--base-unknown``), the six names of the base overwrite the first six parameters by position, whatever
 these are; on some arms the 27 are then dependent, and the same fit takes twice the time and more.
+
+``--elastic`` is its option ``include_non_geometric``: one stiffness parameter ``k_RZ`` a joint beside the geometry. Its
+model turns the joint by ``k_RZ`` times the torque that holds the weight, which pulls the other way, so the compliance is
+``-k_RZ`` [rad/(N·m)]; that is reported, with the standard uncertainty that the Jacobian and the residuals at the minimum
+give. It needs masses in the URDF and the gravity of the mount, which a URDF cannot say: ``--gravity`` [m/s²].
+Never with ``--base-unknown``: the six names of the base then overwrite the six of the stiffnesses.
 """
 
 from __future__ import annotations
@@ -42,16 +50,20 @@ def main() -> None:
     arguments.add_argument("--repeats", type=int, default=3)
     arguments.add_argument("--method", default="trf", choices=["trf", "lm", "dogbox"])
     arguments.add_argument("--base-unknown", action="store_true")
+    arguments.add_argument("--elastic", action="store_true")
+    arguments.add_argument("--gravity", type=float, nargs=3, default=[0.0, 0.0, -9.81])
     given = arguments.parse_args()
     logging.disable(logging.WARNING)
     with np.load(given.problem) as problem:
-        q, positions = problem["q"], problem["positions"]
+        q, positions, held_out = problem["q"], problem["positions"], problem.get("held_out")
     with contextlib.redirect_stdout(sys.stderr), tempfile.TemporaryDirectory() as folder:
-        report = solve(q, positions, given, Path(folder))
+        report = solve(q, positions, held_out, given, Path(folder))
     print(json.dumps(report))
 
 
-def solve(q: np.ndarray, positions: np.ndarray, given: argparse.Namespace, folder: Path) -> dict[str, object]:
+def solve(
+    q: np.ndarray, positions: np.ndarray, held_out: np.ndarray | None, given: argparse.Namespace, folder: Path
+) -> dict[str, object]:
     from figaroh.calibration.base_calibration import BaseCalibration
     from figaroh.calibration.calibration_tools import calc_updated_fkm
     from figaroh.tools.load_robot import load_robot
@@ -64,7 +76,8 @@ def solve(q: np.ndarray, positions: np.ndarray, given: argparse.Namespace, folde
     seconds, initialising = [], []
     for _ in range(given.repeats):
         robot = load_robot(given.urdf, package_dirs=str(Path(given.urdf).parent))
-        config = write_input(folder, list(robot.model.names[1:]), q, positions, given.tip)
+        robot.model.gravity.linear = np.array(given.gravity)
+        config = write_input(folder, list(robot.model.names[1:]), q, positions, given.tip, given.elastic)
         calibration = PositionCalibration(robot, str(config))
         calibration.calib_config |= {"known_baseframe": not given.base_unknown, "known_tipframe": False}
         start = time.perf_counter()
@@ -75,7 +88,7 @@ def solve(q: np.ndarray, positions: np.ndarray, given: argparse.Namespace, folde
         start = time.perf_counter()
         result, _ = calibration.solve_optimisation(method=given.method)
         seconds.append(time.perf_counter() - start)
-    return {
+    report: dict[str, object] = {
         "package": "figaroh",
         "version": importlib.metadata.version("figaroh"),
         "seconds": min(seconds),
@@ -88,9 +101,24 @@ def solve(q: np.ndarray, positions: np.ndarray, given: argparse.Namespace, folde
         "converged": bool(result.success),
         "names": calibration.calib_config["param_name"],
     }
+    if given.elastic:
+        report["compliance_rad_per_nm"] = compliances(calibration.calib_config["param_name"], result)
+    if held_out is not None:
+        there = calibration.calib_config | {"NbSample": len(held_out)}
+        predicted = calc_updated_fkm(calibration.model, calibration.data, result.x, held_out, there)
+        report["predicted_m"] = predicted.reshape(3, -1).T.tolist()
+    return report
 
 
-def write_input(folder: Path, joints: list[str], q: np.ndarray, positions: np.ndarray, tip: str) -> Path:
+def compliances(names: list[str], result: object) -> dict[str, tuple[float, float]]:
+    """By joint (its number as text): compliance and standard uncertainty [rad/(N·m)]."""
+    variance = np.sum(result.fun**2) / (len(result.fun) - len(result.x))
+    u = np.sqrt(np.diag(np.linalg.pinv(result.jac.T @ result.jac)) * variance)
+    rows = zip(names, result.x, u, strict=True)
+    return {name.removeprefix("k_RZ_joint"): (-float(k), float(s)) for name, k, s in rows if name.startswith("k_RZ")}
+
+
+def write_input(folder: Path, joints: list[str], q: np.ndarray, positions: np.ndarray, tip: str, elastic: bool) -> Path:
     """Write the measurements (CSV) and the configuration (YAML, unified format) that FIGAROH reads."""
     import pandas as pd
     import yaml
@@ -101,7 +129,7 @@ def write_input(folder: Path, joints: list[str], q: np.ndarray, positions: np.nd
         "type": "kinematic_calibration",
         "kinematics": {"base_frame": "universe", "tool_frame": tip},
         "joints": {"active_joints": joints},
-        "parameters": {"calibration_level": "full_params"},
+        "parameters": {"calibration_level": "full_params", "include_non_geometric": elastic},
         "measurements": {"markers": [{"measurable_dof": [True, True, True, False, False, False]}]},
         "data": {"source_file": str(folder / "data.csv"), "number_of_samples": len(q)},
     }
