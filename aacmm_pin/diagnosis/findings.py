@@ -119,10 +119,9 @@ def retained(left: Conditional, block: Block) -> float:
 def _aliases(question: Question, left: Conditional, k: int, shares: Array, names: tuple[str, ...]) -> list[Alias]:
     own = question.owner(k)
     found = []
-    for candidate in range(question.candidates):
-        if candidate == own or not np.isfinite(shares[candidate]) or len(names) <= candidate:
+    for candidate, block in enumerate(question.best_blocks(left.evidences)):
+        if candidate == own or not np.isfinite(shares[candidate]):
             continue
-        block = question.best_block(left.evidences, candidate)
         correlation = canonical(left, question.blocks[k], question.blocks[block])
         if shares[candidate] > WORTH_LISTING or correlation > SAME:
             found.append(Alias(names[candidate], correlation, float(shares[candidate])))

@@ -101,7 +101,8 @@ def _of_angle(row: int, angle: Array) -> Iterator[tuple[Effect, ...]]:
     margin = 1e-6 + 1e-3 * np.ptp(angle)
     low, high = float(angle.min() - margin), float(angle.max() + margin)
     counts = sorted({int(np.clip(round(per_turn * turns), 8, 120)) for per_turn in CURVES})
-    yield tuple(JointErrorCurve(row, low, high, count) for count in counts if 3 * count <= len(angle))
+    if curves := tuple(JointErrorCurve(row, low, high, count) for count in counts if 3 * count <= len(angle)):
+        yield curves
 
 
 def _of_time(row: int, conditions: Conditions) -> Iterator[tuple[Effect, ...]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import logsumexp
@@ -15,14 +16,20 @@ from aacmm_pin.diagnosis.products import Gram
 
 MOST = 24
 """No more than so many causes are admitted; a set of records that seems to need more is not explained."""
-SURE = 0.99
-"""Probability that something is there at all which a first admission needs."""
+SURE = np.log(0.99 / 0.01)
+"""Log odds that something is there at all which every admission needs, and every exchange of one cause for two."""
 SCATTER = 1e-3
 """χ² less likely than this means that the records scatter more than their noise; their variance is then taken from them."""
 NEAR = 12
-"""So many of the best candidates are tried in pairs."""
+"""So many of the best candidates are tried in pairs …"""
+INSTEAD = 6
+"""… and so many where a pair may stand in the place of one."""
+WEAKEST = 3
+"""So many of the weakest admitted causes are tried against pairs."""
 EQUAL = 1e-3
 """Sets of causes whose log evidence differs by less are one."""
+KEPT = 48
+"""Sets of causes that are remembered with what is left beside them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +63,10 @@ class Question:
             found[owners] = np.logaddexp.reduceat(evidences, first) - np.log(np.maximum(variants, 1.0))
         return found
 
-    def best_block(self, evidences: Array, candidate: int) -> int:
-        """The variant of a candidate with the largest evidence."""
-        mine = [k for k, b in enumerate(self.blocks) if b.candidate == candidate]
-        return max(mine, key=lambda k: evidences[k])
+    def best_blocks(self, evidences: Array) -> list[int]:
+        """The variant of each candidate with the largest evidence."""
+        first = np.unique([b.candidate for b in self.blocks], return_index=True)[1]
+        return [int(k + np.argmax(some)) for k, some in zip(first, np.split(evidences, first[1:]), strict=True)]
 
 
 def conditional(question: Question, gram: Gram, admitted: tuple[int, ...]) -> Conditional:
@@ -77,85 +84,115 @@ def conditional(question: Question, gram: Gram, admitted: tuple[int, ...]) -> Co
 
 def search(question: Question, gram: Gram, start: tuple[int, ...] = ()) -> tuple[int, ...]:
     """Blocks of the causes that are there, strongest first."""
-    admitted = _settled(question, gram, start)
-    pairs_tried = False
-    while len(admitted) < MOST:
-        left = conditional(question, gram, admitted)
-        evidences = left.evidences
-        each = question.per_candidate(_without(question, evidences, admitted))
-        odds = question.log_prior + each
-        if not np.isfinite(odds).any() or logsumexp(odds) < np.log(SURE / (1 - SURE)):
-            break
-        best = int(np.argmax(odds))
-        admitted = _settled(question, gram, (*admitted, question.best_block(evidences, best)))
-        if not pairs_tried:
-            pairs_tried = True
-            admitted = _settled(question, gram, _better_pair(question, gram, admitted))
-        if admitted and len(set(admitted)) != len(admitted):
-            break
-    return _by_strength(question, gram, admitted)
+    return _Search(question, gram).run(start)
 
 
-def _without(question: Question, evidences: Array, admitted: tuple[int, ...]) -> Array:
-    """Evidences with those of candidates that are in already struck out; a curve may follow an order at the same joint."""
-    owners = {question.owner(k) for k in admitted}
-    return np.array([-np.inf if question.owner(k) in owners else e for k, e in enumerate(evidences)])
+class _Search:
+    """One search; remembers what is left beside the sets of causes that it has tried."""
 
+    def __init__(self, question: Question, gram: Gram) -> None:
+        self.question, self.gram = question, gram
+        self.left = lru_cache(maxsize=KEPT)(lambda admitted: conditional(question, gram, admitted))
 
-def _settled(question: Question, gram: Gram, admitted: tuple[int, ...]) -> tuple[int, ...]:
-    """Each admitted cause against all others in its place, and against nothing, until none changes."""
-    seen = {admitted}
-    for _ in range(20):
-        changed = admitted
-        for k in admitted:
-            rest = tuple(other for other in changed if other != k)
-            if len(rest) == len(changed):
-                continue
-            left = conditional(question, gram, rest)
-            evidences = _without(question, left.evidences, rest)
-            odds = question.log_prior + question.per_candidate(evidences)
-            best = int(np.argmax(odds))
-            something = logsumexp(odds) >= np.log(SURE / (1 - SURE))
-            changed = (*rest, question.best_block(evidences, best)) if something else rest
-        if changed == admitted or set(changed) == set(admitted):
+    def run(self, start: tuple[int, ...]) -> tuple[int, ...]:
+        """Admit and look back, exchange one for two, until neither changes anything."""
+        admitted = self.grown(self.settled(_ordered(start)))
+        for _ in range(MOST):
+            exchanged = self.exchanged(admitted)
+            if exchanged == admitted:
+                break
+            admitted = self.grown(self.settled(exchanged))
+        return self.by_strength(admitted)
+
+    def grown(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """One cause after the other, all looked back at each time, until none is sure enough."""
+        seen = {admitted}
+        pairs_tried = False
+        while len(admitted) < MOST:
+            odds, blocks = self.odds(admitted)
+            if not np.isfinite(odds).any() or logsumexp(odds) < SURE:
+                break
+            admitted = self.settled(_ordered((*admitted, blocks[int(np.argmax(odds))])))
+            if not pairs_tried:
+                pairs_tried = True
+                admitted = self.settled(self.better_pair(admitted))
+            if admitted in seen:
+                break
+            seen.add(admitted)
+        return admitted
+
+    def odds(self, rest: tuple[int, ...]) -> tuple[Array, list[int]]:
+        """Log odds of each candidate beside ``rest``, those in it struck out, and the best variant of each."""
+        question, evidences = self.question, self.left(rest).evidences
+        owners = {question.owner(k) for k in rest}
+        evidences = np.where([question.owner(k) in owners for k in range(len(evidences))], -np.inf, evidences)
+        return question.log_prior + question.per_candidate(evidences), question.best_blocks(evidences)
+
+    def settled(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """Each admitted cause against all others in its place, and against nothing, until none changes."""
+        seen = {admitted}
+        for _ in range(20):
+            changed = admitted
+            for k in admitted:
+                if k not in changed:
+                    continue
+                rest = tuple(other for other in changed if other != k)
+                odds, blocks = self.odds(rest)
+                changed = _ordered((*rest, blocks[int(np.argmax(odds))])) if logsumexp(odds) >= SURE else rest
+            if changed == admitted or changed in seen:
+                return changed
+            admitted = changed
+            seen.add(admitted)
+        return admitted
+
+    def better_pair(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """The best pair among the leading candidates, if two together beat what was admitted: one false can mimic two."""
+        if len(admitted) > 2:
             return admitted
-        admitted = changed
-        if admitted in seen:
-            return admitted
-        seen.add(admitted)
-    return admitted
+        best, value = admitted, self.log_evidence(admitted)
+        for pair in self.pairs((), NEAR):
+            if (found := self.log_evidence(pair)) > value + EQUAL:
+                best, value = pair, found
+        return best
+
+    def exchanged(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """The set with one of its weakest causes replaced by two others, where these are surely better."""
+        value = self.log_evidence(admitted)
+        for k in self.by_strength(admitted)[: -WEAKEST - 1 : -1]:
+            rest = tuple(other for other in admitted if other != k)
+            pairs = [pair for pair in self.pairs(rest, INSTEAD) if k not in pair]
+            if pairs and len(rest) + 2 <= MOST:
+                found, best = max((self.log_evidence(_ordered((*rest, *pair))), pair) for pair in pairs)
+                if found > value + SURE:
+                    return _ordered((*rest, *best))
+        return admitted
+
+    def pairs(self, rest: tuple[int, ...], count: int) -> list[tuple[int, ...]]:
+        """Each of the leading candidates with its best second, beside ``rest``."""
+        odds, blocks = self.odds(rest)
+        evidences = odds - self.question.log_prior
+        found = []
+        for first in np.argsort(-odds)[:count]:
+            if np.isfinite(evidences[first]) and evidences[first] > 0:
+                second, others = self.odds(_ordered((*rest, blocks[first])))
+                found.append(_ordered((blocks[first], others[int(np.argmax(second))])))
+        return list(dict.fromkeys(found))
+
+    def log_evidence(self, admitted: tuple[int, ...]) -> float:
+        """Log evidence of a set of causes, prior included, with one variance for all steps: that of the whole set."""
+        question, variance, total = self.question, self.left(admitted).variance, 0.0
+        for count, block in enumerate(admitted):
+            left = self.left(admitted[:count])
+            left = left if left.variance == variance else replace(left, variance=variance)
+            total += left.evidence(block) + float(question.log_prior[question.owner(block)])
+        return total
+
+    def by_strength(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """The strongest first."""
+        strength = {k: self.left(tuple(o for o in admitted if o != k)).evidence(k) for k in admitted}
+        return tuple(sorted(admitted, key=lambda k: -strength[k]))
 
 
-def _better_pair(question: Question, gram: Gram, admitted: tuple[int, ...]) -> tuple[int, ...]:
-    """The best pair among the leading candidates, if two together beat what was admitted: one false can mimic two true."""
-    nothing = conditional(question, gram, ())
-    each = question.per_candidate(nothing.evidences)
-    leaders = [int(c) for c in np.argsort(-each)[:NEAR] if np.isfinite(each[c]) and each[c] > 0]
-    best, value = admitted, log_evidence(question, gram, admitted)
-    for first in leaders:
-        one = question.best_block(nothing.evidences, first)
-        left = conditional(question, gram, (one,))
-        evidences = _without(question, left.evidences, (one,))
-        second = int(np.argmax(question.per_candidate(evidences)))
-        pair = (one, question.best_block(evidences, second))
-        if len(admitted) <= 2 and (found := log_evidence(question, gram, pair)) > value + EQUAL:
-            best, value = pair, found
-    return best
-
-
-def log_evidence(question: Question, gram: Gram, admitted: tuple[int, ...]) -> float:
-    """Log evidence of a set of causes, prior included, with one variance for all steps: that of the whole set."""
-    variance = conditional(question, gram, admitted).variance
-    total = 0.0
-    for count, block in enumerate(admitted):
-        left = replace(Conditional(gram, question.blocks, question.nuisances, admitted[:count]), variance=variance)
-        total += left.evidence(block) + float(question.log_prior[question.owner(block)])
-    return total
-
-
-def _by_strength(question: Question, gram: Gram, admitted: tuple[int, ...]) -> tuple[int, ...]:
-    strength = {}
-    for k in admitted:
-        rest = tuple(other for other in admitted if other != k)
-        strength[k] = conditional(question, gram, rest).evidence(k)
-    return tuple(sorted(admitted, key=lambda k: -strength[k]))
+def _ordered(admitted: tuple[int, ...]) -> tuple[int, ...]:
+    """Without doubles, in one order, so that equal sets are recognised."""
+    return tuple(sorted(set(admitted)))
