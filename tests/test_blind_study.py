@@ -45,9 +45,12 @@ def row(
     depends_on: tuple[str, ...] = (),
     **more: Any,
 ) -> dict[str, Any]:
-    said = {"verdict": verdict or ("explained" if findings else "no-discrepancy"), "findings": list(findings)}
+    said: dict[str, Any] = {
+        "verdict": verdict or ("explained" if findings else "no-discrepancy"),
+        "findings": list(findings),
+    }
     said |= {"unexplained": {"p_value": 0.5, "depends_on": list(depends_on)}, "records": {"excluded": []}}
-    truth = {"hidden": list(hidden), "outliers": [], "probabilities": None}
+    truth: dict[str, Any] = {"hidden": list(hidden), "outliers": [], "probabilities": None}
     plain = {"experiment": kind, "seed": 1, "kind": kind, "arguments": {}, "error": None, "seconds": 2.0, "fresh": None}
     return plain | {"said": said, "truth": truth, "version": "0"} | more
 
