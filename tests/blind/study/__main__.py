@@ -29,7 +29,7 @@ def main(words: list[str]) -> int:
     for experiment in EXPERIMENTS:
         if experiment.name in (asked.only or [e.name for e in EXPERIMENTS]):
             count = experiment.quick if asked.quick else max(1, round(asked.count * experiment.share))
-            tasks += [Task(experiment, asked.skip + run, asked.fresh) for run in range(count)]
+            tasks += [Task(experiment, asked.skip + run, asked.fresh, asked.limit) for run in range(count)]
     chosen = {task.key for task in tasks}
     waiting = [task for task in tasks if not results.has(task.key, task.fresh and task.experiment.fresh)]
     if not asked.evaluate:
@@ -72,6 +72,7 @@ def _arguments(names: list[str]) -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="a small subset")
     parser.add_argument("--fresh", action="store_true", help="also measure gains on fresh data")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
+    parser.add_argument("--limit", type=float, default=60.0, help="CPU seconds a command may take (default 60)")
     parser.add_argument("--evaluate", action="store_true", help="run nothing, count what is there")
     parser.add_argument("-o", "--output", type=Path, default=Path("study"), help="folder (default ./study)")
     return parser

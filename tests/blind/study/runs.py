@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
@@ -35,13 +37,20 @@ class CommandError(Exception):
     """A command that did not end well."""
 
 
+class TimeLimitError(Exception):
+    """A command that takes longer than a study waits for."""
+
+
 @dataclass(frozen=True)
 class Task:
-    """Run number ``run`` of an experiment; ``fresh`` measures the gain on fresh data as well."""
+    """Run number ``run`` of an experiment; ``fresh`` measures the gain on fresh data as well, ``limit`` is the CPU time that
+    a command may take [s].
+    """
 
     experiment: Experiment
     run: int
     fresh: bool = False
+    limit: float = 60.0
 
     @property
     def key(self) -> tuple[str, int]:
@@ -59,16 +68,34 @@ def perform(task: Task) -> Row:
         drawn.write(folder / "data.csv")
         start = time.process_time()
         try:
-            row["said"] = _diagnosis(folder, task)
-            row["seconds"] = round(time.process_time() - start, 3)
+            with _limited(task.limit):
+                row["said"] = _diagnosis(folder, task)
         except CommandError as error:
             row["error"] = str(error)
+        row["seconds"] = round(time.process_time() - start, 3)
         if task.fresh and task.experiment.fresh and row["error"] is None:
             try:
-                row["fresh"] = _fresh_gain(folder, drawn, task.experiment.options)
+                with _limited(task.limit):
+                    row["fresh"] = _fresh_gain(folder, drawn, task.experiment.options)
             except CommandError as error:
                 row["fresh"] = {"error": str(error)}
     return row | {"truth": _truth(drawn, arguments.get("shifts") or {}, task.experiment.likely)}
+
+
+@contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Raises :class:`TimeLimitError` inside when the process has worked that long."""
+
+    def stop(*_: object) -> None:
+        raise TimeLimitError(f"more than {seconds:g} s of CPU time")
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def _command(*words: str) -> str:
