@@ -31,7 +31,7 @@ def main(words: list[str]) -> int:
             count = experiment.quick if asked.quick else max(1, round(asked.count * experiment.share))
             tasks += [Task(experiment, asked.skip + run, asked.fresh, asked.limit) for run in range(count)]
     chosen = {task.key for task in tasks}
-    waiting = [task for task in tasks if not results.has(task.key, task.fresh and task.experiment.fresh)]
+    waiting = [task for task in tasks if not results.has(task.key, task.fresh and task.experiment.fresh, asked.retry)]
     if not asked.evaluate:
         run(waiting, results, asked.jobs, version())
     rows = [row for key, row in results.rows.items() if key in chosen]
@@ -73,6 +73,7 @@ def _arguments(names: list[str]) -> argparse.ArgumentParser:
     parser.add_argument("--fresh", action="store_true", help="also measure gains on fresh data")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--limit", type=float, default=60.0, help="CPU seconds a command may take (default 60)")
+    parser.add_argument("--retry", action="store_true", help="run again what ended in an error")
     parser.add_argument("--evaluate", action="store_true", help="run nothing, count what is there")
     parser.add_argument("-o", "--output", type=Path, default=Path("study"), help="folder (default ./study)")
     return parser
