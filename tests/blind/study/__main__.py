@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
-import signal
 import sys
-import threading
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +14,7 @@ from tqdm import tqdm
 
 from blind.study.experiments import EXPERIMENTS
 from blind.study.report import report, version
-from blind.study.runs import Task, perform
+from blind.study.runs import Task, perform, start_worker
 from blind.study.table import Results
 
 
@@ -51,7 +49,7 @@ def main(words: list[str]) -> int:
 def run(tasks: list[Task], results: Results, jobs: int, version: str) -> None:
     """Rows are written as runs end; Ctrl-C waits for the runs under way and keeps them."""
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, context, initializer=_worker) as pool:
+    with ProcessPoolExecutor(jobs, context, initializer=start_worker) as pool:
         waiting = {pool.submit(perform, task) for task in tasks}
         try:
             for future in tqdm(as_completed(waiting.copy()), total=len(waiting), unit="run", smoothing=0.05):
@@ -63,19 +61,6 @@ def run(tasks: list[Task], results: Results, jobs: int, version: str) -> None:
             for future in waiting:
                 if not future.cancelled():
                     results.add(future.result() | {"version": version})
-
-
-def _worker() -> None:
-    """Ctrl-C is the parent's to handle; without a parent there is nothing to do."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-
-    def leave() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=leave, daemon=True).start()
 
 
 def _arguments(names: list[str]) -> argparse.ArgumentParser:
