@@ -13,8 +13,8 @@ from blind.plant import ENCODER_NOISE, REFERENCE_NOISE
 SEATS_ONLY = ("seat_error",)
 CAUSES = tuple(cause for cause in workshop.CAUSES if cause != "unexplained")
 OUTSIDE = tuple(f"unexplained:{kind}" for kind in DEPENDS_ON)
-WEAK = tuple(0.01 * 1.12**k for k in range(30))
-"""Sizes between a hundredth and a quarter, where the power rises."""
+WEAK = tuple(0.04 * 1.08**k for k in range(30))
+"""Sizes between 0.04 and 0.37, where the power rises."""
 
 
 @dataclass(frozen=True)
