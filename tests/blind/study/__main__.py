@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from blind.study.experiments import EXPERIMENTS
 from blind.study.report import report, version
-from blind.study.runs import Task, perform, start_worker
+from blind.study.runs import Task, perform, plain, start_worker
 from blind.study.table import Results
 
 
@@ -30,6 +30,10 @@ def main(words: list[str]) -> int:
             count = experiment.quick if asked.quick else max(1, round(asked.count * experiment.share))
             tasks += [Task(experiment, asked.skip + run, asked.fresh, asked.limit) for run in range(count)]
     chosen = {task.key for task in tasks}
+    for task in tasks:  # a run of an experiment that has changed since is another run
+        row = results.rows.get(task.key)
+        if row is not None and row["arguments"] != plain(task.experiment.arguments(task.run)):
+            del results.rows[task.key]
     waiting = [task for task in tasks if not results.has(task.key, task.fresh and task.experiment.fresh, asked.retry)]
     if not asked.evaluate:
         run(waiting, results, asked.jobs, version())

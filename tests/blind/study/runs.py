@@ -65,7 +65,7 @@ def perform(task: Task) -> Row:
     arguments = task.experiment.arguments(task.run)
     drawn = draw(**arguments)
     row: Row = {"experiment": task.experiment.name, "seed": arguments["seed"], "kind": task.experiment.kind}
-    row |= {"arguments": _plain(arguments), "error": None, "said": None, "seconds": None, "fresh": None}
+    row |= {"arguments": plain(arguments), "error": None, "said": None, "seconds": None, "fresh": None}
     with TemporaryDirectory() as name:
         folder = Path(name)
         drawn.write(folder / "data.csv")
@@ -173,11 +173,11 @@ def _truth(drawn: Draw, shifts: dict[tuple[int, str], float], likely: bool) -> R
     for row, kind in shifts:
         cause, parameter, unit = GEOMETRY_NAMES[kind]
         deviation = unit * drawn.truth.geometry[row - 1, ("a", "d", "alpha", "theta_offset").index(kind)]
-        hidden.append(_plain({"cause": cause, "joint": row, "key": f"{cause}:{row}", "parameters": {parameter: deviation}}))
+        hidden.append(plain({"cause": cause, "joint": row, "key": f"{cause}:{row}", "parameters": {parameter: deviation}}))
     probabilities = oracle.probabilities() if oracle is not None and likely else None
     likeliest = _largest(probabilities, hidden)
-    plain: Row = _plain({"hidden": hidden, "outliers": drawn.truth.outliers, "probabilities": likeliest})
-    return plain
+    as_json: Row = plain({"hidden": hidden, "outliers": drawn.truth.outliers, "probabilities": likeliest})
+    return as_json
 
 
 def _hidden(oracle: Oracle, fault: Hidden) -> Row:
@@ -187,8 +187,8 @@ def _hidden(oracle: Oracle, fault: Hidden) -> Row:
     row |= {"parameters": fault.parameters, "size_um": fault.size_um, "depends_on": fault.depends_on}
     row |= {"lambda": power, "retained_fraction": retained, "columns": _columns(oracle, row["key"])}
     aliases = {key: cosine for key, cosine in oracle.aliases(fault).items() if key != row["key"]}
-    plain: Row = _plain(row | {"aliases": aliases})
-    return plain
+    as_json: Row = plain(row | {"aliases": aliases})
+    return as_json
 
 
 def _columns(oracle: Oracle, key: str) -> int | None:
@@ -205,10 +205,10 @@ def _largest(probabilities: dict[str, float] | None, hidden: list[Row]) -> dict[
     return {key: probabilities[key] for key in probabilities if key in kept}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """What JSON can hold."""
     if isinstance(value, Mapping):
-        return {str(name): _plain(content) for name, content in value.items()}
+        return {str(name): plain(content) for name, content in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    return [_plain(content) for content in value] if isinstance(value, list | tuple) else value
+    return [plain(content) for content in value] if isinstance(value, list | tuple) else value
