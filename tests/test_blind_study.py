@@ -45,9 +45,12 @@ def row(
     depends_on: tuple[str, ...] = (),
     **more: Any,
 ) -> dict[str, Any]:
-    said = {"verdict": verdict or ("explained" if findings else "no-discrepancy"), "findings": list(findings)}
+    said: dict[str, Any] = {
+        "verdict": verdict or ("explained" if findings else "no-discrepancy"),
+        "findings": list(findings),
+    }
     said |= {"unexplained": {"p_value": 0.5, "depends_on": list(depends_on)}, "records": {"excluded": []}}
-    truth = {"hidden": list(hidden), "outliers": [], "probabilities": None}
+    truth: dict[str, Any] = {"hidden": list(hidden), "outliers": [], "probabilities": None}
     plain = {"experiment": kind, "seed": 1, "kind": kind, "arguments": {}, "error": None, "seconds": 2.0, "fresh": None}
     return plain | {"said": said, "truth": truth, "version": "0"} | more
 
@@ -286,9 +289,16 @@ def test_a_study_is_taken_up_where_it_was_cut_off(tmp_path: Path) -> None:
     assert again.has(("single", 1), fresh=False)
     assert not again.has(("single", 1), fresh=True)
     assert not again.has(("single", 2), fresh=False)
+    again.add(row(seed=3, error="broke"))
+    assert again.has(("single", 3), fresh=True)
+    assert not again.has(("single", 3), fresh=True, retry=True)
     again.add(row(seed=2))
     again.add(row(seed=1, seconds=5.0))
-    assert {key: r["seconds"] for key, r in Results(path).rows.items()} == {("single", 1): 5.0, ("single", 2): 2.0}
+    assert {key: r["seconds"] for key, r in Results(path).rows.items()} == {
+        ("single", 1): 5.0,
+        ("single", 2): 2.0,
+        ("single", 3): 2.0,
+    }
 
 
 def test_the_page_says_what_was_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

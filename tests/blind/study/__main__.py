@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
-import signal
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from datetime import UTC, datetime
@@ -15,7 +14,7 @@ from tqdm import tqdm
 
 from blind.study.experiments import EXPERIMENTS
 from blind.study.report import report, version
-from blind.study.runs import Task, perform
+from blind.study.runs import Task, perform, plain, start_worker
 from blind.study.table import Results
 
 
@@ -29,9 +28,13 @@ def main(words: list[str]) -> int:
     for experiment in EXPERIMENTS:
         if experiment.name in (asked.only or [e.name for e in EXPERIMENTS]):
             count = experiment.quick if asked.quick else max(1, round(asked.count * experiment.share))
-            tasks += [Task(experiment, asked.skip + run, asked.fresh) for run in range(count)]
+            tasks += [Task(experiment, asked.skip + run, asked.fresh, asked.limit) for run in range(count)]
     chosen = {task.key for task in tasks}
-    waiting = [task for task in tasks if not results.has(task.key, task.fresh and task.experiment.fresh)]
+    for task in tasks:  # a run of an experiment that has changed since is another run
+        row = results.rows.get(task.key)
+        if row is not None and row["arguments"] != plain(task.experiment.arguments(task.run)):
+            del results.rows[task.key]
+    waiting = [task for task in tasks if not results.has(task.key, task.fresh and task.experiment.fresh, asked.retry)]
     if not asked.evaluate:
         run(waiting, results, asked.jobs, version())
     rows = [row for key, row in results.rows.items() if key in chosen]
@@ -50,7 +53,7 @@ def main(words: list[str]) -> int:
 def run(tasks: list[Task], results: Results, jobs: int, version: str) -> None:
     """Rows are written as runs end; Ctrl-C waits for the runs under way and keeps them."""
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, context, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN)) as pool:
+    with ProcessPoolExecutor(jobs, context, initializer=start_worker) as pool:
         waiting = {pool.submit(perform, task) for task in tasks}
         try:
             for future in tqdm(as_completed(waiting.copy()), total=len(waiting), unit="run", smoothing=0.05):
@@ -72,6 +75,8 @@ def _arguments(names: list[str]) -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="a small subset")
     parser.add_argument("--fresh", action="store_true", help="also measure gains on fresh data")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
+    parser.add_argument("--limit", type=float, default=60.0, help="CPU seconds a command may take (default 60)")
+    parser.add_argument("--retry", action="store_true", help="run again what ended in an error")
     parser.add_argument("--evaluate", action="store_true", help="run nothing, count what is there")
     parser.add_argument("-o", "--output", type=Path, default=Path("study"), help="folder (default ./study)")
     return parser

@@ -120,13 +120,15 @@ def power(judged: pd.DataFrame) -> Row:
         part = runs[(runs["lambda"] >= low) & (runs["lambda"] < high)]
         if len(part):
             asked = part.loc[part["oracle_right"].notna(), "oracle_right"]
+            also = part.loc[part["oracle_right"].notna(), "oracle_right_or_alias"]
             expected = float(oracle_power(part["lambda"].to_numpy(float), part["columns"].to_numpy(float)).mean())
             rates = {what: rate(part[what]) for what in ("noticed", "right", "right_or_alias")}
             bins.append({"low": low, "high": None if np.isinf(high) else high, "lambda": float(part["lambda"].median())})
-            bins[-1] |= rates | {"oracle_power": expected, "oracle_right": rate(asked)}
+            bins[-1] |= rates | {"oracle_power": expected, "oracle_right": rate(asked), "oracle_right_or_alias": rate(also)}
     asked_all = runs[runs["oracle_right"].notna()]
     at = {what: logistic_lambda(runs["lambda"], runs[what]) for what in ("noticed", "right", "right_or_alias")}
-    at["oracle_right"] = logistic_lambda(asked_all["lambda"], asked_all["oracle_right"].astype(bool))
+    for what in ("oracle_right", "oracle_right_or_alias"):
+        at[what] = logistic_lambda(asked_all["lambda"], asked_all[what].astype(bool))
     return {
         "runs": len(runs),
         "bins": bins,

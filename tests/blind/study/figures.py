@@ -35,6 +35,7 @@ def _save(path: Path, size: tuple[float, float], fill: Any) -> None:
 
 
 def _confusion(axes: Axes, table: pd.DataFrame) -> None:
+    table = table.reindex(columns=[*table.index, *sorted(set(table.columns) - set(table.index))], fill_value=0)
     share = table.div(table.sum(axis=1), axis=0).to_numpy()
     axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0)
     axes.set_xticks(range(table.shape[1]), list(table.columns), rotation=90)
@@ -67,11 +68,17 @@ def _power(axes: Axes, power: Row, judged: pd.DataFrame) -> None:
 
 def _reliability(axes: Axes, probabilities: Row) -> None:
     axes.plot([0, 1], [0, 1], color="0.7", lw=1)
-    for name, r in probabilities.items():
+    for (name, r), marker in zip(probabilities.items(), ("o", "s"), strict=True):
         x, y = np.array([b["stated"] for b in r["bins"]]), np.array([b["share"] for b in r["bins"]])
         low, high = (np.array([b[end] for b in r["bins"]]) for end in ("low", "high"))
         axes.errorbar(
-            x, y, [np.maximum(y - low, 0), np.maximum(high - y, 0)], fmt="o", capsize=2, label=name.replace("_", " ")
+            x,
+            y,
+            [np.maximum(y - low, 0), np.maximum(high - y, 0)],
+            fmt=marker,
+            capsize=2,
+            label=name.replace("_", " "),
+            fillstyle="none",
         )
     axes.set(xlabel="stated probability [1]", ylabel="share that is true [1]", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
     axes.legend(fontsize=8)

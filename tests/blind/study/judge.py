@@ -56,7 +56,7 @@ def judge(row: Row) -> Row:
     verdict = said.get("verdict")
     depends = {covariate(name) for name in said.get("unexplained", {}).get("depends_on", [])}
     wanted = {covariate(name) for h in hidden for name in h.get("depends_on", [])}
-    sought = _sought(truth, true)
+    likeliest = _likeliest(truth, true)
     judged = {
         "experiment": row["experiment"],
         "seed": row["seed"],
@@ -89,7 +89,9 @@ def judge(row: Row) -> Row:
         "verdict_unexplained": verdict == "unexplained",
         "depends_right": bool(wanted & depends),
         "depends_all": bool(wanted) and wanted <= depends,
-        "oracle_right": sought,
+        "oracle_said": likeliest,
+        "oracle_right": None if likeliest is None else likeliest == (true[0] if true else "none"),
+        "oracle_right_or_alias": None if likeliest is None else likeliest in (tolerated or {"none"}),
         "seconds": row["seconds"],
         **_exclusions(truth, said),
         **_gains(row, said),
@@ -111,12 +113,12 @@ def _said_cause(strongest: str | None, verdict: str | None) -> str:
     return {"unexplained": "unexplained", None: "error"}.get(verdict, "none")
 
 
-def _sought(truth: Row, true: list[str]) -> bool | None:
-    """Whether the likeliest cause of the oracle is the truth; None where it was not asked or does not know the cause."""
+def _likeliest(truth: Row, true: list[str]) -> str | None:
+    """The likeliest cause of the oracle; None where it was not asked or does not know the cause."""
     probabilities = truth.get("probabilities")
     if probabilities is None or len(true) > 1 or any(key not in probabilities for key in true):
         return None
-    return bool(max(probabilities, key=probabilities.__getitem__) == (true[0] if true else "none"))
+    return str(max(probabilities, key=probabilities.__getitem__))
 
 
 def _exclusions(truth: Row, said: Row) -> Row:

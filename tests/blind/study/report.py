@@ -41,7 +41,7 @@ def report(rows: Sequence[Row], folder: Path, about: Row) -> None:
     about = about | {"seeds": seeds}
     (folder / "study.json").write_text(json.dumps({"about": about, **found}, indent=1) + "\n", encoding="utf-8")
     judged.to_csv(folder / "judged.csv", index=False)
-    wrong = judged.loc[~judged["answer"], ["experiment", "seed", "size", *SHOWN, "oracle_right", "error", "fresh_error"]]
+    wrong = judged.loc[~judged["answer"], ["experiment", "seed", "size", *SHOWN, "oracle_said", "error", "fresh_error"]]
     wrong.to_csv(folder / "wrong.csv", index=False)
     table = confusion(judged)
     (folder / "study.md").write_text(text(found, table, about), encoding="utf-8")
@@ -103,6 +103,7 @@ def _power(power: Row) -> list[str]:
             "named": said(b["right"]),
             "named or alias": said(b["right_or_alias"]),
             "oracle names": said(b["oracle_right"]),
+            "oracle names or alias": said(b["oracle_right_or_alias"]),
         }
         for b in power["bins"]
     ]

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
+import os
+import signal
+import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
@@ -35,13 +40,20 @@ class CommandError(Exception):
     """A command that did not end well."""
 
 
+class TimeLimitError(Exception):
+    """A command that takes longer than a study waits for."""
+
+
 @dataclass(frozen=True)
 class Task:
-    """Run number ``run`` of an experiment; ``fresh`` measures the gain on fresh data as well."""
+    """Run number ``run`` of an experiment; ``fresh`` measures the gain on fresh data as well, ``limit`` is the CPU time that
+    a command may take [s].
+    """
 
     experiment: Experiment
     run: int
     fresh: bool = False
+    limit: float = 60.0
 
     @property
     def key(self) -> tuple[str, int]:
@@ -53,22 +65,53 @@ def perform(task: Task) -> Row:
     arguments = task.experiment.arguments(task.run)
     drawn = draw(**arguments)
     row: Row = {"experiment": task.experiment.name, "seed": arguments["seed"], "kind": task.experiment.kind}
-    row |= {"arguments": _plain(arguments), "error": None, "said": None, "seconds": None, "fresh": None}
+    row |= {"arguments": plain(arguments), "error": None, "said": None, "seconds": None, "fresh": None}
     with TemporaryDirectory() as name:
         folder = Path(name)
         drawn.write(folder / "data.csv")
         start = time.process_time()
         try:
-            row["said"] = _diagnosis(folder, task)
-            row["seconds"] = round(time.process_time() - start, 3)
+            with _limited(task.limit):
+                row["said"] = _diagnosis(folder, task)
         except CommandError as error:
             row["error"] = str(error)
+        row["seconds"] = round(time.process_time() - start, 3)
         if task.fresh and task.experiment.fresh and row["error"] is None:
             try:
-                row["fresh"] = _fresh_gain(folder, drawn, task.experiment.options)
+                with _limited(task.limit):
+                    row["fresh"] = _fresh_gain(folder, drawn, task.experiment.options)
             except CommandError as error:
                 row["fresh"] = {"error": str(error)}
     return row | {"truth": _truth(drawn, arguments.get("shifts") or {}, task.experiment.likely)}
+
+
+@contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Raises :class:`TimeLimitError` inside when the process has worked that long."""
+
+    def stop(*_: object) -> None:
+        raise TimeLimitError(f"more than {seconds:g} s of CPU time")
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def start_worker() -> None:
+    """Ctrl-C is the parent's to handle; without a parent there is nothing to do."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def leave() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=leave, daemon=True).start()
 
 
 def _command(*words: str) -> str:
@@ -130,11 +173,11 @@ def _truth(drawn: Draw, shifts: dict[tuple[int, str], float], likely: bool) -> R
     for row, kind in shifts:
         cause, parameter, unit = GEOMETRY_NAMES[kind]
         deviation = unit * drawn.truth.geometry[row - 1, ("a", "d", "alpha", "theta_offset").index(kind)]
-        hidden.append(_plain({"cause": cause, "joint": row, "key": f"{cause}:{row}", "parameters": {parameter: deviation}}))
+        hidden.append(plain({"cause": cause, "joint": row, "key": f"{cause}:{row}", "parameters": {parameter: deviation}}))
     probabilities = oracle.probabilities() if oracle is not None and likely else None
     likeliest = _largest(probabilities, hidden)
-    plain: Row = _plain({"hidden": hidden, "outliers": drawn.truth.outliers, "probabilities": likeliest})
-    return plain
+    as_json: Row = plain({"hidden": hidden, "outliers": drawn.truth.outliers, "probabilities": likeliest})
+    return as_json
 
 
 def _hidden(oracle: Oracle, fault: Hidden) -> Row:
@@ -144,8 +187,8 @@ def _hidden(oracle: Oracle, fault: Hidden) -> Row:
     row |= {"parameters": fault.parameters, "size_um": fault.size_um, "depends_on": fault.depends_on}
     row |= {"lambda": power, "retained_fraction": retained, "columns": _columns(oracle, row["key"])}
     aliases = {key: cosine for key, cosine in oracle.aliases(fault).items() if key != row["key"]}
-    plain: Row = _plain(row | {"aliases": aliases})
-    return plain
+    as_json: Row = plain(row | {"aliases": aliases})
+    return as_json
 
 
 def _columns(oracle: Oracle, key: str) -> int | None:
@@ -162,10 +205,10 @@ def _largest(probabilities: dict[str, float] | None, hidden: list[Row]) -> dict[
     return {key: probabilities[key] for key in probabilities if key in kept}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """What JSON can hold."""
     if isinstance(value, Mapping):
-        return {str(name): _plain(content) for name, content in value.items()}
+        return {str(name): plain(content) for name, content in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    return [_plain(content) for content in value] if isinstance(value, list | tuple) else value
+    return [plain(content) for content in value] if isinstance(value, list | tuple) else value

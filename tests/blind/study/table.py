@@ -31,10 +31,12 @@ class Results:
         with self.path.open("a", encoding="utf-8") as file:
             file.write("\n" * torn + json.dumps(row) + "\n")
 
-    def has(self, key: tuple[str, int], fresh: bool) -> bool:
-        """Whether the run is there, with the gain on fresh data where that is asked."""
+    def has(self, key: tuple[str, int], fresh: bool, retry: bool = False) -> bool:
+        """Whether the run is there, with the gain on fresh data where that is asked; ``retry``: and without an error."""
         row = self.rows.get(key)
-        return row is not None and (not fresh or row["fresh"] is not None or row["error"] is not None)
+        if row is None or (retry and row["error"] is not None):
+            return False
+        return not fresh or row["fresh"] is not None or row["error"] is not None
 
 
 def _lines(path: Path) -> Iterator[tuple[int, Row | None]]:
