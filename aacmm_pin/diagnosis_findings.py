@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 
 from aacmm_pin.arm_file import COVERAGE_FACTOR
 from aacmm_pin.calibration.problem import geometric_parameters
 from aacmm_pin.diagnosis import Diagnosis, Finding
-from aacmm_pin.effects import Effect, SeatError
+from aacmm_pin.effects import Effect, EncoderSlip, SeatError
 from aacmm_pin.units import DEG, MM
 
+BEYOND = 1.3
+"""So many times what was predicted is worth a reader's attention."""
 SURE = 0.95
 """A cause less probable than this is in doubt."""
 FEW_VALUES = 8
@@ -163,6 +166,84 @@ def probability(value: float) -> str:
     return "> 0.999" if value > 0.999 else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
+LEAST_P = 1e-300
+
+
+def p_in_words(value: float) -> str:
+    """One digit; a chance that no computer number holds is less than the least."""
+    return f"{value:.1g}" if value > LEAST_P else f"< {LEAST_P:g}"
+
+
+def group_in_words(name: str) -> str:
+    """What it means that something depends on one group of records; "" for other covariates."""
+    kind = name.split(" ")[0]
+    if kind not in ("seat", "bar"):
+        return ""
+    return f"The records of {name} stand apart, as if their target sat elsewhere on the arm: look at their set-up."
+
+
+def noise_in_words(result: Diagnosis) -> str:
+    """Where the noise comes from if it was not stated; "" where it was."""
+    if result.extended.stated:
+        return ""
+    return (
+        "The noise was not stated in full: the scatter that the extended arm leaves is taken for it, so that the "
+        "extended arm meets it by itself."
+    )
+
+
+def most_off_in_words(result: Diagnosis, table: pd.DataFrame) -> str:
+    """Where each model is off most, in times what is predicted for it.
+
+    Args:
+        result: the diagnosis.
+        table: residuals by group, with ``where`` in words.
+    """
+    first = table.iloc[int(np.argmax(table["times_predicted"]))]
+    stated = "that the arm's stated uncertainties and the noise predict"
+    if not result.before.problem.model.covariance().any():
+        stated = "that the noise gives by itself (the arm states no uncertainty)"
+    text = (
+        f"The simulation is off most at {first['where']}: {first['simulation_mm']:.4f} mm RMS, "
+        f"{first['times_predicted']:.1f} times the {first['predicted_mm']:.4f} mm {stated}."
+    )
+    if first["times_predicted"] <= BEYOND:
+        text = f"The simulation is nowhere off much beyond its own prediction. {text}"
+    times = {name: table[f"{name}_mm"] / table["noise_mm"] for name in ("recalibrated", "extended")}
+    after, last = [
+        f"up to {values.max():.1f} times the noise ({table['where'].iloc[int(np.argmax(values))]})"
+        for values in times.values()
+    ]
+    return f"{text} Recalibrated, the arm is off by {after}; extended, by {last}."
+
+
+def slip_in_words(result: Diagnosis, slip: EncoderSlip) -> str:
+    """Between which records a slip was."""
+    time = result.extended.problem.measurements.conditions.require("time", slip.label)[result.extended.used]
+    before, after = time[time < slip.time_s], time[time >= slip.time_s]
+    if not (before.size and after.size):
+        return ""
+    return f"The fit puts it between the records at {before.max() / 60:.1f} min and {after.min() / 60:.1f} min."
+
+
+def unexplained_in_words(result: Diagnosis) -> str:
+    """What structure is left, or that none is."""
+    open_ = result.unexplained
+    p = p_in_words(open_.p_value)
+    p = p if p.startswith("<") else f"= {p}"
+    if not open_.depends_on:
+        return (
+            "Nothing that depends on a joint's angle, time, temperature or any other column is left beyond chance "
+            f"(p {p}). {left_in_words(result)}"
+        )
+    worth = f" With it and the causes the gain on held-out records is {100 * open_.gain:z.0f} %." if open_.gain else ""
+    return (
+        f"The residuals depend on {listed(list(open_.depends_on))} (p {p}) in a way that no cause of the library has. What "
+        "is drawn here describes it, smooth over the covariate; it is not a cause, and it is not in the extended arm."
+        f"{worth}"
+    )
+
+
 def _left(result: Diagnosis) -> str:
     """What is left of the residuals."""
     fit = result.extended
@@ -197,7 +278,7 @@ def gain_in_words(result: Diagnosis) -> str:
     arm = f"the extended arm, with a correction over {depends} beside it," if depends else "the extended arm"
     if not result.findings and not depends:
         return f"{where} there is nothing to gain beside recalibration."
-    if low <= 0.0 <= high:
+    if round(100 * low) <= 0 <= round(100 * high):
         return f"{where} {arm} is not better than the recalibrated one beyond doubt: {100 * held.gain:z.0f} % {interval}."
     less = "less" if low > 0 else "more"
     return f"{where} {arm} is off by {100 * abs(held.gain):.0f} % {less} than the recalibrated one {interval}."
@@ -208,8 +289,9 @@ def seats_in_words(result: Diagnosis) -> str:
     if not any(isinstance(f.effect, SeatError) for f in result.findings):
         return ""
     return (
-        "Residuals at a seat are taken from where its records together put it, so that neither RMS nor gain shows the error "
-        "of a seat; sections 3 and 5 do."
+        "These residuals are taken from where the records of a seat together put it, so that they hardly show an error of "
+        "its stated place; and a seat that is left out whole says nothing of its own, so that the gain does not show it "
+        "either. Sections 3 and 5 do."
     )
 
 

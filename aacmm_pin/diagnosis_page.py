@@ -5,35 +5,35 @@ from __future__ import annotations
 import json
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
 from aacmm_pin import plots
 from aacmm_pin.arm_text import arm_text
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis_findings import (
+    BEYOND,
     PARTS,
     gain_in_words,
     geometric,
+    group_in_words,
     in_words,
     label_in_words,
-    left_in_words,
     line_to_remember,
     listed,
+    most_off_in_words,
+    noise_in_words,
     parameters_in_words,
     seats_in_words,
+    slip_in_words,
+    unexplained_in_words,
     verdict_in_words,
 )
 from aacmm_pin.diagnosis_tables import look_alikes, ranking, residuals_table, tip_motion
 from aacmm_pin.effects import EncoderSlip, SeatError
 from aacmm_pin.plots.diagnosis import shown_models
-from aacmm_pin.plots.groups import group_in_words, held_out_parts, residuals_by_group
+from aacmm_pin.plots.groups import held_out_parts, place_in_words, residuals_by_group
 from aacmm_pin.plots.partial import is_constant, state_of
 from aacmm_pin.report import Bullets, Download, Paragraph, Part, Picture, Section, Table, blank_axes, render_report
 from aacmm_pin.units import UM
 
-BEYOND = 1.3
-"""So many times what was predicted is worth a reader's attention."""
 MOST_ROWS = 50
 """Excluded records that the page lists; the residuals' file has all."""
 WORST = 8
@@ -73,18 +73,18 @@ def _verdict(result: Diagnosis) -> list[Part]:
             "Residuals of the records, set-up fitted: by the arm as it was simulated; with its geometry recalibrated; and "
             "extended by the causes found. The dashed line is what the noise of readings and references gives by itself.",
         ),
-        *([seats] if (seats := seats_in_words(result)) else []),
+        *filter(None, [noise_in_words(result), seats_in_words(result)]),
     ]
 
 
 def _wrong(result: Diagnosis) -> list[Part]:
     table = residuals_by_group(result)
-    table["where"] = [group_in_words(by, group) for by, group in zip(table["by"], table["group"], strict=True)]
+    table["where"] = [place_in_words(by, group) for by, group in zip(table["by"], table["group"], strict=True)]
     worst = table.sort_values("times_predicted", ascending=False).head(WORST).reset_index(drop=True)
     names = ["where", "records", "simulation_mm", "predicted_mm", "times_predicted", "recalibrated_mm", "extended_mm"]
     heads = {name: f"{name.removesuffix('_mm')} [mm]" for name in [*names, "noise_mm"] if name.endswith("_mm")}
     return [
-        Paragraph(_most_off(result, table), finding=bool((table["times_predicted"] > BEYOND).any())),
+        Paragraph(most_off_in_words(result, table), finding=bool((table["times_predicted"] > BEYOND).any())),
         Picture.of(
             plots.plot_groups(result),
             "RMS of the residuals by joint range, time, temperature and seat, by the three models",
@@ -94,31 +94,11 @@ def _wrong(result: Diagnosis) -> list[Part]:
         ),
         Table(
             worst[[*names, "noise_mm"]],
-            f"The {len(worst)} parts where the simulation is most times farther off than predicted.",
+            f"The {len(worst)} parts where the simulation is farthest off, in times what was predicted of it.",
             dict.fromkeys(heads, ".4f") | {"times_predicted": ".1f"},
             heads | {"times_predicted": "times predicted"},
         ),
     ]
-
-
-def _most_off(result: Diagnosis, table: pd.DataFrame) -> str:
-    """Where each model is off most, in times what is predicted for it."""
-    first = table.iloc[int(np.argmax(table["times_predicted"]))]
-    stated = "that the arm's stated uncertainties and the noise predict"
-    if not result.before.problem.model.covariance().any():
-        stated = "that the noise gives by itself (the arm states no uncertainty)"
-    text = (
-        f"The simulation is off most at {first['where']}: {first['simulation_mm']:.4f} mm RMS, "
-        f"{first['times_predicted']:.1f} times the {first['predicted_mm']:.4f} mm {stated}."
-    )
-    if first["times_predicted"] <= BEYOND:
-        text = f"The simulation is nowhere off much beyond its own prediction. {text}"
-    times = {name: table[f"{name}_mm"] / table["noise_mm"] for name in ("recalibrated", "extended")}
-    after, last = [
-        f"up to {values.max():.1f} times the noise ({table['where'].iloc[int(np.argmax(values))]})"
-        for values in times.values()
-    ]
-    return f"{text} Recalibrated, the arm is off by {after}; extended, by {last}."
 
 
 def _causes(result: Diagnosis) -> list[Part]:
@@ -136,7 +116,7 @@ def _causes(result: Diagnosis) -> list[Part]:
         drawn = plots.plot_cause(result, finding, blank_axes(7.4, 4.0))
         caption = f"{_capital(words)}: {parameters_in_words(finding)} (U, k = 2). {_moves(result, finding)}"
         if isinstance(finding.effect, EncoderSlip):
-            caption += f" {_when(result, finding.effect)}"
+            caption += f" {slip_in_words(result, finding.effect)}"
         parts.append(Picture.of(drawn, f"{_capital(words)}, from the records", caption))
     if any(isinstance(part, Picture) for part in parts):
         parts.insert(
@@ -159,15 +139,6 @@ def _capital(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
-def _when(result: Diagnosis, slip: EncoderSlip) -> str:
-    """Between which records a slip was."""
-    time = result.extended.problem.measurements.conditions.require("time", slip.label)[result.extended.used]
-    before, after = time[time < slip.time_s], time[time >= slip.time_s]
-    if not (before.size and after.size):
-        return ""
-    return f"The fit puts it between the records at {before.max() / 60:.1f} min and {after.min() / 60:.1f} min."
-
-
 def _moves(result: Diagnosis, finding: Finding) -> str:
     what = "It moves the stated place" if finding.effect.of_reference else "It moves the tip"
     return f"{what} by {tip_motion(result, finding) / UM:.0f} µm (RMS over all records)."
@@ -185,7 +156,8 @@ def _ranking(result: Diagnosis) -> list[Part]:
     if len(alike := look_alikes(result)):
         caption = (
             "What looks like them: correlation r of the two in these records, geometry refitted, and probability of the "
-            "other cause in its place. With r near 1 either fits, and the probability rests on fewer values or likelier sizes."
+            "other cause in its place. With r near 1 either fits, and the probability rests on fewer values or likelier "
+            "sizes."
         )
         parts.append(Table(alike, caption, {"r": ".2f"}))
     if result.cannot_tell_apart:
@@ -252,31 +224,13 @@ def _held_out(result: Diagnosis) -> list[Part]:
 
 
 def _unexplained(result: Diagnosis) -> list[Part]:
-    parts: list[Part] = []
-    open_ = result.unexplained
-    if open_.depends_on:
-        worth = (
-            f" With it and the causes the gain on held-out records is {100 * open_.gain:z.0f} %."
-            if open_.gain is not None
-            else ""
-        )
-        parts.append(
-            Paragraph(
-                f"The residuals depend on {listed(list(open_.depends_on))} (p = {open_.p_value:.1g}) in a way that no cause "
-                "of the library has. What is drawn here describes it, smooth over the covariate; it is not a cause, and it "
-                f"is not in the extended arm.{worth}",
-                finding=True,
-            )
-        )
-        for name in open_.depends_on:
-            drawn = plots.plot_unexplained(result, name, blank_axes(7.4, 4.0))
-            caption = f"What would have to be added to the tip, over {name}; dots: what each record lacks."
-            parts.append(Picture.of(drawn, f"Structure over {name} without a known cause", caption))
-    else:
-        parts.append(
-            "Nothing that depends on a joint's angle, time, temperature or any other column is left beyond chance "
-            f"(p = {open_.p_value:.2g}). {left_in_words(result)}"
-        )
+    depends = result.unexplained.depends_on
+    parts: list[Part] = [Paragraph(unexplained_in_words(result), finding=bool(depends))]
+    parts += [text for name in depends if (text := group_in_words(name))]
+    for name in depends:
+        drawn = plots.plot_unexplained(result, name, blank_axes(7.4, 4.0))
+        caption = f"What would have to be added to the tip, over {name}; dots: what each record lacks."
+        parts.append(Picture.of(drawn, f"Structure over {name} without a known cause", caption))
     return [*parts, *_excluded(result)]
 
 

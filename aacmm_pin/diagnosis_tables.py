@@ -8,14 +8,13 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin.diagnosis import Diagnosis, Finding
-from aacmm_pin.diagnosis_findings import in_words, label_in_words, parameters_in_words, probability
+from aacmm_pin.diagnosis_findings import in_words, label_in_words, p_in_words, parameters_in_words, probability
 from aacmm_pin.plots.diagnosis import models
 from aacmm_pin.plots.partial import state_of
 from aacmm_pin.units import MM, UM
 
 LOOK_ALIKES = 3
 """So many look-alikes of a cause are listed; the diagnosis has more."""
-LEAST_P = 1e-300
 
 
 def tip_motion(result: Diagnosis, finding: Finding) -> float:
@@ -32,7 +31,7 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
             "value ± U (k = 2)": parameters_in_words(f),
             "at the tip [µm]": tip_motion(result, f) / UM,
             "probability": probability(f.probability),
-            "p": f"{f.p_value:.1g}" if f.p_value > LEAST_P else f"< {LEAST_P:g}",
+            "p": p_in_words(f.p_value),
             "retained": f.retained_fraction,
         }
         for f in result.findings

@@ -208,7 +208,10 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
             where = np.array([ticks.index(v) for v in own[used]]) + aside if labels else own[used].astype(float) / unit
             spread = np.linspace(-0.07, 0.07, used.sum()) if labels else 0.0
             ax.plot(where + spread, lacking[used, k], ".", ms=2.5, color=colour, alpha=0.3)
-        ax.plot(x, correction, *(["_"] if labels else ["-"]), color=colour, lw=2, ms=18, mew=2.5, label=axis)
+        style = {"ls": "-"} if not labels else {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
+        if labels and own is None:  # a group whose target sat elsewhere on the arm: another shift in every posture
+            style = {"ls": "", "marker": ".", "ms": 4}
+        ax.plot(x, correction, color=colour, lw=2, label=axis, **style)
     if labels:
         ax.set_xticks(range(len(ticks)), ticks)
     else:

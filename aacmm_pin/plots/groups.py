@@ -20,6 +20,8 @@ from aacmm_pin.units import MM
 
 MODELS = {"simulation": INK, "recalibrated": GREY, "extended": BLUE}
 """The three models with their colours."""
+WIDE = 40
+"""Names of more letters than this do not fit side by side below one panel."""
 _RANGE = re.compile(r"(-?[\d.]+(?:e[-+]?\d+)?) to (-?[\d.]+(?:e[-+]?\d+)?)(.*)")
 
 
@@ -75,9 +77,9 @@ def plot_groups(result: Diagnosis) -> Figure:
             label = "as simulated" if name == "simulation" else name
             ax.plot(place, mine[f"{name}_mm"], "o-", ms=4, lw=1, color=colour, label=label)
         named = [_short(group) for group in mine["group"]]
-        ax.set_xticks(
-            place, [name.replace(" to ", "\nto ") for name, _ in named], fontsize=7, rotation=90 if len(mine) > 8 else 0
-        )
+        names = [name.replace(" to ", "\nto ") for name, _ in named]
+        upright = len(mine) > 8 or sum(max(map(len, name.split("\n"))) for name in names) > WIDE
+        ax.set_xticks(place, names, fontsize=7, rotation=90 if upright else 0)
         unit = named[0][1]
         ax.set_title(f"{kind} [{unit}]" if unit else kind, fontsize=9)
         ax.grid(axis="y", alpha=0.3)
@@ -111,7 +113,7 @@ def _short(group: str) -> tuple[str, str]:
     return f"{low} to {high}", ends[2]
 
 
-def group_in_words(by: str, group: str) -> str:
+def place_in_words(by: str, group: str) -> str:
     """``joint 6, 89.2 to 178°``, ``seat P3``."""
     short, unit = _short(group)
     return f"{by}, {short}{'' if unit == '°' else ' '}{unit}" if unit else f"{by} {short}"
