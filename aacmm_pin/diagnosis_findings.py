@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,8 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import Effect, EncoderSlip, SeatError
 from aacmm_pin.units import DEG, MM
 
+CHANCE = 0.01
+"""Structure with less chance than this is not nothing."""
 BEYOND = 1.3
 """So many times what was predicted is worth a reader's attention."""
 SURE = 0.95
@@ -87,17 +89,21 @@ def in_words(effect: Effect) -> str:
 
 def several_in_words(effects: Sequence[Effect]) -> str:
     """Causes in a row; those of one kind together, ``error curve of joints 1, 2 and 3``."""
-    kinds: dict[str, list[Effect]] = {}
-    for effect in effects:
-        kinds.setdefault(effect.cause, []).append(effect)
+    return labels_in_words({effect.label: in_words(effect) for effect in effects})
+
+
+def labels_in_words(words: Mapping[str, str]) -> str:
+    """The same of labels, each with its words for where it is the only one of its kind."""
+    kinds: dict[str, list[str]] = {}
+    for label in words:
+        kinds.setdefault(label.partition(":")[0], []).append(label)
     found = []
-    for alike in kinds.values():
-        places = sorted({effect.label.partition(":")[2] for effect in alike})
-        words = in_words(alike[0])
-        if len(alike) > 1:
-            words = label_in_words(alike[0].label).removesuffix(f" {alike[0].label.partition(':')[2]}")
-            words = f"{words}s {listed(places)}"
-        found.append(words)
+    for labels in kinds.values():
+        if len(labels) == 1:
+            found.append(words[labels[0]])
+            continue
+        places = [label.partition(":")[2] for label in labels]
+        found.append(f"{label_in_words(labels[0]).removesuffix(f' {places[0]}')}s {listed(sorted(places))}")
     return listed(found)
 
 
@@ -231,11 +237,10 @@ def unexplained_in_words(result: Diagnosis) -> str:
     open_ = result.unexplained
     p = p_in_words(open_.p_value)
     p = p if p.startswith("<") else f"= {p}"
+    if not open_.depends_on and open_.p_value < CHANCE:
+        return f"Something is left beyond chance (p {p}), but no single column over which it holds. {left_in_words(result)}"
     if not open_.depends_on:
-        return (
-            "Nothing that depends on a joint's angle, time, temperature or any other column is left beyond chance "
-            f"(p {p}). {left_in_words(result)}"
-        )
+        return f"Nothing that depends on a joint's angle, time or any other column is left (p {p}). {left_in_words(result)}"
     worth = f" With it and the causes the gain on held-out records is {100 * open_.gain:z.0f} %." if open_.gain else ""
     return (
         f"The residuals depend on {listed(list(open_.depends_on))} (p {p}) in a way that no cause of the library has. What "

@@ -16,6 +16,7 @@ from aacmm_pin.diagnosis_findings import (
     group_in_words,
     in_words,
     label_in_words,
+    labels_in_words,
     line_to_remember,
     listed,
     most_off_in_words,
@@ -114,7 +115,7 @@ def _causes(result: Diagnosis) -> list[Part]:
             parts.append(f"{_capital(words)}: {parameters_in_words(finding)}. {_moves(result, finding)}")
             continue
         drawn = plots.plot_cause(result, finding, blank_axes(7.4, 4.0))
-        caption = f"{_capital(words)}: {parameters_in_words(finding)} (U, k = 2). {_moves(result, finding)}"
+        caption = f"{_capital(words)}: {parameters_in_words(finding)}. {_moves(result, finding)}"
         if isinstance(finding.effect, EncoderSlip):
             caption += f" {slip_in_words(result, finding.effect)}"
         parts.append(Picture.of(drawn, f"{_capital(words)}, from the records", caption))
@@ -123,7 +124,8 @@ def _causes(result: Diagnosis) -> list[Part]:
             0,
             "Dots are records: what each says of the cause by itself, once everything else in the extended model is as "
             "fitted (partial residuals). Circles are their weighted means with standard uncertainties, and the line is the "
-            "cause as fitted. Circles that follow the line are the evidence; circles that leave it are something else.",
+            "cause as fitted. Circles that follow the line are the evidence; circles that leave it are something else. "
+            "Values stand with U (k = 2).",
         )
     if count := sum(geometric(result, f) for f in result.findings):
         drawn = plots.plot_geometry(result, blank_axes(7.4, 1.4 + 0.45 * count))
@@ -194,7 +196,7 @@ def _held_out(result: Diagnosis) -> list[Part]:
         return [gain_in_words(result)]
     table = held_out_parts(result)
     table["chosen"] = [
-        listed([label_in_words(label) for label in filter(None, chosen.split(", "))]) or "nothing"
+        labels_in_words({label: label_in_words(label) for label in chosen.split(", ") if label}) or "nothing"
         for chosen in table["chosen"]
     ]
     parts: list[Part] = [

@@ -31,6 +31,7 @@ from aacmm_pin.diagnosis_findings import (
     line_to_remember,
     parameters_in_words,
     several_in_words,
+    unexplained_in_words,
     verdict_in_words,
 )
 from aacmm_pin.diagnosis_page import diagnosis_page
@@ -340,6 +341,12 @@ def test_what_the_gain_is_worth(eccentric: Diagnosis, interval: tuple[float, flo
     held = eccentric.held_out
     assert held is not None
     assert said in gain_in_words(replace(eccentric, held_out=replace(held, interval=interval)))
+
+
+def test_structure_that_nothing_names_is_told(eccentric: Diagnosis) -> None:
+    assert unexplained_in_words(eccentric).startswith("Nothing that depends on a joint's angle")
+    left = replace(eccentric.unexplained, p_value=1e-23)
+    assert "Something is left beyond chance (p = 1e-23)" in unexplained_in_words(replace(eccentric, unexplained=left))
 
 
 def test_a_group_that_stands_apart_is_named() -> None:
