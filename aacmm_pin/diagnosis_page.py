@@ -196,8 +196,7 @@ def _held_out(result: Diagnosis) -> list[Part]:
         return [gain_in_words(result)]
     table = held_out_parts(result)
     table["chosen"] = [
-        labels_in_words({label: label_in_words(label) for label in chosen.split(", ") if label}) or "nothing"
-        for chosen in table["chosen"]
+        labels_in_words({label: label_in_words(label) for label in chosen}) or "nothing" for chosen in table["chosen"]
     ]
     parts: list[Part] = [
         Paragraph(gain_in_words(result), finding=True),

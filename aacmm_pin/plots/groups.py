@@ -142,7 +142,7 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
         sizes = [float(np.sqrt(np.mean(values[mine] ** 2))) for values in (held.recalibrated, held.extended)]
         row = {"part": ", ".join(names) or f"block {number + 1}", "records": int(mine.sum())}
         row |= {"recalibrated_mm": sizes[0] / MM, "extended_mm": sizes[1] / MM, "gain": 1 - sizes[1] / sizes[0]}
-        rows.append(row | {"chosen": ", ".join(held.chosen[place]) if len(held.chosen) == len(numbers) else ""})
+        rows.append(row | {"chosen": held.chosen[place] if len(held.chosen) == len(numbers) else ()})
     table = pd.DataFrame(rows)
     return table.iloc[sorted(range(len(table)), key=lambda k: numbers_by_size(table["part"].iloc[k]))].reset_index(drop=True)
 
