@@ -6,7 +6,6 @@ import json
 from typing import Any
 
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aacmm_pin import plots
@@ -21,7 +20,7 @@ from aacmm_pin.calibration_findings import (
     readable_parameters,
     verdict,
 )
-from aacmm_pin.report import Bullets, Download, Paragraph, Part, Picture, Section, Table, render_report
+from aacmm_pin.report import Bullets, Download, Paragraph, Part, Picture, Section, Table, blank_axes, render_report
 from aacmm_pin.units import MM
 
 MOST_ROWS = 50
@@ -105,18 +104,18 @@ def _held_out(result: Calibration) -> list[Part]:
 def _residuals(result: Calibration) -> list[Part]:
     name = result.model.arm.name
     parts: list[Part] = [
-        _picture(
-            plots.plot_residual_sizes(result, _axes(6.4, 3.4)),
+        Picture.of(
+            plots.plot_residual_sizes(result, blank_axes(6.4, 3.4)),
             "Histogram of residuals before and after",
             "How far off the records are, before and after calibration; the scale is logarithmic.",
         ),
-        _picture(
+        Picture.of(
             _both_vectors(result),
             "Residual vectors in space, before and after",
             "Residuals in space, from each target towards the tip, seen along z. The two pictures are magnified by the "
             "factors in their titles, which differ; neighbours that point the same way show what the model still lacks.",
         ),
-        _picture(
+        Picture.of(
             plots.plot_residuals_over_joints(result),
             "Residuals over the angle of each joint",
             "What is left, along the way that each joint moves the tip, over the angle of that joint. The line is the mean "
@@ -125,15 +124,15 @@ def _residuals(result: Calibration) -> list[Part]:
     ]
     if result.fit.problem.measurements.seats():
         parts.append(
-            _picture(
-                plots.plot_residuals_by_seat(result, _axes(8.0, 3.4)),
+            Picture.of(
+                plots.plot_residuals_by_seat(result, blank_axes(8.0, 3.4)),
                 "Residuals by seat",
                 "Residuals by seat. A seat that stands out after calibration may not be where it is said to be.",
             )
         )
     parts.append(
-        _picture(
-            plots.plot_normalised_residuals(result, _axes(6.4, 3.4)),
+        Picture.of(
+            plots.plot_normalised_residuals(result, blank_axes(6.4, 3.4)),
             "Histogram of normalised residuals against the χ distribution",
             f"Residuals of {name} over what the noise of each record allows, with the distribution that normal noise has.",
         )
@@ -154,15 +153,15 @@ def _parameters(result: Calibration) -> list[Part]:
         if len(beyond)
         else "No parameter moved farther than its stated and new uncertainties together allow."
     )
-    sizes = _axes(7.0, 1.2 + 0.24 * count)
-    heat = _axes(min(9.0, 3.0 + 0.22 * count), min(8.2, 2.2 + 0.22 * count))
+    sizes = blank_axes(7.0, 1.2 + 0.24 * count)
+    heat = blank_axes(min(9.0, 3.0 + 0.22 * count), min(8.2, 2.2 + 0.22 * count))
     causes = causes_in_words(result)
     parts: list[Part] = [Paragraph(moved, finding=bool(len(beyond)))]
     if causes := causes_in_words(result):
         parts += ["Causes of error, ± U (k = 2):", Bullets(causes)]
     return [
         *parts,
-        _picture(
+        Picture.of(
             plots.plot_parameter_changes(result, sizes),
             "Change of each parameter over its stated uncertainty",
             "How far each parameter moved, with its new expanded uncertainty; in units of how far off it was said to be, "
@@ -175,7 +174,7 @@ def _parameters(result: Calibration) -> list[Part]:
             dict.fromkeys(names, decimals(table)),
             {"stated": "stated ±", "U": "U (k = 2)"},
         ),
-        _picture(
+        Picture.of(
             plots.plot_correlation(result, heat),
             "Heat map of the correlation of the parameters",
             "Correlation of the parameters. Two that are strongly correlated are known together better than each by itself.",
@@ -240,12 +239,3 @@ def _both_vectors(result: Calibration) -> Figure:
     for when, ax in zip(("before", "after"), figure.subplots(1, 2), strict=True):
         plots.plot_residual_vectors(result, "after" if when == "after" else "before", ax=ax)
     return figure
-
-
-def _axes(width: float, height: float) -> Axes:
-    """Axes of a figure that pyplot does not know [inches]."""
-    return Figure(figsize=(width, height), layout="constrained").add_subplot()
-
-
-def _picture(drawn: Any, alt: str, caption: str) -> Picture:
-    return Picture.of(drawn if isinstance(drawn, Figure) else drawn.figure, alt, caption)

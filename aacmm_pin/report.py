@@ -15,6 +15,7 @@ from typing import Any, ClassVar, cast
 
 import jinja2
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 DPI = 130
@@ -91,9 +92,9 @@ class Picture:
     kind: ClassVar[str] = "picture"
 
     @staticmethod
-    def of(figure: Figure, alt: str, caption: str) -> Picture:
-        """A matplotlib figure as a picture."""
-        return Picture(png_bytes(figure), alt, caption)
+    def of(drawn: Figure | Axes, alt: str, caption: str) -> Picture:
+        """A matplotlib figure, or the one that the axes are in, as a picture."""
+        return Picture(png_bytes(drawn if isinstance(drawn, Figure) else cast(Figure, drawn.figure)), alt, caption)
 
     @property
     def uri(self) -> str:
@@ -156,6 +157,11 @@ def render_report(title: str, subtitle: str, sections: Sequence[Section], *, lan
     ]
     template = environment.get_template("report.html.j2")
     return template.render(title=title, subtitle=subtitle, sections=content, language=language)
+
+
+def blank_axes(width: float, height: float) -> Axes:
+    """Axes of a figure that pyplot does not know [inches]."""
+    return Figure(figsize=(width, height), layout="constrained").add_subplot()
 
 
 def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -17,6 +18,7 @@ from aacmm_pin.calibration.unknowns import Target
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, command, note, say
 from aacmm_pin.cli.given import Data, FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_and_data
 from aacmm_pin.diagnosis import Diagnosis, diagnose
+from aacmm_pin.diagnosis_page import diagnosis_page
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.measurements import Measurements
 
@@ -36,12 +38,13 @@ def diagnose_(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 1,
     urdf: Urdf = None,
     frame: FrameName = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="HTML page of all that was found.")] = None,
     extended_arm: Annotated[Path | None, typer.Option(help="Arm file for the extended model.")] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
     """What the simulation gets wrong, which cause it has, and how much better the arm is once the model knows."""
-    with Results(force, extended_arm, json_=json_) as results:
+    with Results(force, output, extended_arm, json_=json_) as results:
         model, path = model_and_data(arm, data, urdf, frame)
         if extended_arm is not None and model.arm.dh is None:
             raise UnsupportedArmError(f"{extended_arm}: an arm file needs a DH table, {model.arm.name} came as URDF")
@@ -61,8 +64,11 @@ def diagnose_(
         )
         if extended_arm is not None:
             result.model.save(results.file(extended_arm), comment=f"Extended by aacmm-pin diagnose from {path}: {result}")
+        summary = result.summary() | {"source": path, "seed": seed}
+        if output is not None:
+            results.text(diagnosis_page(result, summary, f"{datetime.now(UTC):%Y-%m-%d}"), output)
         if json_ is not None:
-            results.json(result.summary() | {"source": path, "seed": seed}, json_)
+            results.json(summary, json_)
     for text in result.notes:
         note(f"note: {text}")
     if json_ is None:

@@ -1,4 +1,4 @@
-"""Pictures of configurations, accuracy, maps and calibrations, with matplotlib.
+"""Pictures of configurations, accuracy, maps, calibrations and diagnoses, with matplotlib.
 
 Every function draws on ``ax`` and returns it; ``ax.figure`` is the picture. Without ``ax`` a new pyplot figure is made,
 which a notebook shows by itself and a program should close; axes of your own ``matplotlib.figure.Figure`` leave pyplot
@@ -7,7 +7,14 @@ alone. Lengths are in mm, volumes in mm³, uncertainties in µm, angles in degre
 
 from aacmm_pin.plots.accuracy import plot_accuracy_over_swivel, plot_accuracy_over_theta3, plot_budget
 from aacmm_pin.plots.calibration import plot_calibration, plot_correlation, plot_parameter_changes, plot_residual_sizes
+from aacmm_pin.plots.causes import plot_cause, plot_geometry, plot_seat_error, plot_unexplained
 from aacmm_pin.plots.circle import plot_circle
+from aacmm_pin.plots.diagnosis import (
+    plot_arm_residual_vectors,
+    plot_arm_residuals,
+    plot_rms,
+)
+from aacmm_pin.plots.groups import plot_groups, plot_held_out
 from aacmm_pin.plots.maps import plot_comprehensive, plot_flexibility, plot_uncertainty
 from aacmm_pin.plots.residuals import (
     plot_normalised_residuals,
@@ -25,12 +32,18 @@ __all__ = [
     "VERMILLION",
     "plot_accuracy_over_swivel",
     "plot_accuracy_over_theta3",
+    "plot_arm_residual_vectors",
+    "plot_arm_residuals",
     "plot_budget",
     "plot_calibration",
+    "plot_cause",
     "plot_circle",
     "plot_comprehensive",
     "plot_correlation",
     "plot_flexibility",
+    "plot_geometry",
+    "plot_groups",
+    "plot_held_out",
     "plot_normalised_residuals",
     "plot_parameter_changes",
     "plot_residual_sizes",
@@ -38,5 +51,8 @@ __all__ = [
     "plot_residuals_by_seat",
     "plot_residuals_over_joint",
     "plot_residuals_over_joints",
+    "plot_rms",
+    "plot_seat_error",
     "plot_uncertainty",
+    "plot_unexplained",
 ]

@@ -101,7 +101,7 @@ def plot_residual_vectors(result: Calibration, when: When = "after", plane: Plan
     if excluded.any():
         ax.plot(*target[excluded].T, "x", ms=7, mew=1.8, color=VERMILLION, label=f"{excluded.sum()} excluded")
     corner = target[used].min(axis=0) - np.array([0.0, 0.12 * size])
-    _scale_bar(ax, corner, factor, round_down(1.3 * longest))
+    scale_bar(ax, corner, factor, round_down(1.3 * longest))
     ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
     ax.margins(0.08)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, fontsize=8, frameon=False)
@@ -110,7 +110,7 @@ def plot_residual_vectors(result: Calibration, when: When = "after", plane: Plan
     return ax
 
 
-def _scale_bar(ax: Axes, corner: Array, factor: float, length: float) -> None:
+def scale_bar(ax: Axes, corner: Array, factor: float, length: float) -> None:
     """A line as long as a residual of ``length`` [mm] is drawn, from ``corner`` (2,) [mm] to the right."""
     end = corner[0] + factor * length
     ax.plot([corner[0], end], [corner[1]] * 2, "|-", color=INK, lw=1.2, ms=7)
@@ -198,7 +198,7 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     Raises:
         AacmmError: the records name no seat.
     """
-    seats = sorted(result.fit.problem.measurements.seats().items(), key=lambda seat: _numbers_by_size(seat[0]))
+    seats = sorted(result.fit.problem.measurements.seats().items(), key=lambda seat: numbers_by_size(seat[0]))
     if not seats:
         raise AacmmError("these records name no seat, so there is nothing to show by seats")
     ax = axes_of(ax, (min(14.0, max(5.0, 1.6 + 0.55 * len(seats))), 3.6))
@@ -222,7 +222,7 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _numbers_by_size(label: str) -> list[tuple[int, str]]:
+def numbers_by_size(label: str) -> list[tuple[int, str]]:
     """S2 before S10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", label)]
 

@@ -9,7 +9,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from aacmm_pin.errors import AacmmError
 
-BLUE, VERMILLION, GREY, INK = "#0072b2", "#d55e00", "#9a9a9a", "#262626"
+BLUE, VERMILLION, GREEN, GREY, INK = "#0072b2", "#d55e00", "#009e73", "#9a9a9a", "#262626"
 """Colours that stay apart for colour-blind readers (Okabe and Ito)."""
 VOLUME_COLOURS = "viridis"
 VOLUME_NAME, U_NAME = "accuracy volume", "standard uncertainty u"

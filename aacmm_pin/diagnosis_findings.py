@@ -1,0 +1,311 @@
+"""What a diagnosis found, in sentences for people; the numbers are those of :class:`Diagnosis`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin.arm_file import COVERAGE_FACTOR
+from aacmm_pin.calibration.problem import geometric_parameters
+from aacmm_pin.diagnosis import Diagnosis, Finding
+from aacmm_pin.effects import Effect, EncoderSlip, SeatError
+from aacmm_pin.units import DEG, MM
+
+CHANCE = 0.01
+"""Structure with less chance than this is not nothing."""
+BEYOND = 1.3
+"""So many times what was predicted is worth a reader's attention."""
+SURE = 0.95
+"""A cause less probable than this is in doubt."""
+FEW_VALUES = 8
+"""More parameters than this are no reading."""
+NAMES = {
+    "joint_zero_offset": "zero offset",
+    "link_length": "length a",
+    "joint_distance": "distance d",
+    "link_twist": "twist α",
+    "link_tilt": "tilt β",
+    "joint_placement": "placement",
+    "encoder_eccentricity": "encoder eccentricity",
+    "encoder_ellipticity": "encoder ellipticity (twice per turn)",
+    "joint_periodic_error": "periodic error",
+    "joint_error_curve": "error curve",
+    "encoder_gain": "encoder gain",
+    "encoder_slip": "encoder slip",
+    "joint_compliance": "compliance under gravity",
+    "bearing_tilt": "bearing tilt under gravity",
+    "joint_hysteresis": "hysteresis",
+    "zero_drift": "drift of the zero",
+    "torsional_windup": "torsional wind-up",
+    "link_bending": "bending",
+    "base_compliance": "tilting stand (base compliance)",
+    "thermal_expansion": "thermal expansion",
+    "counterbalance": "counterbalance error",
+    "stylus_offset": "stylus offset",
+    "stylus_bending": "stylus bending",
+    "seat_error": "error of the stated place",
+    "reference_frame": "error of the reference frame",
+}
+"""Words for the causes."""
+OF_TUBES = ("link_bending", "torsional_windup")
+PARTS = {"seats": "seats", "blocks": "blocks of joint space"}
+"""What is left out in turn, in words."""
+UNITS = {
+    "_rad_per_nm2": ("µrad/(N·m²)", 1e6),
+    "_rad_per_nm": ("µrad/(N·m)", 1e6),
+    "_per_k": ("µm/(m·K)", 1e6),
+    "_rad": ("µrad", 1e6),
+    "_mm": ("µm", 1e3),
+    "gain": ("·10⁻⁶", 1e6),
+}
+"""How a described value ends, the unit that people read, and how many of it make one."""
+
+
+def label_in_words(label: str) -> str:
+    """``encoder_gain:5`` as ``encoder gain of joint 5``; a covariate as a dependence on it."""
+    cause, _, place = label.partition(":")
+    if cause not in NAMES:
+        return f"dependence on {label}"
+    words = NAMES[cause]
+    if not place:
+        return words if cause != "thermal_expansion" else "thermal expansion of the arm"
+    what = "seat" if cause == "seat_error" else "tube" if cause in OF_TUBES else "joint" if place.isdigit() else "target"
+    return f"{words} of {what} {place}"
+
+
+def in_words(effect: Effect) -> str:
+    """The cause, where it sits, and its order or time."""
+    inner = []
+    if (order := getattr(effect, "order", None)) is not None:
+        inner.append(f"{order:.4g} periods per turn")
+    if (time := getattr(effect, "time_s", None)) is not None:
+        inner.append(f"at {time / 60:.1f} min")
+    if (constant := getattr(effect, "time_constant_s", None)) is not None:
+        inner.append(f"time constant {constant / 60:.0f} min")
+    return label_in_words(effect.label) + (f" ({', '.join(inner)})" if inner else "")
+
+
+def several_in_words(effects: Sequence[Effect]) -> str:
+    """Causes in a row; those of one kind together, ``error curve of joints 1, 2 and 3``."""
+    return labels_in_words({effect.label: in_words(effect) for effect in effects})
+
+
+def labels_in_words(words: Mapping[str, str]) -> str:
+    """The same of labels, each with its words for where it is the only one of its kind."""
+    kinds: dict[str, list[str]] = {}
+    for label in words:
+        kinds.setdefault(label.partition(":")[0], []).append(label)
+    found = []
+    for labels in kinds.values():
+        if len(labels) == 1:
+            found.append(words[labels[0]])
+            continue
+        places = [label.partition(":")[2] for label in labels]
+        found.append(f"{label_in_words(labels[0]).removesuffix(f' {places[0]}')}s {listed(sorted(places))}")
+    return listed(found)
+
+
+def geometric(result: Diagnosis, finding: Finding) -> bool:
+    """Whether it is a value of the arm's own geometry."""
+    return bool(geometric_parameters(result.extended.problem.model.arm, finding.effect))
+
+
+def parameters_in_words(finding: Finding) -> str:
+    """Values with U (k = 2) in the units that people read; the smaller of them would be lost in SI."""
+    if len(finding.parameters) > FEW_VALUES:
+        return f"free curve of {len(finding.parameters)} values"
+    return ", ".join(_value(key, value, COVERAGE_FACTOR * u) for key, (value, u) in finding.parameters.items())
+
+
+def _value(key: str, value: float, expanded: float) -> str:
+    if key == "phase_rad":
+        name, unit, factor = "phase", "°", 1 / DEG
+    else:
+        ending = next((e for e in UNITS if key.endswith(e)), "")
+        unit, factor = UNITS.get(ending, ("", 1.0))
+        name = (key.removesuffix(ending) or key).replace("_", " ").strip()
+    value, expanded = value * factor, expanded * factor
+    if not np.isfinite(expanded) or expanded <= 0:
+        return f"{name} {value:.4g} {unit}".strip()
+    digits = int(np.clip(1 - np.floor(np.log10(expanded)), 0, 6))
+    return f"{name} {value:.{digits}f} ± {expanded:.{digits}f} {unit}".replace(" °", "°").replace(" ·", "·").strip()
+
+
+def verdict_in_words(result: Diagnosis) -> str:
+    """One sentence: what the simulation lacks, or that it lacks nothing, or that nobody can say."""
+    name, left = result.model.arm.name, _left(result)
+    causes = [f for f in result.findings if not geometric(result, f)]
+    moved = [f for f in result.findings if geometric(result, f)]
+    number = "one cause" if len(causes) == 1 else f"{len(causes)} causes"
+    lacks = f"{number}, {several_in_words([f.effect for f in causes])}"
+    off = f"its geometry is off beyond what was stated: {several_in_words([f.effect for f in moved])}" if moved else ""
+    if result.verdict == "unexplained":
+        beside = f" Beside it, the simulation lacks {lacks}." if causes else ""
+        depends = listed(list(result.unexplained.depends_on))
+        return f"{name}: something in these records depends on {depends}, and no known cause has its shape.{beside}"
+    if result.verdict == "no-discrepancy":
+        return f"{name}: no cause is missing in the simulation. Once the arm is recalibrated, {left}."
+    if result.verdict == "ambiguous":
+        doubtful = [f for f in result.findings if f.probability < SURE]
+        rivals = "; ".join(_doubt(f) for f in doubtful)
+        which = "which" if len(causes) == 1 else "all of them"
+        return f"{name}: the simulation lacks {lacks}, but these records do not settle {which}: {rivals}."
+    if not causes:
+        return f"{name}: no cause is missing in the simulation, but {off}. Recalibrated, {left}."
+    return f"{name}: the simulation lacks {lacks}{f', and {off}' if off else ''}. With {_it(result)}, {left}."
+
+
+def _it(result: Diagnosis) -> str:
+    return "it" if len(result.findings) == 1 else "these"
+
+
+def _doubt(finding: Finding) -> str:
+    others = [f"{label_in_words(a.label)} {probability(a.probability)}" for a in finding.aliases if a.probability >= 0.01]
+    own = f"{in_words(finding.effect)} has probability {probability(finding.probability)}"
+    return f"{own}, {listed(others)}" if others else own
+
+
+def probability(value: float) -> str:
+    """Three digits, and no certainty."""
+    return "> 0.999" if value > 0.999 else "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+LEAST_P = 1e-300
+
+
+def p_in_words(value: float) -> str:
+    """One digit; a chance that no computer number holds is less than the least."""
+    return f"{value:.1g}" if value > LEAST_P else f"< {LEAST_P:g}"
+
+
+def group_in_words(name: str) -> str:
+    """What it means that something depends on one group of records; "" for other covariates."""
+    kind = name.split(" ")[0]
+    if kind not in ("seat", "bar"):
+        return ""
+    return f"The records of {name} stand apart, as if their target sat elsewhere on the arm: look at their set-up."
+
+
+def noise_in_words(result: Diagnosis) -> str:
+    """Where the noise comes from if it was not stated; "" where it was."""
+    if result.extended.stated:
+        return ""
+    return (
+        "The noise was not stated in full: the scatter that the extended arm leaves is taken for it, so that the "
+        "extended arm meets it by itself."
+    )
+
+
+def most_off_in_words(result: Diagnosis, table: pd.DataFrame) -> str:
+    """Where each model is off most, in times what is predicted for it.
+
+    Args:
+        result: the diagnosis.
+        table: residuals by group, with ``where`` in words.
+    """
+    first = table.iloc[int(np.argmax(table["times_predicted"]))]
+    stated = "that the arm's stated uncertainties and the noise predict"
+    if not result.before.problem.model.covariance().any():
+        stated = "that the noise gives by itself (the arm states no uncertainty)"
+    text = (
+        f"The simulation is off most at {first['where']}: {first['simulation_mm']:.4f} mm RMS, "
+        f"{first['times_predicted']:.1f} times the {first['predicted_mm']:.4f} mm {stated}."
+    )
+    if first["times_predicted"] <= BEYOND:
+        text = f"The simulation is nowhere off much beyond its own prediction. {text}"
+    times = {name: table[f"{name}_mm"] / table["noise_mm"] for name in ("recalibrated", "extended")}
+    after, last = [
+        f"up to {values.max():.1f} times the noise ({table['where'].iloc[int(np.argmax(values))]})"
+        for values in times.values()
+    ]
+    return f"{text} Recalibrated, the arm is off by {after}; extended, by {last}."
+
+
+def slip_in_words(result: Diagnosis, slip: EncoderSlip) -> str:
+    """Between which records a slip was."""
+    time = result.extended.problem.measurements.conditions.require("time", slip.label)[result.extended.used]
+    before, after = time[time < slip.time_s], time[time >= slip.time_s]
+    if not (before.size and after.size):
+        return ""
+    return f"The fit puts it between the records at {before.max() / 60:.1f} min and {after.min() / 60:.1f} min."
+
+
+def unexplained_in_words(result: Diagnosis) -> str:
+    """What structure is left, or that none is."""
+    open_ = result.unexplained
+    p = p_in_words(open_.p_value)
+    p = p if p.startswith("<") else f"= {p}"
+    if not open_.depends_on and open_.p_value < CHANCE:
+        return f"Something is left beyond chance (p {p}), but no single column over which it holds. {left_in_words(result)}"
+    if not open_.depends_on:
+        return f"Nothing that depends on a joint's angle, time or any other column is left (p {p}). {left_in_words(result)}"
+    worth = f" With it and the causes the gain on held-out records is {100 * open_.gain:z.0f} %." if open_.gain else ""
+    return (
+        f"The residuals depend on {listed(list(open_.depends_on))} (p {p}) in a way that no cause of the library has. What "
+        "is drawn here describes it, smooth over the covariate; it is not a cause, and it is not in the extended arm."
+        f"{worth}"
+    )
+
+
+def _left(result: Diagnosis) -> str:
+    """What is left of the residuals."""
+    fit = result.extended
+    if not fit.stated:
+        return (
+            f"the residuals scatter by {fit.unmodelled / MM:.4f} mm per coordinate beyond what was stated, "
+            "noise and what is still missing together"
+        )
+    if fit.unmodelled > 0:
+        return f"the residuals are still larger than the stated noise, by {fit.unmodelled / MM:.4f} mm per coordinate"
+    return "the arm agrees with the records to within their noise"
+
+
+def line_to_remember(result: Diagnosis) -> str:
+    """Sizes of residuals by the three models, the noise floor, and the gain on held-out records."""
+    sizes = {name: f"{value / MM:.4f} mm" for name, value in result.rms.items()}
+    text = (
+        f"RMS {sizes['simulation']} simulated → {sizes['recalibrated']} recalibrated → {sizes['extended']} extended; "
+        f"noise alone {sizes['noise']}."
+    )
+    return text if result.held_out is None else f"{text} {gain_in_words(result)}"
+
+
+def gain_in_words(result: Diagnosis) -> str:
+    """What the extended model is worth on records that it never saw."""
+    held = result.held_out
+    if held is None:
+        return "Nothing was held out, so that nothing is known of the gain on other records."
+    low, high = held.interval
+    where, interval = f"On held-out {PARTS[held.kind]}", f"(95 %: {100 * low:z.0f} to {100 * high:z.0f} %)"
+    depends = listed(list(result.unexplained.depends_on))
+    arm = f"the extended arm, with a correction over {depends} beside it," if depends else "the extended arm"
+    if not result.findings and not depends:
+        return f"{where} there is nothing to gain beside recalibration."
+    if round(100 * low) <= 0 <= round(100 * high):
+        return f"{where} {arm} is not better than the recalibrated one beyond doubt: {100 * held.gain:z.0f} % {interval}."
+    less = "less" if low > 0 else "more"
+    return f"{where} {arm} is off by {100 * abs(held.gain):.0f} % {less} than the recalibrated one {interval}."
+
+
+def seats_in_words(result: Diagnosis) -> str:
+    """What residuals cannot show of the error of a seat; "" where none was found."""
+    if not any(isinstance(f.effect, SeatError) for f in result.findings):
+        return ""
+    return (
+        "These residuals are taken from where the records of a seat together put it, so that they hardly show an error of "
+        "its stated place; and a seat that is left out whole says nothing of its own, so that the gain does not show it "
+        "either. Sections 3 and 5 do."
+    )
+
+
+def left_in_words(result: Diagnosis) -> str:
+    """What is left once the causes are known, as a sentence."""
+    text = _left(result)
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def listed(items: Sequence[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""

@@ -1,0 +1,337 @@
+"""Pictures of diagnoses: partial residuals give back what is hidden, by formulas of their own; units, sizes, refusals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from blind import draw
+from matplotlib import pyplot as plt
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration.evidence import StatedNoise
+from aacmm_pin.calibration.fit import fit
+from aacmm_pin.calibration.unknowns import problem_of
+from aacmm_pin.checks import Array
+from aacmm_pin.conditions import Conditions
+from aacmm_pin.diagnosis import Diagnosis, Finding, diagnose
+from aacmm_pin.effects import (
+    BaseCompliance,
+    BearingTilt,
+    Counterbalance,
+    Effect,
+    EncoderEccentricity,
+    EncoderGain,
+    EncoderSlip,
+    JointCompliance,
+    JointErrorCurve,
+    JointHysteresis,
+    JointPeriodicError,
+    JointZeroOffset,
+    LinkBending,
+    SeatError,
+    StylusBending,
+    StylusOffset,
+    ThermalExpansion,
+    TorsionalWindup,
+    ZeroDrift,
+)
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.plots import (
+    plot_arm_residual_vectors,
+    plot_arm_residuals,
+    plot_cause,
+    plot_geometry,
+    plot_groups,
+    plot_held_out,
+    plot_rms,
+    plot_seat_error,
+    plot_unexplained,
+)
+from aacmm_pin.plots.groups import held_out_parts, residuals_by_group
+from aacmm_pin.plots.partial import partial_residual
+from aacmm_pin.units import DEG, MM
+
+mpl.use("Agg")
+
+ENCODER, REFERENCE = 8e-6, 12e-6
+RECORDS = 240
+
+
+@pytest.fixture(autouse=True)
+def _close_figures() -> Iterator[None]:
+    plt.close("all")
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="session")
+def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
+    """The diagnosis of a file of the plant."""
+
+    @cache
+    def of(cause: str | None, seed: int = 3, plan: str = "free", outliers: float = 0.0, external: bool = False) -> Diagnosis:
+        path = tmp_path_factory.mktemp("blind") / "data.csv"
+        draw(seed, cause, plan=plan, records=150, outliers=outliers, external=external).write(path)
+        probe = REFERENCE if plan != "free" else None
+        return diagnose(
+            ErrorModel.load("sino6"),
+            Measurements.read(path),
+            encoder_noise=ENCODER,
+            reference_noise=REFERENCE,
+            probe_noise=probe,
+            reference_frame="external" if external else "base",
+        )
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def sound(blind: Callable[..., Diagnosis]) -> Diagnosis:
+    return blind(None, seed=11)
+
+
+def measured(arm: Arm, effect: Effect, rng: np.random.Generator, external: bool) -> Measurements:
+    """Records of an arm with one cause, in the base or in a frame of their own."""
+    limits = np.array([[0.1, 6.1], [-3.0, -0.1], [0.1, 6.1], [-3.0, -0.1], [-3.0, 3.0], [-3.0, 3.0]])
+    q = rng.uniform(*limits.T, (RECORDS, 6))
+    seat = np.array([f"S{k % 6}" for k in range(RECORDS)], dtype=object)
+    conditions = Conditions(
+        RECORDS,
+        time=np.sort(rng.uniform(0.0, 14400.0, RECORDS)),
+        temperature=rng.uniform(17.0, 24.0, RECORDS),
+        approach=rng.choice([-1.0, 1.0], (RECORDS, 6)),
+        seat=seat if isinstance(effect, SeatError) else None,
+    )
+    model = ErrorModel(arm, (effect,))
+    true = model.predict(q, conditions, as_referenced=True) + REFERENCE * rng.standard_normal((RECORDS, 3))
+    if external:
+        turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+        true = true @ turn.T + [1.0, 2.0, 3.0]
+    return Measurements.of(q + ENCODER * rng.standard_normal(q.shape), true, conditions=conditions)
+
+
+def knowing(base: Diagnosis, arm: Arm, effect: Effect, external: bool = False) -> tuple[Diagnosis, Finding]:
+    """The diagnosis of an arm with one cause, named as it is: what the pictures are drawn from, without the search."""
+    rng = np.random.default_rng(5)
+    data = measured(arm, effect, rng, external)
+    noise = StatedNoise(np.full(6, ENCODER), REFERENCE, None, None)
+
+    def fitted(parameters: list[Any]) -> Any:
+        return fit(problem_of(ErrorModel(arm), data, parameters, prior=True, target="tip", external=external), noise)
+
+    extended = fitted(["geometry", effect.at((), tuple(3 * t.typical for t in effect.terms))])
+    (found,) = (e for e in extended.problem.effects(extended.solution.point.x) if e.cause == effect.cause)
+    finding = Finding(found.cause, found.row, found, dict.fromkeys(found.described(), (0.0, 0.0)), 1.0, 0.0, 1.0, ())
+    fits = {"before": fitted([]), "recalibrated": fitted(["geometry"]), "extended": extended}
+    return replace(base, findings=(finding,), **fits), finding
+
+
+def wave(amplitude: float, order: float, phase: float) -> tuple[float, float]:
+    return (amplitude * np.cos(phase), amplitude * np.sin(phase))
+
+
+# cause, amount over what it is drawn over (in the units of the axes), axis
+CASES: list[tuple[Effect, Callable[[Array], Array], str]] = [
+    (EncoderEccentricity(3, values=wave(2e-4, 1, 0.4)), lambda x: 200 * np.cos(x * DEG - 0.4), "joint 3 [°]"),
+    (
+        JointPeriodicError(2, 12.0, values=wave(1.5e-4, 12, -1.0)),
+        lambda x: 150 * np.cos(12 * x * DEG + 1.0),
+        "joint 2, folded into one period of 30° [°]",
+    ),
+    (EncoderGain(3, values=(1e-4,)), lambda x: 100 * x * DEG, "joint 3 [°]"),
+    (JointCompliance(2, values=(2e-5,)), lambda x: 20 * x, "moment of the weight about the axis [N·m]"),
+    (BearingTilt(4, values=(2e-5,)), lambda x: 20 * x, "moment of the weight across the axis [N·m]"),
+    (BaseCompliance(values=(2e-5,)), lambda x: 20 * x, "moment of the weight about the base [N·m]"),
+    (LinkBending(3, values=(5e-5,)), lambda x: 50 * x, "bending load of the tube [N·m²]"),
+    (TorsionalWindup(3, values=(3e-5,)), lambda x: 30 * x, "moment of the weight about the tube [N·m]"),
+    (Counterbalance(2, values=(-2e-4,)), lambda x: -200 * x, "horizontal part of the body [1]"),
+    (StylusBending(values=(1e-4,)), lambda x: 100 * x, "horizontal part of the stylus [1]"),
+    (ThermalExpansion(values=(2e-5,)), lambda x: 20 * (x - 20), "temperature [°C]"),
+    (JointHysteresis(3, values=(1.5e-4,)), lambda x: 150 * x, "direction of the last motion [1]"),
+    (EncoderSlip(1, 6000.0, values=(-2e-4,)), lambda x: np.where(x < 100, 0.0, -200.0), "time [min]"),
+    (ZeroDrift(2, 3000.0, values=(2e-4,)), lambda x: 200 * (1 - np.exp(-x / 50)), "time [min]"),
+]
+
+
+@pytest.mark.parametrize(("effect", "amount", "axis"), CASES, ids=lambda v: v.label if isinstance(v, Effect) else "")
+def test_records_say_what_the_cause_does(
+    sound: Diagnosis, sino6: Arm, effect: Effect, amount: Callable[[Array], Array], axis: str
+) -> None:
+    result, finding = knowing(sound, sino6, effect)
+    shown = partial_residual(result, finding.effect)
+    assert shown.x_label == axis
+    assert len(shown.x) > 0.9 * RECORDS
+    pull = (shown.value - amount(shown.x)) / shown.u
+    weight = 1 / shown.u**2
+    # what geometry takes up or a prior holds back differs from the truth by a little that is common to all records
+    assert np.sqrt(np.mean(pull**2)) == pytest.approx(1.0, abs=0.25)
+    size = np.sqrt(np.average(amount(shown.x) ** 2, weights=weight))
+    assert np.sqrt(np.average((shown.fitted - amount(shown.x)) ** 2, weights=weight)) < 0.25 * size
+    # and without the cause in the model the same records would be far from nothing
+    assert np.sqrt(np.mean((shown.value / shown.u) ** 2)) > 1.5
+    x, y = shown.curve[:, np.isfinite(shown.curve[1])]
+    np.testing.assert_allclose(np.interp(shown.x, x, y), shown.fitted, atol=0.02 * size)
+    ax = plot_cause(result, finding)
+    ax.figure.canvas.draw()
+    assert ax.get_xlabel() == axis
+    assert ax.get_ylabel().endswith(("[µrad]", "[µm]", "[µm/m]"))
+
+
+@pytest.mark.parametrize("external", [False, True], ids=["in the base", "in a frame of the references"])
+def test_records_say_it_even_where_the_model_lacks_the_cause(sound: Diagnosis, sino6: Arm, external: bool) -> None:
+    """What the model lacks is then in the residuals alone; geometry has taken up a little of it."""
+    effect, amount, _ = CASES[1]
+    result, finding = knowing(sound, sino6, effect, external)
+    lacking = partial_residual(replace(result, extended=result.recalibrated), finding.effect.at(()))
+    weight = 1 / lacking.u
+    slope, middle = np.polyfit(amount(lacking.x), lacking.value, 1, w=weight)
+    assert slope == pytest.approx(1.0, abs=0.15)
+    assert middle == pytest.approx(0.0, abs=20.0)
+    assert not lacking.fitted.any()
+
+
+def test_a_curve_breaks_off_where_no_record_is(sound: Diagnosis, sino6: Arm) -> None:
+    curve = JointErrorCurve(3, 0.0, 6.2, 24, values=tuple(1e-4 * np.sin(np.arange(24.0))))
+    result, _ = knowing(sound, sino6, curve)
+    fits = result.extended
+    angle = fits.problem.measurements.q[:, 2]
+    used = fits.used & ((angle < 2.0) | (angle > 3.5))
+    (found,) = (e for e in fits.problem.effects(fits.solution.point.x) if isinstance(e, JointErrorCurve))
+    shown = partial_residual(replace(result, extended=replace(fits, used=used)), found)
+    gap = (shown.curve[0] > 125) & (shown.curve[0] < 190)
+    assert np.isnan(shown.curve[1][gap]).all()
+    assert np.isfinite(shown.curve[1][shown.curve[0] < 105]).all()
+
+
+def test_a_cause_that_depends_on_nothing_is_refused(sound: Diagnosis, sino6: Arm) -> None:
+    result, finding = knowing(sound, sino6, StylusOffset(values=(1e-4, 0.0, 0.0)))
+    with pytest.raises(AacmmError, match="displaces every record alike"):
+        partial_residual(result, finding.effect)
+
+
+def test_the_error_of_a_seat_stands_out(sound: Diagnosis, sino6: Arm) -> None:
+    effect = SeatError("S4", values=(5e-5, -8e-5, 2e-4))
+    result, finding = knowing(sound, sino6, effect)
+    ax = plot_cause(result, finding)
+    assert [tick.get_text() for tick in ax.get_xticklabels()] == [f"S{k}" for k in range(6)]
+    means = {}
+    for container in ax.containers:
+        (line, *_) = container.lines
+        (x,), (y,) = line.get_data()
+        means[round(float(x), 2)] = float(y)
+    for k in range(6):
+        expected = (50, -80, 200) if k == 4 else (0, 0, 0)
+        found = [means[round(k + 0.22 * a, 2)] for a in (-1, 0, 1)]
+        np.testing.assert_allclose(found, expected, atol=12)
+    assert "seat S4" in plot_seat_error(result, effect).get_title()
+
+
+def test_geometry_stands_beside_what_was_stated(sound: Diagnosis) -> None:
+    effect = JointZeroOffset(2, values=(3e-4,), u=(1e-5,))
+    finding = Finding(effect.cause, 2, effect, {"offset_rad": (3e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
+    ax = plot_geometry(replace(sound, findings=(finding,)))
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == ["zero offset of joint 2"]
+    assert "+300.0 ± 20.0 µrad" in [text.get_text() for text in ax.texts]
+    (bar,) = ax.patches
+    stated = sound.extended.problem
+    width = next(w for w, p in zip(stated.widths, stated.parameters, strict=True) if p.name == "theta_offset2")
+    assert bar.get_width() == pytest.approx(4 * width * 1e6)
+    with pytest.raises(AacmmError, match="no geometric value"):
+        plot_geometry(sound)
+
+
+# Overview ---------------------------------------------------------------------------------------------------------------
+
+
+def test_sizes_are_those_of_the_diagnosis(sound: Diagnosis) -> None:
+    ax = plot_rms(sound)
+    widths = [bar.get_width() for bar in ax.patches]
+    assert widths == pytest.approx([sound.rms[name] / MM for name in ("simulation", "recalibrated", "extended")])
+    assert ax.get_xlabel().endswith("[mm]")
+
+
+def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> None:
+    """A sound arm is off as its stated uncertainties predict, and after recalibration by its noise."""
+    table = residuals_by_group(sound)
+    assert table["times_predicted"].median() == pytest.approx(0.85, abs=0.45)
+    assert table["times_noise"].median() == pytest.approx(1.0, abs=0.1)
+    q = sound.before.problem.measurements.q
+    u = np.array([p.u for p in sino6.parameters])
+    spread = np.square(sino6.sensitivity(q) * u).sum(axis=(1, 2)).mean()
+    joint = table[table["by"] == "joint 1"]
+    predicted = np.average(joint["predicted_mm"] ** 2, weights=joint["records"])
+    noise = np.average(joint["noise_mm"] ** 2, weights=joint["records"])
+    assert predicted - noise == pytest.approx(spread / MM**2, rel=1e-3)
+    figure = plot_groups(sound)
+    figure.canvas.draw()
+    assert {ax.get_title() for ax in figure.axes} >= {
+        "joint 1 [°]",
+        "joint 6 [°]",
+        "time [s]",
+        "temperature [°C]",
+        "session",
+    }
+    assert plt.get_fignums() == []
+
+
+@pytest.mark.parametrize("plane", ["xy", "xz", "yz"])
+def test_vectors_on_the_arm_are_as_long_as_the_title_says(sound: Diagnosis, plane: Any) -> None:
+    ax = plot_arm_residual_vectors(sound, "recalibrated", plane)
+    factor = float(ax.get_title().rpartition("magnified ")[2][:-1])
+    (lines,) = (c for c in ax.collections if isinstance(c, LineCollection))
+    ends = np.array(lines.get_segments())
+    axes = ["xyz".index(axis) for axis in plane]
+    deviation = sound.recalibrated.solution.system.deviation[sound.extended.used][:, axes] / MM
+    np.testing.assert_allclose(ends[:, 1] - ends[:, 0], factor * deviation, rtol=1e-6, atol=1e-6)
+    skeleton = [line for line in ax.lines if len(line.get_xdata()) == sound.model.arm.chain.places]
+    assert len(skeleton) == 6  # three postures, as tubes and as joints
+    assert (skeleton[0].get_xdata()[0], skeleton[0].get_ydata()[0]) == (0.0, 0.0)
+
+
+def test_the_arm_is_shown_before_and_after_what_helped(sound: Diagnosis, sino6: Arm) -> None:
+    titles = [ax.get_title().split(",")[0] for ax in plot_arm_residuals(sound).axes]
+    assert titles == ["simulation", "recalibrated"] * 2
+    result, _ = knowing(sound, sino6, CASES[0][0])
+    figure = plot_arm_residuals(result)
+    assert isinstance(figure, Figure)
+    assert [ax.get_title().split(",")[0] for ax in figure.axes] == ["recalibrated", "extended"] * 2
+    assert len({ax.get_title().rpartition(" ")[2] for ax in figure.axes}) == 1
+
+
+def test_parts_left_out(sound: Diagnosis) -> None:
+    held = sound.held_out
+    assert held is not None
+    table = held_out_parts(sound)
+    assert len(table) == held.groups
+    total = np.sqrt(np.average(table["extended_mm"] ** 2, weights=table["records"]))
+    assert total == pytest.approx(np.sqrt(np.nanmean(held.extended**2)) / MM)
+    ax = plot_held_out(sound)
+    assert [bar.get_height() for bar in ax.patches] == pytest.approx([*table["recalibrated_mm"], *table["extended_mm"]])
+    with pytest.raises(AacmmError, match="nothing was held out"):
+        plot_held_out(replace(sound, held_out=None))
+
+
+def test_what_no_cause_explains_is_drawn_over_its_covariate(blind: Callable[..., Diagnosis]) -> None:
+    result = blind("unexplained:operator", seed=2)
+    assert "operator" in result.unexplained.depends_on
+    ax = plot_unexplained(result, "operator")
+    assert sorted(tick.get_text() for tick in ax.get_xticklabels()) == ["A", "B"]
+    assert ax.get_ylabel().endswith("[µm]")
+    with pytest.raises(AacmmError, match="expected one of"):
+        plot_unexplained(result, "phase of the moon")
+
+
+@pytest.mark.parametrize(("name", "plane", "said"), [("nominal", "xy", "'nominal'"), ("extended", "zz", "'zz'")])
+def test_no_such_model_or_plane(sound: Diagnosis, name: str, plane: Any, said: str) -> None:
+    with pytest.raises(AacmmError, match=said):
+        plot_arm_residual_vectors(sound, name, plane)
