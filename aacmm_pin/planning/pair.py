@@ -17,26 +17,44 @@ from aacmm_pin.planning.situation import Asked, Situation
 
 THOROUGH = 1000
 """From so many postures on, every record of a plan is looked at once more when all are chosen."""
-BETTER = 0.02
-"""More effort must raise the odds by this much to be worth it."""
+BETTER = 0.1
+"""More effort that does not decide must at least raise the odds by this much to be worth it."""
 
 
 def for_two(
-    asked: Asked, one: Effect, other: Effect, where: Postures, records: int, rng: np.random.Generator, steps: Iterable[int]
+    asked: Asked,
+    split: tuple[Effect, Effect],
+    where: Postures,
+    records: int,
+    as_it_stands: bool,
+    rng: np.random.Generator,
+    steps: Iterable[int],
 ) -> MeasurementPlan:
-    """The plan with the least effort that decides, or else the best."""
+    """The plan with the least effort that decides, or else the best.
+
+    Args:
+        asked: what the plan is for.
+        split: the two causes with their values; all zero stand for a typical size.
+        where: postures to choose from.
+        records: how many.
+        as_it_stands: no load and no other mount.
+        rng: for the conditions of the records.
+        steps: the records, perhaps wrapped to show progress.
+    """
     tried: list[Tried] = []
     best: tuple[Situation, list[int], Power] | None = None
     before: Power | None = None
-    sizes = (Size.of(one), Size.of(other))
+    sizes = (Size.of(split[0]), Size.of(split[1]))
     draws = int(rng.integers(2**32))
     for set_up in set_ups(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing)):
+        if as_it_stands and set_up.changes_arm:
+            break
         situation = Situation.of(asked, set_up, where, rng)
         if before is None and situation.before:
             sizes = _matched(situation, sizes)
             before = _power(situation, [], sizes, draws)
         whole = _power(situation, None, sizes, draws)
-        why_not = _why_not(one, other, whole)
+        why_not = _why_not(split, whole)
         if why_not and best is not None:
             tried.append(Tried(str(set_up), whole, why_not))
             continue
@@ -44,12 +62,14 @@ def for_two(
         steps = range(records)
         after = _power(situation, chosen, sizes, draws)
         tried.append(Tried(str(set_up), whole if why_not else after, why_not))
-        if best is None or after.probability > best[2].probability + BETTER or (best[2].same and not after.same):
+        decides = after.probability >= DECIDED and not after.same
+        better = best is not None and after.probability > best[2].probability + BETTER
+        if best is None or decides or better or (best[2].same and not after.same):
             best = (situation, chosen, after)
-        if after.probability >= DECIDED and not after.same:
+        if decides:
             break
     assert best is not None
-    return sheet(asked, (one, other), best[0], best[1], before, best[2], tuple(tried))
+    return sheet(asked, split, best[0], best[1], before, best[2], tuple(tried))
 
 
 def chosen_for(
@@ -86,14 +106,14 @@ def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size
     return (sizes[0], Size(alike)) if known == 0 else (Size(alike), sizes[1])
 
 
-def _why_not(one: Effect, other: Effect, power: Power) -> str:
+def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     """Why no posture tells two causes apart, in words; "" where some do."""
-    silent = [effect.label for effect, nothing in zip((one, other), power.silent, strict=True) if nothing]
+    silent = [effect.label for effect, nothing in zip(split, power.silent, strict=True) if nothing]
     if silent:
         return f"{' and '.join(silent)} would not show"
     if not power.same:
         return ""
     if power.open == (False, False):
         return "the two do the same in every posture"
-    inner, outer = (other, one) if power.open[0] else (one, other)
+    inner, outer = split[::-1] if power.open[0] else split
     return f"whatever {inner.label} does, {outer.label} can do too"

@@ -50,6 +50,7 @@ def plan_measurements(
     probe_noise: float | None = None,
     length_noise: float | None = None,
     above: float | None = None,
+    as_it_stands: bool = False,
     postures: int = POSTURES,
     rng: np.random.Generator | None = None,
     progress: Callable[[Iterable[int]], Iterable[int]] | None = None,
@@ -76,6 +77,7 @@ def plan_measurements(
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise: see
             :func:`aacmm_pin.calibration.calibrate`; unstated noise is taken as usual, which is then said.
         above: height of a table over the base origin, along gravity, under which no tip goes [m].
+        as_it_stands: no load and no other mount.
         postures: how many to choose from; fewer are quicker.
         rng: for all that is drawn; default seed 1.
         progress: wraps the records to choose, such as ``tqdm``.
@@ -121,7 +123,7 @@ def plan_measurements(
     if split is None:
         found = _for_all(asked, where, records, rng, steps)
     else:
-        found = for_two(asked, causes[0], causes[1], where, records, rng, steps)
+        found = for_two(asked, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
     torque = ("the compliance is of measured torques: record torque1_nm … too",) if torques and split is not None else ()
     return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes, *torque))
 
