@@ -26,7 +26,7 @@ from aacmm_pin.effects import (
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.noise import Noise
 from aacmm_pin.perturbed import perturbed_model
-from aacmm_pin.planning import MeasurementPlan
+from aacmm_pin.planning import MeasurementPlan, advice
 from aacmm_pin.planning.causes import cause_of
 from aacmm_pin.planning.power import Size
 from aacmm_pin.planning.search import Choosing, informing, telling
@@ -352,6 +352,17 @@ def test_set_ups_come_in_the_order_of_effort(sino6: Arm) -> None:
     assert isinstance(found[0], SetUp)
 
 
+def test_more_records_are_less_effort_than_another_mount(sino6: Arm) -> None:
+    free = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(1))
+    split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
+    few = planned(sino6, split, 20, existing=free)
+    assert not few.decided
+    assert few.set_up == ()
+    assert few.enough is not None
+    assert f"about {few.enough} would decide" in few.sentence()
+    assert planned(sino6, split, few.enough, existing=free).after.probability > 0.93
+
+
 # --- what is given
 
 
@@ -474,12 +485,13 @@ def test_an_arm_without_masses_has_a_plan_too(zero6: Arm) -> None:
         (("encoder_gain:9", "base_compliance"), "SINO6 has rows 1 to 6"),
         (("encoder_gain:0", "base_compliance"), "expected the number of a row, from 1"),
         (("encoder_gain:x", "base_compliance"), "joint is 'x', expected a valid integer"),
-        (("encoder_gain:3,order=4", "base_compliance"), "unknown field of encoder_gain 'order'"),
+        (("encoder_gain:3,order=4", "base_compliance"), "unknown name for encoder_gain 'order'; known: joint, gain"),
+        (("encoder_gain:3,gain=much", "base_compliance"), "gain is 'much', expected a number"),
         (("encoder_slip:3", "base_compliance"), "expected encoder_slip:JOINT,time_s=…"),
         (("base_compliance", "base_compliance"), "is there twice"),
         (("link_length:3", "base_compliance"), "is refitted in every diagnosis"),
         (("seat_error:S1", "base_compliance"), "shows at that seat only"),
-        (("base_compliance:3", "encoder_gain:2"), "unknown field of base_compliance"),
+        (("base_compliance:3", "encoder_gain:2"), "unknown name for base_compliance"),
     ],
 )
 def test_a_split_that_cannot_be_is_refused(sino6: Arm, split: tuple[str, str], said: str) -> None:
@@ -511,3 +523,52 @@ def test_other_things_that_are_refused(sino6: Arm, zero6: Arm) -> None:
     q, tips = Room(sino6).postures(5, np.random.default_rng(1))
     with pytest.raises(MissingConditionError, match="temperature"):
         planned(warm, PAIR, existing=Measurements.of(q, tips))
+
+
+# --- the sentence of a diagnosis
+
+
+def test_advice_names_the_command_that_plans_it(sino6: Arm) -> None:
+    split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
+    free = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(1))
+    text = advice(sino6, split, free, arm="sino6", options=" --data free.csv", **NOISE)
+    assert text.startswith("to tell joint_compliance:2 from encoder_eccentricity:2, measure 40 more records")
+    labels = "joint_compliance:2,compliance_rad_per_nm=2e-06 encoder_eccentricity:2"
+    words = f"plan sino6 --split {labels} --records 40 --data free.csv -o plan.csv"
+    assert f"aacmm-pin {words} (raises the odds of telling them from 0." in text
+    assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
+    at_seats = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))
+    assert "--records 40 --reference seats -o plan.csv" in advice(sino6, split, at_seats, reference_frame="base", **NOISE)
+
+
+def test_advice_says_why_there_is_none(sino6: Arm) -> None:
+    free = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(1))
+    assert "shows at that seat only" in advice(sino6, ("seat_error:S1", "encoder_gain:2"), free, **NOISE)
+
+
+def test_advice_names_an_arm_file_where_the_mount_is_turned(sino6: Arm) -> None:
+    free = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(1))
+    text = advice(sino6, ("bearing_tilt:1", "base_compliance"), free, **NOISE)
+    assert "turn the mount by 90°" in text
+    assert "--set-up-arm set_up.toml" in text
+
+
+def test_measured_torques_are_expected_to_hold_the_weight(sino6: Arm) -> None:
+    q, tips = Room(sino6).postures(20, np.random.default_rng(1))
+    existing = Measurements.of(q, tips, conditions=Conditions(20, torque=np.ones((20, 6))))
+    plan = planned(sino6, PAIR, existing=existing)
+    assert isinstance(plan.split[0], JointCompliance)
+    assert plan.split[0].torque == "measured"
+    new = plan.measurements
+    by_torque, by_weight = (columns(sino6, new, JointCompliance(2, torque=t)) for t in ("measured", "gravity"))  # type: ignore[arg-type]
+    np.testing.assert_allclose(by_torque, by_weight, atol=1e-9)
+    assert not plan.records.columns.str.startswith("torque").any()
+    assert any("record torque1_nm" in note for note in plan.notes)
+
+
+@pytest.mark.parametrize("options", [{"prior": False}, {"target": "unknown"}, {"reference_frame": "external"}])
+def test_more_that_is_unknown_leaves_less_to_tell(sino6: Arm, options: dict[str, Any]) -> None:
+    fixed: dict[str, Any] = {"as_it_stands": True, "postures": 20}  # every posture is taken: the same records
+    less, more = planned(sino6, PAIR, **fixed, **options), planned(sino6, PAIR, **fixed)
+    assert less.after.one < 0.999 * more.after.one
+    assert less.after.other < 0.999 * more.after.other

@@ -94,6 +94,7 @@ def plan_(
         note("note: this set-up is another arm file, which --set-up-arm FILE writes; diagnose the new records with it")
     if output is not None and json_ is None:
         _say(plan, output)
+        note(f"note: chosen from {postures} postures, seed {seed}")
 
 
 def _say(plan: MeasurementPlan, output: Path) -> None:

@@ -37,17 +37,20 @@ REFITTED = (JointZeroOffset, LinkLength, JointDistance, LinkTwist, LinkTilt, Joi
 TUBE = 0.15
 """Bodies longer than this are tubes that bend [m]."""
 PLACES = ("joint", "link", "seat", "marker")
+MOST_VALUES = 6
+"""A label states the values of so many parameters at most."""
 CURVE = 24
 """Coefficients of an error curve of which nobody says how many it has."""
 
 
 def cause_of(label: str, model: ErrorModel, torques: bool = False) -> Effect:
-    """The cause that a label names, such as ``joint_compliance:2`` or ``joint_periodic_error:6,order=7``.
+    """The cause that a label names, such as ``joint_compliance:2`` or ``joint_periodic_error:6,order=7,amplitude_rad=2e-5``.
 
-    It has the values of the same cause of the model, if there is one; else all are zero, which stands for a typical size.
+    Without parameters it has the values of the same cause of the model, if there is one; else all are zero, which stands for
+    a typical size.
 
     Args:
-        label: cause, place, and what tells several of one cause at one place apart (``Effect.key``).
+        label: cause, place, what tells several of one cause at one place apart (``Effect.key``), and parameters.
         model: the arm.
         torques: the records have measured torques, which a compliance then uses.
 
@@ -60,23 +63,41 @@ def cause_of(label: str, model: ErrorModel, torques: bool = False) -> Effect:
         raise UnknownNameError("cause", cause, list(CAUSES), "as in encoder_eccentricity:3")
     kind = CAUSES[cause]
     fields: dict[str, Any] = {}
+    parameters: dict[str, float] = {}
     for item in filter(None, rest.split(",")):
         name, equals, value = item.partition("=")
         if not equals:
             name, value = next((n for n in PLACES if n in kind.structure()), "place"), item
-        if name not in kind.structure():
-            raise UnknownNameError(f"field of {cause}", name, list(kind.structure()), f"in {label!r}")
-        fields[name] = _field(name, value)
+        if name in kind.structure():
+            fields[name] = _field(name, value)
+        else:
+            parameters[name] = _number(label, name, value)
     if torques and kind is JointCompliance:
         fields.setdefault("torque", "measured")
     if cause == "joint_error_curve" and isinstance(joint := fields.get("joint"), int):
         fields = _range_of(model.arm, joint) | fields
     try:
-        effect = kind.from_description(fields, {})
+        effect = kind.from_description(fields, parameters)
+    except UnknownNameError as error:
+        raise UnknownNameError(f"name for {cause}", error.name, [*kind.structure(), *error.known], f"in {label!r}") from None
     except AacmmError as error:
         raise AacmmError(f"{label!r}: {error}; expected {_form(kind)}") from None
     same = [e for e in model.effects if identity(e) == identity(effect)]
-    return same[0] if same else effect
+    return same[0] if same and not parameters else effect
+
+
+def label_of(effect: Effect) -> str:
+    """The label by which :func:`cause_of` finds a cause again, with its values where they are few."""
+    if not any(effect.values) or len(effect.terms) > MOST_VALUES:
+        return effect.key
+    return ",".join([effect.key, *(f"{name}={value:.4g}" for name, value in effect.described().items())])
+
+
+def _number(label: str, name: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise AacmmError(f"{label!r}: {name} is {value!r}, expected a number") from None
 
 
 def _field(name: str, value: str) -> Any:

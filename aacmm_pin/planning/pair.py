@@ -17,6 +17,8 @@ from aacmm_pin.planning.situation import Asked, Situation
 
 THOROUGH = 1000
 """From so many postures on, every record of a plan is looked at once more when all are chosen."""
+MORE = (1.5, 2.0, 2.5, 3.0)
+"""Where so many times the records would decide, nobody need hang a load on the arm or turn its mount."""
 BETTER = 0.1
 """More effort that does not decide must at least raise the odds by this much to be worth it."""
 
@@ -43,11 +45,12 @@ def for_two(
     """
     tried: list[Tried] = []
     best: tuple[Situation, list[int], Power] | None = None
+    enough: int | None = None
     before: Power | None = None
     sizes = (Size.of(split[0]), Size.of(split[1]))
     draws = int(rng.integers(2**32))
     for set_up in set_ups(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing)):
-        if as_it_stands and set_up.changes_arm:
+        if set_up.changes_arm and (as_it_stands or enough is not None):
             break
         situation = Situation.of(asked, set_up, where, rng)
         if before is None and situation.before:
@@ -66,10 +69,11 @@ def for_two(
         better = best is not None and after.probability > best[2].probability + BETTER
         if best is None or decides or better or (best[2].same and not after.same):
             best = (situation, chosen, after)
+            enough = None if decides or why_not else _enough(situation, chosen, sizes, draws)
         if decides:
             break
     assert best is not None
-    return sheet(asked, split, best[0], best[1], before, best[2], tuple(tried))
+    return sheet(asked, split, best[0], best[1], before, best[2], tuple(tried), enough)
 
 
 def chosen_for(
@@ -87,10 +91,20 @@ def chosen_for(
     return choice.taken
 
 
-def _power(situation: Situation, chosen: list[int] | None, sizes: tuple[Size, Size], draws: int) -> Power:
+def _power(
+    situation: Situation, chosen: list[int] | None, sizes: tuple[Size, Size], draws: int, times: float = 1.0
+) -> Power:
     """Of a choice; with the same draws each time, so that odds differ by what is measured and not by luck."""
     one, other = situation.layout.blocks
-    return power_of(situation.triangle(chosen), one, other, sizes, np.random.default_rng(draws))
+    return power_of(situation.triangle(chosen, times), one, other, sizes, np.random.default_rng(draws))
+
+
+def _enough(situation: Situation, chosen: list[int], sizes: tuple[Size, Size], draws: int) -> int | None:
+    """About how many records like the chosen ones would decide; None if not even a few times as many."""
+    for times in MORE:
+        if _power(situation, chosen, sizes, draws, times).probability >= DECIDED:
+            return int(np.ceil(times * len(chosen)))
+    return None
 
 
 def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size]:

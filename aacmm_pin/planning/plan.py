@@ -124,8 +124,11 @@ def plan_measurements(
         found = _for_all(asked, where, records, rng, steps)
     else:
         found = for_two(asked, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
+    usual = {"--reference": (reference, "free"), "--reference-frame": (reference_frame, "base"), "--target": (target, "tip")}
+    options = [f"{name} {value}" for name, (value, default) in usual.items() if value != default]
+    options += [words for words, asked_for in (("--no-prior", not prior), ("--as-it-stands", as_it_stands)) if asked_for]
     torque = ("the compliance is of measured torques: record torque1_nm … too",) if torques and split is not None else ()
-    return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes, *torque))
+    return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes, *torque), options=tuple(options))
 
 
 def _for_all(asked: Asked, where: Postures, records: int, rng: np.random.Generator, steps: Iterable[int]) -> MeasurementPlan:

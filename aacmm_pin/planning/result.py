@@ -15,6 +15,7 @@ from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.outputs import whole_file
+from aacmm_pin.planning.causes import label_of
 from aacmm_pin.planning.power import Power
 from aacmm_pin.units import MM
 
@@ -54,10 +55,12 @@ class MeasurementPlan:
         after: power of these and the plan.
         tried: the set-ups that were considered, in the order of effort.
         pairs: where no split was asked: every pair of causes with its T, worst first; else None.
+        enough: about how many records of this kind would decide where the plan does not; None if no few times as many.
         existing: number of existing records that count.
         seed: of all that was drawn, or None where the generator does not say.
         notes: what was assumed, and what cannot be told.
         measurements: the records expected, as a diagnosis would take them.
+        options: those of the command ``aacmm-pin plan`` that ask for the same, as far as they are not the usual ones.
     """
 
     model: ErrorModel
@@ -71,10 +74,12 @@ class MeasurementPlan:
     after: Power
     tried: tuple[Tried, ...]
     pairs: pd.DataFrame | None
+    enough: int | None
     existing: int
     seed: int | None
     notes: tuple[str, ...]
     measurements: Measurements
+    options: tuple[str, ...] = ()
 
     @property
     def decided(self) -> bool:
@@ -109,15 +114,18 @@ class MeasurementPlan:
         one, other = self.split
         odds = f"from {0.5 if self.before is None else self.before.probability:.2f} to {self.after.probability:.2f}"
         where = "" if not self.set_up else f", and {self.setup}"
+        options += " --set-up-arm set_up.toml" if self.changes_arm else ""
         command = (
-            f"aacmm-pin plan {arm or self.model.arm.name.lower()} --split {one.key} {other.key} "
-            f"--records {len(self.records)}{options} -o plan.csv"
+            f"aacmm-pin plan {arm or self.model.arm.name.lower()} --split {label_of(one)} {label_of(other)} "
+            f"--records {len(self.records)}{''.join(f' {o}' for o in self.options)}{options} -o plan.csv"
         )
         if self.after.same:
             return f"nothing that was considered tells {one.label} from {other.label}: {self.tried[-1].why_not}"
+        if not self.decided:
+            odds += ", not enough yet" if self.enough is None else f"; about {self.enough} would decide"
         return (
             f"to tell {one.label} from {other.label}, measure {len(self.records)} more records where the two differ "
-            f"most{where}: {command} (raises the odds of telling them {odds}{'' if self.decided else ', not enough yet'})"
+            f"most{where}: {command} (raises the odds of telling them {odds})"
         )
 
     def summary(self) -> dict[str, Any]:
@@ -136,7 +144,12 @@ class MeasurementPlan:
             "existing": self.existing,
             "set_up": list(self.set_up),
             "changes_arm": self.changes_arm,
-            "power": {"before": _power(self.before), "after": _power(self.after), "decided": self.decided},
+            "power": {
+                "before": _power(self.before),
+                "after": _power(self.after),
+                "decided": self.decided,
+                "enough": self.enough,
+            },
             "tried": [
                 {"set_up": t.words, "inseparable": bool(t.why_not), "why": t.why_not} | (_power(t.power) or {})
                 for t in self.tried
@@ -156,7 +169,8 @@ class MeasurementPlan:
         else:
             text += f"T = {self.after.least:.3g}, odds {self.after.probability:.2f}"
             text += "" if self.before is None else f", {self.before.probability:.2f} before"
-            text += "" if self.decided else "; that is not enough to decide"
+            more = "" if self.enough is None else f", about {self.enough} records would be"
+            text += "" if self.decided else f"; that is not enough to decide{more}"
         for t in self.tried:
             if t.why_not:
                 text += f"; {t.words}: {t.why_not}"

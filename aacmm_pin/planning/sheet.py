@@ -27,6 +27,7 @@ def sheet(
     before: Power | None,
     after: Power,
     tried: tuple[Tried, ...],
+    enough: int | None = None,
 ) -> MeasurementPlan:
     """The chosen records in the order in which they are taken, as a file to be filled in."""
     records, set_up = situation.pool.take(np.array(chosen)), situation.set_up
@@ -61,6 +62,7 @@ def sheet(
         after=after,
         tried=tried,
         pairs=None,
+        enough=enough,
         existing=situation.before,
         seed=None,
         notes=("the old records are of another arm file and have no part in the odds",)

@@ -112,9 +112,10 @@ class Situation:
         causes[self.layout.nuisances :] = LOOSE
         return np.asarray(self.known.T @ self.known + np.diag(causes))
 
-    def triangle(self, chosen: list[int] | None) -> Array:
-        """What a choice tells of the causes, see :func:`power.triangle`; None for the whole pool."""
+    def triangle(self, chosen: list[int] | None, times: float = 1.0) -> Array:
+        """What a choice (None: the whole pool), taken so many ``times``, tells of the causes; see :func:`power.triangle`."""
         new = self.rows.records if chosen is None else self.rows.records[chosen]
+        new = np.sqrt(times) * new
         return triangle(np.vstack([self.known, new.reshape(-1, self.layout.width)]), self.layout.nuisances)
 
 
