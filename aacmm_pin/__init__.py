@@ -12,6 +12,7 @@ from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.parameter import Parameter
+from aacmm_pin.planning import MeasurementPlan, plan_measurements
 from aacmm_pin.poses import Poses
 from aacmm_pin.single_point import SinglePoint, single_point_statistics
 from aacmm_pin.virtual import simulate_measurements
@@ -29,6 +30,7 @@ __all__ = [
     "Effect",
     "ErrorModel",
     "Flexibility",
+    "MeasurementPlan",
     "Measurements",
     "Parameter",
     "Poses",
@@ -41,6 +43,7 @@ __all__ = [
     "configuration_circle",
     "configuration_weights",
     "map_workspace",
+    "plan_measurements",
     "simulate_measurements",
     "single_point_statistics",
 ]

@@ -1,0 +1,220 @@
+"""The door: which records to take next so that causes which look alike are told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of
+from aacmm_pin.calibration.evidence import StatedNoise
+from aacmm_pin.calibration.unknowns import Target
+from aacmm_pin.effects import Effect, SeatError
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.noise import ENCODER
+from aacmm_pin.noise import REFERENCE as REFERENCE_NOISE
+from aacmm_pin.planning.causes import cause_of, checked, identity, usual_causes
+from aacmm_pin.planning.pair import for_two
+from aacmm_pin.planning.pool import Postures, base_temperature
+from aacmm_pin.planning.power import Size, power_of
+from aacmm_pin.planning.result import MeasurementPlan, Tried, seed_of
+from aacmm_pin.planning.setups import all_conditions, set_ups
+from aacmm_pin.planning.sheet import sheet
+from aacmm_pin.planning.situation import Asked, Situation
+from aacmm_pin.planning.survey import surveyed
+from aacmm_pin.units import MM
+
+Reference = Literal["free", "seats"]
+POSTURES = 2000
+"""Postures from which a plan chooses."""
+
+
+def plan_measurements(
+    model: Arm | ErrorModel,
+    split: tuple[Effect | str, Effect | str] | None = None,
+    records: int = 40,
+    *,
+    existing: Measurements | None = None,
+    reference: Reference = "free",
+    reference_frame: ReferenceFrame = "base",
+    target: Target = "tip",
+    prior: bool = True,
+    encoder_noise: ArrayLike | None = None,
+    reference_noise: float | None = None,
+    probe_noise: float | None = None,
+    length_noise: float | None = None,
+    above: float | None = None,
+    as_it_stands: bool = False,
+    postures: int = POSTURES,
+    rng: np.random.Generator | None = None,
+    progress: Callable[[Iterable[int]], Iterable[int]] | None = None,
+) -> MeasurementPlan:
+    """Records that tell two causes apart, or all causes that the arm can have.
+
+    For two causes k and l the records are chosen one after the other, then exchanged once, so that the smaller of
+    ``T_kl = min over η, β_l of ‖G_k β_k - Z η - G_l β_l‖²`` and T_lk is as large as it can be (T-optimality: Atkinson,
+    Fedorov 1975, Biometrika 62). Everything is whitened by the noise; Z is what is refitted anyway: geometry within its
+    stated uncertainties, an unknown frame, the seats. β_k is the value of the effect, or, where that is zero, any of
+    typical size. Postures come first; conditions that the causes depend on (approach, warmth, warm-up), a load and another
+    mount are taken into account in this order, and only where what comes before does not decide.
+
+    Without ``split`` half of the records are chosen so that they tell most of geometry and all causes together (Bayesian
+    D-optimality: Chaloner, Verdinelli 1995, Statistical Science 10), the others each for the pair that is told worst.
+
+    Args:
+        model: the arm, with effects if it has some; these stay.
+        split: two causes, or labels such as ``joint_compliance:2``; None for all.
+        records: how many to plan.
+        existing: records that will be judged together with the new ones.
+        reference: ``free``: every record with coordinates of its own (laser tracker), which the plan leaves open;
+            ``seats``: at the seats of the existing records, or at new ones.
+        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise: see
+            :func:`aacmm_pin.calibration.calibrate`; unstated noise is taken as usual, which is then said.
+        above: height of a table over the base origin, along gravity, under which no tip goes [m].
+        as_it_stands: no load and no other mount.
+        postures: how many to choose from; fewer are quicker.
+        rng: for all that is drawn; default seed 1.
+        progress: wraps the records to choose, such as ``tqdm``.
+
+    Raises:
+        UnknownNameError: an unknown cause, field, reference or frame.
+        MissingConditionError: an effect of the arm needs what the existing records do not state.
+        UnsupportedArmError: the arm lacks what a cause needs, such as masses.
+        AacmmError: causes that no plan can be about, too few records or postures, or an arm that the records are not of.
+    """
+    for what, value, known in (
+        ("reference", reference, get_args(Reference)),
+        ("reference frame", reference_frame, get_args(ReferenceFrame)),
+    ):
+        if value not in known:
+            raise UnknownNameError(what, value, list(known))
+    model = ErrorModel.of(model)
+    _check_numbers(model, records, postures, existing)
+    rng = rng or np.random.default_rng(1)
+    seed = seed_of(rng)
+    torques = existing is not None and existing.conditions.torque is not None
+    if split is None:
+        causes, left_out = _of_records(usual_causes(model.arm), model, existing)
+        usable = existing
+    else:
+        causes = tuple(cause_of(c, model, torques) if isinstance(c, str) else c for c in split)
+        usable, left_out = _usable(existing, causes)
+    checked(causes, model.arm)
+    if reference == "free" and (at_seat := next((e for e in causes if isinstance(e, SeatError)), None)):
+        raise AacmmError(
+            f"{at_seat.label} shows at that seat only: plan with reference 'seats' and the records that touch it"
+        )
+    noise, notes = _noise(model.arm, encoder_noise, reference_noise, probe_noise, length_noise)
+    bare = tuple(e.at(()) for e in causes)
+    asked = Asked(model, bare, usable, target, reference_frame == "external", prior, noise)
+    if reference == "free":
+        where = Postures.free(model.arm, postures, above, rng)
+    else:
+        where = Postures.at_seats(model, postures, above, usable, asked.frame, noise, rng)
+    if len(where.q) < records:
+        raise AacmmError(f"records is {records}, but only {len(where.q)} different postures were found; ask for fewer")
+    steps = range(records) if progress is None else progress(range(records))
+    if split is None:
+        found = _for_all(asked, where, records, rng, steps)
+    else:
+        found = for_two(asked, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
+    usual = {"--reference": (reference, "free"), "--reference-frame": (reference_frame, "base"), "--target": (target, "tip")}
+    options = [f"{name} {value}" for name, (value, default) in usual.items() if value != default]
+    options += [words for words, asked_for in (("--no-prior", not prior), ("--as-it-stands", as_it_stands)) if asked_for]
+    torque = ("the compliance is of measured torques: record torque1_nm … too",) if torques and split is not None else ()
+    return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes, *torque), options=tuple(options))
+
+
+def _for_all(asked: Asked, where: Postures, records: int, rng: np.random.Generator, steps: Iterable[int]) -> MeasurementPlan:
+    """The plan for every pair of causes."""
+    set_up = all_conditions(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing))
+    situation = Situation.of(asked, set_up, where, rng)
+    others = [
+        (other.words[-1], Situation.of(asked, other, where, rng).triangle(None))
+        for other in set_ups(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing))
+        if other.changes_arm
+    ]
+    survey = surveyed(situation, asked.causes, records, others, steps)
+    one, other = (asked.causes[k] for k in survey.worst)
+    blocks = [situation.layout.blocks[k] for k in survey.worst]
+    draws = int(rng.integers(2**32))
+    powers = [
+        power_of(
+            situation.triangle(chosen), blocks[0], blocks[1], (Size.of(one), Size.of(other)), np.random.default_rng(draws)
+        )
+        for chosen in ([], survey.chosen)
+    ]
+    tried = (Tried(str(set_up), powers[1]),)
+    plan = sheet(
+        asked,
+        (one, other),
+        situation,
+        survey.chosen,
+        powers[0] if situation.before else None,
+        powers[1],
+        tried,
+    )
+    return replace(plan, asked=False, pairs=survey.pairs, notes=survey.notes)
+
+
+def _check_numbers(model: ErrorModel, records: int, postures: int, existing: Measurements | None) -> None:
+    if records < 1:
+        raise AacmmError(f"records is {records}, expected 1 or more")
+    if postures < records:
+        raise AacmmError(f"postures is {postures}, expected at least as many as records, {records}")
+    if existing is not None and existing.nq != model.arm.nq:
+        raise AacmmError(f"{existing.source} has angles of {existing.nq} joints, {model.arm.name} has {model.arm.nq}")
+
+
+def _noise(
+    arm: Arm, encoder: ArrayLike | None, reference: float | None, probe: float | None, length: float | None
+) -> tuple[StatedNoise, tuple[str, ...]]:
+    """The noise to plan with, and words for what of it was assumed."""
+    notes = []
+    readings = encoder_of(arm, encoder)
+    if readings is None:
+        readings = np.full(arm.nq, ENCODER)
+        notes.append(f"nobody states the noise of the encoders; {ENCODER:g} rad are assumed")
+    if reference is None:
+        reference = REFERENCE_NOISE
+        notes.append(f"references that state no uncertainty are assumed to have {REFERENCE_NOISE / MM:g} mm")
+    return StatedNoise(readings, reference, 0.0 if probe is None else probe, length), tuple(notes)
+
+
+def _usable(existing: Measurements | None, causes: tuple[Effect, ...]) -> tuple[Measurements | None, tuple[str, ...]]:
+    """The existing records, if they state what the causes depend on."""
+    if existing is None:
+        return None, ()
+    missing = sorted(
+        {f"{need} ({effect.label})" for effect in causes for need in effect.needs if need not in _stated(existing)}
+    )
+    if not missing:
+        return existing, ()
+    return None, (f"{existing.source} does not state {', '.join(missing)}, so its records do not count here",)
+
+
+def _of_records(
+    causes: tuple[Effect, ...], model: ErrorModel, existing: Measurements | None
+) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+    """The causes that are no part of the model already and that existing records could show, and words for the others."""
+    known = {identity(effect) for effect in model.effects}
+    causes = tuple(effect for effect in causes if identity(effect) not in known)
+    if existing is None:
+        return causes, ()
+    silent = [effect for effect in causes if not set(effect.needs) <= _stated(existing)]
+    if not silent:
+        return causes, ()
+    needs = ", ".join(sorted({need for effect in silent for need in effect.needs}))
+    labels = ", ".join(effect.label for effect in silent)
+    return tuple(e for e in causes if e not in silent), (f"{existing.source} does not state {needs}: left out {labels}",)
+
+
+def _stated(existing: Measurements) -> set[str]:
+    present = set(existing.conditions.present)
+    return present | {"temperature"} if "link_temperature" in present else present

@@ -1,0 +1,138 @@
+"""How well records tell causes apart: distances of what the causes do, and the chance of a right decision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin.checks import Array
+from aacmm_pin.effects import Effect
+
+DRAWS = 4000
+"""Draws of records behind a probability."""
+SAME = 1e-4
+"""Part of what one cause does, squared, below which the other does the same."""
+SILENT = 1e-6
+"""A cause whose squared effect, the noise being one, is smaller than this shows nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Size:
+    """How large a cause would be, in units of its typical magnitudes.
+
+    Attributes:
+        factor: the parameters are ``factor @ z`` (q, m), z with unit variance; one column where the values are estimated.
+    """
+
+    factor: Array
+
+    @staticmethod
+    def of(effect: Effect) -> Size:
+        """The effect's own values, or typical ones of any direction where all are zero."""
+        scaled = np.array(effect.values) / np.array([term.typical for term in effect.terms])
+        if not scaled.any():
+            return Size(np.eye(scaled.size))
+        return Size(scaled[:, None])
+
+    def drawn(self, count: int, rng: np.random.Generator) -> Array:
+        """Parameters of ``count`` draws of one size: in any direction, or the values with either sign (q, count)."""
+        z = rng.standard_normal((self.factor.shape[1], count))
+        return np.asarray(self.factor @ (z / np.linalg.norm(z, axis=0) * np.sqrt(len(z))))
+
+
+@dataclass(frozen=True)
+class Power:
+    """How well two causes are told apart.
+
+    Attributes:
+        one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²``, the first cause true, and the second.
+        alone: the same without the other cause, ``min ‖G_k β_k - Z η‖²``: what shows of each at all.
+        probability: of deciding for the right one of the two by their evidence.
+    """
+
+    one: float
+    other: float
+    alone: tuple[float, float]
+    probability: float
+
+    @property
+    def least(self) -> float:
+        """The smaller of the two distances: the one that a decision hangs on."""
+        return min(self.one, self.other)
+
+    @property
+    def silent(self) -> tuple[bool, bool]:
+        """Which of the two does nothing that would show."""
+        return self.alone[0] <= SILENT, self.alone[1] <= SILENT
+
+    @property
+    def same(self) -> bool:
+        """One cause does what the other does in these records, or nothing at all."""
+        return not all(self.open)
+
+    @property
+    def open(self) -> tuple[bool, bool]:
+        """Whether either does something that the other cannot do."""
+        pairs = zip((self.one, self.other), self.alone, self.silent, strict=True)
+        one, other = (not silent and t > SAME * alone for t, alone, silent in pairs)
+        return one, other
+
+
+def triangle(rows: Array, nuisances: int) -> Array:
+    """What the rows (m, width) tell of the causes when what is refitted is at its best: R with ``S = RᵀR``."""
+    if len(rows) < rows.shape[1]:
+        rows = np.vstack([rows, np.zeros((rows.shape[1] - len(rows), rows.shape[1]))])
+    return np.asarray(np.linalg.qr(rows, mode="r"))[nuisances:, nuisances:]
+
+
+def mimicking(r: Array, mine: slice, its: slice, factor: Array) -> Array:
+    """Parameters of the other cause that do most nearly what ``factor`` (q, m) of this one does (q', m)."""
+    return np.asarray(np.linalg.lstsq(r[:, its], r[:, mine] @ factor, rcond=1e-12)[0])
+
+
+def distance(r: Array, mine: slice, its: slice, factor: Array) -> float:
+    """``min over β_l of ‖R_k F - R_l β_l‖²``, summed over the columns of F, see :class:`Size`."""
+    wanted = r[:, mine] @ factor
+    left = wanted - r[:, its] @ mimicking(r, mine, its, factor)
+    return float(np.square(left).sum())
+
+
+def power_of(r: Array, one: slice, other: slice, sizes: tuple[Size, Size], rng: np.random.Generator) -> Power:
+    """How well records with the triangle ``r`` tell two blocks of its columns apart."""
+    mine, its = (size.factor for size in sizes)
+    return Power(
+        distance(r, one, other, mine),
+        distance(r, other, one, its),
+        (float(np.square(r[:, one] @ mine).sum()), float(np.square(r[:, other] @ its).sum())),
+        probability(r, (one, other), sizes, rng),
+    )
+
+
+def probability(r: Array, blocks: tuple[slice, slice], sizes: tuple[Size, Size], rng: np.random.Generator) -> float:
+    """Chance that the evidence of the true cause is the larger one, each true in half of the cases.
+
+    The evidence is that of a normal prior: with S = RᵀR, g = Rᵀy and prior variance w²,
+    ``½ gᵀ (S + I/w²)⁻¹ g - ½ log det(I + w² S)``. How large a cause may be is hardly known, so size alone must not decide:
+    w lets each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``. By :data:`DRAWS` draws of y.
+    """
+    right = 0.0
+    for true in (0, 1):
+        shows = float(np.square(r[:, blocks[true]] @ sizes[true].factor).sum())
+        y = r[:, blocks[true]] @ sizes[true].drawn(DRAWS, rng) + rng.standard_normal((len(r), DRAWS))
+        evidence = [_evidence(r[:, block], y, shows) for block in blocks]
+        better = evidence[true] - evidence[1 - true]
+        tie = np.isclose(better, 0.0, atol=1e-6)
+        right += 0.5 * float(np.where(tie, 0.5, better > 0).mean())
+    return right
+
+
+def _evidence(r: Array, y: Array, shows: float) -> Array:
+    information, gradient = r.T @ r, r.T @ y
+    all_of_it = float(np.trace(information))
+    if shows <= SILENT or all_of_it <= SILENT:
+        return np.zeros(y.shape[1])
+    variance = shows / all_of_it
+    inside = np.eye(len(information)) + variance * information
+    gain = variance * np.einsum("qd,qd->d", gradient, np.linalg.solve(inside, gradient))
+    return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(inside)[1])

@@ -1,0 +1,193 @@
+"""What a plan gives back."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin.checks import Array
+from aacmm_pin.effects import Effect
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.outputs import whole_file
+from aacmm_pin.planning.causes import label_of
+from aacmm_pin.planning.power import Power
+from aacmm_pin.units import MM
+
+SCHEMA = "aacmm-pin/plan/1"
+DECIDED = 0.95
+"""Causes are told apart when the chance of the right decision is this large."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A set-up that was considered.
+
+    Attributes:
+        words: what would have to be done.
+        power: with a plan in it, or with all of its pool where nothing can tell the causes apart there.
+        why_not: why no posture tells the causes apart in it; "" where some do.
+    """
+
+    words: str
+    power: Power
+    why_not: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementPlan:
+    """What to measure next.
+
+    Attributes:
+        model: the arm as it stands while the plan is measured; another than before where ``changes_arm``.
+        split: the two causes to tell apart; where none were asked for, the worst told pair of all that can be told.
+        asked: True where the split was asked for.
+        records: the plan as a measurement file to be filled in: angles, conditions, and references that are empty.
+        expected: where the tip will be about, in the frame of the references (n, 3) [m].
+        set_up: what has to be done beside postures, in words; () where the arm stays as it is.
+        changes_arm: the arm file is another one; old records then have no part in the power.
+        before: power of the existing records, or None.
+        after: power of these and the plan.
+        tried: the set-ups that were considered, in the order of effort.
+        pairs: where no split was asked: every pair of causes with its T, worst first; else None.
+        enough: about how many records of this kind would decide where the plan does not; None if no few times as many.
+        existing: number of existing records that count.
+        seed: of all that was drawn, or None where the generator does not say.
+        notes: what was assumed, and what cannot be told.
+        measurements: the records expected, as a diagnosis would take them.
+        options: those of the command ``aacmm-pin plan`` that ask for the same, as far as they are not the usual ones.
+    """
+
+    model: ErrorModel
+    split: tuple[Effect, Effect]
+    asked: bool
+    records: pd.DataFrame
+    expected: Array
+    set_up: tuple[str, ...]
+    changes_arm: bool
+    before: Power | None
+    after: Power
+    tried: tuple[Tried, ...]
+    pairs: pd.DataFrame | None
+    enough: int | None
+    existing: int
+    seed: int | None
+    notes: tuple[str, ...]
+    measurements: Measurements
+    options: tuple[str, ...] = ()
+
+    @property
+    def decided(self) -> bool:
+        """Whether the plan tells its pair of causes apart."""
+        return self.after.probability >= DECIDED and not self.after.same
+
+    @property
+    def setup(self) -> str:
+        """The set-up in words."""
+        return " and ".join(self.set_up) if self.set_up else "the arm as it stands"
+
+    def save(self, path: str | Path, force: bool = False) -> None:
+        """Write the plan as a measurement file (CSV) whose references are to be filled in.
+
+        Raises:
+            OutputError: see :func:`aacmm_pin.outputs.whole_file`.
+        """
+        with whole_file(path, force) as temporary:
+            temporary.write_text(self.csv(), encoding="utf-8", newline="")
+
+    def csv(self) -> str:
+        """The text of that file."""
+        return self.records.to_csv(index=False, lineterminator="\n")
+
+    def sentence(self, arm: str | None = None, options: str = "") -> str:
+        """One sentence: what to do to tell the two causes apart, and the command.
+
+        Args:
+            arm: the arm as a command names it; default its name in small letters.
+            options: more options of the command.
+        """
+        one, other = self.split
+        odds = f"from {0.5 if self.before is None else self.before.probability:.2f} to {self.after.probability:.2f}"
+        where = "" if not self.set_up else f", and {self.setup}"
+        options += " --set-up-arm set_up.toml" if self.changes_arm else ""
+        command = (
+            f"aacmm-pin plan {arm or self.model.arm.name.lower()} --split {label_of(one)} {label_of(other)} "
+            f"--records {len(self.records)}{''.join(f' {o}' for o in self.options)}{options} -o plan.csv"
+        )
+        if self.after.same:
+            return f"nothing that was considered tells {one.label} from {other.label}: {self.tried[-1].why_not}"
+        if not self.decided:
+            odds += ", not enough yet" if self.enough is None else f"; about {self.enough} would decide"
+        return (
+            f"to tell {one.label} from {other.label}, measure {len(self.records)} more records where the two differ "
+            f"most{where}: {command} (raises the odds of telling them {odds})"
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Schema ``aacmm-pin/plan/1``."""
+        pairs = None
+        if self.pairs is not None:
+            untold = self.pairs[~self.pairs["told"]]
+            rows = [{str(k): v for k, v in row.items()} for row in untold.to_dict("records")]
+            pairs = {"count": len(self.pairs), "told": int(self.pairs["told"].sum()), "untold": rows}
+        return {
+            "schema": SCHEMA,
+            "arm": self.model.arm.name,
+            "split": [effect.key for effect in self.split],
+            "asked": self.asked,
+            "records": len(self.records),
+            "existing": self.existing,
+            "set_up": list(self.set_up),
+            "changes_arm": self.changes_arm,
+            "power": {
+                "before": _power(self.before),
+                "after": _power(self.after),
+                "decided": self.decided,
+                "enough": self.enough,
+            },
+            "tried": [
+                {"set_up": t.words, "inseparable": bool(t.why_not), "why": t.why_not} | (_power(t.power) or {})
+                for t in self.tried
+            ],
+            "pairs": pairs,
+            "expected_mm": [[round(float(x) / MM, 3) for x in tip] for tip in self.expected],
+            "seed": self.seed,
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        one, other = (effect.label for effect in self.split)
+        what = f"to tell {one} from {other}" if self.asked else f"for all causes, of which {one} and {other} are worst told"
+        text = f"{len(self.records)} records {what}, {self.setup}: "
+        if self.after.same:
+            text += "nothing that was considered tells them apart"
+        else:
+            text += f"T = {self.after.least:.3g}, odds {self.after.probability:.2f}"
+            text += "" if self.before is None else f", {self.before.probability:.2f} before"
+            more = "" if self.enough is None else f", about {self.enough} records would be"
+            text += "" if self.decided else f"; that is not enough to decide{more}"
+        for t in self.tried:
+            if t.why_not:
+                text += f"; {t.words}: {t.why_not}"
+        return text
+
+    def _repr_html_(self) -> str:
+        return f"<p>{html.escape(str(self))}</p>{self.records.to_html(index=False, max_rows=12, na_rep='')}"
+
+
+def _power(power: Power | None) -> dict[str, Any] | None:
+    if power is None:
+        return None
+    return {"T": [power.one, power.other], "alone": list(power.alone), "probability": power.probability}
+
+
+def seed_of(rng: np.random.Generator) -> int | None:
+    """The seed of a generator, where it says."""
+    sequence = getattr(rng.bit_generator, "seed_seq", None)
+    entropy = getattr(sequence, "entropy", None)
+    return entropy if isinstance(entropy, int) else None

@@ -1,0 +1,92 @@
+"""Choosing records one after the other from a pool, each the one that helps most, by rank-three updates of an inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin.checks import Array, Index
+from aacmm_pin.planning.power import Size
+
+HARDLY = 1e-3
+"""Weight of the better told direction, which only decides among records that do the same for the worse."""
+
+Score = Callable[["Choosing"], Array]
+"""What each record of the pool would be worth if it came next (n,)."""
+
+
+class Choosing:
+    """The state of a choice: which records of a pool are taken, and the covariance of all unknowns that they leave.
+
+    Attributes:
+        pool: whitened rows of the candidates (n, 3, p).
+        covariance: of the unknowns with what is taken (p, p).
+        taken: numbers of the records taken.
+    """
+
+    def __init__(self, pool: Array, information: Array) -> None:
+        self.pool = pool
+        self.covariance = np.linalg.inv(information)
+        self.taken: list[int] = []
+        self.seen = pool @ self.covariance
+        self.free: NDArray[np.bool_] = np.ones(len(pool), dtype=bool)
+
+    @property
+    def scatter(self) -> Array:
+        """Covariance of each record as predicted, its noise being one (n, 3, 3)."""
+        return np.asarray(np.eye(3) + self.seen @ self.pool.transpose(0, 2, 1))
+
+    def take(self, record: int) -> None:
+        """One more record."""
+        self._update(record, 1.0)
+        self.taken.append(record)
+        self.free[record] = False
+
+    def drop(self, record: int) -> None:
+        """One less."""
+        self._update(record, -1.0)
+        self.taken.remove(record)
+        self.free[record] = True
+
+    def _update(self, record: int, sign: float) -> None:
+        """``C - s C Aᵀ (I + s A C Aᵀ)⁻¹ A C`` (Woodbury), and the same for what the pool sees of it."""
+        rows, seen = self.pool[record], self.seen[record].copy()
+        gain = np.linalg.solve(sign * np.eye(3) + seen @ rows.T, seen)
+        self.covariance = self.covariance - seen.T @ gain
+        self.seen = self.seen - (self.pool @ seen.T) @ gain
+
+    def run(self, count: int, score: Score, steps: Iterable[int] | None = None) -> None:
+        """Take the best record ``count`` times."""
+        for _ in range(count) if steps is None else steps:
+            self.take(self._best(score))
+
+    def exchange(self, score: Score) -> None:
+        """Look once at every record taken, and take the one instead that does better when all others stay."""
+        for record in list(self.taken):
+            self.drop(record)
+            self.take(self._best(score))
+
+    def _best(self, score: Score) -> int:
+        return int(np.argmax(np.where(self.free, score(self), -np.inf)))
+
+
+def telling(one: Index, other: Index, sizes: tuple[Size, Size]) -> Score:
+    """The smaller of the two distances of a pair of causes, columns ``one`` and ``other``, after one more record."""
+
+    def score(choice: Choosing) -> Array:
+        inverse = np.linalg.inv(choice.scatter)
+        distances = []
+        for columns, size in ((one, sizes[0]), (other, sizes[1])):
+            seen = choice.seen[:, :, columns]
+            left = choice.covariance[np.ix_(columns, columns)] - seen.transpose(0, 2, 1) @ inverse @ seen
+            distances.append(np.einsum("nij,jm,im->n", np.linalg.inv(left), size.factor, size.factor))
+        return np.asarray(np.minimum(*distances) + HARDLY * np.maximum(*distances))
+
+    return score
+
+
+def informing(choice: Choosing) -> Array:
+    """What a record tells of all unknowns together: log determinant, Bayesian D-optimality (Chaloner, Verdinelli 1995)."""
+    return np.asarray(np.linalg.slogdet(choice.scatter)[1])

@@ -1,0 +1,585 @@
+"""Plans judged from outside: distances by dense least squares, decisions by an evidence that shares no code with them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aacmm_pin import Arm, ErrorModel, Measurements, plan_measurements, simulate_measurements
+from aacmm_pin.chain import skew
+from aacmm_pin.conditions import Conditions
+from aacmm_pin.effects import (
+    BaseCompliance,
+    BearingTilt,
+    Effect,
+    EncoderEccentricity,
+    EncoderGain,
+    JointCompliance,
+    JointHysteresis,
+    JointPeriodicError,
+    ThermalExpansion,
+)
+from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.noise import Noise
+from aacmm_pin.perturbed import perturbed_model
+from aacmm_pin.planning import MeasurementPlan, advice
+from aacmm_pin.planning.causes import cause_of
+from aacmm_pin.planning.power import Size
+from aacmm_pin.planning.search import Choosing, informing, telling
+from aacmm_pin.planning.setups import SetUp, set_ups
+from aacmm_pin.room import Room, joint_bounds
+from aacmm_pin.state import State
+from aacmm_pin.units import DEG
+
+U_READING, U_REFERENCE = 8e-6, 1.2e-5
+NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERENCE}
+PAIR = ("joint_compliance:2", "encoder_eccentricity:2")
+
+
+def planned(arm: Arm | ErrorModel, split: Any, records: int = 20, seed: int = 1, **options: Any) -> MeasurementPlan:
+    settings: dict[str, Any] = {"postures": 200, "rng": np.random.default_rng(seed), **NOISE, **options}
+    return plan_measurements(arm, split, records, **settings)
+
+
+# --- an independent, dense computation
+
+
+def geometry(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """What refitting one standard uncertainty of each geometric value does (n, 3, p)."""
+    u = np.array([p.u for p in arm.parameters])
+    return (arm.sensitivity(q) * u)[:, :, u > 0]
+
+
+def columns(arm: Arm, records: Measurements, effect: Effect) -> np.ndarray:
+    """What one unit of each parameter of a cause does (n, 3, p)."""
+    model = ErrorModel(arm, (effect.at(()),))
+    return model.sensitivity(records.q, records.conditions)[:, :, len(arm.parameters) :]
+
+
+def dense(
+    arm: Arm, parts: list[Measurements], causes: tuple[Effect, ...], external: bool, known_seats: bool
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Whitened nuisances, prior rows below, and whitened columns of each cause, by plain loops."""
+    seats = sorted({s for m in parts if m.conditions.seat is not None for s in m.conditions.seat if s})
+    above: list[np.ndarray] = []
+    of_causes: list[list[np.ndarray]] = [[] for _ in causes]
+    for m in parts:
+        jacobian, known, tips = arm.jacobian(m.q), geometry(arm, m.q), arm.positions(m.q)
+        bodies = [columns(arm, m, effect) for effect in causes]
+        for i in range(m.n):
+            seat = "" if m.conditions.seat is None else m.conditions.seat[i]
+            covariance = U_READING**2 * jacobian[i] @ jacobian[i].T
+            covariance += 0 if seat else U_REFERENCE**2 * np.eye(3)
+            white = np.linalg.inv(np.linalg.cholesky(covariance))
+            own = [known[i]]
+            if external:
+                own += [np.eye(3), -skew(tips[i][None])[0]]
+            own += [-np.eye(3) if s == seat else np.zeros((3, 3)) for s in seats]
+            above.append(white @ np.hstack(own))
+            for rows, body in zip(of_causes, bodies, strict=True):
+                rows.append(white @ body[i])
+    free = above[0].shape[1]
+    count = known.shape[2]
+    below = [np.eye(count, free)]
+    if known_seats:
+        below.append(np.eye(3 * len(seats), free, free - 3 * len(seats)) / U_REFERENCE)
+    z = np.vstack([*above, *below])
+    extra = len(z) - 3 * len(above)
+    return z, [np.vstack([np.vstack(rows), np.zeros((extra, rows[0].shape[1]))]) for rows in of_causes]
+
+
+def distance(z: np.ndarray, mine: np.ndarray, its: np.ndarray) -> float:
+    others = np.hstack([z, its])
+    others = others / np.linalg.norm(others, axis=0)
+    left = mine - others @ np.linalg.lstsq(others, mine, rcond=None)[0]
+    return float(np.square(left).sum())
+
+
+def brute(
+    plan: MeasurementPlan,
+    arm: Arm,
+    split: tuple[Effect, Effect],
+    existing: Measurements | None = None,
+    external: bool = False,
+    known: bool = False,
+) -> tuple[float, float]:
+    parts = [plan.measurements] if existing is None else [existing, plan.measurements]
+    z, (a, b) = dense(arm, parts, split, external, known)
+    size = [np.diag([t.typical for t in e.terms]) if not any(e.values) else np.array(e.values)[:, None] for e in split]
+    return distance(z, a @ size[0], b), distance(z, b @ size[1], a)
+
+
+EXACT = 1e-8
+
+
+@pytest.mark.parametrize(
+    "split",
+    [
+        (JointCompliance(2), EncoderEccentricity(2)),
+        (JointCompliance(3, values=(1.7e-5,)), EncoderEccentricity(3, values=(2e-5, -7e-5))),
+        (BearingTilt(3), JointPeriodicError(3, 7.0)),
+    ],
+    ids=lambda s: s[0].label,
+)
+def test_the_distances_are_those_of_dense_least_squares(sino6: Arm, split: tuple[Effect, Effect]) -> None:
+    plan = planned(sino6, split, as_it_stands=True)
+    assert (plan.after.one, plan.after.other) == pytest.approx(brute(plan, sino6, split), rel=EXACT)
+
+
+def test_they_are_with_existing_records_in_an_unknown_frame(sino6: Arm) -> None:
+    split = (JointCompliance(2), EncoderEccentricity(2))
+    existing = simulate_measurements(sino6, "free", 15, rng=np.random.default_rng(3), noise=Noise.of(6, encoder=U_READING))
+    plan = planned(sino6, split, existing=existing, reference_frame="external")
+    # How the frame is turned does not matter to isotropic references, so the brute computation leaves it where it is.
+    expected = brute(plan, sino6, split, existing, external=True)
+    assert plan.existing == 15
+    assert plan.before is not None
+    assert plan.before.least < plan.after.least
+    assert (plan.after.one, plan.after.other) == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_they_are_at_the_seats_of_existing_records(sino6: Arm, known: bool) -> None:
+    split = (JointCompliance(2), EncoderEccentricity(2))
+    rng, noise = np.random.default_rng(3), Noise.of(6, encoder=U_READING)
+    existing = simulate_measurements(sino6, "seats", 12, rng=rng, noise=noise, seats=4, known=known)
+    plan = planned(sino6, split, 12, existing=existing, reference="seats")
+    assert set(plan.records["seat"]) <= {"S1", "S2", "S3", "S4"}
+    expected = brute(plan, sino6, split, existing, known=known)
+    assert (plan.after.one, plan.after.other) == pytest.approx(expected, rel=1e-7)
+
+
+# --- the search
+
+
+def test_rank_updates_are_the_inverse(rng: np.random.Generator) -> None:
+    pool, start = rng.normal(size=(30, 3, 7)), np.diag(rng.uniform(1, 2, size=7))
+    choice = Choosing(pool, start)
+    choice.run(5, informing)
+    first = choice.taken[0]
+    gains = [np.linalg.slogdet(start + rows.T @ rows)[1] for rows in pool]
+    assert first == int(np.argmax(gains))
+    choice.drop(choice.taken[2])
+    information = start + sum(pool[k].T @ pool[k] for k in choice.taken)
+    np.testing.assert_allclose(choice.covariance, np.linalg.inv(information), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(choice.seen, pool @ np.linalg.inv(information), rtol=1e-9, atol=1e-12)
+    assert len(set(choice.taken)) == 4
+
+
+def test_the_next_record_is_the_one_that_raises_the_smaller_distance_most(rng: np.random.Generator) -> None:
+    pool, start = rng.normal(size=(20, 3, 6)), np.eye(6)
+    one, other, sizes = np.arange(3, 5), np.arange(5, 6), (Size(np.eye(2)), Size(np.eye(1)))
+    choice = Choosing(pool, start)
+    choice.run(2, telling(one, other, sizes))
+    already = start + sum(pool[k].T @ pool[k] for k in choice.taken)
+    worth = []
+    for rows in pool:
+        covariance = np.linalg.inv(already + rows.T @ rows)
+        both = [np.trace(np.linalg.inv(covariance[np.ix_(c, c)])) for c in (one, other)]
+        worth.append(min(both) + 1e-3 * max(both))
+    np.testing.assert_allclose(telling(one, other, sizes)(choice), worth, rtol=1e-9)
+
+
+def test_a_plan_tells_more_than_chance(sino6: Arm) -> None:
+    split = (EncoderEccentricity(3), JointCompliance(3))
+    plan = planned(sino6, split, 40, postures=1000, as_it_stands=True)
+    by_chance = []
+    for seed in range(5):
+        q, _ = Room(sino6).postures(40, np.random.default_rng(seed))
+        records = replace(plan, measurements=Measurements.of(q))
+        by_chance.append(min(brute(records, sino6, split)))
+    assert plan.after.least > 4 * np.median(by_chance)
+
+
+# --- what it is worth: decisions by Bayes, computed densely
+
+
+def log_evidence(arm: Arm, q: np.ndarray, off: np.ndarray, cause: Effect) -> float:
+    """Of deviations (n, 3) with the cause's parameters normal about zero, as wide as its values are large."""
+    n, jacobian = len(q), arm.jacobian(q)
+    covariance = np.zeros((3 * n, 3 * n))
+    for i in range(n):
+        own = slice(3 * i, 3 * i + 3)
+        covariance[own, own] = U_READING**2 * jacobian[i] @ jacobian[i].T + U_REFERENCE**2 * np.eye(3)
+    moved = geometry(arm, q).reshape(3 * n, -1)
+    does = columns(arm, Measurements.of(q), cause).reshape(3 * n, -1) * np.sqrt(np.mean(np.square(cause.values)))
+    root = np.linalg.cholesky(covariance + moved @ moved.T + does @ does.T)
+    white = np.linalg.solve(root, off.ravel())
+    return float(-0.5 * white @ white - np.log(np.diag(root)).sum())
+
+
+def deviations(true: ErrorModel, arm: Arm, q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Measured less predicted coordinates at indications ``q``, by exact physics."""
+    tips = true.predict(q - U_READING * rng.standard_normal(q.shape))
+    return tips + U_REFERENCE * rng.standard_normal(tips.shape) - arm.positions(q)
+
+
+def mimicking(arm: Arm, q: np.ndarray, cause: Effect, other: Effect) -> Effect:
+    """The other cause as large as it must be to look most nearly like the first one in free records at ``q``."""
+    z, (does, could) = dense(arm, [Measurements.of(q)], (cause, other), False, False)
+    unknown = np.hstack([z, could])
+    scale = np.linalg.norm(unknown, axis=0)
+    best = np.linalg.lstsq(unknown / scale, does @ np.array(cause.values), rcond=None)[0] / scale
+    return other.at(tuple(best[z.shape[1] :]))
+
+
+def test_the_planned_records_decide_where_as_many_random_ones_do_not(sino6: Arm) -> None:
+    compliance = JointCompliance(3, values=(1e-5,))
+    right: dict[str, list[bool]] = {"before": [], "planned": [], "random": []}
+    stated = []
+    for seed in range(40):
+        rng = np.random.default_rng([seed, 11])
+        old, by_chance = (Room(sino6).postures(n, rng)[0] for n in (20, 40))
+        split = (compliance, mimicking(sino6, old, compliance, EncoderEccentricity(3)))
+        existing = Measurements.of(old, sino6.positions(old), np.full((20, 3), U_REFERENCE))
+        asked = (compliance, "encoder_eccentricity:3")
+        plan = plan_measurements(sino6, asked, 40, existing=existing, as_it_stands=True, postures=800, rng=rng, **NOISE)
+        assert plan.before is not None
+        stated.append((plan.before.probability, plan.after.probability))
+        new = plan.records.filter(like="theta").to_numpy() * DEG
+        for number, cause in enumerate(split):
+            true = perturbed_model(ErrorModel(sino6), rng).with_effects(cause)
+            off = deviations(true, sino6, old, rng)
+            for name, more in (("before", old[:0]), ("planned", new), ("random", by_chance)):
+                q, both = np.vstack([old, more]), np.vstack([off, deviations(true, sino6, more, rng)])
+                evidence = [log_evidence(sino6, q, both, candidate) for candidate in split]
+                right[name].append(int(np.argmax(evidence)) == number)
+    shares = {name: float(np.mean(values)) for name, values in right.items()}
+    assert shares["before"] <= 0.75, shares
+    assert shares["planned"] >= 0.92, shares
+    assert shares["planned"] >= shares["random"] + 0.1, shares
+    assert np.mean(stated, axis=0) == pytest.approx([shares["before"], shares["planned"]], abs=0.08)
+
+
+def test_odds_are_those_of_two_known_directions() -> None:
+    """``Φ(√T/2)``-like in the limit of two orthogonal causes: the formula for correlation zero."""
+    from scipy.stats import norm
+
+    from aacmm_pin.planning.power import power_of
+
+    size = 3.0
+    power = power_of(size * np.eye(2), slice(0, 1), slice(1, 2), (Size(np.eye(1)),) * 2, np.random.default_rng(1))
+    a = size / np.sqrt(2)
+    assert (power.one, power.other) == (pytest.approx(9.0), pytest.approx(9.0))
+    assert power.probability == pytest.approx(norm.cdf(a) ** 2 + norm.cdf(-a) ** 2, abs=0.01)
+
+
+# --- set-ups
+
+
+def test_postures_alone_are_asked_for_where_they_do(sino6: Arm) -> None:
+    plan = planned(sino6, PAIR)
+    assert plan.set_up == ()
+    assert not plan.changes_arm
+    assert plan.decided
+    assert [t.words for t in plan.tried] == ["the arm as it stands"]
+    assert list(plan.records.columns) == [*(f"theta{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm", "record"]
+
+
+def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
+    plan = planned(sino6, ("bearing_tilt:1", "base_compliance"))
+    as_it_stands, loaded, turned = plan.tried
+    assert as_it_stands.why_not == loaded.why_not == "the two do the same in every posture"
+    assert turned.why_not == ""
+    assert plan.changes_arm
+    assert plan.set_up == (turned.words,)
+    assert "90°" in plan.setup
+    assert plan.decided
+    # Seen from outside: the same columns on this mount, others on that.
+    q, _ = Room(sino6).postures(50, np.random.default_rng(1))
+    for arm, same in ((sino6, True), (plan.model.arm, False)):
+        one, other = (columns(arm, Measurements.of(q), effect) for effect in (BearingTilt(1), BaseCompliance()))
+        assert (np.abs(one - other).max() < 1e-9 * np.abs(other).max()) == same
+    assert abs(plan.model.arm.gravity @ sino6.gravity) < 1e-9
+    assert np.linalg.norm(plan.model.arm.gravity) == pytest.approx(9.81)
+
+
+def test_an_arm_on_a_wall_needs_no_other_mount(sino6: Arm) -> None:
+    assert sino6.file is not None
+    on_wall = Arm.from_file(sino6.file.model_copy(update={"gravity_m_s2": (0.0, -9.81, 0.0)}))
+    assert planned(on_wall, ("bearing_tilt:1", "base_compliance")).set_up == ()
+
+
+def test_a_mount_that_may_not_be_turned_is_not(sino6: Arm) -> None:
+    plan = planned(sino6, ("bearing_tilt:1", "base_compliance"), as_it_stands=True)
+    assert not plan.decided
+    assert plan.after.same
+    assert "do the same in every posture" in plan.sentence()
+    assert "nothing that was considered" in str(plan)
+
+
+def test_a_cause_that_another_contains_is_said_to_be_that(sino6: Arm) -> None:
+    plan = planned(sino6, ("counterbalance:2", "encoder_eccentricity:2"), as_it_stands=True)
+    assert plan.tried[0].why_not == "whatever counterbalance:2 does, encoder_eccentricity:2 can do too"
+    assert "turn the mount" in planned(sino6, ("counterbalance:2", "encoder_eccentricity:2")).setup
+
+
+def test_hysteresis_is_approached_from_both_sides(sino6: Arm) -> None:
+    plan = planned(sino6, ("joint_hysteresis:3", "encoder_eccentricity:3"))
+    assert len(plan.set_up) == 1
+    assert "joint 3" in plan.setup
+    assert set(plan.records["approach3"]) == {-1, 1}
+    assert set(plan.records["approach2"]) == {1}
+    assert not plan.changes_arm
+    assert len(plan.tried) == 2
+
+
+def test_expansion_is_measured_at_two_temperatures(sino6: Arm) -> None:
+    plan = planned(sino6, ("thermal_expansion", "encoder_gain:2"))
+    assert set(plan.records["temperature_c"]) == {20.0, 24.0}
+    assert plan.records["temperature_c"].is_monotonic_increasing
+    assert plan.tried[0].why_not == "thermal_expansion would not show"
+    assert "warm the room by 4 K" in plan.setup
+
+
+def test_a_drift_is_watched_from_cold(sino6: Arm) -> None:
+    plan = planned(sino6, ("zero_drift:3,time_constant_s=1800", "encoder_gain:3"))
+    assert "over 90 minutes" in plan.setup
+    assert (np.diff(plan.records["time_s"]) >= 30.0).all()
+    assert plan.records["time_s"].max() <= 5400.0 + 30.0 * len(plan.records)
+
+
+def test_a_load_hangs_where_it_is_said_to(sino6: Arm) -> None:
+    causes: tuple[Effect, ...] = (JointCompliance(2), EncoderGain(2))
+    (loaded,) = [s for s in set_ups(ErrorModel(sino6), causes, 20.0) if "hang" in str(s)]
+    assert str(loaded) == "hang 1 kg on the end of link 5"
+    q, _ = Room(sino6).postures(10, np.random.default_rng(2))
+    bare, heavy = (State(arm, q, Conditions(10), arm.chain.tip) for arm in (sino6, loaded.model.arm))
+    wrist = bare.origin[2 * 5 + 1]
+    for row in (1, 2, 4):
+        extra = np.cross(wrist - bare.origin[2 * row], sino6.gravity)
+        np.testing.assert_allclose(heavy.moment_at_axis(row) - bare.moment_at_axis(row), extra, atol=1e-9)
+
+
+def test_set_ups_come_in_the_order_of_effort(sino6: Arm) -> None:
+    causes: tuple[Effect, ...] = (JointHysteresis(3), ThermalExpansion())
+    found = list(set_ups(ErrorModel(sino6), causes, 20.0))
+    assert [len(s.words) for s in found] == [0, 1, 1, 2]
+    assert not any(s.changes_arm for s in found)
+    assert isinstance(found[0], SetUp)
+
+
+def test_more_records_are_less_effort_than_another_mount(sino6: Arm) -> None:
+    free = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(1))
+    split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
+    few = planned(sino6, split, 20, existing=free)
+    assert not few.decided
+    assert few.set_up == ()
+    assert few.enough is not None
+    assert f"about {few.enough} would decide" in few.sentence()
+    assert planned(sino6, split, few.enough, existing=free).after.probability > 0.93
+
+
+# --- what is given
+
+
+def test_the_values_of_an_effect_are_its_size(sino6: Arm) -> None:
+    options: dict[str, Any] = {"as_it_stands": True, "postures": 20}
+    small, large = (
+        planned(sino6, (JointCompliance(2, values=(c,)), EncoderEccentricity(2, values=(c, c))), **options)
+        for c in (1e-5, 3e-5)
+    )
+    assert large.after.one == pytest.approx(9 * small.after.one, rel=1e-6)
+
+
+def test_an_arm_that_has_the_cause_says_how_large_it_is(sino6: Arm) -> None:
+    known = JointCompliance(2, values=(4e-5,), u=(1e-6,))
+    extended = ErrorModel(sino6, (known, EncoderGain(5, values=(1e-4,))))
+    assert cause_of("joint_compliance:2", extended) == known
+    plan = planned(extended, PAIR, postures=20)
+    typical = planned(sino6, PAIR, postures=20)
+    assert plan.after.one == pytest.approx(4 * typical.after.one, rel=0.02)  # 4e-5 for the typical 2e-5
+    assert [e.label for e in plan.model.effects] == ["joint_compliance:2", "encoder_gain:5"]
+
+
+def test_a_cause_without_a_size_is_as_large_as_it_looks_in_the_records(sino6: Arm) -> None:
+    existing = simulate_measurements(sino6, "free", 30, rng=np.random.default_rng(3))
+    found = JointCompliance(2, values=(1e-6,))
+    plan = planned(sino6, (found, "encoder_eccentricity:2"), existing=existing)
+    assert plan.before is not None
+    # Ten times smaller than typical, the compliance is mimicked by no eccentricity of typical size.
+    assert plan.before.alone[1] < 1.01 * plan.before.alone[0]
+
+
+def test_records_that_lack_a_condition_do_not_count_and_that_is_said(sino6: Arm) -> None:
+    q, tips = Room(sino6).postures(20, np.random.default_rng(1))
+    plan = planned(sino6, ("joint_hysteresis:3", "encoder_gain:3"), existing=Measurements.of(q, tips, source="old.csv"))
+    assert plan.existing == 0
+    assert any("old.csv does not state approach" in note for note in plan.notes)
+
+
+def test_postures_are_inside_the_limits_and_readable(sino6: Arm) -> None:
+    plan = planned(sino6, PAIR)
+    q = plan.records.filter(like="theta").to_numpy()
+    bounds = joint_bounds(sino6) / DEG
+    assert ((q >= bounds[:, 0] - 1e-6) & (q <= bounds[:, 1] + 1e-6)).all()
+    inside = np.abs(q * 10 - np.round(q * 10)) < 1e-6
+    assert inside.mean() > 0.98  # all but those that a limit cut
+    assert Room(sino6).admits(plan.expected).all()
+    np.testing.assert_allclose(plan.expected, sino6.positions(q * DEG), atol=1e-7)
+    assert len(np.unique(q, axis=0)) == len(q)
+
+
+def test_the_same_seed_gives_the_same_plan(sino6: Arm) -> None:
+    one, same, other = (planned(sino6, PAIR, seed=s) for s in (1, 1, 2))
+    assert one.csv() == same.csv() != other.csv()
+    assert (one.seed, other.seed) == (1, 2)
+
+
+def test_a_plan_speaks(sino6: Arm) -> None:
+    plan = planned(sino6, PAIR)
+    text = plan.sentence("my.toml", " --data old.csv")
+    command = (
+        "aacmm-pin plan my.toml --split joint_compliance:2 encoder_eccentricity:2 --records 20 --data old.csv -o plan.csv"
+    )
+    assert command in text
+    assert "from 0.50 to 1.00" in text
+    summary = json.loads(json.dumps(plan.summary(), allow_nan=False))
+    assert summary["schema"] == "aacmm-pin/plan/1"
+    assert summary["split"] == list(PAIR)
+    assert summary["power"]["after"]["T"] == [plan.after.one, plan.after.other]
+    assert "<table" in plan._repr_html_()
+    assert str(plan).startswith("20 records to tell joint_compliance:2 from encoder_eccentricity:2")
+
+
+# --- all causes
+
+
+def test_a_plan_for_everything(sino6: Arm) -> None:
+    plan = planned(sino6, None, 30, postures=400)
+    assert plan.pairs is not None
+    assert not plan.asked
+    table = plan.pairs.set_index(["cause", "other"])
+    assert table.loc[("bearing_tilt:1", "base_compliance"), "why_not"] == "the same"
+    assert any("bearing_tilt:1 from base_compliance; it takes another set-up: turn the mount" in n for n in plan.notes)
+    assert any("joint_compliance:1 would not show; it takes another set-up: turn the mount" in n for n in plan.notes)
+    told = table.loc[("encoder_eccentricity:2", "joint_compliance:2")]
+    split = (EncoderEccentricity(2), JointCompliance(2))
+    assert told["T"] == pytest.approx(min(brute(plan, sino6, split)), rel=EXACT)
+    assert told["told"]
+    open_ = plan.pairs[plan.pairs["why_not"] == ""]
+    worst = open_.iloc[0]
+    assert {effect.label for effect in plan.split} == {worst["cause"], worst["other"]}
+    # Thirty random records leave the same pair worse told.
+    one, other = plan.split
+    by_chance = []
+    for seed in range(5):
+        q, _ = Room(sino6).postures(30, np.random.default_rng(seed))
+        rng = np.random.default_rng(seed)
+        conditions = Conditions(
+            30, temperature=20.0 + 4 * rng.integers(2, size=30), approach=rng.choice([-1.0, 1.0], (30, 6))
+        )
+        by_chance.append(
+            min(brute(replace(plan, measurements=Measurements.of(q, conditions=conditions)), sino6, (one, other)))
+        )
+    assert worst["T"] > 1.5 * np.median(by_chance)
+
+
+def test_an_arm_without_masses_has_a_plan_too(zero6: Arm) -> None:
+    plan = planned(zero6, None, 20)
+    assert plan.pairs is not None
+    assert not plan.pairs["cause"].str.contains("compliance").any()
+
+
+# --- what cannot be
+
+
+@pytest.mark.parametrize(
+    ("split", "said"),
+    [
+        (("foo:1", "base_compliance"), "unknown cause 'foo'"),
+        (("encoder_gain", "base_compliance"), "missing joint; expected encoder_gain:JOINT"),
+        (("encoder_gain:9", "base_compliance"), "SINO6 has rows 1 to 6"),
+        (("encoder_gain:0", "base_compliance"), "expected the number of a row, from 1"),
+        (("encoder_gain:x", "base_compliance"), "joint is 'x', expected a valid integer"),
+        (("encoder_gain:3,order=4", "base_compliance"), "unknown name for encoder_gain 'order'; known: joint, gain"),
+        (("encoder_gain:3,gain=much", "base_compliance"), "gain is 'much', expected a number"),
+        (("encoder_slip:3", "base_compliance"), "expected encoder_slip:JOINT,time_s=…"),
+        (("base_compliance", "base_compliance"), "is there twice"),
+        (("link_length:3", "base_compliance"), "is refitted in every diagnosis"),
+        (("seat_error:S1", "base_compliance"), "shows at that seat only"),
+        (("base_compliance:3", "encoder_gain:2"), "unknown name for base_compliance"),
+    ],
+)
+def test_a_split_that_cannot_be_is_refused(sino6: Arm, split: tuple[str, str], said: str) -> None:
+    with pytest.raises(AacmmError, match=said):
+        planned(sino6, split)
+
+
+def test_a_rigid_row_has_no_encoder(sino6: Arm) -> None:
+    assert sino6.file is not None
+    rows = list(sino6.file.joints)
+    rows[3] = rows[3].model_copy(update={"fixed": True, "limits_rad": None})
+    arm = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    with pytest.raises(AacmmError, match="row 4 of SINO6 is rigid"):
+        planned(arm, ("encoder_gain:4", "base_compliance"))
+
+
+def test_other_things_that_are_refused(sino6: Arm, zero6: Arm) -> None:
+    with pytest.raises(UnsupportedArmError, match="the arm states none"):
+        planned(zero6, ("joint_compliance:2", "encoder_gain:2"))
+    with pytest.raises(AacmmError, match="records is 0"):
+        planned(sino6, PAIR, 0)
+    with pytest.raises(AacmmError, match="postures is 5, expected at least as many as records, 20"):
+        planned(sino6, PAIR, postures=5)
+    with pytest.raises(UnknownNameError, match="unknown reference 'ball'"):
+        planned(sino6, PAIR, reference="ball")
+    with pytest.raises(AacmmError, match="has angles of 5 joints"):
+        planned(sino6, PAIR, existing=Measurements.of(np.zeros((2, 5)), np.zeros((2, 3))))
+    warm = ErrorModel(sino6, (ThermalExpansion(values=(2e-5,)),))
+    q, tips = Room(sino6).postures(5, np.random.default_rng(1))
+    with pytest.raises(MissingConditionError, match="temperature"):
+        planned(warm, PAIR, existing=Measurements.of(q, tips))
+
+
+# --- the sentence of a diagnosis
+
+
+def test_advice_names_the_command_that_plans_it(sino6: Arm) -> None:
+    split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
+    free = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(1))
+    text = advice(sino6, split, free, arm="sino6", options=" --data free.csv", **NOISE)
+    assert text.startswith("to tell joint_compliance:2 from encoder_eccentricity:2, measure 40 more records")
+    labels = "joint_compliance:2,compliance_rad_per_nm=2e-06 encoder_eccentricity:2"
+    words = f"plan sino6 --split {labels} --records 40 --data free.csv -o plan.csv"
+    assert f"aacmm-pin {words} (raises the odds of telling them from 0." in text
+    assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
+    at_seats = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))
+    assert "--records 40 --reference seats -o plan.csv" in advice(sino6, split, at_seats, reference_frame="base", **NOISE)
+
+
+def test_advice_says_why_there_is_none(sino6: Arm) -> None:
+    free = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(1))
+    assert "shows at that seat only" in advice(sino6, ("seat_error:S1", "encoder_gain:2"), free, **NOISE)
+
+
+def test_advice_names_an_arm_file_where_the_mount_is_turned(sino6: Arm) -> None:
+    free = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(1))
+    text = advice(sino6, ("bearing_tilt:1", "base_compliance"), free, **NOISE)
+    assert "turn the mount by 90°" in text
+    assert "--set-up-arm set_up.toml" in text
+
+
+def test_measured_torques_are_expected_to_hold_the_weight(sino6: Arm) -> None:
+    q, tips = Room(sino6).postures(20, np.random.default_rng(1))
+    existing = Measurements.of(q, tips, conditions=Conditions(20, torque=np.ones((20, 6))))
+    plan = planned(sino6, PAIR, existing=existing)
+    assert isinstance(plan.split[0], JointCompliance)
+    assert plan.split[0].torque == "measured"
+    new = plan.measurements
+    by_torque, by_weight = (columns(sino6, new, JointCompliance(2, torque=t)) for t in ("measured", "gravity"))  # type: ignore[arg-type]
+    np.testing.assert_allclose(by_torque, by_weight, atol=1e-9)
+    assert not plan.records.columns.str.startswith("torque").any()
+    assert any("record torque1_nm" in note for note in plan.notes)
+
+
+@pytest.mark.parametrize("options", [{"prior": False}, {"target": "unknown"}, {"reference_frame": "external"}])
+def test_more_that_is_unknown_leaves_less_to_tell(sino6: Arm, options: dict[str, Any]) -> None:
+    fixed: dict[str, Any] = {"as_it_stands": True, "postures": 20}  # every posture is taken: the same records
+    less, more = planned(sino6, PAIR, **fixed, **options), planned(sino6, PAIR, **fixed)
+    assert less.after.one < 0.999 * more.after.one
+    assert less.after.other < 0.999 * more.after.other
