@@ -24,7 +24,9 @@ MOST_LABELS = 12
 SMOOTH = (5, 20)
 """Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it may shift the tip."""
 CENTRES = 24
-"""Places in the room round which a field may have its own shift."""
+"""So many places at most in the room round which a field may have its own shift …"""
+NARROWEST = 0.1
+"""… and it does not change within this distance [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +125,12 @@ def _product(q: Array, one: tuple[int, int], other: tuple[int, int]) -> Covariat
 def _place(arm: Arm, measurements: Measurements) -> Covariate:
     """Where the tip is: a field of shifts in the room, as a table that bends or a tracker's own error would give."""
     tip = arm.chain.walk(measurements.q)[1][-1]
-    count = int(np.clip(len(tip) // 6, 1, CENTRES))
+    apart = len(np.unique(np.round(tip / NARROWEST), axis=0))
+    count = int(np.clip(apart // 2, 1, CENTRES))
     centres, nearest = kmeans2(tip, count, minit="++", rng=np.random.default_rng(count))
-    width = 1.5 * float(np.sqrt(np.square(tip - centres[nearest]).sum(axis=1).mean()))
+    width = max(1.5 * float(np.sqrt(np.square(tip - centres[nearest]).sum(axis=1).mean())), NARROWEST)
     distance = np.linalg.norm(tip[:, None] - centres, axis=2)
-    bumps = np.exp(-0.5 * (distance / max(width, 1e-9)) ** 2)
+    bumps = np.exp(-0.5 * (distance / width) ** 2)
     return Covariate("place", ("x", "y", "z"), (Carried(_of_size_one(bumps), "room"),), tip[:, 0])
 
 

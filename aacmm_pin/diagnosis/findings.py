@@ -67,8 +67,8 @@ def strengths(
         rest = tuple(other for other in admitted if other != k)
         whole = conditional(question, gram, admitted)
         left = Conditional(gram, question.blocks, question.nuisances, rest, whole.variance)
-        owners = {question.owner(other) for other in rest}
-        evidences = np.array([-np.inf if question.owner(i) in owners else e for i, e in enumerate(left.evidences)])
+        out = question.struck_out(rest)
+        evidences = np.array([-np.inf if question.owner(i) in out else e for i, e in enumerate(left.evidences)])
         odds = question.log_prior + question.per_candidate(evidences)
         shares = np.exp(odds - logsumexp([*odds, 0.0]))
         own = question.owner(k)

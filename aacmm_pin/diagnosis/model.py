@@ -6,11 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from aacmm_pin.calibration.evidence import StatedNoise
-from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.checks import Index
+from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design import Design, design_of
 from aacmm_pin.diagnosis.evidence import ADMITTED
@@ -31,6 +33,12 @@ LESS_USUAL = {
     "joint_error_curve": 0.3,
 }
 """Causes that are rarer, beside the others."""
+OF_ANGLE = ("encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error", "encoder_gain")
+"""Functions of one joint's angle: a free curve at the same joint is all of them, and none stands beside it."""
+FEWEST = 3
+"""So many records have to make sense at once before they are more than gross errors."""
+NOT_FAR = 5.0
+"""Excluded records up to so many times the limit away are tried with the others."""
 FINE = 15
 """Steps in which an inner parameter is refined around the one that was tried."""
 
@@ -89,18 +97,65 @@ def choose(
     others: Sequence[Covariate],
     parts: Index,
 ) -> Choice:
-    """Search at the recalibrated arm, refit with what was found, search again there, until the choice stays."""
-    found = _chosen(first, tuple(library), tuple(others), parts, [], ())
+    """Search at the recalibrated arm, refit with what was found, search again there, until the choice stays.
+
+    A strong cause in few records (a moved seat, a place in the room) makes these look like gross errors, which hides it.
+    So where records were excluded, the search is tried with the nearer of them put back too; what it finds is taken if it
+    makes sense of them.
+    """
+    found = _standing(problem_of, noise, first, tuple(library), tuple(others), parts)
+    nearer = _put_back(first)
+    if nearer.sum() - first.used.sum() < FEWEST:
+        return found
+    wider = fit(problem_of([]), noise, used=nearer)
+    again = _standing(problem_of, noise, wider, tuple(library), tuple(others), parts)
+    return again if _doubtful(again, first) <= _doubtful(found, first) - FEWEST else found
+
+
+def _doubtful(choice: Choice, first: Fit) -> int:
+    """How many records do not fit with all that was admitted, covariates included, by the scatter of the first fit."""
+    left = conditional(choice.question, choice.gram, choice.admitted)
+    tips = choice.design.tips + choice.design.jacobian[:, :, left.refitted] @ left.solution()
+    return int(np.sum(_times_the_limit(choice.fit, tips, first) > 1.0))
+
+
+def _put_back(first: Fit) -> NDArray[np.bool_]:
+    """The records that count, and those that were excluded but not by far (n,)."""
+    far = _times_the_limit(first, first.solution.point.prediction.tips, first)
+    return np.asarray(first.used | (first.excluded & (far < NOT_FAR)))
+
+
+def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:
+    """Distance of each record's tip from its target, over what a good one may have by the scatter of ``judge`` (n,)."""
+    found = np.zeros(len(tips))
+    limit = chi2.isf(FALSE_EXCLUSION / len(tips), 3)
+    for observation, own, values in zip(at.observations, judge.observations, at.solution.point.nuisances, strict=True):
+        off = tips[observation.records] - observation.targets(values)[0]
+        covariance = judge.noise[observation.records] + own.covariance()
+        squared = np.einsum("ni,ni->n", off, np.linalg.solve(covariance, off[:, :, None])[:, :, 0])
+        found[observation.records] = np.sqrt(squared / limit)
+    return found
+
+
+def _standing(
+    problem_of: ProblemOf,
+    noise: StatedNoise,
+    first: Fit,
+    library: tuple[Candidate, ...],
+    others: tuple[Covariate, ...],
+    parts: Index,
+) -> Choice:
+    """Rounds of search and refit from one start."""
+    found = _chosen(first, library, others, parts, [])
     for _ in range(MOST_ROUNDS):
         if not found.causes:
             return found
         effects = [_refined(found, k) for k in found.causes]
         refit = fit(problem_of([free(e) for e in effects]), noise)
-        before = [e.label for e in effects]
-        again = _chosen(refit, _with_variants(library, effects), tuple(others), parts, effects, found.admitted)
-        found = again
-        if [e.label for e in again.effects] == before and set(map(_inner, again.effects)) == set(map(_inner, effects)):
+        again = _chosen(refit, _with_variants(library, effects), others, parts, effects)
+        if set(map(_inner, again.effects)) == set(map(_inner, effects)):
             return again
+        found = again
     return found
 
 
@@ -115,7 +170,6 @@ def _chosen(
     others: tuple[Covariate, ...],
     parts: Index,
     effects: list[Effect],
-    before: tuple[int, ...],
 ) -> Choice:
     design = design_of(at, library, others, len(effects))
     gram = Gram(products_of(design, parts))
@@ -131,7 +185,13 @@ def question_of(design: Design, stated: bool) -> Question:
     usual = np.array([LESS_USUAL.get(name.split(":")[0], 1.0) for name in design.names[: design.causes]])
     rest = count - design.causes
     prior = np.concatenate([LIBRARY * usual / usual.sum(), np.full(rest, (1 - LIBRARY) / max(rest, 1))])
-    return Question(design.blocks, count, design.nuisances, np.log(prior), stated)
+    number = {name: k for k, name in enumerate(design.names)}
+    curves = {name: name.split(":")[1] for name in number if name.startswith("joint_error_curve:")}
+    contained = {
+        number[curve]: frozenset(number[name] for cause in OF_ANGLE if (name := f"{cause}:{joint}") in number)
+        for curve, joint in curves.items()
+    }
+    return Question(design.blocks, count, design.nuisances, np.log(prior), stated, contained)
 
 
 def _block_of(design: Design, library: tuple[Candidate, ...], effect: Effect) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -42,6 +43,7 @@ class Question:
         nuisances: number of nuisance columns.
         log_prior: log probability of each candidate before anything was seen, given that one is there (candidates,).
         stated: True where the noise is known, so that χ² says whether the records scatter more.
+        contained: for a candidate that is free enough to be others too, their numbers; they do not stand beside it.
     """
 
     blocks: tuple[Block, ...]
@@ -49,10 +51,21 @@ class Question:
     nuisances: int
     log_prior: Array
     stated: bool
+    contained: Mapping[int, frozenset[int]]
 
     def owner(self, block: int) -> int:
         """Candidate of a block."""
         return self.blocks[block].candidate
+
+    def struck_out(self, blocks: tuple[int, ...]) -> frozenset[int]:
+        """Candidates that cannot be admitted beside these blocks: their own, and what these contain."""
+        owners = frozenset(map(self.owner, blocks))
+        return owners.union(*(self.contained.get(c, frozenset()) for c in owners))
+
+    def joined(self, blocks: tuple[int, ...], more: int) -> tuple[int, ...]:
+        """The blocks with one more, without what that contains; in one order, so that equal sets are recognised."""
+        contained = self.contained.get(self.owner(more), frozenset())
+        return tuple(sorted({more, *(k for k in blocks if self.owner(k) not in contained)}))
 
     def per_candidate(self, evidences: Array) -> Array:
         """Log evidence of each candidate, averaged over its variants (candidates,)."""
@@ -112,7 +125,7 @@ class _Search:
             odds, blocks = self.odds(admitted)
             if not np.isfinite(odds).any() or logsumexp(odds) < SURE:
                 break
-            admitted = self.settled(_ordered((*admitted, blocks[int(np.argmax(odds))])))
+            admitted = self.settled(self.question.joined(admitted, blocks[int(np.argmax(odds))]))
             if not pairs_tried:
                 pairs_tried = True
                 admitted = self.settled(self.better_pair(admitted))
@@ -124,8 +137,8 @@ class _Search:
     def odds(self, rest: tuple[int, ...]) -> tuple[Array, list[int]]:
         """Log odds of each candidate beside ``rest``, those in it struck out, and the best variant of each."""
         question, evidences = self.question, self.left(rest).evidences
-        owners = {question.owner(k) for k in rest}
-        evidences = np.where([question.owner(k) in owners for k in range(len(evidences))], -np.inf, evidences)
+        out = question.struck_out(rest)
+        evidences = np.where([question.owner(k) in out for k in range(len(evidences))], -np.inf, evidences)
         return question.log_prior + question.per_candidate(evidences), question.best_blocks(evidences)
 
     def settled(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
@@ -138,7 +151,8 @@ class _Search:
                     continue
                 rest = tuple(other for other in changed if other != k)
                 odds, blocks = self.odds(rest)
-                changed = _ordered((*rest, blocks[int(np.argmax(odds))])) if logsumexp(odds) >= SURE else rest
+                best = blocks[int(np.argmax(odds))]
+                changed = self.question.joined(rest, best) if logsumexp(odds) >= SURE else rest
             if changed == admitted or changed in seen:
                 return changed
             admitted = changed

@@ -27,8 +27,12 @@ LEAST_SHARE = 0.1
 
 
 def predicted_covariance(before: Fit, sensitivity: Array, covariance: Array) -> Array:
-    """What the stated uncertainties say of each residual: ``S U Sᵀ`` plus noise, (n, 3, 3) [m²]."""
-    total = before.noise + sensitivity @ covariance @ sensitivity.transpose(0, 2, 1)
+    """What the stated uncertainties say of each residual: ``S U Sᵀ`` plus noise, (n, 3, 3) [m²].
+
+    Scatter that was found beside a stated noise is what the simulation gets wrong, and is not in it.
+    """
+    found = before.unmodelled**2 * np.eye(3) if before.stated else 0.0
+    total = before.noise - found + sensitivity @ covariance @ sensitivity.transpose(0, 2, 1)
     for observation in before.observations:
         total[observation.records] += observation.covariance()
     return np.asarray(total)
