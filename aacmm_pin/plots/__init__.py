@@ -16,6 +16,7 @@ from aacmm_pin.plots.residuals import (
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
+from aacmm_pin.plots.spread import plot_bayes_factors, plot_expected_of_records, plot_part_and_rest, plot_spreads
 from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION
 
 __all__ = [
@@ -25,18 +26,22 @@ __all__ = [
     "VERMILLION",
     "plot_accuracy_over_swivel",
     "plot_accuracy_over_theta3",
+    "plot_bayes_factors",
     "plot_budget",
     "plot_calibration",
     "plot_circle",
     "plot_comprehensive",
     "plot_correlation",
+    "plot_expected_of_records",
     "plot_flexibility",
     "plot_normalised_residuals",
     "plot_parameter_changes",
+    "plot_part_and_rest",
     "plot_residual_sizes",
     "plot_residual_vectors",
     "plot_residuals_by_seat",
     "plot_residuals_over_joint",
     "plot_residuals_over_joints",
+    "plot_spreads",
     "plot_uncertainty",
 ]
