@@ -49,7 +49,12 @@ def plot_spreads(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     error = 1.96 * measured * shown["sampling_percent"].to_numpy() / 100
     ax.errorbar(seat, measured, error, fmt="o", ms=5, color=INK, capsize=3, lw=1.2, label="measured, 95 % of 50 records")
     ax.set_xticks(seat)
-    ax.set(xlabel="seat", ylabel="spread about the mean [mm]", yscale="log", ylim=(0.6 * float(low.min()), 3.2 * float(high.max())))
+    ax.set(
+        xlabel="seat",
+        ylabel="spread about the mean [mm]",
+        yscale="log",
+        ylim=(0.6 * float(low.min()), 3.2 * float(high.max())),
+    )
     ax.set_yticks([0.01, 0.02, 0.05, 0.1, 0.2], ["0.01", "0.02", "0.05", "0.1", "0.2"])
     ax.set_yticks([], minor=True)
     ax.legend(fontsize=8, frameon=False, ncols=2, loc="upper left")

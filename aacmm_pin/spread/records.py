@@ -8,7 +8,8 @@ against it on average
     ``½ [tr(C_a⁻¹ C_t) - N + ln|C_a| - ln|C_t|]``
 
 in log-likelihood, the Kullback–Leibler divergence, smallest over the size of a and over a factor κ ≥ 1 of all of C_a, the
-scatter that a diagnosis refits: the expected logarithm of a Bayes factor but for the price of what is free. For a systematic cause in the limit of small s this is half of the λ of its χ² test.
+scatter that a diagnosis refits: the expected logarithm of a Bayes factor but for the price of what is free. Against B
+itself, κ = 1, it is ``½ Σ [λ_i - ln(1 + λ_i)]``, the λ_i adding up to the mean λ of the χ² test of the cause.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.noise import ENCODER
 from aacmm_pin.spread.seats import TouchedSeats
-
 
 SCATTER = "scatter alone"
 """No cause but more noise than stated."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from aacmm_pin.table3_diagnosis.causes import DH, NOISE, ODD
 from aacmm_pin.units import ARCSEC, MM
@@ -123,6 +124,21 @@ def limits(found: Table3Diagnosis) -> str:
         f"Of {len(found.evidences)} descriptions {five} are within a Bayes factor of {NEAR:.0f} of the best by "
         f"seats 1 to 5, {six} by all six, and {doubtful} by all six if predictions are right to 30 % only: six "
         f"aggregate numbers say that seat 6 is special, and hardly more."
+    )
+
+
+def of_records(table: pd.DataFrame) -> str:
+    """What the records themselves would tell, by :func:`aacmm_pin.table3_diagnosis.expected_of_records`."""
+    values = table.to_numpy(copy=True)
+    np.fill_diagonal(values, np.nan)
+    true, taken = divmod(int(np.nanargmin(values)), values.shape[1])
+    return (
+        f"The records themselves, angles and touched seat, would settle it: {len(table)} causes of the sizes that Table 3 "
+        f"gives them would be told apart by an expected logarithm of the Bayes factor of {values[true, taken]:.0f} in the "
+        f"closest pair ({table.index[true]}, taken for {table.columns[taken]}) and of "
+        f"{np.nanmedian(values):.0f} in the median pair. "
+        "A column that says from which side each joint came would tell hysteresis from noise, and the time of each record a "
+        "drift."
     )
 
 
