@@ -77,7 +77,7 @@ def _shown(found: Table3Diagnosis, out: Path) -> list[Part]:
 def _named(found: Table3Diagnosis, out: Path) -> list[Part]:
     table = found.evidences.sort_values("five_tau_0.15", ascending=False)[list(EVIDENCE)]
     numbers = [column for column in EVIDENCE if column != "cause"]
-    table[numbers] -= table[numbers].max()
+    table[numbers] = (table[numbers] - table[numbers].max()).round(1) + 0.0  # + 0.0: no minus zero
     return [
         Paragraph(f"The cause. {say.name(found)} {say.limits(found)}", finding=True),
         Table(

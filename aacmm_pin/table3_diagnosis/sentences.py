@@ -74,14 +74,17 @@ def of_contrast(found: Table3Diagnosis) -> str:
     table = found.contrast.summary
     mean = table["mean_ratio"].to_dict()
     after = table.loc["after_noise"]
+    seats = found.contrast.seats
+    milder = [str(seat) for seat in seats.loc[seats["measured_ratio"] > seats["after_noise_p95"], "seat"]]
+    above = f", those of {', '.join(milder)} above it, milder than a strict pick" if milder else ""
     before = table.loc[["before_dh", "before_noise"], "mean_as_small"].max()
     return (
         f"The marked part spreads {found.contrast.measured_mean_ratio:.2f} times as much as the rest (geometric mean). "
         f"Postures with the smallest predicted volume would give {mean['before_dh']:.2f} under DH errors "
         f"and {mean['before_noise']:.2f} under encoder noise, as little as printed "
         f"{often(float(before))}; the smallest deviations picked after measuring give {after['mean_ratio']:.2f}, and "
-        f"{after['inside']} of the 6 printed ratios are in its 5–95 % band. A contrast of this size is what picking after "
-        "measuring makes; it is no evidence that a predicted volume told the postures apart."
+        f"{after['inside']} of the 6 printed ratios are in its 5–95 % band{above}. A contrast of this size is "
+        f"what picking after measuring makes; it is no evidence that a predicted volume told the postures apart."
     )
 
 
