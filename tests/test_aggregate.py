@@ -196,6 +196,17 @@ def test_size_is_found():
     assert np.log(high / low) == pytest.approx(2 * 1.96 * u, rel=0.05)
 
 
+def test_what_else_is_known_weighs_the_draws():
+    logs, y = np.log(2e-5) + 0.3 * np.random.default_rng(10).normal(size=(3, 4)), np.full(4, 3e-5)
+    found = evidence(simple(logs), y, 0.2, prior=[1.0, 0.0, 3.0])
+    each = np.array([evidence(simple(log), y, 0.2).log_evidence for log in logs])
+    expected = np.array([1.0, 0.0, 3.0]) / 4 * np.exp(each)
+    assert found.log_evidence == pytest.approx(np.log(expected.sum()), abs=1e-9)
+    np.testing.assert_allclose(found.weights, expected / expected.sum(), rtol=1e-9)
+    with pytest.raises(AacmmError, match="prior weights"):
+        evidence(simple(logs), y, 0.2, prior=np.zeros(3))
+
+
 def test_probabilities_are_calibrated():
     """Data from one of two patterns, drawn with their priors: of all cases with probability near p, p are right."""
     rng = np.random.default_rng(8)

@@ -8,7 +8,7 @@ integrated in closed form; draws of the pattern are averaged.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,8 +64,14 @@ class Evidence:
         return np.asarray(np.exp(np.quantile(self.sampled(rng)[1], [0.025, 0.5, 0.975])) / self.pattern.unit_size)
 
 
-def evidence(pattern: Pattern, observed: ArrayLike, tau: float = DISCREPANCY) -> Evidence:
+def evidence(pattern: Pattern, observed: ArrayLike, tau: float = DISCREPANCY, prior: ArrayLike | None = None) -> Evidence:
     """``pattern`` in the light of the spreads ``observed`` (seats,) [m].
+
+    Args:
+        pattern: the pattern.
+        observed: one spread a seat.
+        tau: model discrepancy.
+        prior: relative weight of each draw by what else is known of it (draws,); default all alike.
 
     Raises:
         ShapeError, AacmmError: a spread is not a number above zero, there are not as many as seats, the pattern does not
@@ -80,10 +86,13 @@ def evidence(pattern: Pattern, observed: ArrayLike, tau: float = DISCREPANCY) ->
     log = norm.logpdf(residual, at[:, None], np.sqrt(variance)).sum(axis=1)
     if low < high:
         log = log + 0.5 * np.log(2 * np.pi) + np.log(width) - np.log(high - low) + _log_inside(low, high, centre, width)
-    whole = logsumexp(log)
+    weight = np.ones(len(log)) if prior is None else vector(prior, len(log), "prior", "1")
+    if (weight < 0).any() or not weight.any():
+        raise AacmmError(f"{pattern.name}: prior weights must not be negative, and not all zero")
+    whole = logsumexp(log, b=weight)
     if not np.isfinite(whole):
         raise AacmmError(f"{pattern.name}: the observed spreads are impossible under it")
-    return Evidence(pattern, float(whole - np.log(len(log))), np.exp(log - whole), centre, width)
+    return Evidence(pattern, float(whole - np.log(weight.sum())), weight * np.exp(log - whole), centre, width)
 
 
 def _checked(pattern: Pattern, observed: ArrayLike, tau: float) -> tuple[Array, Array, Array]:
@@ -130,9 +139,16 @@ def predictive(found: Evidence, pattern: Pattern, tau: float, rng: np.random.Gen
 
 
 def left_out(
-    pattern: Pattern, observed: ArrayLike, rng: np.random.Generator, tau: float = DISCREPANCY, count: int = PREDICTED
+    pattern: Pattern,
+    observed: ArrayLike,
+    rng: np.random.Generator,
+    tau: float = DISCREPANCY,
+    count: int = PREDICTED,
+    prior: Callable[[list[int]], Array] | None = None,
 ) -> pd.DataFrame:
     """Each seat predicted from the others, one row a seat.
+
+    ``prior`` gives the weight of each draw by what else is known of the seats (numbered from 0) that are not left out.
 
     Columns: seat (from 1); observed_mm; predicted_mm (median); predicted_p025_mm, predicted_p975_mm; log_ratio, the
     logarithm of observed over predicted; share_below, the predictive probability of a smaller spread.
@@ -141,7 +157,7 @@ def left_out(
     rows = []
     for k in range(len(spreads)):
         others = [j for j in range(len(spreads)) if j != k]
-        known = evidence(pattern.take(others), spreads[others], tau)
+        known = evidence(pattern.take(others), spreads[others], tau, None if prior is None else prior(others))
         drawn = predictive(known, pattern.take([k]), tau, rng, count)[:, 0]
         low, middle, high = np.quantile(drawn, [0.025, 0.5, 0.975]) * 1e3
         below = float((drawn < spreads[k]).mean())

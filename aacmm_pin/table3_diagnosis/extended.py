@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,8 @@ from aacmm_pin.checks import Array
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.spread import Evidence, Pattern, left_out
 from aacmm_pin.table3_diagnosis.causes import BOTH, DH, NOISE
+from aacmm_pin.table3_diagnosis.postures import SIXTH
+from aacmm_pin.table3_diagnosis.strict_pick import StrictPick
 from aacmm_pin.units import MM
 
 RESAMPLES = 4000
@@ -47,7 +50,9 @@ class HeldOutSeats:
 EXTENDED, ALONE = "extended", "noise_alone"
 
 
-def held_out_seats(patterns: dict[str, Pattern], measured: Array, tau: float, rng: np.random.Generator) -> HeldOutSeats:
+def held_out_seats(
+    patterns: dict[str, Pattern], measured: Array, tau: float, rng: np.random.Generator, pick: StrictPick
+) -> HeldOutSeats:
     """Leave each seat out in turn.
 
     Args:
@@ -55,10 +60,14 @@ def held_out_seats(patterns: dict[str, Pattern], measured: Array, tau: float, rn
         measured: spreads of the seats that take part, the first of those of the patterns (k,) [m].
         tau: model discrepancy.
         rng: for the predictions and the resampling.
+        pick: what the contrasts of the seats that are not left out say of DH errors beside noise.
     """
     seats = list(range(len(measured)))
     own = {"recalibrated": DH, EXTENDED: BOTH, ALONE: NOISE}
-    left = {name: left_out(patterns[cause].take(seats), measured, rng, tau) for name, cause in own.items()}
+    prior = {EXTENDED: lambda known: by_contrast(patterns, pick, known)}
+    left = {
+        name: left_out(patterns[cause].take(seats), measured, rng, tau, prior=prior.get(name)) for name, cause in own.items()
+    }
     simulation = np.exp(np.median(patterns[DH].take(seats).log_spread, axis=0)) / MM
     table = pd.DataFrame({"seat": left[EXTENDED]["seat"], "measured_mm": measured / MM, "simulation_mm": simulation})
     off = {"simulation": np.log(measured / MM / simulation)}
@@ -74,6 +83,13 @@ def held_out_seats(patterns: dict[str, Pattern], measured: Array, tau: float, rn
         gains[name], intervals[name] = float(_gain(off[name], off["recalibrated"])), (float(low), float(high))
         better[name] = int((np.abs(off[name]) < np.abs(off["recalibrated"])).sum())
     return HeldOutSeats(table, off, gains, intervals, better)
+
+
+def by_contrast(patterns: dict[str, Pattern], pick: StrictPick, seats: Sequence[int]) -> Array:
+    """Weight of each draw of DH errors and noise together by the contrasts of part and rest at ``seats``: (draws,)."""
+    both, dh, five = patterns[BOTH].second, patterns[DH].second, list(range(SIXTH))
+    of_dh = np.tile(dh[:, five].mean(axis=1), len(both) // len(dh))
+    return pick.chance(1.0 - of_dh / both[:, five].mean(axis=1), [k for k in seats if k in five])
 
 
 def _gain(after: Array, before: Array) -> Array:

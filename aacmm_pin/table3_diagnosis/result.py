@@ -15,10 +15,11 @@ from aacmm_pin.spread import Evidence, Pattern, TouchedSeats, evidence, probabil
 from aacmm_pin.spread.evidence import DISCREPANCY
 from aacmm_pin.table3_diagnosis.causes import BOTH, DH, NOISE, OF_SEATS, patterns, with_stated_uncertainty
 from aacmm_pin.table3_diagnosis.contrast import Contrast, contrast
-from aacmm_pin.table3_diagnosis.extended import HeldOutSeats, held_out_seats, noise_beside, with_encoder_noise
+from aacmm_pin.table3_diagnosis.extended import HeldOutSeats, by_contrast, held_out_seats, noise_beside, with_encoder_noise
 from aacmm_pin.table3_diagnosis.postures import MEASURED, SIXTH, Reading, touched_seats
 from aacmm_pin.table3_diagnosis.seat6 import local_noise_needed, seat6, stand_by_power
 from aacmm_pin.table3_diagnosis.sentences import sentences
+from aacmm_pin.table3_diagnosis.strict_pick import StrictPick, strict_pick
 from aacmm_pin.units import ARCSEC, MM
 
 SCHEMA = "aacmm-pin/table3-diagnosis/1"
@@ -42,8 +43,10 @@ class Table3Diagnosis:
             noise_mm by encoder noise of the size that seats 1 to 5 give it, sampling_percent of a spread of 50 records.
         effective_numbers: how many numbers the six spreads by DH errors are worth, ``(Σλ)²/Σλ²`` of the eigenvalues of the
             covariance of their logarithms.
-        noise: encoder noise by seats 1 to 5, 2.5 %, 50 %, 97.5 % (3,) [rad]; ``noise_beside_dh`` with DH errors beside it.
-        noise_beside_dh: see there.
+        noise: encoder noise by seats 1 to 5, 2.5 %, 50 %, 97.5 % (3,) [rad], without
+            DH errors.
+        noise_by_spreads_alone: encoder noise with DH errors beside it, by the spreads of seats 1 to 5 (3,) [rad].
+        noise_beside_dh: the same by their contrasts of part and rest too.
         fit_percent, fit_p_value: RMS by which encoder noise misses seats 1 to 5, and the chance of as close a fit when it is
             right, by the sampling error of a spread alone.
         evidences: one row a cause: log-evidence for every τ with six seats and with five (``six_tau_0.15`` …), and its
@@ -54,6 +57,7 @@ class Table3Diagnosis:
         stand: a stand that yields with height, as soft as seat 6 needs.
         local_noise: standard deviation of each coordinate that seat 6 needs of its own [m].
         contrast: the marked part and the rest.
+        strict_pick: how little a part can spread, however it was chosen.
         model: the extended model: the arm with :attr:`noise_beside_dh` as encoder noise.
         held_out_five, held_out_six: gain on a seat left out, of five and of six.
     """
@@ -65,6 +69,7 @@ class Table3Diagnosis:
     shown: pd.DataFrame
     effective_numbers: float
     noise: Array
+    noise_by_spreads_alone: Array
     noise_beside_dh: Array
     fit_percent: float
     fit_p_value: float
@@ -74,6 +79,7 @@ class Table3Diagnosis:
     stand: pd.DataFrame
     local_noise: float
     contrast: Contrast
+    strict_pick: StrictPick
     model: ErrorModel
     held_out_five: HeldOutSeats
     held_out_six: HeldOutSeats
@@ -120,6 +126,9 @@ class Table3Diagnosis:
             "local_noise_of_seat6_mm": self.local_noise / MM,
             "contrast": {
                 "seats": self.contrast.seats.to_dict("records"),
+                "strict_pick": self.strict_pick.causes.to_dict("records"),
+                "strict_pick_by_random_share": self.strict_pick.shares.to_dict("records"),
+                "least_random_share": self.strict_pick.least_random_share,
                 "hypotheses": self.contrast.summary.to_dict("records"),
             },
             "held_out": {"five": _gain(self.held_out_five), "six": _gain(self.held_out_six)},
@@ -159,7 +168,11 @@ def diagnose_table3(
     evidences, five = _evidences(all_patterns, tau)
     predicted = {cause: _predicted(all_patterns[cause], known, rng) for cause, known in five.items()}
     noise = five[NOISE].size(rng) * ARCSEC
-    beside = noise_beside(five[BOTH], with_stated_uncertainty(all_patterns[DH], all_patterns[NOISE])[1])
+    pick = strict_pick(seats, rng)
+    sizes = with_stated_uncertainty(all_patterns[DH], all_patterns[NOISE])[1]
+    weights = by_contrast(all_patterns, pick, range(SIXTH))
+    both = evidence(all_patterns[BOTH].take(list(range(SIXTH))), MEASURED[:SIXTH], tau, weights)
+    beside = noise_beside(both, sizes)
     shown, effective = _shown(all_patterns, float(noise[1]))
     fit, p_value = _closeness(all_patterns[NOISE])
     by_noise = shown["noise_mm"].to_numpy() * MM
@@ -171,6 +184,7 @@ def diagnose_table3(
         shown=shown,
         effective_numbers=effective,
         noise=noise,
+        noise_by_spreads_alone=noise_beside(five[BOTH], sizes),
         noise_beside_dh=beside,
         fit_percent=fit,
         fit_p_value=p_value,
@@ -180,9 +194,10 @@ def diagnose_table3(
         stand=stand_by_power(by_noise),
         local_noise=local_noise_needed(by_noise),
         contrast=contrast(seats, rng),
+        strict_pick=pick,
         model=with_encoder_noise(seats.model, float(beside[1])),
-        held_out_five=held_out_seats(all_patterns, MEASURED[:SIXTH], tau, rng),
-        held_out_six=held_out_seats(all_patterns, MEASURED, tau, rng),
+        held_out_five=held_out_seats(all_patterns, MEASURED[:SIXTH], tau, rng, pick),
+        held_out_six=held_out_seats(all_patterns, MEASURED, tau, rng, pick),
     )
 
 

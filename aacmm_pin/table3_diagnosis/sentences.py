@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from aacmm_pin.table3_diagnosis.causes import DH, NOISE, ODD
+from aacmm_pin.table3_diagnosis.causes import DH, ECCENTRICITY, GRAVITY, NOISE, ODD
 from aacmm_pin.units import ARCSEC, MM
 
 if TYPE_CHECKING:
@@ -19,7 +19,16 @@ NEAR = 10.0
 
 def sentences(found: Table3Diagnosis) -> tuple[str, ...]:
     """One for each duty, and one for what stays open."""
-    return (show(found), name(found), of_seat6(found), of_contrast(found), extend(found), gain(found), limits(found))
+    return (
+        show(found),
+        name(found),
+        of_seat6(found),
+        of_contrast(found),
+        of_strict_pick(found),
+        extend(found),
+        gain(found),
+        limits(found),
+    )
 
 
 def show(found: Table3Diagnosis) -> str:
@@ -88,13 +97,33 @@ def of_contrast(found: Table3Diagnosis) -> str:
     )
 
 
+def of_strict_pick(found: Table3Diagnosis) -> str:
+    """What the contrast says however the part was chosen."""
+    pick = found.strict_pick
+    reached = pick.causes.set_index("cause")["reached"].to_dict()
+    ratio_of = pick.causes.set_index("cause")["ratio_median"].to_dict()
+    share = pick.least_random_share
+    return (
+        f"However the part was chosen, it cannot spread less than the records nearest the mean. By DH errors "
+        "alone these would "
+        f"spread {ratio_of[DH]:.2f} times as much as the rest, and as little as printed {often(reached[DH])}: "
+        "even where their "
+        f"level fits, they are not what spread seats 1 to 5. Beside them at least {100 * share:.0f} % of the "
+        f"variance has to scatter, {np.sqrt(share) * found.noise[1] / ARCSEC:.1f}″ if that is encoder noise; "
+        f"eccentricity of all encoders reaches the printed contrast {often(reached[ECCENTRICITY])}, gravity "
+        f"{often(reached[GRAVITY])}."
+    )
+
+
 def extend(found: Table3Diagnosis) -> str:
     """The extended model."""
-    _, middle, high = found.noise_beside_dh
+    low, middle, high = found.noise_beside_dh
+    below = found.noise_by_spreads_alone[2]
     return (
-        f"The extended arm states encoder_noise_rad = {middle:.3g}, that is {middle / ARCSEC:.1f}″ and below "
-        f"{high / ARCSEC:.1f}″ (97.5 %); the spreads set no lower bound, for DH errors within their half-widths "
-        f"may have made much of them. What happened at seat 6 is not the arm's and is not in it."
+        f"The extended arm states encoder_noise_rad = {middle:.3g}, that is {middle / ARCSEC:.1f}″ ({low / ARCSEC:.1f}″ to "
+        f"{high / ARCSEC:.1f}″) with DH errors within their half-widths beside it, by spreads and contrasts of "
+        "seats 1 to 5; the spreads alone would only say below "
+        f"{below / ARCSEC:.1f}″. What happened at seat 6 is not the arm's and is not in it."
     )
 
 
@@ -154,4 +183,4 @@ def often(probability: float) -> str:
     """How often, in words."""
     if probability == 0.0:
         return "in none of the draws"
-    return f"in {100 * probability:.1g} % of the draws"
+    return f"in {100 * probability:.2g} % of the draws"
