@@ -34,6 +34,7 @@ from aacmm_pin.table3_diagnosis.causes import BOTH, CONTACT, DH, ECCENTRICITY, G
 from aacmm_pin.table3_diagnosis.extended import noise_beside, with_encoder_noise
 from aacmm_pin.table3_diagnosis.postures import MEASURED
 from aacmm_pin.table3_diagnosis.sentences import ratio
+from aacmm_pin.table3_diagnosis.strict_pick import strict_pick
 
 ARCSEC = np.pi / 180 / 3600
 FIVE_ARCSEC_MM = [0.0282, 0.0307, 0.0347, 0.0389, 0.0310]
@@ -252,6 +253,20 @@ def test_dh_errors_have_no_near_records(seats: TouchedSeats, found: Table3Diagno
     assert (mean <= printed).mean() < 0.03
     assert table.loc[DH, "reached"] < 0.015
     assert table.loc[NOISE, "reached"] > 0.5
+
+
+def test_the_bound_stands_on_the_full_circle():
+    """By the half of the circle about θ3 = π DH errors alone do reach the printed contrast; the level stays."""
+    half = touched_seats("wrist", arc=0.5, start=0.25)
+    theta3 = np.concatenate([np.unwrap(q[:, 2]) % (2 * np.pi) for q in half.q])
+    assert ((theta3 > 0.5 * np.pi - 0.1) & (theta3 < 1.5 * np.pi + 0.1)).all()
+    pick = strict_pick(half, np.random.default_rng(22), 300).causes.set_index("cause")
+    assert pick.loc[DH, "reached"] > 0.5
+    whole = touched_seats("wrist")
+    levels = [np.sqrt(np.square(part.levers()).sum(axis=(1, 2)).mean()) for part in (half, whole)]
+    assert levels[0] == pytest.approx(levels[1], rel=0.05)
+    with pytest.raises(AacmmError, match="arc is 0"):
+        touched_seats("wrist", arc=0.0)
 
 
 def test_part_of_the_variance_scatters(found: Table3Diagnosis):

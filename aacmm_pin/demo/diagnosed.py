@@ -136,8 +136,9 @@ def _chosen(found: Table3Diagnosis, out: Path) -> list[Part]:
             {"ratio_median": ".2f", "reached": ".3f"},
             {"cause": "cause", "ratio_median": "ratio, median", "reached": "share of draws at most as printed"},
         ),
-        "This bound holds if the postures went round the circle. Crowded at a few places of it, they would have "
-        "near records under any cause.",
+        "The paper draws its figures over all of sin θ3, but does not say how the postures lay. On a part of the circle a "
+        "systematic cause may have near records too, so this bound, and the lower end of the noise below, stand on the full "
+        "circle; the level of the noise and what is said of seat 6 do not.",
     ]
 
 

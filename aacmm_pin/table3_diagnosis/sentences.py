@@ -104,14 +104,12 @@ def of_strict_pick(found: Table3Diagnosis) -> str:
     ratio_of = pick.causes.set_index("cause")["ratio_median"].to_dict()
     share = pick.least_random_share
     return (
-        f"However the part was chosen, it cannot spread less than the records nearest the mean. By DH errors "
-        "alone these would "
-        f"spread {ratio_of[DH]:.2f} times as much as the rest, and as little as printed {often(reached[DH])}: "
-        "even where their "
-        f"level fits, they are not what spread seats 1 to 5. Beside them at least {100 * share:.0f} % of the "
-        f"variance has to scatter, {np.sqrt(share) * found.noise[1] / ARCSEC:.1f}″ if that is encoder noise; "
-        f"eccentricity of all encoders reaches the printed contrast {often(reached[ECCENTRICITY])}, gravity "
-        f"{often(reached[GRAVITY])}."
+        f"However the part was chosen, it cannot spread less than the records nearest the mean. If the postures went round "
+        f"the full circle, DH errors alone would spread these {ratio_of[DH]:.2f} times as much as the rest, and "
+        f"as little as printed {often(reached[DH])}; beside them at least {100 * share:.0f} % of the variance "
+        "of seats 1 to 5 has to "
+        f"scatter, {np.sqrt(share) * found.noise[1] / ARCSEC:.1f}″ if that is encoder noise. Eccentricity of all encoders "
+        f"reaches the printed contrast {often(reached[ECCENTRICITY])}, gravity {often(reached[GRAVITY])}."
     )
 
 
