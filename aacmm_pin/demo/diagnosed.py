@@ -32,6 +32,7 @@ HELD_OUT = {
     "simulation_mm": "DH errors, nothing learnt [mm]",
     "recalibrated_mm": "DH errors [mm]",
     "extended_mm": "DH errors and noise [mm]",
+    "by_spreads_mm": "the same by spreads only [mm]",
     "noise_alone_mm": "noise alone [mm]",
 }
 

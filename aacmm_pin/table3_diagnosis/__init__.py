@@ -3,7 +3,8 @@
 Only aggregate figures are printed, so :mod:`aacmm_pin.spread` stands in for the diagnosis of records.
 
 - ``postures``: how the seats were touched, in three readings; ``causes``: what may have spread the records.
-- ``contrast``: the marked ("green") part and the rest; ``seat6``: what could have made seat 6.
+- ``contrast``: the marked ("green") part and the rest; ``strict_pick``: what they say however the part was chosen.
+- ``seat6``: what could have made seat 6.
 - ``extended``: the arm with encoder noise, and what that is worth on a seat left out.
 - ``raw_records``: what the three hundred records behind the table would tell.
 - ``result``: all of it; ``diagnose_table3`` makes it.

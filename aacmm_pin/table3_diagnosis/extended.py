@@ -27,10 +27,11 @@ class HeldOutSeats:
     Attributes:
         seats: one row a seat: seat, measured_mm, and what four models predict: simulation_mm (median of DH errors within
             their half-widths, nothing learnt), recalibrated_mm (DH errors, the other seats known), extended_mm (DH
-            errors and encoder noise, the other seats known) with its 95 % interval extended_p025_mm,
-            extended_p975_mm, and noise_alone_mm (encoder noise without DH errors, the other seats known).
+            errors and encoder noise, the other seats known by spreads and contrasts) with its 95 % interval
+            extended_p025_mm, extended_p975_mm, by_spreads_mm (the same by spreads only), and noise_alone_mm (encoder noise
+            without DH errors, the other seats known).
         off: logarithm of measured over predicted by each model (seats,).
-        gain: of the extended model, and of noise alone: 1 - RMS/RMS(recalibrated) of those logarithms.
+        gain: of the extended model, by spreads only, and of noise alone: 1 - RMS/RMS(recalibrated) of those logarithms.
         interval: their 95 % intervals, by resampling the seats.
         better: number of seats that each predicts better than the recalibrated model.
     """
@@ -47,7 +48,7 @@ class HeldOutSeats:
         return {name: float(100 * np.sqrt(np.square(off).mean())) for name, off in self.off.items()}
 
 
-EXTENDED, ALONE = "extended", "noise_alone"
+EXTENDED, BY_SPREADS, ALONE = "extended", "by_spreads", "noise_alone"
 
 
 def held_out_seats(
@@ -63,7 +64,7 @@ def held_out_seats(
         pick: what the contrasts of the seats that are not left out say of DH errors beside noise.
     """
     seats = list(range(len(measured)))
-    own = {"recalibrated": DH, EXTENDED: BOTH, ALONE: NOISE}
+    own = {"recalibrated": DH, EXTENDED: BOTH, BY_SPREADS: BOTH, ALONE: NOISE}
     prior = {EXTENDED: lambda known: by_contrast(patterns, pick, known)}
     left = {
         name: left_out(patterns[cause].take(seats), measured, rng, tau, prior=prior.get(name)) for name, cause in own.items()
@@ -78,7 +79,7 @@ def held_out_seats(
         table[f"extended_{end}_mm"] = left[EXTENDED][f"predicted_{end}_mm"]
     drawn = rng.integers(0, len(seats), size=(RESAMPLES, len(seats)))
     gains, intervals, better = {}, {}, {}
-    for name in (EXTENDED, ALONE):
+    for name in (EXTENDED, BY_SPREADS, ALONE):
         low, high = np.quantile(_gain(off[name][drawn], off["recalibrated"][drawn]), [0.025, 0.975])
         gains[name], intervals[name] = float(_gain(off[name], off["recalibrated"])), (float(low), float(high))
         better[name] = int((np.abs(off[name]) < np.abs(off["recalibrated"])).sum())

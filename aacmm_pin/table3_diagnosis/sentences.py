@@ -131,11 +131,13 @@ def gain(found: Table3Diagnosis) -> str:
     size = five.rms_percent
     return (
         f"Predicted from the other four, a seat of the first five is off by {size['recalibrated']:.0f} % by DH "
-        f"errors alone, {size['extended']:.0f} % with encoder noise beside them (gain {five.gain['extended']:.2f}, "
-        f"{_between(five.interval['extended'])}) and {size['noise_alone']:.0f} % by noise without them (gain "
-        f"{five.gain['noise_alone']:.2f}, {_between(five.interval['noise_alone'])}): intervals over five "
-        f"numbers, each itself uncertain by 7 %. With seat 6 among them the gain is {six.gain['extended']:.2f} "
-        f"({_between(six.interval['extended'])}): neither model has it."
+        f"errors alone and by {size['extended']:.0f} % with encoder noise beside them: gain {five.gain['extended']:.2f} "
+        f"({_between(five.interval['extended'])}); {five.gain['by_spreads']:.2f} "
+        f"({_between(five.interval['by_spreads'])}) if the contrasts of the four are not used, and "
+        f"{five.gain['noise_alone']:.2f} "
+        f"({_between(five.interval['noise_alone'])}) by noise without DH errors. The intervals rest on five numbers, each "
+        f"itself uncertain by {found.shown['sampling_percent'].mean():.0f} %. With seat 6 among them the gain is "
+        f"{six.gain['extended']:.2f} ({_between(six.interval['extended'])}): neither model has it."
     )
 
 
