@@ -155,6 +155,7 @@ def test_demo_writes_the_whole_tour(demo: DemoSummary) -> None:
     data = {"index.html", "sino6.urdf", "configurations.csv", "accuracy.json", "map.nc", "map.json"}
     pictures = {"circle", "accuracy_over_swivel", "accuracy_over_theta3", "budget_by_parameter", "budget_by_joint"}
     pictures |= {"flexibility", "comprehensive", "uncertainty", "table2", "table3"}
+    pictures |= {"spreads", "bayes_factors", "part_and_rest", "records"}
     assert written == data | {f"{name}.png" for name in pictures}
     for name in pictures:
         assert (demo.folder / f"{name}.png").read_bytes().startswith(PNG)
@@ -171,7 +172,7 @@ def test_demo_page_is_self_contained(demo: DemoSummary) -> None:
     assert not re.search(r"https?:", html)
     parsed = Page(html)
     assert parsed.open == []
-    assert len(parsed.all("img")) == 10
+    assert len(parsed.all("img")) == 14
     assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in parsed.all("img"))
     for attributes in parsed.all("a"):
         assert attributes["href"].startswith(("#", "data:"))

@@ -381,7 +381,9 @@ def about_assumptions(study: Study) -> list[Part]:
 def _sino6_assumptions() -> Part:
     return (
         "The paper does not state, and the arm file assumes: the limits of joints 5 and 6, all masses and centres of mass, "
-        "the axis of the stylus, and the mount. The masses and the stylus enter no number on this page. Gravity is taken "
-        "along -z of the DH base, because the measured seats then stand above the table; it decides only which elbow is "
-        "called highest, from where the sectors of the swivel angle count."
+        "the axis of the stylus, and the mount. The masses enter what is said of gravity in the diagnosis of the paper's "
+        "measurements, and no other number on this page; the axis of the stylus enters where the tip is in a "
+        "seat. Gravity is "
+        "taken along -z of the DH base, because the measured seats then stand above the table; elsewhere it "
+        "decides only which elbow is called highest, from where the sectors of the swivel angle count."
     )

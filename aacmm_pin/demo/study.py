@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, accuracy_volume, circle_accuracy
 from aacmm_pin.arm import Arm
@@ -12,6 +13,7 @@ from aacmm_pin.arm_file import ArmFile, load_arm_file
 from aacmm_pin.checks import Array
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.sino6_paper import Table2, Table3, predict_table3, printed_points, reproduce_table2
+from aacmm_pin.table3_diagnosis import Table3Diagnosis, diagnose_table3, expected_of_records
 from aacmm_pin.workspace import WorkspaceMap, map_workspace
 
 SEED = 1
@@ -34,6 +36,7 @@ class Study:
         map: flexibility and accuracy over the half-plane.
         sectors: sectors of the configuration circle.
         table2, table3, table3_tip: the paper's tables beside ours; None for another arm than the paper's.
+        diagnosed, of_records: what Table 3 tells, and what its records would; None likewise.
     """
 
     arm_file: ArmFile
@@ -48,6 +51,8 @@ class Study:
     table2: Table2 | None
     table3: Table3 | None
     table3_tip: Table3 | None
+    diagnosed: Table3Diagnosis | None
+    of_records: pd.DataFrame | None
 
     @property
     def inside(self) -> Array:
@@ -76,4 +81,9 @@ def make_study(arm_name: str, progress: bool, cells: tuple[int, int], sectors: i
     table2 = reproduce_table2() if of_paper else None
     table3 = predict_table3(np.random.default_rng(SEED), arm=arm) if of_paper else None
     at_tip = predict_table3(np.random.default_rng(SEED), arm=arm, reading="tip") if of_paper else None
-    return Study(arm_file, arm, circle, accuracy, best, worst, methods, map_, sectors, table2, table3, at_tip)
+    diagnosed = diagnose_table3(np.random.default_rng(SEED)) if of_paper else None
+    of_records = None
+    if diagnosed is not None:
+        of_records = expected_of_records(diagnosed.seats, diagnosed.tau, np.random.default_rng(SEED))
+    tables = (table2, table3, at_tip, diagnosed, of_records)
+    return Study(arm_file, arm, circle, accuracy, best, worst, methods, map_, sectors, *tables)

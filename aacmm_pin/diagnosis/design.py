@@ -17,11 +17,13 @@ from aacmm_pin.effects import Effect, JointZeroOffset
 from aacmm_pin.state import State
 
 TYPICAL_SHIFT = 2e-5
-"""Usual size of what no cause explains, for each smooth function of it: at the tip [m] …"""
-TYPICAL_TURN = 5e-5
-"""… at a joint [rad] …"""
-TYPICAL_GROWTH = 2e-5
-"""… and of all lengths [1]."""
+"""Usual size of what no cause explains, for each smooth function of it: at the tip, or what is left there if more [m] …"""
+TYPICAL_TURN = 2.0
+"""… at a joint [rad] for each metre of that …"""
+TYPICAL_GROWTH = 1.0
+"""… and of all lengths [1] for each metre of that."""
+TYPICAL_MISTAKE = 1e-3
+"""Usual distance by which a target sat elsewhere, where one group of records was set up differently [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,8 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
     ways = [carriers.columns(way) for way in carried] if carriers else []
     of_variants = carriers.of_variants if carriers else _columns_of(fit, variants)[0]
     typical = [np.array([t.typical for t in variant.terms]) for variant in variants]
-    typical += [np.full(columns.shape[2], _typical(way)) for way, columns in zip(carried, ways, strict=True)]
+    left = np.sqrt(np.square(fit.solution.system.deviation[fit.used]).mean())
+    typical += [np.full(columns.shape[2], _typical(way, left)) for way, columns in zip(carried, ways, strict=True)]
     counts = [*(len(candidate.variants) for candidate in library), *(len(covariate.variants) for covariate in others)]
     owners = [(number, which) for number, count in enumerate(counts) for which in range(count)]
     ends = kept.size + np.cumsum([0, *(t.size for t in typical)])
@@ -145,5 +148,7 @@ class _Carriers:
         return np.asarray((self.state.position @ self.frame.T)[:, :, None])
 
 
-def _typical(way: Carried) -> float:
-    return {"angle": TYPICAL_TURN, "lengths": TYPICAL_GROWTH}.get(way.carrier.split(" ")[0], TYPICAL_SHIFT)
+def _typical(way: Carried, left: float) -> float:
+    shift = max(TYPICAL_SHIFT, left)
+    sizes = {"angle": TYPICAL_TURN * shift, "lengths": TYPICAL_GROWTH * shift, "target": TYPICAL_MISTAKE}
+    return sizes.get(way.carrier.split(" ")[0], shift)

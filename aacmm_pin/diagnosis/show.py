@@ -116,8 +116,9 @@ def moved_geometry(choice: Choice) -> pd.DataFrame:
         if i in u and u[i] < np.sqrt(1.0 - LEAST_SHARE**2) * problem.widths[i]
     ]
     table = pd.DataFrame(rows, columns=["parameter", "cause", "joint", "before", "change", "u", "stated_u"])
-    table["times"] = table["change"] / np.sqrt(table["stated_u"] ** 2 - table["u"] ** 2)
-    table["p_value"] = np.minimum(chi2.sf(table["times"] ** 2, 1) * max(len(table), 1), 1.0)
+    change, u_, stated = (table[name].to_numpy(dtype=np.float64) for name in ("change", "u", "stated_u"))
+    table["times"] = change / np.sqrt(stated**2 - u_**2)
+    table["p_value"] = np.minimum(chi2.sf(np.square(change) / (stated**2 - u_**2), 1) * max(len(table), 1), 1.0)
     table = table[table["p_value"] < MOVED]
     return table.sort_values("p_value", ignore_index=True)
 

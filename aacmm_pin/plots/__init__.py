@@ -23,6 +23,7 @@ from aacmm_pin.plots.residuals import (
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
+from aacmm_pin.plots.spread import plot_bayes_factors, plot_expected_of_records, plot_part_and_rest, plot_spreads
 from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION
 
 __all__ = [
@@ -34,18 +35,21 @@ __all__ = [
     "plot_accuracy_over_theta3",
     "plot_arm_residual_vectors",
     "plot_arm_residuals",
+    "plot_bayes_factors",
     "plot_budget",
     "plot_calibration",
     "plot_cause",
     "plot_circle",
     "plot_comprehensive",
     "plot_correlation",
+    "plot_expected_of_records",
     "plot_flexibility",
     "plot_geometry",
     "plot_groups",
     "plot_held_out",
     "plot_normalised_residuals",
     "plot_parameter_changes",
+    "plot_part_and_rest",
     "plot_residual_sizes",
     "plot_residual_vectors",
     "plot_residuals_by_seat",
@@ -53,6 +57,7 @@ __all__ = [
     "plot_residuals_over_joints",
     "plot_rms",
     "plot_seat_error",
+    "plot_spreads",
     "plot_uncertainty",
     "plot_unexplained",
 ]
