@@ -21,7 +21,7 @@ LOOSELY_SETTLED = 1e-2
 """The same of a search whose result is only a start."""
 AT_BEST = 1e-7
 """Ends of bars that move by less than this are where they fit best [m]."""
-FLAT = 1e-4
+FLAT = 1e-2
 """A promise below this that nothing comes of ends the search too: what bends under weight has no exact derivative here."""
 FLOOR = 0.01
 """Smallest damping, beside the square of the smallest singular value that matters."""

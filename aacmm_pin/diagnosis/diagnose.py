@@ -22,6 +22,7 @@ from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.findings import Strength, look_alikes, score, strengths
 from aacmm_pin.diagnosis.gain import Gain, gain_of, parts_of, survivors
+from aacmm_pin.diagnosis.groups import odd_groups
 from aacmm_pin.diagnosis.library import candidates
 from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding, Unexplained, Verdict, described
@@ -35,6 +36,8 @@ from aacmm_pin.units import MM
 
 SETTLED = 0.95
 """A cause at least this probable, beside its look-alikes, is named without doubt."""
+UNLIKELY = 0.2
+"""A cause less probable than this, beside what did not survive its held-out test, is not named."""
 
 
 @one_blas_thread
@@ -88,7 +91,7 @@ def diagnose(
     kind, parts = parts_of(recalibrated, rng)
     library, others = candidates(model.arm, measurements), covariates(model.arm, measurements)
     choice = choose(lambda effects: problem(["geometry", *effects]), noise, recalibrated, library, others, parts)
-    choice = _surviving(choice, lambda effects: problem(["geometry", *effects]), noise)
+    choice = _surviving(choice, lambda effects: problem(["geometry", *effects]), noise, rng)
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
     recalibrated = fit(problem(["geometry"]), noise, used=extended.used)
@@ -118,11 +121,17 @@ def diagnose(
     )
 
 
-def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise) -> Choice:
-    """The choice without what does not survive its held-out test, refitted."""
+def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise, rng: np.random.Generator) -> Choice:
+    """The choice without what does not survive its held-out test, nor what something that did not is better at; refitted."""
     kept = survivors(choice)
     if kept == choice.admitted:
         return choice
+    while kept:
+        strong = strengths(choice.question, choice.gram, kept, choice.design.names, rng)
+        worst = min(strong, key=lambda s: s.probability)
+        if worst.probability >= UNLIKELY:
+            break
+        kept = tuple(k for k in kept if k != worst.block)
     effects = [free(choice.variant(k)) for k in kept if k in choice.causes]
     return replace(choice, fit=fit(problem(effects), noise), admitted=kept)
 
@@ -183,9 +192,14 @@ def _unexplained(choice: Choice, strong: list[Strength], held: Gain | None) -> U
     mine = [s for s in strong if choice.question.owner(s.block) >= causes]
     covariates_ = [choice.others[choice.question.owner(s.block) - causes] for s in mine]
     depends = tuple(dict.fromkeys(name for covariate in covariates_ for name in covariate.depends_on))
+    odd = tuple(odd_groups(choice))
     shapes = {c.name: _shape(choice, s.block) for c, s in zip(covariates_, mine, strict=True)}
-    p_value = min(s.p_value for s in mine) if mine else _any_structure(choice)
-    return Unexplained(p_value, depends, shapes, held.gain if held is not None and mine else None)
+    if mine:
+        p_value = min(s.p_value for s in mine)
+    else:
+        p_value = min(_any_structure(choice), *(group.p_value for group in odd), 1.0)
+        depends = tuple(group.name for group in odd[:1])
+    return Unexplained(p_value, depends, shapes, held.gain if held is not None and mine else None, odd)
 
 
 def _any_structure(choice: Choice) -> float:

@@ -12,9 +12,9 @@ from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.design import Block
 from aacmm_pin.diagnosis.products import Gram
 
-MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0])
+MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0, 10.0])
 """Standard deviations of a cause's parameters that its evidence averages over, in units of the typical magnitude."""
-ADMITTED = 3.0
+ADMITTED = 10.0
 """Parameters of an admitted cause are free within so many typical magnitudes."""
 
 

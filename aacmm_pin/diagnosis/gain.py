@@ -57,7 +57,7 @@ def rms(distance: Array) -> float:
 
 
 def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """Which records are left out together: seats (those of a bar together), else blocks of joint space."""
+    """Which records are left out together: seats (those of a bar together); where these are few, blocks of joint space."""
     records = fit.problem.measurements
     units = [o.records for o in fit.observations if o.unknowns]
     covered = sum(len(u) for u in units)
@@ -70,8 +70,6 @@ def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     turns = np.hstack([np.cos(records.q), np.sin(records.q)])
     clusters = kmeans2(turns, min(PARTS, max(2, records.n // 5)), minit="++", rng=rng)[1]
     part = np.unique(clusters, return_inverse=True)[1].astype(np.intp)
-    for unit in units:  # an observation with unknown points cannot be torn apart
-        part[unit] = part[unit[0]]
     return "blocks", part
 
 
@@ -94,10 +92,10 @@ def gain_of(
     n = choice.fit.problem.measurements.n
     distances = np.full((3, n), np.nan)
     chosen: list[tuple[str, ...]] = []
-    numbers = [k for k, part in enumerate(choice.gram.products.parts) if part.free > 0]
+    numbers = [k for k, part in enumerate(choice.held.products.parts) if part.free > 0]
     for number in progress(numbers) if progress else numbers:
         out = choice.fit.used & (choice.parts == number)
-        training = choice.gram.without(number)
+        training = choice.held.without(number)
         admitted = search(choice.question, training)
         chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
         distances[1, out] = _predicted(choice, training, (), out)
@@ -117,7 +115,7 @@ def survivors(choice: Choice) -> tuple[int, ...]:
     kept = choice.admitted
     known = choice.fit.stated and choice.fit.unmodelled == 0.0
     for block in reversed(choice.admitted):
-        if choice.about_a_group(block):  # left out whole, a group has nothing to say of itself
+        if choice.in_one_part(block):  # left out whole, a group has nothing to say of itself
             continue
         with_it, without = (_losses(choice, blocks) for blocks in (kept, tuple(k for k in kept if k != block)))
         better = without - with_it
@@ -131,10 +129,10 @@ def survivors(choice: Choice) -> tuple[int, ...]:
 def _losses(choice: Choice, blocks: tuple[int, ...]) -> Array:
     """Mean squared distance of the records of each part, predicted by the others with these blocks admitted [m²]."""
     found = []
-    for number, part in enumerate(choice.gram.products.parts):
+    for number, part in enumerate(choice.held.products.parts):
         out = choice.fit.used & (choice.parts == number)
         if part.free > 0 and out.any():
-            found.append(float(np.nanmean(_predicted(choice, choice.gram.without(number), blocks, out) ** 2)))
+            found.append(float(np.nanmean(_predicted(choice, choice.held.without(number), blocks, out) ** 2)))
     return np.array(found)
 
 

@@ -128,6 +128,8 @@ def _of_joint_load(arm: Arm, row: int, conditions: Conditions) -> Iterator[Effec
         yield JointCompliance(row, torque="measured")
     elif arm.masses is not None:
         yield JointCompliance(row)
+    else:
+        yield JointCompliance(row, bodies=tuple(range(row, arm.chain.rows + 1)))
     if arm.masses is not None:
         yield BearingTilt(row)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,11 @@ class Choice:
     others: tuple[Covariate, ...]
     parts: Index
 
+    @cached_property
+    def held(self) -> Gram:
+        """The inner products from which parts can be left out."""
+        return Gram(products_of(self.design, self.parts)) if _torn(self.design.fit, self.parts) else self.gram
+
     @property
     def effects(self) -> list[Effect]:
         """The admitted causes of the library, with the values that the refit gave them."""
@@ -78,10 +84,13 @@ class Choice:
         """Admitted blocks that are causes of the library."""
         return tuple(k for k in self.admitted if self.question.owner(k) < self.design.causes)
 
-    def about_a_group(self, block: int) -> bool:
-        """Whether a block is about one group of records whose target sat elsewhere."""
+    def in_one_part(self, block: int) -> bool:
+        """Whether a block is about one group of records that is left out as a whole, and then says nothing of itself."""
         number = self.question.owner(block) - self.design.causes
-        return number >= 0 and self.others[number].of_target
+        if number < 0 or not self.others[number].of_target:
+            return False
+        inside = self.others[number].variants[0].functions[:, 0] > 0
+        return bool(np.ptp(self.parts[inside]) == 0)
 
     def variant(self, block: int) -> Effect:
         """The effect of a block."""
@@ -172,11 +181,17 @@ def _chosen(
     effects: list[Effect],
 ) -> Choice:
     design = design_of(at, library, others, len(effects))
-    gram = Gram(products_of(design, parts))
+    # With all records there is no need to take an observation's unknown points apart.
+    gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts))
     question = question_of(design, at.stated)
     start = tuple(_block_of(design, library, effect) for effect in effects)
     admitted = search(question, gram, start)
     return Choice(at, design, question, gram, admitted, library, others, parts)
+
+
+def _torn(at: Fit, parts: Index) -> bool:
+    """Whether an observation with unknown points has records in several parts."""
+    return any(np.ptp(parts[o.records]) > 0 for o in at.observations if o.unknowns)
 
 
 def question_of(design: Design, stated: bool) -> Question:

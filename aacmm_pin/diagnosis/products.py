@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import orth
 
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.design import Block, Design
@@ -134,7 +135,7 @@ class Gram:
 
 
 def products_of(design: Design, part: Index) -> Products:
-    """Whitened rows of the used records; an observation with unknown points belongs to one part whole.
+    """Whitened rows of the used records; an observation with unknown points in several parts has them anew in each.
 
     Args:
         design: the columns.
@@ -149,9 +150,11 @@ def products_of(design: Design, part: Index) -> Products:
             continue
         whiten = np.linalg.inv(np.linalg.cholesky(fit.noise[observation.records] + observation.covariance()))
         if observation.unknowns:
-            number = int(part[observation.records[used]][0])
-            rows[number].append(_projected(design, observation, values, whiten, used))
-            unknowns[number] += observation.unknowns
+            for number in np.unique(part[observation.records[used]]):
+                mine = used & (part[observation.records] == number)
+                found, count = _projected(design, observation, values, whiten, mine)
+                rows[number].append(found)
+                unknowns[number] += count
             continue
         off = _off(design, observation, values)
         for number in range(len(rows)):
@@ -187,8 +190,13 @@ def _rows(design: Design, records: Index, whiten: Array, off: Array) -> Array:
     return found.reshape(3 * len(records), -1)
 
 
-def _projected(design: Design, observation: Observation, values: Array, whiten: Array, used: NDArray[np.bool_]) -> Array:
-    """The same with the observation's unknown points at their best, whatever the columns do."""
+def _projected(
+    design: Design, observation: Observation, values: Array, whiten: Array, used: NDArray[np.bool_]
+) -> tuple[Array, int]:
+    """The same with the observation's unknown points at their best, whatever the columns do; how many these determine.
+
+    Where only a part of its records is used, they have points of their own.
+    """
     records = observation.records[used]
     rows = _rows(design, records, whiten[used], _off(design, observation, values)[used])
     tie, by_tie = observation.ties(values)
@@ -196,5 +204,5 @@ def _projected(design: Design, observation: Observation, values: Array, whiten: 
     tied[:, -1] = tie
     rows = np.vstack([rows, tied])
     by = np.vstack([-(whiten[used] @ observation.targets(values)[1][used]).reshape(-1, values.size), by_tie])
-    q, _ = np.linalg.qr(by)
-    return np.asarray(rows - q @ (q.T @ rows))
+    q = orth(by, rcond=1e-9)
+    return np.asarray(rows - q @ (q.T @ rows)), q.shape[1]

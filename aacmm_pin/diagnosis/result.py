@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.findings import Alias
 from aacmm_pin.diagnosis.gain import Gain, rms
+from aacmm_pin.diagnosis.groups import OddGroup
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
@@ -66,12 +67,14 @@ class Unexplained:
         depends_on: the covariates, strongest first.
         shapes: for each, value of the covariate and the smooth correction in x, y, z, one row a record [mm].
         gain: what the smooth correction would be worth on held-out records, or None.
+        groups: groups of records that do not agree with the others.
     """
 
     p_value: float
     depends_on: tuple[str, ...]
     shapes: dict[str, pd.DataFrame]
     gain: float | None
+    groups: tuple[OddGroup, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +137,11 @@ class Diagnosis:
         )
         if self.findings:
             text += "; " + "; ".join(str(f) for f in self.findings)
-        if self.unexplained.depends_on:
-            text += f"; something depends on {', '.join(self.unexplained.depends_on)}"
+        odd = {group.name: group for group in self.unexplained.groups}
+        if covariates := [name for name in self.unexplained.depends_on if name not in odd]:
+            text += f"; something that no cause explains depends on {', '.join(covariates)}"
+        for group in odd.values():
+            text += f"; {group.name} does not agree with the other records: {group.times:.1f} times as far off"
         if self.held_out is not None:
             low, high = self.held_out.interval
             text += f"; gain on held-out {self.held_out.kind} {self.held_out.gain:.2f} ({low:.2f} to {high:.2f})"
@@ -161,6 +167,7 @@ class Diagnosis:
                 "p_value": self.unexplained.p_value,
                 "depends_on": list(self.unexplained.depends_on),
                 "smooth_correction_gain": self.unexplained.gain,
+                "groups": [asdict(group) for group in self.unexplained.groups],
             },
             "cannot_tell_apart": [list(group) for group in self.cannot_tell_apart],
             "next_measurements": self.next_measurements,
