@@ -52,13 +52,16 @@ def problem_of(
         AacmmError: nothing to estimate, or the same twice.
     """
     chosen: list[_Unknown] = _of_target(model.arm, measurements, target)
-    for item in [parameters] if isinstance(parameters, str) else parameters:
+    items = [parameters] if isinstance(parameters, str) else list(parameters)
+    asked = {item.label for item in items if isinstance(item, Effect)}
+    for item in items:
         if isinstance(item, Effect):
             chosen.append(_of_effect(item))
         elif item == "zero-offsets":
             chosen += [_geometric(model.arm, JointZeroOffset(row), prior) for row in _moving_rows(model.arm)]
         elif item == "geometry":
-            chosen += _geometry(model.arm, prior)
+            # A value that is asked for by itself, with a width of its own, stands in its own place.
+            chosen += [unknown for unknown in _geometry(model.arm, prior) if unknown[0].label not in asked]
         else:
             raise UnknownNameError("set of parameters", str(item), [*get_args(ParameterSet), "an Effect"])
     labels = [effect.label for effect, _, _ in chosen]

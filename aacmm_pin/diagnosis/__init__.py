@@ -3,6 +3,8 @@
 from aacmm_pin.diagnosis.diagnose import diagnose
 from aacmm_pin.diagnosis.findings import Alias
 from aacmm_pin.diagnosis.gain import Gain
-from aacmm_pin.diagnosis.result import Diagnosis, Finding, Unexplained
+from aacmm_pin.diagnosis.groups import OddGroup
+from aacmm_pin.diagnosis.result import Diagnosis, Finding
+from aacmm_pin.diagnosis.unexplained import Unexplained
 
-__all__ = ["Alias", "Diagnosis", "Finding", "Gain", "Unexplained", "diagnose"]
+__all__ = ["Alias", "Diagnosis", "Finding", "Gain", "OddGroup", "Unexplained", "diagnose"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from scipy.cluster.vq import kmeans2
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array
+from aacmm_pin.conditions import Conditions
 from aacmm_pin.diagnosis.library import LEAST_SPREAD
 from aacmm_pin.measurements import Measurements
 
@@ -23,6 +24,8 @@ MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
 SMOOTH = (5, 20)
 """Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it may shift the tip."""
+SLOPES = 2
+"""Powers of the time since the middle of a session with which the tip may shift inside it."""
 CENTRES = 24
 """So many places at most in the room round which a field may have its own shift …"""
 NARROWEST = 0.1
@@ -84,8 +87,9 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
         named.append(("operator", measurements.operator, ["room", *angles]))
     named += [(str(name), measurements.extra[name], ["room", *angles, "lengths"]) for name in measurements.extra]
     found += [_of(name, values, carriers) for name, values, carriers in named]
-    found += [_product(measurements.q, one, other) for one, other in itertools.combinations(numbers, 2)]
-    return [c for c in found if c is not None] + [_place(arm, measurements)] + _groups(measurements)
+    products = [_product(measurements.q, one, other) for one, other in itertools.combinations(numbers, 2)]
+    single = [_with_time(c, conditions) for c in found if c is not None]
+    return [*single, *products, _place(arm, measurements), *_groups(measurements)]
 
 
 def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covariate | None:
@@ -103,6 +107,21 @@ def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covaria
         return None
     dummies = _of_size_one(pd.get_dummies(labels, dtype=float).to_numpy())
     return Covariate(name, (name,), tuple(Carried(dummies, carrier) for carrier in carriers), labels.to_numpy())
+
+
+def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
+    """Sessions and time belong together: time may go on anew in each session, and one session is later than the other."""
+    session, time = conditions.session, conditions.time
+    if session is None or time is None or covariate.name not in ("time", "session"):
+        return covariate
+    if covariate.name == "session":
+        return replace(covariate, depends_on=("session", "time"))
+    inside = pd.get_dummies(pd.Series(session), dtype=float).to_numpy()
+    if not 2 <= inside.shape[1] <= MOST_LABELS:
+        return covariate
+    since = time[:, None] - (inside * time[:, None]).sum(axis=0) / inside.sum(axis=0)
+    powers = [inside * (since / max(np.ptp(time), 1e-9)) ** k for k in range(1 + SLOPES)]
+    return replace(covariate, variants=(*covariate.variants, Carried(_of_size_one(np.hstack(powers)), "room")))
 
 
 def _cosines(numbers: pd.Series, count: int) -> Array:

@@ -6,9 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.blas import one_blas_thread
@@ -20,22 +18,20 @@ from aacmm_pin.calibration.problem import OF_KIND, Problem
 from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.findings import Strength, look_alikes, score, strengths
-from aacmm_pin.diagnosis.gain import Gain, gain_of, parts_of, survivors
-from aacmm_pin.diagnosis.groups import odd_groups
+from aacmm_pin.diagnosis.findings import Strength, look_alikes, strengths
+from aacmm_pin.diagnosis.gain import gain_of, parts_of, survivors
 from aacmm_pin.diagnosis.library import candidates
 from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free
-from aacmm_pin.diagnosis.result import Diagnosis, Finding, Unexplained, Verdict, described
-from aacmm_pin.diagnosis.search import conditional
+from aacmm_pin.diagnosis.next_measurements import next_measurements
+from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, Verdict, described
 from aacmm_pin.diagnosis.show import groups_table, moved_geometry, predicted_covariance
+from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.units import MM
+from aacmm_pin.planning import advice
 
-SETTLED = 0.95
-"""A cause at least this probable, beside its look-alikes, is named without doubt."""
 UNLIKELY = 0.2
 """A cause less probable than this, beside what did not survive its held-out test, is not named."""
 
@@ -89,7 +85,8 @@ def diagnose(
 
     recalibrated = fit(problem(["geometry"]), noise)
     kind, parts = parts_of(recalibrated, rng)
-    library, others = candidates(model.arm, measurements), covariates(model.arm, measurements)
+    library = candidates(model.arm, measurements, recalibrated.problem)
+    others = covariates(model.arm, measurements)
     choice = choose(lambda effects: problem(["geometry", *effects]), noise, recalibrated, library, others, parts)
     choice = _surviving(choice, lambda effects: problem(["geometry", *effects]), noise, rng)
     extended = choice.fit
@@ -98,10 +95,25 @@ def diagnose(
     strong = strengths(choice.question, choice.gram, choice.admitted, choice.design.names, rng)
     held = gain_of(choice, before, kind, rng, progress) if hold_out else None
     findings = _findings(choice, strong) + _geometry(choice)
-    unexplained = _unexplained(choice, strong, held)
+    unexplained = unexplained_by(choice, strong, held)
     groups = look_alikes(choice.question, choice.gram, choice.design.names, choice.design.causes)
     shown = predicted_covariance(before, *_prior_predictive(model, before))
     verdict = _verdict(findings, unexplained)
+
+    def plan(cause: Effect, other: str) -> str:
+        return advice(
+            model,
+            (cause, other),
+            measurements,
+            reference_frame=reference_frame,
+            target=target,
+            prior=prior,
+            encoder_noise=encoder_noise,
+            reference_noise=reference_noise,
+            probe_noise=probe_noise,
+            length_noise=length_noise,
+        )
+
     return Diagnosis(
         verdict=verdict,
         findings=tuple(findings),
@@ -116,14 +128,14 @@ def diagnose(
         simulation_groups=groups_table(before, shown),
         extended_groups=groups_table(extended, _noise(extended)),
         noise=float(np.sqrt(np.trace(_stated(extended)[extended.used], axis1=1, axis2=2).mean())),
-        next_measurements=_next(verdict, findings, groups, model.arm),
+        next_measurements=next_measurements(verdict, findings, unexplained, plan),
         notes=tuple(notes_of(extended, noise)),
     )
 
 
 def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise, rng: np.random.Generator) -> Choice:
     """The choice without what does not survive its held-out test, nor what something that did not is better at; refitted."""
-    kept = survivors(choice)
+    kept = survivors(choice, choice.admitted, choice.held)
     if kept == choice.admitted:
         return choice
     while kept:
@@ -187,43 +199,6 @@ def _geometry(choice: Choice) -> list[Finding]:
 _GEOMETRIC = {cause.cause for cause in OF_KIND.values()}
 
 
-def _unexplained(choice: Choice, strong: list[Strength], held: Gain | None) -> Unexplained:
-    causes = choice.design.causes
-    mine = [s for s in strong if choice.question.owner(s.block) >= causes]
-    covariates_ = [choice.others[choice.question.owner(s.block) - causes] for s in mine]
-    depends = tuple(dict.fromkeys(name for covariate in covariates_ for name in covariate.depends_on))
-    odd = tuple(odd_groups(choice))
-    shapes = {c.name: _shape(choice, s.block) for c, s in zip(covariates_, mine, strict=True)}
-    if mine:
-        p_value = min(s.p_value for s in mine)
-    else:
-        p_value = min(_any_structure(choice), *(group.p_value for group in odd), 1.0)
-        depends = tuple(group.name for group in odd[:1])
-    return Unexplained(p_value, depends, shapes, held.gain if held is not None and mine else None, odd)
-
-
-def _any_structure(choice: Choice) -> float:
-    """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
-    left = conditional(choice.question, choice.gram, choice.admitted)
-    blocks = [b for b in choice.design.blocks if b.candidate >= choice.design.causes]
-    each = [float(chi2.sf(score(left, b), b.size)) for b in blocks]
-    return min(1.0, len(each) * min(each, default=1.0))
-
-
-def _shape(choice: Choice, block: int) -> pd.DataFrame:
-    """The smooth correction over a covariate, record by record."""
-    design = choice.design
-    left = conditional(choice.question, choice.gram, choice.admitted)
-    columns = design.blocks[block].columns
-    where = np.searchsorted(left.refitted, columns.start) if columns.start in left.refitted else 0
-    where = int(np.flatnonzero(left.refitted == columns.start)[0]) if columns.start in left.refitted else where
-    step = left.solution()[where : where + columns.stop - columns.start]
-    shift = design.jacobian[:, :, columns] @ step / MM
-    covariate = choice.others[choice.question.owner(block) - design.causes]
-    table = {covariate.name: covariate.values} | {f"{axis}_mm": shift[:, k] for k, axis in enumerate("xyz")}
-    return pd.DataFrame(table).sort_values(covariate.name, ignore_index=True)
-
-
 def _verdict(findings: list[Finding], unexplained: Unexplained) -> Verdict:
     if unexplained.depends_on:
         return "unexplained"
@@ -251,19 +226,3 @@ def _stated(at: Fit) -> Array:
     """Noise without the scatter that was found beside it, where the noise is stated."""
     total = _noise(at)
     return total - at.unmodelled**2 * np.eye(3) if at.stated else total
-
-
-def _next(verdict: Verdict, findings: list[Finding], groups: list[list[str]], arm: Arm) -> str:
-    """What to measure next, in a sentence."""
-    if verdict == "no-discrepancy":
-        return "nothing is open; keep these records as a reference for the next check"
-    if verdict == "unexplained":
-        return "repeat some postures at other values of what the residuals depend on, everything else alike"
-    open_ = [f for f in findings if f.probability < SETTLED and f.aliases]
-    if not open_:
-        return "nothing is open; check the extended model on new records"
-    first = open_[0]
-    return (
-        f"to tell {first.label} from {first.aliases[0].label}, measure where the two differ most: "
-        f"aacmm-pin plan {arm.name.lower()} --split {first.label} {first.aliases[0].label} --records 40 -o plan.csv"
-    )

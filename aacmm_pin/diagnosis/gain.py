@@ -31,6 +31,7 @@ class Gain:
         kind: ``seats`` or ``blocks`` of joint space.
         groups: how many parts were left out in turn.
         simulation, recalibrated, extended: distances of the records by each model (n,) [m]; nan where there is none.
+        smooth: the same with the smooth corrections of what no cause explains (n,) [m].
         part: part of each record (n,).
         chosen: labels that were chosen without each part.
         interval: 95 % interval of the gain, by resampling the parts.
@@ -41,6 +42,7 @@ class Gain:
     simulation: Array
     recalibrated: Array
     extended: Array
+    smooth: Array
     part: Index
     chosen: tuple[tuple[str, ...], ...]
     interval: tuple[float, float]
@@ -49,6 +51,11 @@ class Gain:
     def gain(self) -> float:
         """1 - RMS(extended)/RMS(recalibrated)."""
         return 1.0 - rms(self.extended) / rms(self.recalibrated)
+
+    @property
+    def smooth_gain(self) -> float:
+        """1 - RMS(smooth)/RMS(extended): what the smooth corrections add to the causes."""
+        return 1.0 - rms(self.smooth) / rms(self.extended)
 
 
 def rms(distance: Array) -> float:
@@ -90,34 +97,41 @@ def gain_of(
         progress: wraps the parts.
     """
     n = choice.fit.problem.measurements.n
-    distances = np.full((3, n), np.nan)
+    simulation, recalibrated, extended, smooth = np.full((4, n), np.nan)
     chosen: list[tuple[str, ...]] = []
-    numbers = [k for k, part in enumerate(choice.held.products.parts) if part.free > 0]
+    numbers = choice.held.parts
     for number in progress(numbers) if progress else numbers:
         out = choice.fit.used & (choice.parts == number)
         training = choice.held.without(number)
-        admitted = search(choice.question, training)
+        admitted = survivors(choice, search(choice.question, training), training)
+        causes = tuple(k for k in admitted if choice.question.owner(k) < choice.design.causes)
         chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
-        distances[1, out] = _predicted(choice, training, (), out)
-        distances[2, out] = _predicted(choice, training, admitted, out)
-        distances[0, out] = _by(before, out)
-    interval = _interval(distances[1], distances[2], choice.parts, rng)
-    return Gain(kind, len(numbers), distances[0], distances[1], distances[2], choice.parts, tuple(chosen), interval)
+        simulation[out] = _by(before, out)
+        recalibrated[out] = _predicted(choice, training, (), out)
+        extended[out] = _predicted(choice, training, causes, out)
+        smooth[out] = _predicted(choice, training, admitted, out)
+    interval = _interval(recalibrated, extended, choice.parts, rng)
+    return Gain(kind, len(numbers), simulation, recalibrated, extended, smooth, choice.parts, tuple(chosen), interval)
 
 
-def survivors(choice: Choice) -> tuple[int, ...]:
+def survivors(choice: Choice, admitted: tuple[int, ...], training: Gram) -> tuple[int, ...]:
     """The admitted blocks without which held-out records are predicted worse.
 
     Where the noise is known and suffices, a cause goes only if it makes prediction worse beyond its own scatter from part
     to part; where residuals scatter more than any stated noise, evidence alone says too much, and a cause has to prove
     that it helps. The weakest is asked first.
+
+    Args:
+        choice: columns and inner products.
+        admitted: the blocks, strongest first.
+        training: the parts that take turns in being left out.
     """
-    kept = choice.admitted
+    kept = admitted
     known = choice.fit.stated and choice.fit.unmodelled == 0.0
-    for block in reversed(choice.admitted):
+    for block in reversed(admitted):
         if choice.in_one_part(block):  # left out whole, a group has nothing to say of itself
             continue
-        with_it, without = (_losses(choice, blocks) for blocks in (kept, tuple(k for k in kept if k != block)))
+        with_it, without = (_losses(choice, training, blocks) for blocks in (kept, tuple(k for k in kept if k != block)))
         better = without - with_it
         error = float(np.std(better, ddof=1) / np.sqrt(len(better))) if len(better) > 1 else np.inf
         helps = float(np.mean(better)) > (-SURVIVES if known else SURVIVES) * error
@@ -126,13 +140,13 @@ def survivors(choice: Choice) -> tuple[int, ...]:
     return kept
 
 
-def _losses(choice: Choice, blocks: tuple[int, ...]) -> Array:
+def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
     """Mean squared distance of the records of each part, predicted by the others with these blocks admitted [m²]."""
     found = []
-    for number, part in enumerate(choice.held.products.parts):
+    for number in training.parts:
         out = choice.fit.used & (choice.parts == number)
-        if part.free > 0 and out.any():
-            found.append(float(np.nanmean(_predicted(choice, choice.held.without(number), blocks, out) ** 2)))
+        if out.any():
+            found.append(float(np.nanmean(_predicted(choice, training.without(number), blocks, out) ** 2)))
     return np.array(found)
 
 

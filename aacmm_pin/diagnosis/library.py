@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin.arm import Arm
+from aacmm_pin.calibration.problem import OF_KIND, Problem, geometric_parameters
 from aacmm_pin.chain import axis, end
 from aacmm_pin.checks import Array
 from aacmm_pin.conditions import Conditions
@@ -25,8 +26,10 @@ from aacmm_pin.effects import (
     JointHysteresis,
     JointPeriodicError,
     LinkBending,
+    ReferenceFrame,
     SeatError,
     StylusBending,
+    StylusOffset,
     ThermalExpansion,
     TorsionalWindup,
     ZeroDrift,
@@ -44,7 +47,9 @@ PAUSE = 5.0
 WARM_UPS = (600.0, 1800.0, 5400.0)
 """Time constants of a warm-up that are tried [s]."""
 CURVES = (24, 60)
-"""Numbers of coefficients per turn of a free curve that are tried."""
+"""Numbers of coefficients per turn of a free curve that are tried, before they are doubled where that is better."""
+PER_COEFFICIENT = 3
+"""So many records for each coefficient of a curve, at least."""
 LEAST_SPREAD = 0.02
 """A joint that moves less than this cannot show anything that depends on its angle [rad]."""
 
@@ -70,8 +75,14 @@ class Candidate:
         return self.variants[0].cause
 
 
-def candidates(arm: Arm, measurements: Measurements) -> list[Candidate]:
-    """Every cause of the library that these records could show, one for each place where it can sit."""
+def candidates(arm: Arm, measurements: Measurements, problem: Problem) -> list[Candidate]:
+    """Every cause of the library that these records could show, one for each place where it can sit.
+
+    Args:
+        arm: the arm.
+        measurements: the records.
+        problem: what is refitted anyway; geometric values beyond what is stated of them are causes too.
+    """
     conditions = measurements.conditions
     found: list[tuple[Effect, ...]] = []
     for number, place in enumerate(arm.chain.moving_axes()):
@@ -86,7 +97,25 @@ def candidates(arm: Arm, measurements: Measurements) -> list[Candidate]:
     labels = [label for label, records in measurements.seats().items() if len(records) > 1]
     if len(labels) >= 3 and measurements.known.any():
         found += [(SeatError(label),) for label in labels]
+    found += [(effect,) for effect in _of_geometry(arm, measurements, problem)]
     return [Candidate(variants) for variants in found]
+
+
+def _of_geometry(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:
+    """Geometric values farther off than is stated, a tip or a frame of references that is not where it is said to be."""
+    first, estimated = 0, {effect.label for effect in problem.estimated}
+    for effect in problem.estimated:
+        stated = problem.stated[first : first + len(effect.terms)]
+        first += len(effect.terms)
+        if stated.all() and geometric_parameters(arm, effect):
+            yield effect.at(())
+    if arm.dh is not None:
+        exact = [OF_KIND[p.kind](joint=p.joint) for p in arm.parameters]  # type: ignore[call-arg]
+        yield from (effect for effect in exact if effect.label not in estimated)
+    if not any(isinstance(effect, StylusOffset) for effect in problem.estimated):
+        yield StylusOffset()
+    if measurements.known.any() and not problem.external:
+        yield ReferenceFrame()
 
 
 def _of_angle(row: int, angle: Array) -> Iterator[tuple[Effect, ...]]:
@@ -101,7 +130,7 @@ def _of_angle(row: int, angle: Array) -> Iterator[tuple[Effect, ...]]:
     margin = 1e-6 + 1e-3 * np.ptp(angle)
     low, high = float(angle.min() - margin), float(angle.max() + margin)
     counts = sorted({int(np.clip(round(per_turn * turns), 8, 120)) for per_turn in CURVES})
-    if curves := tuple(JointErrorCurve(row, low, high, count) for count in counts if 3 * count <= len(angle)):
+    if curves := tuple(JointErrorCurve(row, low, high, count) for count in counts if PER_COEFFICIENT * count <= len(angle)):
         yield curves
 
 

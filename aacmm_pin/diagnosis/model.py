@@ -17,10 +17,10 @@ from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design import Design, design_of
 from aacmm_pin.diagnosis.evidence import ADMITTED
-from aacmm_pin.diagnosis.library import Candidate
+from aacmm_pin.diagnosis.library import PER_COEFFICIENT, Candidate
 from aacmm_pin.diagnosis.products import Gram, products_of
 from aacmm_pin.diagnosis.search import Question, conditional, search
-from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError, ZeroDrift
+from aacmm_pin.effects import Effect, EncoderSlip, JointErrorCurve, JointPeriodicError, ZeroDrift
 
 MOST_ROUNDS = 10
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
@@ -32,12 +32,19 @@ LESS_USUAL = {
     "counterbalance": 0.2,
     "stylus_bending": 0.2,
     "joint_error_curve": 0.3,
+    "link_length": 0.2,
+    "joint_distance": 0.2,
+    "link_twist": 0.2,
+    "stylus_offset": 0.2,
+    "reference_frame": 0.2,
 }
 """Causes that are rarer, beside the others."""
 OF_ANGLE = ("encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error", "encoder_gain")
 """Functions of one joint's angle: a free curve at the same joint is all of them, and none stands beside it."""
 FEWEST = 3
 """So many records have to make sense at once before they are more than gross errors."""
+A_FEW = 0.005
+"""A smaller part of the records than this is left out without asking whether they make sense together."""
 NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
 FINE = 15
@@ -114,7 +121,7 @@ def choose(
     """
     found = _standing(problem_of, noise, first, tuple(library), tuple(others), parts)
     nearer = _put_back(first)
-    if nearer.sum() - first.used.sum() < FEWEST:
+    if nearer.sum() - first.used.sum() < max(FEWEST, A_FEW * len(nearer)):
         return found
     wider = fit(problem_of([]), noise, used=nearer)
     again = _standing(problem_of, noise, wider, tuple(library), tuple(others), parts)
@@ -266,6 +273,9 @@ def _around(choice: Choice, effect: Effect) -> list[Effect]:
     if isinstance(effect, JointPeriodicError):
         steps = np.linspace(-0.5, 0.5, 2 * FINE + 1)
         return [replace(effect, order=round(effect.order + float(s), 4)) for s in steps if effect.order + s > 0.3]
+    if isinstance(effect, JointErrorCurve):
+        finer = [effect.coefficients, 2 * effect.coefficients]
+        return [replace(effect, values=(), u=(), coefficients=c) for c in finer if PER_COEFFICIENT * c <= len(choice.parts)]
     if isinstance(effect, EncoderSlip):
         time = choice.fit.problem.measurements.conditions.time
         times = np.unique(time) if time is not None else np.array([effect.time_s])

@@ -93,29 +93,36 @@ class Products:
 
 @dataclass(frozen=True, eq=False)
 class Gram:
-    """The products of all records, or of all but one part.
+    """The products of all records, or of all but some parts.
 
     Attributes:
         products: where they come from.
-        left_out: number of the part that does not count, or None.
+        left_out: numbers of the parts that do not count.
     """
 
     products: Products
-    left_out: int | None = None
+    left_out: frozenset[int] = frozenset()
 
     def without(self, part: int) -> Gram:
-        """All but this part."""
-        return Gram(self.products, part)
+        """All but this part too."""
+        return Gram(self.products, self.left_out | {part})
+
+    @property
+    def parts(self) -> list[int]:
+        """Numbers of the parts that count and have something to say."""
+        return [k for k, part in enumerate(self.products.parts) if k not in self.left_out and part.free > 0]
 
     @property
     def free(self) -> int:
         """Rows less the unknown points that were projected out."""
-        return sum(p.free for k, p in enumerate(self.products.parts) if k != self.left_out)
+        return sum(self.products.parts[k].free for k in self.parts)
 
     def strip(self, columns: slice) -> Array:
         """Products of some columns with all, and with the residual (q, columns + 1)."""
         total = self.products.strip(None, columns)
-        return total if self.left_out is None else total - self.products.strip(self.left_out, columns)
+        for part in self.left_out:
+            total = total - self.products.strip(part, columns)
+        return total
 
     @property
     def residual(self) -> Array:
@@ -126,7 +133,9 @@ class Gram:
     def insides(self, size: int) -> Array:
         """Products inside each block of a size (blocks, q, q)."""
         total = self.products.insides(None)[size]
-        return total if self.left_out is None else total - self.products.insides(self.left_out)[size]
+        for part in self.left_out:
+            total = total - self.products.insides(part)[size]
+        return total
 
     def inside(self, block: Block) -> Array:
         """Products inside one block (q, q)."""

@@ -13,13 +13,15 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.findings import Alias
 from aacmm_pin.diagnosis.gain import Gain, rms
-from aacmm_pin.diagnosis.groups import OddGroup
 from aacmm_pin.diagnosis.model import Choice
+from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.units import MM
 
 SCHEMA = "aacmm-pin/diagnosis/1"
+SETTLED = 0.95
+"""A cause at least this probable, beside its look-alikes, is named without doubt."""
 Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained"]
 
 
@@ -56,25 +58,6 @@ class Finding:
         few = self.parameters if len(self.parameters) <= 8 else {}
         values = ", ".join(f"{k} = {v:.3g} ± {2 * u:.1g}" for k, (v, u) in few.items())
         return f"{self.label} (probability {self.probability:.3f}{', ' + values if values else ''})"
-
-
-@dataclass(frozen=True, eq=False)
-class Unexplained:
-    """Structure that no cause of the library has.
-
-    Attributes:
-        p_value: chance of as much structure over any covariate when there is none, family-wise.
-        depends_on: the covariates, strongest first.
-        shapes: for each, value of the covariate and the smooth correction in x, y, z, one row a record [mm].
-        gain: what the smooth correction would be worth on held-out records, or None.
-        groups: groups of records that do not agree with the others.
-    """
-
-    p_value: float
-    depends_on: tuple[str, ...]
-    shapes: dict[str, pd.DataFrame]
-    gain: float | None
-    groups: tuple[OddGroup, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

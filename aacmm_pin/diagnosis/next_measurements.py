@@ -1,0 +1,34 @@
+"""What to measure next, in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from aacmm_pin.diagnosis.model import OF_ANGLE
+from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
+from aacmm_pin.diagnosis.unexplained import Unexplained
+from aacmm_pin.effects import CAUSES, Effect
+
+
+def next_measurements(
+    verdict: Verdict, findings: Sequence[Finding], unexplained: Unexplained, plan: Callable[[Effect, str], str]
+) -> str:
+    """What to measure next, in a sentence; ``plan`` makes that for a finding and the label of its look-alike."""
+    if verdict == "no-discrepancy":
+        return "nothing is open; keep these records as a reference for the next check"
+    if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
+        return f"set up {unexplained.groups[0].name} anew and repeat its records; diagnose the others without it"
+    if verdict == "unexplained":
+        on = ", ".join(unexplained.depends_on)
+        return f"repeat some postures with other values of {on} and everything else alike, and some with all alike"
+    for finding in findings:
+        alike = [a.label for a in finding.aliases if a.label.split(":")[0] in CAUSES]
+        if finding.probability >= SETTLED or not alike:
+            continue
+        if alike[0] == f"joint_error_curve:{finding.joint}" and finding.cause in OF_ANGLE:
+            return (
+                f"measure more records with joint {finding.joint} spread evenly over its range: they show whether "
+                f"{finding.label} is all that depends on its angle"
+            )
+        return plan(finding.effect, alike[0])
+    return "nothing is open; check the extended model on new records"
