@@ -9,7 +9,7 @@ import pandas as pd
 
 from aacmm_pin.arm_file import COVERAGE_FACTOR
 from aacmm_pin.calibration.problem import geometric_parameters
-from aacmm_pin.diagnosis import Diagnosis, Finding
+from aacmm_pin.diagnosis import Diagnosis, Finding, OddGroup
 from aacmm_pin.effects import Effect, EncoderSlip, SeatError
 from aacmm_pin.units import DEG, MM
 
@@ -150,7 +150,9 @@ def verdict_in_words(result: Diagnosis) -> str:
     if result.verdict == "ambiguous":
         doubtful = [f for f in result.findings if f.probability < SURE]
         rivals = "; ".join(_doubt(f) for f in doubtful)
-        which = "which" if len(causes) == 1 else "all of them"
+        which = "which" if len(result.findings) == 1 else "all of them"
+        if not causes:
+            return f"{name}: {off}, but these records do not settle {which}: {rivals}."
         return f"{name}: the simulation lacks {lacks}, but these records do not settle {which}: {rivals}."
     if not causes:
         return f"{name}: no cause is missing in the simulation, but {off}. Recalibrated, {left}."
@@ -180,12 +182,17 @@ def p_in_words(value: float) -> str:
     return f"{value:.1g}" if value > LEAST_P else f"< {LEAST_P:g}"
 
 
-def group_in_words(name: str) -> str:
-    """What it means that something depends on one group of records; "" for other covariates."""
-    kind = name.split(" ")[0]
-    if kind not in ("seat", "bar"):
-        return ""
-    return f"The records of {name} stand apart, as if their target sat elsewhere on the arm: look at their set-up."
+def group_in_words(group: OddGroup) -> str:
+    """That a group does not agree with the other records, by how much, and what to do."""
+    return (
+        f"The {group.records} records of {group.name} do not agree with the others, which predict them "
+        f"{group.times:.1f} times as far off as one another (p {_equals(group.p_value)}): look at its set-up."
+    )
+
+
+def _equals(p_value: float) -> str:
+    text = p_in_words(p_value)
+    return text if text.startswith("<") else f"= {text}"
 
 
 def noise_in_words(result: Diagnosis) -> str:
@@ -235,15 +242,21 @@ def slip_in_words(result: Diagnosis, slip: EncoderSlip) -> str:
 def unexplained_in_words(result: Diagnosis) -> str:
     """What structure is left, or that none is."""
     open_ = result.unexplained
-    p = p_in_words(open_.p_value)
-    p = p if p.startswith("<") else f"= {p}"
-    if not open_.depends_on and open_.p_value < CHANCE:
+    p = _equals(open_.p_value)
+    covariates = [name for name in open_.depends_on if name not in {group.name for group in open_.groups}]
+    if not covariates and open_.groups:
+        return f"No column of the file tells what is left, but not all groups of records agree. {left_in_words(result)}"
+    if not covariates and open_.p_value < CHANCE:
         return f"Something is left beyond chance (p {p}), but no single column over which it holds. {left_in_words(result)}"
-    if not open_.depends_on:
+    if not covariates:
         return f"Nothing that depends on a joint's angle, time or any other column is left (p {p}). {left_in_words(result)}"
-    worth = f" With it and the causes the gain on held-out records is {100 * open_.gain:z.0f} %." if open_.gain else ""
+    worth = (
+        ""
+        if open_.gain is None
+        else (f" On held-out records it takes {100 * open_.gain:z.0f} % off what the causes alone leave.")
+    )
     return (
-        f"The residuals depend on {listed(list(open_.depends_on))} (p {p}) in a way that no cause of the library has. What "
+        f"The residuals depend on {listed(covariates)} (p {p}) in a way that no cause of the library has. What "
         "is drawn here describes it, smooth over the covariate; it is not a cause, and it is not in the extended arm."
         f"{worth}"
     )
@@ -279,9 +292,8 @@ def gain_in_words(result: Diagnosis) -> str:
         return "Nothing was held out, so that nothing is known of the gain on other records."
     low, high = held.interval
     where, interval = f"On held-out {PARTS[held.kind]}", f"(95 %: {100 * low:z.0f} to {100 * high:z.0f} %)"
-    depends = listed(list(result.unexplained.depends_on))
-    arm = f"the extended arm, with a correction over {depends} beside it," if depends else "the extended arm"
-    if not result.findings and not depends:
+    arm = "the extended arm"
+    if not result.findings:
         return f"{where} there is nothing to gain beside recalibration."
     if round(100 * low) <= 0 <= round(100 * high):
         return f"{where} {arm} is not better than the recalibrated one beyond doubt: {100 * held.gain:z.0f} % {interval}."

@@ -225,12 +225,12 @@ def _held_out(result: Diagnosis) -> list[Part]:
 
 
 def _unexplained(result: Diagnosis) -> list[Part]:
-    depends = result.unexplained.depends_on
-    parts: list[Part] = [Paragraph(unexplained_in_words(result), finding=bool(depends))]
-    parts += [text for name in depends if (text := group_in_words(name))]
-    for name in depends:
+    open_ = result.unexplained
+    parts: list[Part] = [Paragraph(unexplained_in_words(result), finding=bool(open_.depends_on))]
+    parts += [group_in_words(group) for group in open_.groups]
+    for name in open_.shapes:
         drawn = plots.plot_unexplained(result, name, blank_axes(7.4, 4.0))
-        caption = f"What would have to be added to the tip, over {name}; dots: what each record lacks."
+        caption = f"Over {name}: {open_.acts_on[name]}, by so much. Dots: what each record says of it."
         parts.append(Picture.of(drawn, f"Structure over {name} without a known cause", caption))
     return [*parts, *_excluded(result)]
 

@@ -61,7 +61,7 @@ FLOORS = {
     "monte_carlo": 10,
     "spread": 10,
     "calibration_findings": 10,
-    "diagnosis_findings": 11,
+    "diagnosis_findings": 12,
     "perturbed": 10,
     "accuracy": 11,
     "pairing": 12,

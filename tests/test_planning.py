@@ -464,8 +464,9 @@ def test_a_plan_for_everything(sino6: Arm) -> None:
     open_ = plan.pairs[plan.pairs["why_not"] == ""]
     worst = open_.iloc[0]
     assert {effect.label for effect in plan.split} == {worst["cause"], worst["other"]}
-    # Thirty random records leave the same pair worse told.
-    one, other = plan.split
+    # Thirty random records leave the worst of the hardest pairs worse told.
+    model = ErrorModel(sino6)
+    hardest = [(cause_of(row.cause, model), cause_of(row.other, model)) for row in open_.head(8).itertuples()]
     by_chance = []
     for seed in range(5):
         q, _ = Room(sino6).postures(30, np.random.default_rng(seed))
@@ -473,9 +474,8 @@ def test_a_plan_for_everything(sino6: Arm) -> None:
         conditions = Conditions(
             30, temperature=20.0 + 4 * rng.integers(2, size=30), approach=rng.choice([-1.0, 1.0], (30, 6))
         )
-        by_chance.append(
-            min(brute(replace(plan, measurements=Measurements.of(q, conditions=conditions)), sino6, (one, other)))
-        )
+        random = replace(plan, measurements=Measurements.of(q, conditions=conditions))
+        by_chance.append(min(min(brute(random, sino6, pair)) for pair in hardest))
     assert worst["T"] > 1.5 * np.median(by_chance)
 
 

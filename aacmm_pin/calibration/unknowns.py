@@ -53,7 +53,7 @@ def problem_of(
     """
     chosen: list[_Unknown] = _of_target(model.arm, measurements, target)
     items = [parameters] if isinstance(parameters, str) else list(parameters)
-    asked = {item.label for item in items if isinstance(item, Effect)}
+    asked = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
     for item in items:
         if isinstance(item, Effect):
             chosen.append(_of_effect(item))

@@ -17,6 +17,7 @@ from aacmm_pin.checks import Array
 from aacmm_pin.conditions import Conditions
 from aacmm_pin.diagnosis.library import LEAST_SPREAD
 from aacmm_pin.measurements import Measurements
+from aacmm_pin.units import DEG, MM
 
 FEWEST = 3
 """With fewer groups than this nobody can say which one is the odd one out."""
@@ -46,6 +47,27 @@ class Carried:
     functions: Array
     carrier: str
 
+    @property
+    def acts_on(self) -> str:
+        """The carrier in words."""
+        what, _, row = self.carrier.partition(" ")
+        words = {
+            "room": "the tip shifts in the room",
+            "target": "the target sits elsewhere on the last body",
+            "before": f"the tip shifts along the body before joint {row}",
+            "angle": f"the angle of joint {row} is off",
+            "lengths": "all lengths grow",
+        }
+        return words[what]
+
+    @property
+    def quantities(self) -> dict[str, float]:
+        """What it changes: names with unit, and how many SI units one of them is."""
+        what, _, row = self.carrier.partition(" ")
+        if what == "angle":
+            return {f"delta{row}_urad": 1e-6}
+        return {"growth_um_per_m": 1e-6} if what == "lengths" else dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
+
 
 @dataclass(frozen=True, eq=False)
 class Covariate:
@@ -55,13 +77,13 @@ class Covariate:
         name: ``joint 4``, ``joint 2 × joint 4``, ``time``, ``temperature``, ``place``, ``bar left``, or an unknown column.
         depends_on: the single covariates in it: ``joint 2``, ``time``, ``x``, …
         variants: ways in which it may act.
-        values: the covariate itself, numbers or labels (n,); the first of several.
+        values: the covariates themselves, n rows; a column of numbers has its unit in its name, others are labels.
     """
 
     name: str
     depends_on: tuple[str, ...]
     variants: tuple[Carried, ...]
-    values: NDArray[Any]
+    values: pd.DataFrame
 
     @property
     def of_target(self) -> bool:
@@ -101,12 +123,24 @@ def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covaria
         variants = [Carried(slow, carrier) for carrier in carriers]
         if carriers[0] == "room" and len(series) > 3 * SMOOTH[1]:
             variants.append(Carried(quick, "room"))
-        return Covariate(name, (name,), tuple(variants), numbers.to_numpy(dtype=np.float64))
+        return Covariate(name, (name,), tuple(variants), _table(name, numbers.to_numpy(dtype=np.float64)))
     labels = series.astype(str)
     if not 2 <= labels.nunique() <= MOST_LABELS:
         return None
     dummies = _of_size_one(pd.get_dummies(labels, dtype=float).to_numpy())
-    return Covariate(name, (name,), tuple(Carried(dummies, carrier) for carrier in carriers), labels.to_numpy())
+    return Covariate(
+        name, (name,), tuple(Carried(dummies, carrier) for carrier in carriers), _table(name, labels.to_numpy())
+    )
+
+
+UNITS = {"time": ("time_s", 1.0), "temperature": ("temperature_c", 1.0)}
+
+
+def _table(name: str, values: NDArray[Any]) -> pd.DataFrame:
+    """The covariate as a column with its unit in its name."""
+    what, _, row = name.partition(" ")
+    column, unit = (f"theta{row}_deg", DEG) if what == "joint" else UNITS.get(name, (name, 1.0))
+    return pd.DataFrame({column: values / unit if np.issubdtype(values.dtype, np.number) else values})
 
 
 def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
@@ -138,7 +172,7 @@ def _product(q: Array, one: tuple[int, int], other: tuple[int, int]) -> Covariat
         own = np.hstack([np.ones((len(q), 1)), wave[acts]])
         variants.append(Carried(_of_size_one(np.einsum("na,nb->nab", own, wave[turns]).reshape(len(q), -1)), f"angle {at}"))
     names = (f"joint {row}", f"joint {further}")
-    return Covariate(" × ".join(names), names, tuple(variants), q[:, j])
+    return Covariate(" × ".join(names), names, tuple(variants), _table(names[0], q[:, j]).join(_table(names[1], q[:, k])))
 
 
 def _place(arm: Arm, measurements: Measurements) -> Covariate:
@@ -149,8 +183,9 @@ def _place(arm: Arm, measurements: Measurements) -> Covariate:
     centres, nearest = kmeans2(tip, count, minit="++", rng=np.random.default_rng(count))
     width = max(1.5 * float(np.sqrt(np.square(tip - centres[nearest]).sum(axis=1).mean())), NARROWEST)
     distance = np.linalg.norm(tip[:, None] - centres, axis=2)
+    values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
     bumps = np.exp(-0.5 * (distance / width) ** 2)
-    return Covariate("place", ("x", "y", "z"), (Carried(_of_size_one(bumps), "room"),), tip[:, 0])
+    return Covariate("place", ("x", "y", "z"), (Carried(_of_size_one(bumps), "room"),), values)
 
 
 def _groups(measurements: Measurements) -> list[Covariate]:
@@ -163,7 +198,8 @@ def _groups(measurements: Measurements) -> list[Covariate]:
     if len(names) < FEWEST:
         return []
     inside = [(f"{what} {name}", (labels == name).astype(np.float64)[:, None]) for name in names]
-    return [Covariate(name, (name,), (Carried(_of_size_one(mine), "target"),), labels) for name, mine in inside]
+    column = pd.DataFrame({what: labels})
+    return [Covariate(name, (name,), (Carried(_of_size_one(mine), "target"),), column) for name, mine in inside]
 
 
 def _of_size_one(functions: Array) -> Array:

@@ -57,7 +57,7 @@ class Design:
         blocks: their columns.
         nuisances: number of nuisance columns, which come first.
         scales: by which each column was multiplied, so that all are of one order (columns,).
-        jacobian: (n, 3, columns) [m].
+        jacobian: (n, 3, columns), scaled [m].
         kept: which of the fit's own parameters are nuisances.
         tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m].
     """

@@ -15,7 +15,7 @@ from aacmm_pin.diagnosis.findings import Alias
 from aacmm_pin.diagnosis.gain import Gain, rms
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.unexplained import Unexplained
-from aacmm_pin.effects import Effect
+from aacmm_pin.effects import Effect, JointErrorCurve
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.units import MM
 
@@ -57,6 +57,8 @@ class Finding:
     def __str__(self) -> str:
         few = self.parameters if len(self.parameters) <= 8 else {}
         values = ", ".join(f"{k} = {v:.3g} ± {2 * u:.1g}" for k, (v, u) in few.items())
+        if isinstance(self.effect, JointErrorCurve):
+            values = "waves per turn: " + ", ".join(f"{n:.3g} ({a:.2g} rad)" for n, a in self.effect.spectrum()[:4])
         return f"{self.label} (probability {self.probability:.3f}{', ' + values if values else ''})"
 
 
@@ -149,6 +151,7 @@ class Diagnosis:
             "unexplained": {
                 "p_value": self.unexplained.p_value,
                 "depends_on": list(self.unexplained.depends_on),
+                "acts_on": self.unexplained.acts_on,
                 "smooth_correction_gain": self.unexplained.gain,
                 "groups": [asdict(group) for group in self.unexplained.groups],
             },
@@ -175,6 +178,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "cause": finding.cause,
         "joint": finding.joint,
         **{name: getattr(finding.effect, name) for name in _inner_fields(finding.effect)},
+        **_spectrum(finding.effect),
         "probability": finding.probability,
         "p_value": finding.p_value,
         "retained_fraction": finding.retained_fraction,
@@ -189,6 +193,12 @@ def _finding(finding: Finding) -> dict[str, Any]:
             for a in finding.aliases
         ],
     }
+
+
+def _spectrum(effect: Effect) -> dict[str, Any]:
+    if not isinstance(effect, JointErrorCurve):
+        return {}
+    return {"spectrum": [{"order": order, "amplitude_rad": size} for order, size in effect.spectrum()]}
 
 
 def _inner_fields(effect: Effect) -> list[str]:

@@ -8,12 +8,14 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
+from aacmm_pin.checks import Array
+from aacmm_pin.diagnosis.covariates import Carried
+from aacmm_pin.diagnosis.design import Design
 from aacmm_pin.diagnosis.findings import Strength, score
 from aacmm_pin.diagnosis.gain import Gain
 from aacmm_pin.diagnosis.groups import OddGroup, odd_groups
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.search import conditional
-from aacmm_pin.units import MM
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +25,9 @@ class Unexplained:
     Attributes:
         p_value: chance of as much structure over any covariate when there is none, family-wise.
         depends_on: the covariates, strongest first.
-        shapes: for each, value of the covariate and the smooth correction in x, y, z, one row a record [mm].
+        shapes: for each, one row a record: the covariates; the smooth correction, in x, y, z of the tip [mm], or as angle of
+            a joint [µrad] or growth of all lengths [µm/m]; and the same as each record has it (``_of_record``).
+        acts_on: for each, in words, what it acts on.
         gain: by how much the smooth correction lowers the RMS of held-out records below that of the causes alone, or None.
         groups: groups of records that do not agree with the others.
     """
@@ -31,6 +35,7 @@ class Unexplained:
     p_value: float
     depends_on: tuple[str, ...]
     shapes: dict[str, pd.DataFrame]
+    acts_on: dict[str, str]
     gain: float | None
     groups: tuple[OddGroup, ...] = ()
 
@@ -43,12 +48,13 @@ def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None) ->
     depends = tuple(dict.fromkeys(name for covariate in covariates_ for name in covariate.depends_on))
     odd = tuple(odd_groups(choice))
     shapes = {c.name: _shape(choice, s.block) for c, s in zip(covariates_, mine, strict=True)}
+    acts_on = {c.name: _way(choice, s.block).acts_on for c, s in zip(covariates_, mine, strict=True)}
     if mine:
         p_value = min(s.p_value for s in mine)
     else:
         p_value = min(_any_structure(choice), *(group.p_value for group in odd), 1.0)
         depends = tuple(group.name for group in odd[:1])
-    return Unexplained(p_value, depends, shapes, held.smooth_gain if held is not None and mine else None, odd)
+    return Unexplained(p_value, depends, shapes, acts_on, held.smooth_gain if held is not None and mine else None, odd)
 
 
 def _any_structure(choice: Choice) -> float:
@@ -59,13 +65,37 @@ def _any_structure(choice: Choice) -> float:
     return min(1.0, len(each) * min(each, default=1.0))
 
 
+def _way(choice: Choice, block: int) -> Carried:
+    b = choice.design.blocks[block]
+    return choice.others[b.candidate - choice.design.causes].variants[b.variant]
+
+
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
-    """The smooth correction over a covariate, record by record."""
-    design = choice.design
+    """The smooth correction over a covariate, record by record, and what the records say of it."""
+    design, way = choice.design, _way(choice, block)
     left = conditional(choice.question, choice.gram, choice.admitted)
     columns = design.blocks[block].columns
     step = left.solution()[np.isin(left.refitted, np.arange(columns.start, columns.stop))]
-    shift = design.jacobian[:, :, columns] @ step / MM
-    covariate = choice.others[choice.question.owner(block) - design.causes]
-    table = {covariate.name: covariate.values} | {f"{axis}_mm": shift[:, k] for k, axis in enumerate("xyz")}
-    return pd.DataFrame(table).sort_values(covariate.name, ignore_index=True)
+    count = len(way.quantities)
+    # Each function has one column for each quantity; the first function is the constant where there is one.
+    sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
+    axes = _axes(design, columns, way, count)
+    off = design.tips + design.jacobian[:, :, left.refitted] @ left.solution()
+    for observation, values in zip(choice.fit.observations, choice.fit.solution.point.nuisances, strict=True):
+        off[observation.records] -= observation.targets(values)[0]
+    each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
+    covariate = choice.others[design.blocks[block].candidate - design.causes]
+    table = covariate.values.copy()
+    for k, (name, unit) in enumerate(way.quantities.items()):
+        table[name], table[f"{name}_of_record"] = sizes[:, k] / unit, each[:, k] / unit
+    return table[choice.fit.used].sort_values(list(covariate.values.columns), ignore_index=True)
+
+
+def _axes(design: Design, columns: slice, way: Carried, count: int) -> Array:
+    """Shift of the tip for one unit of each quantity (n, 3, quantities)."""
+    strongest = np.argmax(
+        np.abs(way.functions), axis=1
+    )  # a column is a function times the shift; divide by one that is there
+    own = (design.jacobian[:, :, columns] / design.scales[columns]).reshape(len(strongest), 3, -1, count)
+    row = np.arange(len(strongest))
+    return np.asarray(own[row, :, strongest] / way.functions[row, strongest][:, None, None])

@@ -11,12 +11,15 @@ from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.signal import find_peaks, periodogram
 
 from aacmm_pin.checks import Array
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.state import State
 
+SAMPLES = 4096
+"""Points of a curve of which its spectrum is taken."""
 MOST_COEFFICIENTS = 1000
 """More of them than any joint has records for."""
 
@@ -181,11 +184,28 @@ class JointErrorCurve(Effect):
                 f"{self.label}: {outside.sum()} of {state.n} records are outside the curve's range, "
                 f"{self.lower_rad:g} to {self.upper_rad:g} rad; the first is at {angle[outside][0]:g} rad"
             )
-        inner = np.linspace(self.lower_rad, self.upper_rad, self.coefficients - 2)
-        knots = np.concatenate([np.full(3, self.lower_rad), inner, np.full(3, self.upper_rad)])
         if not state.n:  # SciPy wants at least one point
             return [about_axis(state, self.joint, np.zeros((0, self.coefficients)))]
-        return [about_axis(state, self.joint, BSpline.design_matrix(angle, knots, 3).toarray())]
+        return [about_axis(state, self.joint, BSpline.design_matrix(angle, self._knots, 3).toarray())]
+
+    @property
+    def _knots(self) -> Array:
+        inner = np.linspace(self.lower_rad, self.upper_rad, self.coefficients - 2)
+        return np.concatenate([np.full(3, self.lower_rad), inner, np.full(3, self.upper_rad)])
+
+    def spectrum(self, peaks: int = 6) -> list[tuple[float, float]]:
+        """Orders [per turn] and amplitudes [rad] of the strongest waves in the curve, strongest first.
+
+        Peaks of the periodogram over the covered range (Hann window): waves closer than two periods over that range are
+        one peak, and what makes less than one period is not told.
+        """
+        angle = np.linspace(self.lower_rad, self.upper_rad, SAMPLES)
+        turns = (self.upper_rad - self.lower_rad) / (2 * np.pi)
+        curve = BSpline(self._knots, np.array(self.values), 3)(angle)
+        order, power = periodogram(curve, SAMPLES / turns, "hann", nfft=8 * SAMPLES, detrend="linear", scaling="spectrum")
+        tops = [k for k in find_peaks(power, height=1e-2 * power.max())[0] if order[k] * turns >= 1.0]
+        strongest = sorted(tops, key=lambda k: -power[k])[:peaks]
+        return [(float(order[k]), float(np.sqrt(2 * power[k]))) for k in strongest]
 
 
 @dataclass(frozen=True)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
+from pandas.api.types import is_numeric_dtype
 
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis_findings import geometric, in_words
 from aacmm_pin.effects import SeatError
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
 from aacmm_pin.plots.partial import PartialResidual, covariance_of_records, partial_residual
 from aacmm_pin.plots.residuals import numbers_by_size
 from aacmm_pin.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of
-from aacmm_pin.units import DEG, MM, UM
+from aacmm_pin.units import UM
 
 FEW = 12
 """A covariate with no more values than this is shown value by value."""
@@ -180,10 +180,9 @@ def stated_u(result: Diagnosis) -> dict[str, float]:
 
 
 def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Axes:
-    """What no cause explains, over one covariate: the smooth correction of each coordinate, and the records behind it.
+    """What no cause explains, over what it depends on: the smooth correction, and faintly what each record says of it.
 
-    Faint dots are target minus tip by the extended model, less their mean: the correction has none either, for refitted
-    geometry takes that up.
+    Over one covariate the correction is a line, or a bar for each label; over several its size is a colour.
 
     Raises:
         AacmmError: nothing depends on such a covariate.
@@ -191,48 +190,62 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
     shapes = result.unexplained.shapes
     if name not in shapes:
         raise AacmmError(f"nothing unexplained depends on {name!r}, expected one of {', '.join(shapes) or '(nothing does)'}")
-    shape, fit, ax = shapes[name], result.extended, axes_of(ax, (6.8, 3.8))
-    unit = DEG if name.startswith("joint ") else 1.0
-    lacking = -fit.solution.system.deviation / UM
-    lacking = lacking - np.nanmean(lacking[fit.used], axis=0)
-    own = _values(fit.problem.measurements, name)
-    labels = not np.issubdtype(shape[name].to_numpy().dtype, np.number)
-    ticks = list(dict.fromkeys(shape[name])) if labels else []
-    ax.axhline(0.0, color=INK, lw=0.6)
-    for k, (axis, colour) in enumerate(AXES.items()):
-        aside = 0.22 * (k - 1)
-        x = np.array([ticks.index(v) for v in shape[name]]) + aside if labels else shape[name].to_numpy() / unit
-        correction = shape[f"{axis}_mm"].to_numpy() * MM / UM
-        if own is not None:
-            used = fit.used
-            where = np.array([ticks.index(v) for v in own[used]]) + aside if labels else own[used].astype(float) / unit
-            spread = np.linspace(-0.07, 0.07, used.sum()) if labels else 0.0
-            ax.plot(where + spread, lacking[used, k], ".", ms=2.5, color=colour, alpha=0.3)
-        style = {"ls": "-"} if not labels else {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
-        if labels and own is None:  # a group whose target sat elsewhere on the arm: another shift in every posture
-            style = {"ls": "", "marker": ".", "ms": 4}
-        ax.plot(x, correction, color=colour, lw=2, label=axis, **style)
-    if labels:
-        ax.set_xticks(range(len(ticks)), ticks)
+    shape, ax = shapes[name], axes_of(ax, (6.8, 3.8))
+    columns = [str(column) for column in shape]
+    quantities = [column.removesuffix("_of_record") for column in columns if column.endswith("_of_record")]
+    over = [column for column in columns if column.removesuffix("_of_record") not in quantities]
+    if len(over) > 1:
+        _plot_over_two(shape, over, quantities, ax)
     else:
-        ax.xaxis.set_major_locator(MaxNLocator(8))
-    low, high = np.nanquantile(lacking[fit.used], [0.005, 0.995])
-    ax.set_ylim(1.15 * low, 1.15 * high)
-    ax.set(xlabel=f"{name} [{_unit(name)}]" if _unit(name) else name, ylabel="target minus tip, less its mean [µm]")
-    _legend(ax, "")
-    ax.set_title(f"{result.model.arm.name}: what depends on {name} without a known cause", fontsize=10)
+        _plot_over_one(shape, over[0], quantities, ax)
+    ax.set_title(f"{result.model.arm.name}, over {name}: {result.unexplained.acts_on[name]}", fontsize=10)
     return ax
 
 
-def _unit(name: str) -> str:
-    return "°" if name.startswith("joint ") else {"time": "s", "temperature": "°C"}.get(name, "")
+def _plot_over_one(shape: pd.DataFrame, over: str, quantities: list[str], ax: Axes) -> None:
+    labels = list(dict.fromkeys(shape[over])) if not is_numeric_dtype(shape[over]) else []
+    x = shape[over].map(labels.index).to_numpy(dtype=float) if labels else shape[over].to_numpy(dtype=float)
+    ax.axhline(0.0, color=INK, lw=0.6)
+    for k, (quantity, colour) in enumerate(zip(quantities, AXES.values(), strict=False)):
+        aside = 0.22 * (k - (len(quantities) - 1) / 2) if labels else 0.0
+        spread = np.linspace(-0.07, 0.07, len(x)) if labels else 0.0
+        ax.plot(x + aside + spread, shape[f"{quantity}_of_record"], ".", ms=2.5, color=colour, alpha=0.3)
+        style = {"ls": "", "marker": "_", "ms": 18, "mew": 2.5} if labels else {"lw": 2}
+        label = quantity[0] if len(quantities) > 1 else None
+        ax.plot(x + aside, shape[quantity], color=colour, label=label, **style)
+    if labels:
+        ax.set_xticks(range(len(labels)), labels)
+    else:
+        ax.xaxis.set_major_locator(MaxNLocator(8))
+    records = shape[[f"{quantity}_of_record" for quantity in quantities]].to_numpy()
+    low, high = np.quantile(records, [0.005, 0.995])
+    ax.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low))
+    ax.set(xlabel=_head(over), ylabel=_head(quantities[0]) if len(quantities) == 1 else "shift of the tip [mm]")
+    if len(quantities) > 1:
+        _legend(ax, "")
 
 
-def _values(records: Measurements, name: str) -> NDArray[np.generic] | None:
-    """The covariate of each record, if it is a plain one (n,)."""
-    if name.startswith("joint "):
-        return records.q[:, int(name.removeprefix("joint ")) - 1]
-    for holder in (records.conditions, records):
-        if name != "record" and getattr(holder, name, None) is not None:
-            return np.asarray(getattr(holder, name))
-    return records.extra[name].to_numpy() if name in records.extra else None
+def _plot_over_two(shape: pd.DataFrame, over: list[str], quantities: list[str], ax: Axes) -> None:
+    """The size of the correction as colour over the first two covariates; records where it is largest on top."""
+    one = len(quantities) == 1
+    size = shape[quantities[0]] if one else np.sqrt(np.square(shape[quantities]).sum(axis=1))
+    order = np.argsort(np.abs(size.to_numpy()))
+    bound = float(np.abs(size).max())
+    at, colours = shape.iloc[order], "RdBu_r" if one else "viridis"
+    low = -bound if one else 0.0
+    drawn = ax.scatter(at[over[0]], at[over[-1]], c=size.iloc[order], s=14, vmin=low, vmax=bound, cmap=colours)
+    figure = ax.get_figure()
+    assert figure is not None
+    figure.colorbar(drawn, ax=ax, label=_head(quantities[0]) if one else "shift of the tip [mm]")
+    ax.set(xlabel=_head(over[0]), ylabel=_head(over[-1]))
+
+
+UNIT_NAMES = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "mm": "mm", "s": "s"}
+
+
+def _head(column: str) -> str:
+    """``theta3_deg`` as ``theta3 [°]``; a column without a known unit as it is."""
+    for ending, unit in UNIT_NAMES.items():
+        if column.endswith(f"_{ending}"):
+            return f"{column.removesuffix(f'_{ending}').replace('_', ' ')} [{unit}]"
+    return column

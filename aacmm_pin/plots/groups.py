@@ -155,9 +155,8 @@ def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """
     table, ax = held_out_parts(result), axes_of(ax, (7.0, 3.4))
     place = np.arange(len(table))
-    beside = f", with what depends on {', '.join(result.unexplained.depends_on)}" if result.unexplained.depends_on else ""
-    for k, (name, label) in enumerate((("recalibrated", "recalibrated"), ("extended", f"extended{beside}"))):
-        ax.bar(place + 0.4 * k - 0.2, table[f"{name}_mm"], 0.38, color=MODELS[name], label=label)
+    for k, name in enumerate(("recalibrated", "extended")):
+        ax.bar(place + 0.4 * k - 0.2, table[f"{name}_mm"], 0.38, color=MODELS[name], label=name)
     ax.axhline(result.noise / MM, color=VERMILLION, ls="--", lw=1.2, label="noise alone")
     names = [part.removeprefix("block ") for part in table["part"]]
     long = max(map(len, names), default=0) * len(names) > 70

@@ -1,0 +1,81 @@
+"""Diagnosis of real arms, in which nobody hid anything: what it names there, and what that is worth on held-out records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import arms
+import numpy as np
+import pytest
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration.calibrate import ReferenceFrame
+from aacmm_pin.calibration.unknowns import Target
+from aacmm_pin.diagnosis import Diagnosis, diagnose
+from aacmm_pin.diagnosis.gain import rms
+from aacmm_pin.effects import JointErrorCurve
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.units import MM
+
+CASES: dict[str, tuple[str, Callable[[], Arm], ReferenceFrame, Target]] = {
+    "ur10": ("ur10_laser_tracker", arms.ur10, "external", "tip"),
+    "panda": ("panda_socket", arms.panda, "base", "unknown"),
+    "iiwa14": ("iiwa14_socket", arms.iiwa14, "base", "unknown"),
+    "bad": ("panda_socket_bad_setup", arms.panda, "base", "unknown"),
+}
+
+
+@pytest.fixture(scope="session")
+def diagnosed(real_data: Path) -> Callable[[str], Diagnosis]:
+    """The diagnosis of a case."""
+
+    def of(name: str) -> Diagnosis:
+        folder, arm_of, frame, target = CASES[name]
+        arm = arm_of()
+        records = Measurements.read(real_data / folder / "measurements.csv", arm.nq)
+        return diagnose(arm, records, reference_frame=frame, target=target)
+
+    return cache(of)
+
+
+def labels(result: Diagnosis) -> list[str]:
+    return [finding.label for finding in result.findings]
+
+
+def test_ur10_has_free_curves_in_its_first_three_joints(diagnosed: Callable[[str], Diagnosis]) -> None:
+    """An eccentricity or one order is not enough: many waves, the strongest of joint 2 near 17 a turn."""
+    result = diagnosed("ur10")
+    assert set(labels(result)[:3]) == {"joint_error_curve:1", "joint_error_curve:2", "joint_error_curve:3"}
+    assert result.held_out is not None
+    assert result.held_out.kind == "blocks"
+    assert 0.40 * MM < rms(result.held_out.recalibrated) < 0.52 * MM
+    assert rms(result.held_out.extended) < 0.21 * MM
+    assert result.rms["extended"] < 0.14 * MM
+    for finding in result.findings[:3]:
+        assert isinstance(finding.effect, JointErrorCurve)
+        waves = finding.effect.spectrum()
+        assert len(waves) >= 3
+    assert any(15.0 < order < 19.0 for finding in result.findings[:3] for order, _ in finding.effect.spectrum()[:3])  # type: ignore[attr-defined]
+
+
+def test_the_bad_group_is_named(diagnosed: Callable[[str], Diagnosis]) -> None:
+    result = diagnosed("bad")
+    assert [group.name for group in result.unexplained.groups] == ["bar left"]
+    assert result.unexplained.groups[0].records == 62
+    assert result.verdict == "unexplained"
+    assert "bar left" in result.next_measurements
+
+
+@pytest.mark.parametrize("name", ["panda", "iiwa14", "bad"])
+def test_what_is_named_survives_on_held_out_records(name: str, diagnosed: Callable[[str], Diagnosis]) -> None:
+    """Causes are named only where records that had no part in it are predicted better with them."""
+    result = diagnosed(name)
+    assert result.held_out is not None
+    if any(not np.isclose(finding.retained_fraction, 1.0) for finding in result.findings):
+        assert result.held_out.gain > 0.05
+        assert result.held_out.interval[0] > 0.0
+    assert all(finding.probability > 0.2 for finding in result.findings)
+    if name == "panda":
+        assert result.unexplained.groups == ()
