@@ -15,7 +15,16 @@ from aacmm_pin.diagnosis.products import Gram
 MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0, 10.0])
 """Standard deviations of a cause's parameters that its evidence averages over, in units of the typical magnitude."""
 ADMITTED = 10.0
-"""Parameters of an admitted cause are free within so many typical magnitudes."""
+"""Parameters of an admitted cause are free within so many typical magnitudes …"""
+SMOOTH = 2.0
+"""… and where they are many, the coefficients of something smooth, within so many: some may be told by few records."""
+MANY = 8
+"""From so many parameters on."""
+
+
+def freedom(parameters: int) -> float:
+    """Within how many typical magnitudes each parameter of an admitted cause is free."""
+    return ADMITTED if parameters < MANY else SMOOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +64,14 @@ class Conditional:
 
     @cached_property
     def _factor(self) -> Array:
-        width = np.full(self.refitted.size, 1e-9)
-        width[self.nuisances :] = 1.0 / ADMITTED**2
-        return np.asarray(np.linalg.cholesky(self._strips[:, self.refitted] + np.diag(width)))
+        return np.asarray(np.linalg.cholesky(self._strips[:, self.refitted] + np.diag(self._prior)))
+
+    @cached_property
+    def _prior(self) -> Array:
+        """What is added to the information of the refitted columns; that of the nuisances has theirs already."""
+        sizes = [self.blocks[k].size for k in self.admitted]
+        own = [np.full(size, 1.0 / freedom(size) ** 2) for size in sizes]
+        return np.concatenate([np.full(self.nuisances, 1e-9), *own])
 
     @cached_property
     def _whitened(self) -> Array:
@@ -84,8 +98,7 @@ class Conditional:
     def determined(self) -> float:
         """How many of the refitted parameters the records, apart from priors, determine."""
         inverse = np.diag(self.covariance) / self.variance
-        prior = np.ones(self.refitted.size)
-        prior[self.nuisances :] = 1.0 / ADMITTED**2
+        prior = np.concatenate([np.ones(self.nuisances), self._prior[self.nuisances :]])
         return float(self.refitted.size - np.sum(inverse * prior))
 
     @cached_property

@@ -16,7 +16,7 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design import Design, design_of
-from aacmm_pin.diagnosis.evidence import ADMITTED
+from aacmm_pin.diagnosis.evidence import freedom
 from aacmm_pin.diagnosis.library import PER_COEFFICIENT, Candidate
 from aacmm_pin.diagnosis.products import Gram, products_of
 from aacmm_pin.diagnosis.search import Question, conditional, search
@@ -177,7 +177,7 @@ def _standing(
 
 def free(effect: Effect) -> Effect:
     """The effect as the search took it: anywhere within a few typical magnitudes."""
-    return effect.at((), tuple(ADMITTED * t.typical for t in effect.terms))
+    return effect.at((), tuple(freedom(len(effect.terms)) * t.typical for t in effect.terms))
 
 
 def _chosen(

@@ -130,7 +130,7 @@ class _Search:
                 pairs_tried = True
                 admitted = self.settled(self.better_pair(admitted))
             if admitted in seen:
-                break
+                return max(sorted(seen), key=self.log_evidence)
             seen.add(admitted)
         return admitted
 
@@ -153,8 +153,10 @@ class _Search:
                 odds, blocks = self.odds(rest)
                 best = blocks[int(np.argmax(odds))]
                 changed = self.question.joined(rest, best) if logsumexp(odds) >= SURE else rest
-            if changed == admitted or changed in seen:
-                return changed
+            if changed == admitted:
+                return admitted
+            if changed in seen:  # one in the place of the other, and back: the better of them stays
+                return max(sorted(seen), key=self.log_evidence)
             admitted = changed
             seen.add(admitted)
         return admitted
@@ -170,8 +172,16 @@ class _Search:
         return best
 
     def exchanged(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
-        """The set with one of its weakest causes replaced by two others, where these are surely better."""
+        """The set with one of its weakest causes replaced by two others, where these are surely better; or two by one that
+        contains both, where that is better at all.
+        """
         value = self.log_evidence(admitted)
+        for candidate, inside in self.question.contained.items():
+            rest = tuple(k for k in admitted if self.question.owner(k) not in inside)
+            if len(rest) <= len(admitted) - 2:
+                whole = self.question.joined(rest, self.odds(rest)[1][candidate])
+                if self.log_evidence(whole) > value + EQUAL:
+                    return whole
         for k in self.by_strength(admitted)[: -WEAKEST - 1 : -1]:
             rest = tuple(other for other in admitted if other != k)
             pairs = [pair for pair in self.pairs(rest, INSTEAD) if k not in pair]
