@@ -1,0 +1,42 @@
+"""Files that are few, odd or degenerate: no traceback, no false alarm, no number that means nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from typer.testing import CliRunner
+
+from aacmm_pin.cli import app
+
+NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012", "--probe-noise-mm", "0.012"]
+ECCENTRIC = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
+
+
+def records(folder: Path, *options: str, effect: str = "") -> pd.DataFrame:
+    """Virtual measurements of sino6."""
+    path = folder / "simulated.csv"
+    effects = ["--effect", effect] if effect else []
+    noise = ["--probe-noise-mm", "0.012"] if "free" not in options else []
+    done = CliRunner().invoke(app, ["simulate", "sino6", "--plan", *options, *noise, *effects, "-o", str(path), "--force"])
+    assert done.exit_code == 0, done.output
+    return pd.read_csv(path)
+
+
+def diagnosed(folder: Path, table: pd.DataFrame, *options: str) -> dict[str, Any]:
+    path = folder / "data.csv"
+    table.to_csv(path, index=False)
+    done = CliRunner().invoke(app, ["diagnose", "sino6", str(path), *NOISE, *options, "--json", "-"])
+    assert done.exit_code == 0, done.output
+    content: dict[str, Any] = json.loads(done.stdout)
+    return content
+
+
+def test_a_reference_frame_that_is_none_is_refused(tmp_path: Path) -> None:
+    table = records(tmp_path, "free", "--records", "6")
+    table.to_csv(tmp_path / "data.csv", index=False)
+    done = CliRunner().invoke(app, ["diagnose", "sino6", str(tmp_path / "data.csv"), "--reference-frame", "extern"])
+    assert done.exit_code == 1
+    assert "unknown reference frame 'extern'; known: base, external" in done.output
