@@ -40,3 +40,10 @@ def test_a_reference_frame_that_is_none_is_refused(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["diagnose", "sino6", str(tmp_path / "data.csv"), "--reference-frame", "extern"])
     assert done.exit_code == 1
     assert "unknown reference frame 'extern'; known: base, external" in done.output
+
+
+def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path: Path) -> None:
+    """Few bars are torn into blocks of joint space, where a seat may have one record that nothing can be compared with."""
+    plan = ["ball-bar", "--records", "80", "--seats", "8", "--bar-length-mm", "500"]
+    found = diagnosed(tmp_path, records(tmp_path, *plan, effect=ECCENTRIC), "--no-held-out")
+    assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
