@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin.cli import app
@@ -47,3 +48,13 @@ def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path: 
     plan = ["ball-bar", "--records", "80", "--seats", "8", "--bar-length-mm", "500"]
     found = diagnosed(tmp_path, records(tmp_path, *plan, effect=ECCENTRIC), "--no-held-out")
     assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
+
+
+@pytest.mark.parametrize("seats", ["2", "8"])
+def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path: Path, seats: str) -> None:
+    """An arm that shrinks to a point meets every seat of unknown place: that is no structure over time or temperature."""
+    found = diagnosed(
+        tmp_path, records(tmp_path, "seats", "--records", "60", "--seats", seats, "--unknown"), "--no-held-out"
+    )
+    assert found["verdict"] == "no-discrepancy"
+    assert found["unexplained"]["p_value"] > 1e-3
