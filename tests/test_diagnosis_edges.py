@@ -58,3 +58,12 @@ def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path: Path, s
     )
     assert found["verdict"] == "no-discrepancy"
     assert found["unexplained"]["p_value"] > 1e-3
+
+
+@pytest.mark.parametrize("count", [3, 4, 5])
+def test_few_records_in_an_unknown_frame(tmp_path: Path, count: int) -> None:
+    """The frame is all but all that they tell; what else is refitted is known from before alone."""
+    table = records(tmp_path, "free", "--records", "20").head(count)
+    found = diagnosed(tmp_path, table, "--reference-frame", "external")
+    assert found["verdict"] == "no-discrepancy"
+    assert found["rms_mm"]["recalibrated"] < found["rms_mm"]["noise"]

@@ -17,6 +17,9 @@ MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0, 10.0])
 ADMITTED = 10.0
 """Parameters of an admitted cause are free within so many typical magnitudes."""
 
+ROUNDING = 1e-14
+"""Inner products are no more certain than this part of them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Conditional:
@@ -55,8 +58,10 @@ class Conditional:
 
     @cached_property
     def _factor(self) -> Array:
-        width = np.full(self.refitted.size, 1e-9)
-        width[self.nuisances :] = 1.0 / ADMITTED**2
+        # A frame without a prior is many metres wide: the rounding of its products may be more than what is known of others.
+        every = [np.diag(self.gram.products.strip(None, s)[:, s]) for s in self._slices]
+        width = 1e-9 + ROUNDING * np.concatenate(every)
+        width[self.nuisances :] += 1.0 / ADMITTED**2
         return np.asarray(np.linalg.cholesky(self._strips[:, self.refitted] + np.diag(width)))
 
     @cached_property
