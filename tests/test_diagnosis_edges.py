@@ -67,3 +67,16 @@ def test_few_records_in_an_unknown_frame(tmp_path: Path, count: int) -> None:
     found = diagnosed(tmp_path, table, "--reference-frame", "external")
     assert found["verdict"] == "no-discrepancy"
     assert found["rms_mm"]["recalibrated"] < found["rms_mm"]["noise"]
+
+
+def test_what_is_not_settled_is_not_said_to_be(tmp_path: Path) -> None:
+    """A warm-up by a clock that began long before: a slip and any function of time look alike, and that stays open."""
+    drift = "zero_drift:joint=1,time_constant_s=1800,drift_rad=1e-4"
+    table = records(tmp_path, "free", "--records", "100", effect=drift)
+    table["time_s"] += 1.7e9
+    found = diagnosed(tmp_path, table, "--no-held-out")
+    if found["verdict"] == "ambiguous":
+        assert "nothing is open" not in found["next_measurements"]
+        assert "other values of time" in found["next_measurements"]
+    else:
+        assert "time" in found["unexplained"]["depends_on"]
