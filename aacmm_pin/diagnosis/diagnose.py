@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +29,7 @@ from aacmm_pin.diagnosis.show import groups_table, moved_geometry, predicted_cov
 from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError
+from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import advice
 
@@ -73,6 +74,8 @@ def diagnose(
         AacmmError, UnknownNameError, MissingConditionError: see :func:`aacmm_pin.calibration.calibrate`.
     """
     rng = rng or np.random.default_rng(1)
+    if reference_frame not in get_args(ReferenceFrame):
+        raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
     model = ErrorModel.of(model)
     if measurements.nq != model.arm.nq:
         own, theirs = model.arm.nq, measurements.nq

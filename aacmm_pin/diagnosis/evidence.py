@@ -27,6 +27,10 @@ def freedom(parameters: int) -> float:
     return ADMITTED if parameters < MANY else SMOOTH
 
 
+ROUNDING = 1e-14
+"""Inner products are no more certain than this part of them."""
+
+
 @dataclass(frozen=True, eq=False)
 class Conditional:
     """What is left of every block when nuisances and admitted blocks have been refitted.
@@ -64,7 +68,10 @@ class Conditional:
 
     @cached_property
     def _factor(self) -> Array:
-        return np.asarray(np.linalg.cholesky(self._strips[:, self.refitted] + np.diag(self._prior)))
+        # A frame without a prior is many metres wide: the rounding of its products may be more than what is known of others.
+        every = [np.diag(self.gram.products.strip(None, s)[:, s]) for s in self._slices]
+        inside = self._strips[:, self.refitted] + np.diag(self._prior + ROUNDING * np.concatenate(every))
+        return np.asarray(np.linalg.cholesky(inside))
 
     @cached_property
     def _prior(self) -> Array:

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.design import Block
-from aacmm_pin.diagnosis.evidence import Conditional, evidence_of
+from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
 from aacmm_pin.diagnosis.products import Gram
 from aacmm_pin.diagnosis.search import Question, conditional
 
@@ -103,9 +103,14 @@ def family_wise(question: Question, left: Conditional, observed: float, block: i
 
 
 def score(left: Conditional, block: Block) -> float:
-    """Likelihood ratio of a block: χ² with as many degrees as it has columns when it is not there."""
-    gradient = left.gradient[block.columns]
-    return float(gradient @ np.linalg.lstsq(left.information(block), gradient, rcond=1e-10)[0])
+    """Likelihood ratio of a block: at most χ² with as many degrees as it has columns when it is not there.
+
+    Its parameters are known to within the largest magnitudes that its evidence averages over. Else columns of which the
+    records tell next to nothing would explain everything: an arm that shrinks to a point meets every unknown seat.
+    """
+    values, vectors = np.linalg.eigh(left.information(block))
+    along = vectors.T @ left.gradient[block.columns]
+    return float(np.sum(along**2 / (np.maximum(values, 0.0) + 1.0 / MAGNITUDES.max() ** 2)))
 
 
 def retained(left: Conditional, block: Block) -> float:

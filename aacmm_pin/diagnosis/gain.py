@@ -141,12 +141,16 @@ def survivors(choice: Choice, admitted: tuple[int, ...], training: Gram) -> tupl
 
 
 def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
-    """Mean squared distance of the records of each part, predicted by the others with these blocks admitted [m²]."""
+    """Mean squared distance of the records of each part, predicted by the others with these blocks admitted [m²].
+
+    A part that has one record only of each of its unknown seats has nothing to be compared with, and does not count.
+    """
     found = []
     for number in training.parts:
         out = choice.fit.used & (choice.parts == number)
-        if out.any():
-            found.append(float(np.nanmean(_predicted(choice, training.without(number), blocks, out) ** 2)))
+        distances = _predicted(choice, training.without(number), blocks, out)
+        if np.isfinite(distances).any():
+            found.append(float(np.nanmean(distances**2)))
     return np.array(found)
 
 

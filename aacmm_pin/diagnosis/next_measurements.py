@@ -21,9 +21,10 @@ def next_measurements(
     if verdict == "unexplained":
         on = ", ".join(unexplained.depends_on)
         return f"repeat some postures with other values of {on} and everything else alike, and some with all alike"
-    for finding in findings:
+    doubtful = [finding for finding in findings if finding.probability < SETTLED]
+    for finding in doubtful:
         alike = [a.label for a in finding.aliases if a.label.split(":")[0] in CAUSES]
-        if finding.probability >= SETTLED or not alike:
+        if not alike:
             continue
         if alike[0] == f"joint_error_curve:{finding.joint}" and finding.cause in OF_ANGLE:
             return (
@@ -31,4 +32,10 @@ def next_measurements(
                 f"{finding.label} is all that depends on its angle"
             )
         return plan(finding.effect, alike[0])
+    for finding in doubtful:
+        on = finding.aliases[0].label if finding.aliases else "all that was recorded"
+        return (
+            f"to tell {finding.label} from anything else that depends on {on}, repeat some postures with other values of "
+            f"{on} and everything else alike, and some with all alike"
+        )
     return "nothing is open; check the extended model on new records"

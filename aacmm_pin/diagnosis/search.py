@@ -134,9 +134,15 @@ class _Search:
             seen.add(admitted)
         return admitted
 
-    def odds(self, rest: tuple[int, ...]) -> tuple[Array, list[int]]:
-        """Log odds of each candidate beside ``rest``, those in it struck out, and the best variant of each."""
-        question, evidences = self.question, self.left(rest).evidences
+    def odds(self, rest: tuple[int, ...], whole: tuple[int, ...] | None = None) -> tuple[Array, list[int]]:
+        """Log odds of each candidate beside ``rest``, those in it struck out, and the best variant of each.
+
+        With the variance that is left beside ``whole``, where a cause is looked back at: by what is unexplained without it
+        all others would look alike.
+        """
+        question, left = self.question, self.left(rest)
+        variance = left.variance if whole is None else self.left(whole).variance
+        evidences = left.evidences if left.variance == variance else replace(left, variance=variance).evidences
         out = question.struck_out(rest)
         evidences = np.where([question.owner(k) in out for k in range(len(evidences))], -np.inf, evidences)
         return question.log_prior + question.per_candidate(evidences), question.best_blocks(evidences)
@@ -150,7 +156,7 @@ class _Search:
                 if k not in changed:
                     continue
                 rest = tuple(other for other in changed if other != k)
-                odds, blocks = self.odds(rest)
+                odds, blocks = self.odds(rest, changed)
                 best = blocks[int(np.argmax(odds))]
                 changed = self.question.joined(rest, best) if logsumexp(odds) >= SURE else rest
             if changed == admitted:

@@ -1,0 +1,100 @@
+"""Files that are few, odd or degenerate: no traceback, no false alarm, no number that means nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from aacmm_pin.cli import app
+
+NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012", "--probe-noise-mm", "0.012"]
+ECCENTRIC = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
+
+
+def records(folder: Path, *options: str, effect: str = "") -> pd.DataFrame:
+    """Virtual measurements of sino6."""
+    path = folder / "simulated.csv"
+    effects = ["--effect", effect] if effect else []
+    noise = ["--probe-noise-mm", "0.012"] if "free" not in options else []
+    done = CliRunner().invoke(app, ["simulate", "sino6", "--plan", *options, *noise, *effects, "-o", str(path), "--force"])
+    assert done.exit_code == 0, done.output
+    return pd.read_csv(path)
+
+
+def diagnosed(folder: Path, table: pd.DataFrame, *options: str) -> dict[str, Any]:
+    path = folder / "data.csv"
+    table.to_csv(path, index=False)
+    done = CliRunner().invoke(app, ["diagnose", "sino6", str(path), *NOISE, *options, "--json", "-"])
+    assert done.exit_code == 0, done.output
+    content: dict[str, Any] = json.loads(done.stdout)
+    return content
+
+
+def test_a_reference_frame_that_is_none_is_refused(tmp_path: Path) -> None:
+    table = records(tmp_path, "free", "--records", "6")
+    table.to_csv(tmp_path / "data.csv", index=False)
+    done = CliRunner().invoke(app, ["diagnose", "sino6", str(tmp_path / "data.csv"), "--reference-frame", "extern"])
+    assert done.exit_code == 1
+    assert "unknown reference frame 'extern'; known: base, external" in done.output
+
+
+def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path: Path) -> None:
+    """Few bars are torn into blocks of joint space, where a seat may have one record that nothing can be compared with."""
+    plan = ["ball-bar", "--records", "80", "--seats", "8", "--bar-length-mm", "500"]
+    found = diagnosed(tmp_path, records(tmp_path, *plan, effect=ECCENTRIC), "--no-held-out")
+    assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
+
+
+@pytest.mark.parametrize("seats", ["2", "8"])
+def test_seats_of_unknown_place_show_no_structure_of_their_own(tmp_path: Path, seats: str) -> None:
+    """An arm that shrinks to a point meets every seat of unknown place: that is no structure over time or temperature."""
+    found = diagnosed(
+        tmp_path, records(tmp_path, "seats", "--records", "60", "--seats", seats, "--unknown"), "--no-held-out"
+    )
+    assert found["verdict"] == "no-discrepancy"
+    assert found["unexplained"]["p_value"] > 1e-3
+
+
+@pytest.mark.parametrize("count", [3, 4, 5])
+def test_few_records_in_an_unknown_frame(tmp_path: Path, count: int) -> None:
+    """The frame is all but all that they tell; what else is refitted is known from before alone."""
+    table = records(tmp_path, "free", "--records", "20").head(count)
+    found = diagnosed(tmp_path, table, "--reference-frame", "external")
+    assert found["verdict"] == "no-discrepancy"
+    assert found["rms_mm"]["recalibrated"] < found["rms_mm"]["noise"]
+
+
+def test_what_is_not_settled_is_not_said_to_be(tmp_path: Path) -> None:
+    """A warm-up by a clock that began long before: a slip and any function of time look alike, and that stays open."""
+    drift = "zero_drift:joint=1,time_constant_s=1800,drift_rad=1e-4"
+    table = records(tmp_path, "free", "--records", "100", effect=drift)
+    table["time_s"] += 1.7e9
+    found = diagnosed(tmp_path, table, "--no-held-out")
+    if found["verdict"] == "ambiguous":
+        assert "nothing is open" not in found["next_measurements"]
+        assert "other values of time" in found["next_measurements"]
+    else:
+        assert "time" in found["unexplained"]["depends_on"]
+
+
+def test_order_of_rows_unit_of_angles_and_seed_do_not_matter(tmp_path: Path) -> None:
+    table = records(tmp_path, "free", "--records", "60", effect=ECCENTRIC)
+    angles = [name for name in table if name.startswith("theta")]
+    radians = table.rename(columns={name: name.replace("_deg", "_rad") for name in angles})
+    radians[[name.replace("_deg", "_rad") for name in angles]] = np.radians(table[angles].to_numpy())
+    first = diagnosed(tmp_path, table, "--no-held-out")
+    for other, options in ((table.sample(frac=1, random_state=1), ()), (radians, ()), (table, ("--seed", "2"))):
+        again = diagnosed(tmp_path, other, "--no-held-out", *options)
+        assert again["verdict"] == first["verdict"] == "explained"
+        assert again["rms_mm"] == pytest.approx(first["rms_mm"], rel=1e-6)
+        (one,), (two,) = first["findings"], again["findings"]
+        assert (one["cause"], one["joint"]) == (two["cause"], two["joint"])
+        assert two["probability"] == pytest.approx(one["probability"], abs=1e-6)
+        for name, value in one["parameters"].items():
+            assert two["parameters"][name] == pytest.approx(value, rel=1e-4)

@@ -1,0 +1,438 @@
+"""What the diagnosis works out lazily from inner products, against dense matrices of all records and plain formulas.
+
+The dense side knows the records, the noise as stated and the columns of the design; covariances, seats, bars, priors and
+everything that follows are built anew with NumPy and SciPy alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from blind import draw
+from blind.kinematics import SINO6, jacobian, placements, read_arm
+from numpy.typing import NDArray
+from scipy.linalg import null_space, orth, subspace_angles
+from scipy.stats import chi2, f, kstest, multivariate_normal
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration.calibrate import encoder_of
+from aacmm_pin.calibration.evidence import StatedNoise
+from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.unknowns import problem_of
+from aacmm_pin.diagnosis import findings, gain, groups
+from aacmm_pin.diagnosis.covariates import covariates
+from aacmm_pin.diagnosis.design import Block
+from aacmm_pin.diagnosis.evidence import Conditional
+from aacmm_pin.diagnosis.gain import parts_of
+from aacmm_pin.diagnosis.library import candidates
+from aacmm_pin.diagnosis.model import Choice, choose, free
+from aacmm_pin.diagnosis.products import Gram, products_of
+from aacmm_pin.effects import Effect
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.observations import Observation
+
+Array = NDArray[np.float64]
+ENCODER, REFERENCE, PROBE, LENGTH = 8e-6, 12e-6, 10e-6, 20e-6
+RECORDS = 60
+MAGNITUDES = (0.2, 0.5, 1.0, 2.0, 10.0)
+ADMITTED = 10.0
+PLANS = ("free", "seats", "unknown-seats")
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What was diagnosed."""
+
+    records: Measurements
+    choice: Choice
+    noise: StatedNoise
+
+    def refit(self, effects: Sequence[Effect], used: NDArray[np.bool_] | None = None) -> Fit:
+        arm = ErrorModel.of(Arm.load("sino6"))
+        unknown: list[str | Effect] = ["geometry", *effects]
+        problem = problem_of(arm, self.records, unknown, prior=True, target="tip", external=False)
+        return fit(problem, self.noise, used=used)
+
+
+def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: object) -> Case:
+    """A file of the plant and what is chosen in it."""
+    draw(seed, cause, plan=plan, records=RECORDS, small_terms=False, **options).write(path)  # type: ignore[arg-type]
+    records = Measurements.read(path, 6)
+    arm = Arm.load("sino6")
+    noise = StatedNoise(encoder_of(arm, ENCODER), REFERENCE, None if plan == "free" else PROBE, LENGTH)
+
+    def problem(effects: Sequence[Effect]) -> Problem:
+        unknown: list[str | Effect] = ["geometry", *effects]
+        return problem_of(ErrorModel.of(arm), records, unknown, prior=True, target="tip", external=False)
+
+    first = fit(problem([]), noise)
+    parts = parts_of(first, np.random.default_rng(1))[1]
+    library = candidates(arm, records, first.problem)
+    return Case(records, choose(problem, noise, first, library, covariates(arm, records), parts), noise)
+
+
+def away(case: Case) -> Case:
+    """The same at a point where no fit has ended: every residual is something, no gradient vanishes."""
+    design = case.choice.design
+    moved = design.tips + np.random.default_rng(5).normal(0.0, 4e-5, design.tips.shape)
+    design = replace(design, tips=moved)
+    return replace(case, choice=replace(case.choice, design=design, gram=Gram(products_of(design, case.choice.parts))))
+
+
+@pytest.fixture(scope="module", params=PLANS)
+def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
+    return away(case_of(tmp_path_factory.mktemp("plans") / "data.csv", 3, None, request.param))
+
+
+@pytest.fixture(scope="module")
+def free_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    return case_of(tmp_path_factory.mktemp("free") / "data.csv", 3, None, "free")
+
+
+# --- the dense side
+
+
+def covariance_of_records(records: Measurements) -> Array:
+    """Readings, references and contacts (n, n, 3, 3): a seat with coordinates has its error in common [m²]."""
+    arm = read_arm(SINO6)
+    by_reading = jacobian(placements(arm.values, arm.all_angles(records.q)), arm.moving)
+    found = np.zeros((records.n, records.n, 3, 3))
+    own = ENCODER**2 * by_reading @ by_reading.transpose(0, 2, 1) + 1e-24 * np.eye(3)
+    seat = records.conditions.seat
+    for i in range(records.n):
+        found[i, i] = own[i] + (REFERENCE if seat is None else PROBE) ** 2 * np.eye(3)
+        if seat is not None and records.known.all():
+            found[i, seat == seat[i]] += REFERENCE**2 * np.eye(3)
+    return found
+
+
+def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Array:
+    """Rows of the kept records, columns and residual, unknown points taken out; each part has points of its own."""
+    design, records = case.choice.design, case.records
+    n, width = records.n, design.jacobian.shape[2]
+    covariance = covariance_of_records(records)
+    seat = records.conditions.seat
+    unknown = seat is not None and not records.known.any()
+    points = {label: at for o, v in _observed(case.choice.fit) for label, at in o.points(v)}
+    target = np.array([points[s] for s in seat]) if unknown and seat is not None else records.reference
+    found = []
+    for number in np.unique(part[kept]):
+        mine = np.flatnonzero(kept & (part == number))
+        lower = np.linalg.cholesky(covariance[np.ix_(mine, mine)].transpose(0, 2, 1, 3).reshape(3 * mine.size, -1))
+        raw = np.concatenate([design.jacobian[mine], (design.tips - target)[mine][:, :, None]], axis=2)
+        rows = np.linalg.solve(lower, raw.reshape(3 * mine.size, -1))
+        if unknown and seat is not None:
+            labels = sorted(set(seat[mine]))
+            of_seat = -np.kron(seat[mine][:, None] == np.array(labels), np.eye(3))
+            tie, tied = _bars(records, labels, points)
+            rows = np.vstack([rows, np.column_stack([np.zeros((tie.size, width)), tie])])
+            outside = null_space(np.vstack([np.linalg.solve(lower, of_seat), tied]).T, rcond=1e-9)
+            rows = outside.T @ rows
+        found.append(rows)
+    assert n == RECORDS
+    return np.concatenate(found)
+
+
+def _observed(at: Fit) -> Iterator[tuple[Observation, Array]]:
+    return zip(at.observations, at.solution.point.nuisances, strict=True)
+
+
+def _bars(records: Measurements, labels: list[str], points: dict[str, Array]) -> tuple[Array, Array]:
+    """Lengths of the bars with an end among the seats; an end that nobody touched is free and takes its bar with it."""
+    residual, rows = [], []
+    for bar in records.bars():
+        if bar.seat_a in labels and bar.seat_b in labels:
+            way = points[bar.seat_a] - points[bar.seat_b]
+            length = np.linalg.norm(way)
+            row = np.zeros((len(labels), 3))
+            row[labels.index(bar.seat_a)], row[labels.index(bar.seat_b)] = way / length / LENGTH, -way / length / LENGTH
+            residual.append((length - bar.length) / LENGTH)
+            rows.append(row.ravel())
+    return np.array(residual), np.array(rows).reshape(-1, 3 * len(labels))
+
+
+def prior_rows(case: Case) -> Array:
+    """What is known of the nuisances (m, columns + 1), in units of their widths."""
+    problem, x = case.choice.design.fit.problem, case.choice.design.fit.solution.point.x
+    kept = case.choice.design.kept
+    rows = np.zeros((kept.size, case.choice.design.jacobian.shape[2] + 1))
+    rows[:, : kept.size] = np.eye(kept.size)
+    rows[:, -1] = ((x - problem.start) / problem.widths)[kept]
+    return rows
+
+
+def dense(case: Case, part: NDArray[np.intp], left_out: Sequence[int] = ()) -> Array:
+    """All rows, prior rows last."""
+    return np.vstack([whitened(case, part, ~np.isin(part, left_out) & case.choice.fit.used), prior_rows(case)])
+
+
+def some_blocks(choice: Choice) -> list[int]:
+    """One block of each size, spread over the library and the covariates."""
+    sizes: dict[int, int] = {}
+    for k, b in enumerate(choice.question.blocks):
+        sizes.setdefault(b.size, k)
+        if b.candidate in (2, 9):
+            sizes.setdefault(-b.candidate, k)
+    return sorted(set(sizes.values()))
+
+
+def beside(rows: Array, nuisances: int, blocks: Sequence[slice]) -> tuple[Array, Array]:
+    """Rows with those of admitted blocks' own priors, and the columns that are refitted."""
+    width = rows.shape[1]
+    extra = np.eye(width)[[i for s in blocks for i in range(s.start, s.stop)]] / ADMITTED
+    rows = np.vstack([rows, extra])
+    return rows, np.concatenate([rows[:, :nuisances], *(rows[:, s] for s in blocks)], axis=1)
+
+
+@pytest.mark.parametrize("left_out", [(), (1,), (0, 3)])
+def test_inner_products(case: Case, left_out: tuple[int, ...]) -> None:
+    choice = case.choice
+    gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
+    rows = dense(case, choice.parts, left_out)
+    wanted = rows.T @ rows
+    size = np.sqrt(np.diag(wanted)) + 1e-3
+    whole = slice(0, wanted.shape[0])
+    np.testing.assert_allclose(gram.strip(whole) / np.outer(size, size), wanted / np.outer(size, size), atol=2e-6)
+    np.testing.assert_allclose(gram.residual, wanted[-1], atol=2e-6 * size.max() * size[-1])
+    for k in some_blocks(choice):
+        own = choice.question.blocks[k].columns
+        scale = np.outer(size[own], size[own])
+        np.testing.assert_allclose(gram.inside(choice.question.blocks[k]) / scale, wanted[own, own] / scale, atol=2e-6)
+    assert gram.free == len(rows) - choice.design.nuisances
+
+
+def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case) -> None:
+    part = np.arange(RECORDS) % 3
+    gram = Gram(products_of(case.choice.design, part), frozenset({2}))
+    rows = dense(case, part, [2])
+    np.testing.assert_allclose(gram.residual[-1], rows[:, -1] @ rows[:, -1], rtol=1e-6)
+    assert gram.free == len(rows) - case.choice.design.nuisances
+
+
+@pytest.mark.parametrize("admitted", [(), (5,), (5, -1)])
+@pytest.mark.parametrize("left_out", [(), (1,)])
+def test_conditional_and_evidence(case: Case, admitted: tuple[int, ...], left_out: tuple[int, ...]) -> None:
+    """χ², gradient, information by least squares; evidence as the ratio of two Gaussian marginal likelihoods."""
+    choice = case.choice
+    question = choice.question
+    admitted = tuple(k % len(question.blocks) for k in admitted)
+    variance = 1.7
+    gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
+    left = Conditional(gram, question.blocks, question.nuisances, admitted, variance)
+    slices = [question.blocks[k].columns for k in admitted]
+    rows, refitted = beside(dense(case, choice.parts, left_out), question.nuisances, slices)
+    basis = np.linalg.qr(refitted)[0]
+    free_rows = rows - basis @ (basis.T @ rows)
+    residual = free_rows[:, -1]
+    assert left.chi2 == pytest.approx(residual @ residual, rel=1e-6)
+    step = -np.linalg.lstsq(refitted, rows[:, -1])[0]
+    np.testing.assert_allclose(left.solution(), step, atol=1e-5 * np.abs(step).max())
+    data = rows[: len(rows) - question.nuisances - sum(s.stop - s.start for s in slices)]
+    own = np.concatenate([np.arange(question.nuisances), *(np.arange(s.start, s.stop) for s in slices)])
+    covariance = np.linalg.inv(refitted.T @ refitted)
+    np.testing.assert_allclose(left.covariance, variance * covariance, atol=1e-6 * np.abs(covariance).max())
+    assert left.determined == pytest.approx(np.trace(data[:, own].T @ data[:, own] @ covariance), rel=1e-5)
+    for k in some_blocks(choice):
+        if k in admitted:
+            assert left.evidences[k] == -np.inf
+            continue
+        block = question.blocks[k]
+        columns = free_rows[:, block.columns]
+        scale = max(np.abs(columns.T @ columns).max(), 1e-6)
+        np.testing.assert_allclose(left.information(block), columns.T @ columns / variance, atol=1e-6 * scale)
+        np.testing.assert_allclose(
+            left.gradient[block.columns], columns.T @ residual / variance, atol=1e-6 * np.sqrt(scale) * np.sqrt(len(rows))
+        )
+        wanted = log_bayes_factor(data, question.nuisances, rows, slices, block.columns, variance)
+        assert left.evidences[k] == pytest.approx(wanted, abs=1e-4)
+        assert left.evidence(k) == pytest.approx(wanted, abs=1e-4)
+
+
+def log_bayes_factor(
+    data: Array, nuisances: int, rows: Array, admitted: Sequence[slice], block: slice, variance: float
+) -> float:
+    """Log of N(r; m, V + τ² G Gᵀ) over N(r; m, V), averaged over τ: V holds noise, nuisances, admitted causes.
+
+    With a variance factor v, all that was known beforehand is as much less sure as the records are.
+    """
+    start = rows[len(data) : len(data) + nuisances, -1]  # the nuisances are where -start is, give or take one
+    known = np.concatenate([data[:, :nuisances], *(ADMITTED * data[:, s] for s in admitted)], axis=1)
+    residual = data[:, -1] - data[:, :nuisances] @ start
+    nothing = variance * (np.eye(len(data)) + known @ known.T)
+    columns = data[:, block]
+    base = multivariate_normal.logpdf(residual, cov=nothing)
+    each = [multivariate_normal.logpdf(residual, cov=nothing + t**2 * columns @ columns.T) for t in MAGNITUDES]
+    return float(np.logaddexp.reduce(each) - np.log(len(each)) - base)
+
+
+def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
+    choice, question = case.choice, case.choice.question
+    left = Conditional(choice.held, question.blocks, question.nuisances, ())
+    rows = dense(case, choice.parts)
+    basis = np.linalg.qr(rows[:, : question.nuisances])[0]
+    off = rows - basis @ (basis.T @ rows)
+    some = some_blocks(choice)
+    for k in some:
+        own = question.blocks[k].columns
+        values = np.linalg.svd(off[:, own], compute_uv=False)
+        if values[-1] < 1e-4 * values[0]:
+            continue  # the best step is then a matter of rounding
+        step = np.linalg.lstsq(off[:, own], off[:, -1])[0]
+        wanted = np.linalg.norm(off[:, own] @ step) / np.linalg.norm(rows[:, own] @ step)
+        assert findings.retained(left, question.blocks[k]) == pytest.approx(wanted, rel=1e-3)
+    for one, other in itertools.pairwise(some):
+        a, b = (question.blocks[k] for k in (one, other))
+        spans = [orth(off[:, block.columns], rcond=3e-5) for block in (a, b)]
+        if min(min(np.linalg.svd(off[:, x.columns])[1]) for x in (a, b)) > 1e-3 * np.abs(off[:, a.columns]).max():
+            wanted = np.cos(subspace_angles(*spans).min())
+            assert findings.canonical(left, a, b) == pytest.approx(wanted, abs=1e-5)
+
+
+# --- chances when nothing is there
+
+
+def nothing_there(case: Case, draws: int, seed: int) -> tuple[Array, Array]:
+    """Products of all columns with draws of noise and of true values within what is stated, and dense rows of one draw."""
+    choice = case.choice
+    rows = dense(case, choice.parts)
+    noise = np.random.default_rng(seed).standard_normal((len(rows), draws))
+    return rows[:, :-1].T @ noise, np.column_stack([rows[:, :-1], noise[:, 0]])
+
+
+def scores(left: Conditional, block: Block, products: Array) -> Array:
+    gradients = left.gradients(products)[block.columns]
+    return np.asarray(np.einsum("id,id->d", gradients, np.linalg.pinv(left.information(block), rcond=1e-10) @ gradients))
+
+
+@pytest.mark.parametrize("own_draws", [True, False])
+def test_the_score_is_chi2_when_nothing_is_there(case: Case, own_draws: bool) -> None:
+    """By noise drawn here, and by the draws of the package itself; the first draw also by least squares."""
+    choice, question = case.choice, case.choice.question
+    gram = choice.held
+    left = Conditional(gram, question.blocks, question.nuisances, ())
+    products, rows = nothing_there(case, 1000, 7)
+    if own_draws:
+        products = gram.products.drawn(1000, np.random.default_rng(9))
+    for k in some_blocks(choice):
+        block = question.blocks[k]
+        rank = np.linalg.matrix_rank(left.information(block), rtol=1e-10, hermitian=True)
+        drawn = scores(left, block, products)
+        assert kstest(drawn, chi2(rank).cdf).pvalue > 1e-3
+        if not own_draws:
+            nuisances = rows[:, : question.nuisances]
+            both = np.column_stack([nuisances, rows[:, block.columns]])
+            sums = [np.square(rows[:, -1] - z @ np.linalg.lstsq(z, rows[:, -1])[0]).sum() for z in (nuisances, both)]
+            assert drawn[0] == pytest.approx(sums[0] - sums[1], rel=1e-3, abs=1e-5)
+
+
+def narrowed(choice: Choice) -> Choice:
+    """Only the causes of two joints, so that a hundred draws stay cheap."""
+    names = choice.design.names
+    few = [
+        c
+        for c in range(choice.design.causes)
+        if names[c].endswith((":2", ":3")) and choice.question.contained.get(c) is None
+    ]
+    number = {c: k for k, c in enumerate(few)}
+    blocks = tuple(replace(b, candidate=number[b.candidate]) for b in choice.question.blocks if b.candidate in number)
+    prior = choice.question.log_prior[few]
+    question = replace(choice.question, blocks=blocks, candidates=len(few), log_prior=prior, contained={})
+    return replace(choice, question=question, design=replace(choice.design, blocks=blocks))
+
+
+def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """P(p ≤ α) ≤ α for the best of all candidates in noise, and p is not so large that it never says anything."""
+    monkeypatch.setattr(findings, "DRAWS", 100)
+    choice = narrowed(case.choice)
+    products, _ = nothing_there(case, 120, 11)
+    gram = Gram(products_of(choice.design, choice.parts))
+    rng = np.random.default_rng(12)
+    found = []
+    for k in range(products.shape[1]):
+        left = Conditional(gram, choice.question.blocks, choice.question.nuisances, ())
+        left.__dict__["gradient"] = left.gradients(products[:, k : k + 1])[:, 0]  # where the property keeps it
+        odds = choice.question.log_prior + choice.question.per_candidate(left.evidences)
+        best = int(np.argmax(odds))
+        block = choice.question.best_blocks(left.evidences)[best]
+        found.append(findings.family_wise(choice.question, left, float(odds[best]), block, rng))
+    assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
+    assert np.quantile(found, 0.2) < 0.4
+
+
+# --- groups, and records left out
+
+
+def misfit(rows: Array, nuisances: int, measured: int) -> tuple[float, float]:
+    """χ² with what is refitted at its best, and the degrees of freedom that priors leave."""
+    z, data = rows[:, :nuisances], rows[:measured, :nuisances]
+    left = rows[:, -1] - z @ np.linalg.lstsq(z, rows[:, -1])[0]
+    determined = np.trace(data.T @ data @ np.linalg.inv(z.T @ z))
+    return float(left @ left), measured - float(determined)
+
+
+def test_chow_s_test_of_every_session(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(groups, "ODD", 2.0)
+    choice = replace(case.choice, admitted=())
+    labels = case.records.conditions.session
+    assert labels is not None
+    names, part = np.unique(labels, return_inverse=True)
+    nuisances = choice.question.nuisances
+    found = {group.name: group for group in groups.odd_groups(choice) if group.name.startswith("session")}
+    assert len(found) == len(names) >= 3
+    total = dense(case, part)
+    whole = misfit(total, nuisances, len(total) - nuisances)
+    for number, name in enumerate(names):
+        rows = dense(case, part, [number])
+        others = misfit(rows, nuisances, len(rows) - nuisances)
+        more = whole[1] - others[1]
+        ratio = max((whole[0] - others[0]) / more, 0.0) / (others[0] / others[1])
+        group = found[f"session {name}"]
+        assert group.times == pytest.approx(np.sqrt(ratio), rel=1e-4)
+        assert group.p_value == pytest.approx(min(1.0, len(names) * f.sf(ratio, more, others[1])), rel=1e-3)
+        assert group.records == int(np.sum(labels == name))
+
+
+def test_chow_s_test_is_uniform_when_nothing_is_there(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first session's p, over draws of noise; Bonferroni's factor taken back, so only what it did not cut off."""
+    monkeypatch.setattr(groups, "ODD", 2.0)
+    choice = replace(free_case.choice, admitted=())
+    narrow = narrowed(choice)
+    target = free_case.records.reference
+    own = covariance_of_records(free_case.records)[range(RECORDS), range(RECORDS)]
+    scales, rng = choice.design.nuisances, np.random.default_rng(21)
+    labels = free_case.records.conditions.session
+    assert labels is not None
+    sessions = len(set(labels))
+    start = prior_rows(free_case)[:, -1]
+    chances = []
+    for _ in range(60):
+        off = np.einsum("nij,nj->ni", np.linalg.cholesky(own), rng.standard_normal((RECORDS, 3)))
+        step = rng.standard_normal(scales) - start
+        tips = target + off - choice.design.jacobian[:, :, :scales] @ step
+        drawn = groups.odd_groups(replace(narrow, design=replace(narrow.design, tips=tips)))
+        chances.append(next(g.p_value for g in drawn if g.name == f"session {labels[0]}"))
+    cut = np.minimum(np.array(chances), 1.0)
+    assert np.mean(cut == 1.0) == pytest.approx(1 - 1 / sessions, abs=0.2)
+    assert kstest(cut[cut < 1.0], "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("cause", [None, "encoder_eccentricity"])
+def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | None) -> None:
+    """Records left out are as far from a calibration of all others as the inner products say."""
+    case = case_of(tmp_path / "data.csv", 3, cause, "free")
+    choice = case.choice
+    assert bool(choice.causes) == (cause is not None)
+    effects = [free(choice.variant(k)) for k in choice.causes]
+    for number in choice.held.parts[:3]:
+        out = choice.fit.used & (choice.parts == number)
+        refit = case.refit(effects, used=choice.fit.used & ~out)
+        wanted = np.linalg.norm(refit.solution.point.prediction.tips[out] - case.records.reference[out], axis=1)
+        found = gain._predicted(choice, choice.held.without(number), choice.causes, out)
+        np.testing.assert_allclose(found, wanted, atol=2e-8)
