@@ -1,4 +1,4 @@
-"""Postures, accuracy and calibration of articulated-arm coordinate measuring machines, on Pinocchio."""
+"""Postures, accuracy, calibration and diagnosis of articulated-arm coordinate measuring machines, on Pinocchio."""
 
 from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, circle_accuracy
 from aacmm_pin.arm import Arm
@@ -7,6 +7,7 @@ from aacmm_pin.circle import Flexibility
 from aacmm_pin.comprehensive import comprehensive_accuracy, configuration_weights
 from aacmm_pin.conditions import Conditions
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
@@ -26,6 +27,7 @@ __all__ = [
     "Arm",
     "Calibration",
     "Conditions",
+    "Diagnosis",
     "ConfigurationCircle",
     "Effect",
     "ErrorModel",
@@ -42,6 +44,7 @@ __all__ = [
     "comprehensive_accuracy",
     "configuration_circle",
     "configuration_weights",
+    "diagnose",
     "map_workspace",
     "plan_measurements",
     "simulate_measurements",

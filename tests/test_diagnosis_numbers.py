@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 ENCODER, REFERENCE, PROBE, LENGTH = 8e-6, 12e-6, 10e-6, 20e-6
 RECORDS = 60
 MAGNITUDES = (0.2, 0.5, 1.0, 2.0, 10.0)
-ADMITTED = 10.0
+ADMITTED = 10.0  # of blocks with few columns, as here
 PLANS = ("free", "seats", "unknown-seats")
 
 
