@@ -98,3 +98,36 @@ def test_order_of_rows_unit_of_angles_and_seed_do_not_matter(tmp_path: Path) -> 
         assert two["probability"] == pytest.approx(one["probability"], abs=1e-6)
         for name, value in one["parameters"].items():
             assert two["parameters"][name] == pytest.approx(value, rel=1e-4)
+
+
+def urdf(slide: int, masses: bool) -> str:
+    """Four joints in a row, one of which slides."""
+    inertia = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    body = f'<inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>{inertia}</inertial>' if masses else ""
+    text = '<robot name="slider"><link name="b0"/>'
+    for k, (at, axis) in enumerate(
+        [("0 0 0.2", "0 0 1"), ("0.1 0 0.3", "0 1 0"), ("0.5 0 0", "1 0 0"), ("0.3 0 0", "0 0 1")], 1
+    ):
+        kind, limit = ("prismatic", 'lower="0" upper="0.4"') if k == slide else ("revolute", 'lower="-1.2" upper="1.2"')
+        text += (
+            f'<link name="b{k}">{body}</link><joint name="j{k}" type="{kind}"><parent link="b{k - 1}"/><child link="b{k}"/>'
+        )
+        text += f'<origin xyz="{at}"/><axis xyz="{axis}"/><limit {limit} effort="1" velocity="1"/></joint>'
+    text += '<link name="tip"/><joint name="end" type="fixed"><parent link="b4"/><child link="tip"/><origin xyz="0.3 0 0"/>'
+    return text + "</joint></robot>"
+
+
+@pytest.mark.parametrize(("slide", "masses"), [(1, True), (2, True), (3, True), (3, False), (4, False)])
+def test_an_arm_with_a_joint_that_slides(tmp_path: Path, slide: int, masses: bool) -> None:
+    """No cause that turns sits at a slide; one at another joint is named."""
+    path, data = tmp_path / "slider.urdf", tmp_path / "data.csv"
+    path.write_text(urdf(slide, masses))
+    arm, turning = ["--urdf", str(path), "--frame", "tip"], 2 if slide == 1 else 1
+    effect = f"encoder_eccentricity:joint={turning},amplitude_rad=3e-4,phase_rad=0.5"
+    plan = ["--plan", "free", "--records", "60", "--effect", effect, "-o", str(data)]
+    assert CliRunner().invoke(app, ["simulate", *arm, *plan]).exit_code == 0
+    done = CliRunner().invoke(app, ["diagnose", *arm, str(data), *NOISE, "--no-held-out", "--json", "-"])
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["findings"][0]["joint"] == turning
+    assert not any(f["joint"] == slide for f in found["findings"])

@@ -87,12 +87,12 @@ def candidates(arm: Arm, measurements: Measurements, problem: Problem) -> list[C
     found: list[tuple[Effect, ...]] = []
     for number, place in enumerate(arm.chain.moving_axes()):
         row, angle = place // 2, measurements.q[:, number]
-        if np.ptp(angle) >= LEAST_SPREAD:
+        if np.ptp(angle) >= LEAST_SPREAD and not arm.chain.prismatic[number]:
             found += _of_angle(row, angle)
         found += _of_time(row, conditions)
         if conditions.approach is not None and np.ptp(conditions.approach[:, number]) > 0:
             found.append((JointHysteresis(row),))
-        found += [(effect,) for effect in _of_joint_load(arm, row, conditions)]
+        found += [(effect,) for effect in _of_joint_load(arm, number, row, conditions)]
     found += [(effect,) for effect in _of_structure(arm, conditions)]
     labels = [label for label, records in measurements.seats().items() if len(records) > 1]
     if len(labels) >= 3 and measurements.known.any():
@@ -152,8 +152,11 @@ def _steps(time: Array) -> Array:
     return np.union1d(spread, pauses)
 
 
-def _of_joint_load(arm: Arm, row: int, conditions: Conditions) -> Iterator[Effect]:
-    if conditions.torque is not None:
+def _of_joint_load(arm: Arm, number: int, row: int, conditions: Conditions) -> Iterator[Effect]:
+    slides = arm.chain.prismatic[number:]
+    if slides[0] or (arm.masses is None and slides.any()):
+        pass  # no angle that a torque could turn; and unknown masses beyond a slide have no constant lever
+    elif conditions.torque is not None:
         yield JointCompliance(row, torque="measured")
     elif arm.masses is not None:
         yield JointCompliance(row)

@@ -1,0 +1,209 @@
+"""``diagnose --json`` against the schema that other programs read: every field, its type, its unit, for every verdict."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from aacmm_pin.cli import app
+from aacmm_pin.diagnosis.result import SETTLED
+from aacmm_pin.effects import CAUSES
+
+NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
+ECCENTRIC = ["--effect", "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"]
+VERDICTS = ("explained", "no-discrepancy", "ambiguous", "unexplained")
+Check = Callable[[Any], bool]
+
+
+def number(least: float = -math.inf, most: float = math.inf) -> Check:
+    return lambda v: isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) and least <= v <= most
+
+
+def count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def text(value: object) -> bool:
+    return isinstance(value, str) and bool(value) and "nan" not in value.split() and "None" not in value
+
+
+def place(value: object) -> bool:
+    return value is None or text(value) or (count(value) and value != 0)
+
+
+def several(check: Check) -> Check:
+    return lambda value: isinstance(value, list) and all(check(v) for v in value)
+
+
+def none_or(check: Check) -> Check:
+    return lambda value: value is None or check(value)
+
+
+def fields(schema: dict[str, Check], optional: dict[str, Check] | None = None) -> Check:
+    """An object with these fields and no other."""
+
+    def check(value: object) -> bool:
+        assert isinstance(value, dict), value
+        every = schema | {k: c for k, c in (optional or {}).items() if k in value}
+        assert set(value) == set(every), set(value) ^ set(every)
+        for name, inner in every.items():
+            assert inner(value[name]), f"{name}: {value[name]!r}"
+        return True
+
+    return check
+
+
+def parameters(value: object) -> bool:
+    pair = fields({"value": number(), "u": none_or(number(0.0))})
+    assert isinstance(value, dict)
+    assert value
+    for name, entry in value.items():
+        assert name.rsplit("_", 1)[-1] in UNITS or name in UNITLESS, name
+        assert pair(entry)
+    return True
+
+
+UNITS = {"rad", "mm", "c", "s", "nm", "n", "k", "mrad"}
+UNITLESS = {"gain", "scale"}
+SHARE, SIZE = number(0.0, 1.0), number(0.0)
+ALIAS = fields({"cause": text, "joint": place, "correlation": SHARE, "probability": SHARE})
+INNER: dict[str, Check] = {name: number() for name in ("order", "time_s", "time_constant_s", "lower_rad", "upper_rad")}
+INNER |= {"coefficients": count} | dict.fromkeys(("seat", "marker", "torque"), text)
+FINDING = fields(
+    {
+        "cause": lambda v: v in CAUSES,
+        "joint": place,
+        "probability": SHARE,
+        "p_value": SHARE,
+        "retained_fraction": SHARE,
+        "parameters": parameters,
+        "aliases": several(ALIAS),
+    },
+    INNER,
+)
+RMS = dict.fromkeys(("simulation", "recalibrated", "extended"), SIZE)
+SUMMARY = fields(
+    {
+        "schema": lambda v: v == "aacmm-pin/diagnosis/1",
+        "arm": text,
+        "verdict": lambda v: v in VERDICTS,
+        "records": fields({"used": count, "excluded": several(fields({"row": count, "reason": text, "residual_mm": SIZE}))}),
+        "rms_mm": fields(RMS | {"noise": SIZE}),
+        "findings": several(FINDING),
+        "held_out": none_or(
+            fields(
+                {
+                    "kind": lambda v: v in ("seats", "blocks"),
+                    "groups": count,
+                    "rms_mm": fields(RMS),
+                    "gain": number(most=1.0),
+                    "gain_ci95": lambda v: several(number(most=1.0))(v) and len(v) == 2 and v[0] <= v[1],
+                }
+            )
+        ),
+        "unexplained": fields(
+            {
+                "p_value": SHARE,
+                "depends_on": several(text),
+                "smooth_correction_gain": none_or(number(most=1.0)),
+                "groups": several(fields({"name": text, "records": count, "times": SIZE, "p_value": SHARE})),
+            }
+        ),
+        "cannot_tell_apart": several(lambda v: several(text)(v) and len(v) > 1),
+        "next_measurements": text,
+        "notes": several(text),
+        "source": text,
+        "seed": count,
+    }
+)
+
+
+def simulated(folder: Path, *options: str) -> pd.DataFrame:
+    path = folder / "simulated.csv"
+    done = CliRunner().invoke(app, ["simulate", "sino6", *options, "-o", str(path), "--force"])
+    assert done.exit_code == 0, done.output
+    return pd.read_csv(path)
+
+
+def explained(folder: Path) -> tuple[pd.DataFrame, list[str]]:
+    table = simulated(folder, "--plan", "free", "--records", "60", *ECCENTRIC)
+    table.loc[7, "x_mm"] += 3.0
+    return table, []
+
+
+def nothing(folder: Path) -> tuple[pd.DataFrame, list[str]]:
+    seats = ["--plan", "seats", "--records", "60", "--seats", "6", "--probe-noise-mm", "0.012"]
+    return simulated(folder, *seats), ["--probe-noise-mm", "0.012"]
+
+
+def too_few(folder: Path) -> tuple[pd.DataFrame, list[str]]:
+    return simulated(folder, "--plan", "free", "--records", "60", *ECCENTRIC).head(20), ["--reference-frame", "external"]
+
+
+def by_operator(folder: Path) -> tuple[pd.DataFrame, list[str]]:
+    table = simulated(folder, "--plan", "free", "--records", "80")
+    table["operator"] = np.repeat(["a", "b"], 40)
+    table.loc[40:, "z_mm"] += 0.2
+    return table, []
+
+
+CASES = {"explained": explained, "no-discrepancy": nothing, "ambiguous": too_few, "unexplained": by_operator}
+
+
+@pytest.mark.parametrize("verdict", CASES)
+def test_every_field_of_every_verdict(tmp_path: Path, verdict: str) -> None:
+    table, options = CASES[verdict](tmp_path)
+    path = tmp_path / "data.csv"
+    table.to_csv(path, index=False)
+    command = ["diagnose", "sino6", str(path), *NOISE, *options]
+    done = CliRunner().invoke(app, [*command, "--json", "-"])
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert SUMMARY(found)
+    assert found["verdict"] == verdict
+    assert found["records"]["used"] + len(found["records"]["excluded"]) == len(table)
+    shown = CliRunner().invoke(app, command)
+    agrees(found, shown.stdout)
+
+
+def agrees(found: dict[str, Any], shown: str) -> None:
+    """The fields make sense of one another, and the text says the same."""
+    assert shown.startswith(f"{found['verdict']}: RMS {found['rms_mm']['simulation']:.4f} mm simulated")
+    doubtful = [f for f in found["findings"] if f["probability"] < SETTLED]
+    depends = found["unexplained"]["depends_on"]
+    assert (found["verdict"] == "unexplained") == bool(depends)
+    if not depends:
+        assert (found["verdict"] == "no-discrepancy") == (not found["findings"])
+        assert (found["verdict"] == "ambiguous") == bool(doubtful)
+    for finding in found["findings"]:
+        assert f"{finding['cause']}:{finding['joint']} (probability {finding['probability']:.3f}" in shown
+        assert finding["probability"] + sum(a["probability"] for a in finding["aliases"]) <= 1.0 + 1e-9
+    for record in found["records"]["excluded"]:
+        assert f"excluded: row {record['row']}, {record['residual_mm']:.3f} mm off" in shown
+    for name in depends:
+        assert name in shown
+    assert f"next: {found['next_measurements']}" in shown
+    held = found["held_out"]
+    sizes = held["rms_mm"]
+    assert held["gain"] == pytest.approx(1.0 - sizes["extended"] / sizes["recalibrated"])
+    assert held["gain_ci95"][0] <= held["gain"] <= held["gain_ci95"][1]
+    rms = found["rms_mm"]
+    assert rms["extended"] <= rms["recalibrated"] + 1e-9
+
+
+def test_without_held_out_there_is_none(tmp_path: Path) -> None:
+    table, _ = nothing(tmp_path)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    done = CliRunner().invoke(app, ["diagnose", "sino6", str(tmp_path / "data.csv"), *NOISE, "--no-held-out", "--json", "-"])
+    found = json.loads(done.stdout)
+    assert SUMMARY(found)
+    assert found["held_out"] is None
