@@ -144,6 +144,12 @@ def verdict_in_words(result: Diagnosis) -> str:
     if result.verdict == "unexplained":
         beside = f" Beside it, the simulation lacks {lacks}." if causes else ""
         depends = listed(list(result.unexplained.depends_on))
+        if not depends:
+            more = f"{result.rms['extended'] / result.noise:.1f} times the stated noise"
+            return f"{name}: the residuals stay {more}, and nothing in the file tells on what that depends.{beside}"
+        odd = [group.name for group in result.unexplained.groups if group.name in result.unexplained.depends_on]
+        if odd:
+            return f"{name}: {listed(odd)} does not agree with the other records.{beside}"
         return f"{name}: something in these records depends on {depends}, and no known cause has its shape.{beside}"
     if result.verdict == "no-discrepancy":
         return f"{name}: no cause is missing in the simulation. Once the arm is recalibrated, {left}."
@@ -212,6 +218,8 @@ def most_off_in_words(result: Diagnosis, table: pd.DataFrame) -> str:
         result: the diagnosis.
         table: residuals by group, with ``where`` in words.
     """
+    if table.empty:
+        return "There are too few records to compare groups of them."
     first = table.iloc[int(np.argmax(table["times_predicted"]))]
     stated = "that the arm's stated uncertainties and the noise predict"
     if not result.before.problem.model.covariance().any():

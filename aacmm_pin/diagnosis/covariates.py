@@ -111,7 +111,7 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     found += [_of(name, values, carriers) for name, values, carriers in named]
     products = [_product(measurements.q, one, other) for one, other in itertools.combinations(numbers, 2)]
     single = [_with_time(c, conditions) for c in found if c is not None]
-    return [*single, *products, _place(arm, measurements), *_groups(measurements)]
+    return [*single, *products, _place(arm, measurements), _scale(arm, measurements), *_groups(measurements)]
 
 
 def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covariate | None:
@@ -186,6 +186,13 @@ def _place(arm: Arm, measurements: Measurements) -> Covariate:
     values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
     bumps = np.exp(-0.5 * (distance / width) ** 2)
     return Covariate("place", ("x", "y", "z"), (Carried(_of_size_one(bumps), "room"),), values)
+
+
+def _scale(arm: Arm, measurements: Measurements) -> Covariate:
+    """All lengths are too long or too short by one factor: a wrong unit, another reference temperature."""
+    tip = arm.chain.walk(measurements.q)[1][-1]
+    values = pd.DataFrame({"distance_mm": np.linalg.norm(tip, axis=1) / MM})
+    return Covariate("scale", ("scale",), (Carried(np.ones((len(tip), 1)), "lengths"),), values)
 
 
 def _groups(measurements: Measurements) -> list[Covariate]:

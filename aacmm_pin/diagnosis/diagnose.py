@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import chi2
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.blas import one_blas_thread
@@ -19,7 +20,7 @@ from aacmm_pin.calibration.problem import OF_KIND, Problem
 from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.findings import Strength, look_alikes, strengths
+from aacmm_pin.diagnosis.findings import Alias, Strength, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.gain import gain_of, parts_of, survivors
 from aacmm_pin.diagnosis.library import candidates
 from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free
@@ -33,6 +34,12 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import advice
 
+MUCH_MORE = 1.15
+"""Residuals larger by this than the stated noise, beyond chance, are not explained by what was found."""
+CHANGED = 0.01
+"""Chance below which a known cause counts as changed."""
+LATE = 10.0
+"""A clock is no time since switching on if it starts later than so many times what the records cover."""
 UNLIKELY = 0.2
 """A cause less probable than this, beside what did not survive its held-out test, is not named."""
 
@@ -83,27 +90,35 @@ def diagnose(
     noise = StatedNoise(encoder_of(model.arm, encoder_noise), reference_noise, probe_noise, length_noise)
     external = reference_frame == "external"
 
+    # What the arm is known to have is refitted with the geometry, freely: it may have changed.
+    known = [effect.at(effect.values, free(effect).u) for effect in model.effects]
+
     def problem(parameters: Sequence[str | Effect]) -> Problem:
         return problem_of(model, measurements, parameters, prior=prior, target=target, external=external)
 
-    recalibrated = fit(problem(["geometry"]), noise)
+    def with_causes(causes: Sequence[Effect]) -> Problem:
+        return problem(["geometry", *known, *causes])
+
+    recalibrated = fit(with_causes([]), noise)
     kind, parts = parts_of(recalibrated, rng)
-    library = candidates(model.arm, measurements, recalibrated.problem)
+    library = candidates(model, measurements, recalibrated.problem)
     others = covariates(model.arm, measurements)
-    choice = choose(lambda effects: problem(["geometry", *effects]), noise, recalibrated, library, others, parts)
-    choice = _surviving(choice, lambda effects: problem(["geometry", *effects]), noise, rng)
+    choice = choose(with_causes, noise, recalibrated, library, others, parts)
+    choice = _surviving(choice, with_causes, noise, rng)
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
-    recalibrated = fit(problem(["geometry"]), noise, used=extended.used)
+    recalibrated = fit(with_causes([]), noise, used=extended.used)
     strong = strengths(choice.question, choice.gram, choice.admitted, choice.design.names, rng)
     held = gain_of(choice, before, kind, rng, progress) if hold_out else None
-    findings = _findings(choice, strong) + _geometry(choice)
+    findings = _findings(choice, strong) + _changed(model, choice) + _geometry(choice)
     unexplained = unexplained_by(choice, strong, held)
     groups = look_alikes(choice.question, choice.gram, choice.design.names, choice.design.causes)
     shown = predicted_covariance(before, *_prior_predictive(model, before))
-    verdict = _verdict(findings, unexplained)
+    floor = float(np.sqrt(np.trace(_stated(extended)[extended.used], axis1=1, axis2=2).mean()))
+    verdict = _verdict(findings, unexplained, _scatters(extended, floor))
 
-    def plan(cause: Effect, other: str) -> str:
+    def plan(finding: Finding, alias: Alias) -> str:
+        cause, other = finding.effect, choice.variant(alias.block)
         return advice(
             model,
             (cause, other),
@@ -130,36 +145,38 @@ def diagnose(
         cannot_tell_apart=tuple(tuple(group) for group in groups),
         simulation_groups=groups_table(before, shown),
         extended_groups=groups_table(extended, _noise(extended)),
-        noise=float(np.sqrt(np.trace(_stated(extended)[extended.used], axis1=1, axis2=2).mean())),
-        next_measurements=next_measurements(verdict, findings, unexplained, plan),
-        notes=tuple(notes_of(extended, noise)),
+        noise=floor,
+        next_measurements=next_measurements(verdict, findings, unexplained, visible(choice), plan),
+        notes=(*notes_of(extended, noise), *_clock(measurements)),
     )
+
+
+def _clock(measurements: Measurements) -> list[str]:
+    """A clock that started long before the arm was switched on."""
+    time = measurements.conditions.time
+    if time is None or np.ptp(time) == 0.0 or time.min() < LATE * np.ptp(time):
+        return []
+    return ["time_s starts late: a warm-up counts from 0, the moment of switching on, and cannot be seen here"]
 
 
 def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise, rng: np.random.Generator) -> Choice:
     """The choice without what does not survive its held-out test, nor what something that did not is better at; refitted."""
     kept = survivors(choice, choice.admitted, choice.held)
-    if kept == choice.admitted:
-        return choice
     while kept:
         strong = strengths(choice.question, choice.gram, kept, choice.design.names, rng)
         worst = min(strong, key=lambda s: s.probability)
         if worst.probability >= UNLIKELY:
             break
         kept = tuple(k for k in kept if k != worst.block)
+    if kept == choice.admitted:
+        return choice
     effects = [free(choice.variant(k)) for k in kept if k in choice.causes]
     return replace(choice, fit=fit(problem(effects), noise), admitted=kept)
 
 
 def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
     """The admitted causes with the values that the last refit gave them."""
-    problem, x = choice.fit.problem, choice.fit.solution.point.x
-    estimated: dict[str, tuple[Effect, Array]] = {}
-    first = 0
-    for effect in problem.effects(x):
-        own = slice(first, first + len(effect.terms))
-        first = own.stop
-        estimated[effect.label] = (effect, choice.fit.covariance[own, own])
+    estimated = {effect.label: (effect, covariance) for effect, covariance in _estimated(choice)}
     found = []
     for strength in strong:
         if strength.block not in choice.causes:
@@ -168,7 +185,6 @@ def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
         if label not in estimated:
             continue
         effect, covariance = estimated[label]
-        effect = effect.at(effect.values, tuple(np.sqrt(np.diag(covariance))))
         found.append(
             Finding(
                 effect.cause,
@@ -182,6 +198,37 @@ def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
             )
         )
     return found
+
+
+def _changed(model: ErrorModel, choice: Choice) -> list[Finding]:
+    """Causes that the arm was known to have, with other values than were stated.
+
+    ``Δᵀ (C + U)⁻¹ Δ`` of the change Δ with the covariances of the old and the new values is χ² if nothing changed;
+    Bonferroni's bound over the known causes.
+    """
+    before = {effect.label: effect for effect in model.effects if any(effect.u)}
+    found = []
+    for effect, covariance in _estimated(choice):
+        if effect.label not in before or not np.all(np.isfinite(covariance)):
+            continue
+        old = before[effect.label]
+        change = np.array(effect.values) - np.array(old.values)
+        misfit = float(change @ np.linalg.pinv(covariance + np.diag(np.square(old.u))) @ change)
+        p_value = min(1.0, len(before) * float(chi2.sf(misfit, len(change))))
+        if p_value < CHANGED:
+            values = described(effect, covariance)
+            found.append(Finding(effect.cause, effect.row, effect, values, 1.0 - p_value, p_value, 1.0, ()))
+    return found
+
+
+def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
+    """Every effect that the last fit estimated, with u, and the covariance of its values."""
+    problem, x, first = choice.fit.problem, choice.fit.solution.point.x, 0
+    for effect in problem.effects(x):
+        own = slice(first, first + len(effect.terms))
+        first = own.stop
+        covariance = choice.fit.covariance[own, own]
+        yield effect.at(effect.values, tuple(np.sqrt(np.diag(covariance)))), covariance
 
 
 def _geometry(choice: Choice) -> list[Finding]:
@@ -202,12 +249,18 @@ def _geometry(choice: Choice) -> list[Finding]:
 _GEOMETRIC = {cause.cause for cause in OF_KIND.values()}
 
 
-def _verdict(findings: list[Finding], unexplained: Unexplained) -> Verdict:
-    if unexplained.depends_on:
+def _verdict(findings: list[Finding], unexplained: Unexplained, scatters: bool) -> Verdict:
+    if unexplained.depends_on or scatters:
         return "unexplained"
     if not findings:
         return "no-discrepancy"
     return "explained" if all(f.probability >= SETTLED for f in findings) else "ambiguous"
+
+
+def _scatters(extended: Fit, noise: float) -> bool:
+    """Whether the records scatter more than the stated noise explains, with all causes known."""
+    left = float(np.sqrt(np.square(extended.solution.system.deviation[extended.used]).sum(axis=1).mean()))
+    return extended.stated and extended.unmodelled > 0.0 and left > MUCH_MORE * noise
 
 
 def _prior_predictive(model: ErrorModel, before: Fit) -> tuple[Array, Array]:

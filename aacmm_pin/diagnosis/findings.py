@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.design import Block
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
+from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.products import Gram
 from aacmm_pin.diagnosis.search import Question, conditional
 
@@ -20,6 +21,8 @@ ALIASES = 5
 """So many look-alikes are listed at most."""
 WORTH_LISTING = 1e-3
 """A look-alike less probable than this is listed only if its columns are nearly the same."""
+SHOWS = 15.0
+"""Noncentrality at which a cause is found more often than not among all others."""
 SAME = 0.95
 """Causes whose columns have a larger canonical correlation look the same in these records."""
 
@@ -32,11 +35,13 @@ class Alias:
         label: the cause and its place.
         correlation: largest canonical correlation of the two causes' columns, geometry refitted.
         probability: of this cause in the finding's place.
+        block: number of its columns in the diagnosis's design.
     """
 
     label: str
     correlation: float
     probability: float
+    block: int = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +134,7 @@ def _aliases(question: Question, left: Conditional, k: int, shares: Array, names
             continue
         correlation = canonical(left, question.blocks[k], question.blocks[block])
         if shares[candidate] > WORTH_LISTING or correlation > SAME:
-            found.append(Alias(names[candidate], correlation, float(shares[candidate])))
+            found.append(Alias(names[candidate], correlation, float(shares[candidate]), block))
     found.sort(key=lambda alias: (-alias.probability, -alias.correlation))
     return found[:ALIASES]
 
@@ -166,3 +171,17 @@ def look_alikes(question: Question, gram: Gram, names: tuple[str, ...], causes: 
 
 def _variants(question: Question, candidate: int) -> int:
     return sum(b.candidate == candidate for b in question.blocks)
+
+
+def visible(choice: Choice) -> tuple[int, int]:
+    """How many causes of the library these records would have shown at their usual size, and of how many.
+
+    A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least :data:`SHOWS`.
+    """
+    left = Conditional(choice.gram, choice.question.blocks, choice.question.nuisances, ())
+    best: dict[int, float] = {}
+    for block in choice.design.blocks:
+        if block.candidate < choice.design.causes:
+            size = float(np.diag(left.information(block)).max())
+            best[block.candidate] = max(best.get(block.candidate, 0.0), size)
+    return sum(size >= SHOWS for size in best.values()), len(best)

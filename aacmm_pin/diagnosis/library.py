@@ -34,6 +34,7 @@ from aacmm_pin.effects import (
     TorsionalWindup,
     ZeroDrift,
 )
+from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.measurements import Measurements
 
 TUBE = 0.15
@@ -75,15 +76,16 @@ class Candidate:
         return self.variants[0].cause
 
 
-def candidates(arm: Arm, measurements: Measurements, problem: Problem) -> list[Candidate]:
+def candidates(model: ErrorModel, measurements: Measurements, problem: Problem) -> list[Candidate]:
     """Every cause of the library that these records could show, one for each place where it can sit.
 
     Args:
-        arm: the arm.
+        model: the arm; what it is known to have is no candidate.
         measurements: the records.
         problem: what is refitted anyway; geometric values beyond what is stated of them are causes too.
     """
     conditions = measurements.conditions
+    arm, known = model.arm, {effect.label for effect in model.effects}
     found: list[tuple[Effect, ...]] = []
     for number, place in enumerate(arm.chain.moving_axes()):
         row, angle = place // 2, measurements.q[:, number]
@@ -98,7 +100,7 @@ def candidates(arm: Arm, measurements: Measurements, problem: Problem) -> list[C
     if len(labels) >= 3 and measurements.known.any():
         found += [(SeatError(label),) for label in labels]
     found += [(effect,) for effect in _of_geometry(arm, measurements, problem)]
-    return [Candidate(variants) for variants in found]
+    return [Candidate(variants) for variants in found if variants[0].label not in known]
 
 
 def _of_geometry(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

@@ -4,34 +4,55 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from aacmm_pin.diagnosis.findings import Alias
 from aacmm_pin.diagnosis.model import OF_ANGLE
 from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
 from aacmm_pin.diagnosis.unexplained import Unexplained
-from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.effects import CAUSES
 
 
 def next_measurements(
-    verdict: Verdict, findings: Sequence[Finding], unexplained: Unexplained, plan: Callable[[Effect, str], str]
+    verdict: Verdict,
+    findings: Sequence[Finding],
+    unexplained: Unexplained,
+    visible: tuple[int, int],
+    plan: Callable[[Finding, Alias], str],
 ) -> str:
-    """What to measure next, in a sentence; ``plan`` makes that for a finding and the label of its look-alike."""
+    """What to measure next, in a sentence.
+
+    Args:
+        verdict, findings, unexplained: of the diagnosis.
+        visible: how many causes of usual size these records would have shown, and of how many.
+        plan: makes the sentence for a finding and its look-alike.
+    """
+    seen, of = visible
     if verdict == "no-discrepancy":
-        return "nothing is open; keep these records as a reference for the next check"
+        if seen < of / 2:
+            return f"more records: of {of} causes of usual size these would have shown {seen}"
+        return (
+            f"nothing is open ({seen} of {of} causes of usual size would have shown); keep these records for the next check"
+        )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
         return f"set up {unexplained.groups[0].name} anew and repeat its records; diagnose the others without it"
+    if verdict == "unexplained" and not unexplained.depends_on:
+        return (
+            "repeat some postures with everything alike: the scatter of repeats is the true noise; if it is as stated, "
+            "check columns, units and reference frame, and note what else changes"
+        )
     if verdict == "unexplained":
         on = ", ".join(unexplained.depends_on)
         return f"repeat some postures with other values of {on} and everything else alike, and some with all alike"
     doubtful = [finding for finding in findings if finding.probability < SETTLED]
     for finding in doubtful:
-        alike = [a.label for a in finding.aliases if a.label.split(":")[0] in CAUSES]
+        alike = [a for a in finding.aliases if a.label.split(":")[0] in CAUSES]
         if not alike:
             continue
-        if alike[0] == f"joint_error_curve:{finding.joint}" and finding.cause in OF_ANGLE:
+        if alike[0].label == f"joint_error_curve:{finding.joint}" and finding.cause in OF_ANGLE:
             return (
                 f"measure more records with joint {finding.joint} spread evenly over its range: they show whether "
                 f"{finding.label} is all that depends on its angle"
             )
-        return plan(finding.effect, alike[0])
+        return plan(finding, alike[0])
     for finding in doubtful:
         on = finding.aliases[0].label if finding.aliases else "all that was recorded"
         return (
