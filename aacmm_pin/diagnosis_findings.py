@@ -264,8 +264,8 @@ def unexplained_in_words(result: Diagnosis) -> str:
         else (f" On held-out records it takes {100 * open_.gain:z.0f} % off what the causes alone leave.")
     )
     return (
-        f"The residuals depend on {listed(covariates)} (p {p}) in a way that no cause of the library has. What "
-        "is drawn here describes it, smooth over the covariate; it is not a cause, and it is not in the extended arm."
+        f"The residuals depend on {listed(covariates)} (p {p}) in a way that no cause of the library has. The "
+        "correction over it is smooth and only describes it; it is no cause, and not in the extended arm."
         f"{worth}"
     )
 

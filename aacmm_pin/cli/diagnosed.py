@@ -8,19 +8,27 @@ from typing import Annotated, cast
 
 import numpy as np
 import typer
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.table import Column, Table
 from tqdm.auto import tqdm
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, command, note, say
 from aacmm_pin.cli.given import Data, FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_and_data
-from aacmm_pin.diagnosis import Diagnosis, diagnose
+from aacmm_pin.diagnosis import Diagnosis, Finding, diagnose
+from aacmm_pin.diagnosis_findings import (
+    group_in_words,
+    line_to_remember,
+    p_in_words,
+    unexplained_in_words,
+    verdict_in_words,
+)
 from aacmm_pin.diagnosis_page import diagnosis_page
+from aacmm_pin.effects import JointErrorCurve
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.measurements import Measurements
+
+LEAST_SHOWN = 1e-3
+"""Look-alikes less probable than this are in the page and the JSON only."""
 
 
 @command("diagnose")
@@ -76,25 +84,34 @@ def diagnose_(
 
 
 def _say(result: Diagnosis) -> None:
-    say(str(result))
-    if result.findings:
-        cause = Column("cause", no_wrap=True)
-        table = Table(cause, Column("value ± U (k = 2)", no_wrap=True), "prob.", "p", "kept", "looks like", box=SIMPLE)
-        for f in result.findings:
-            few = f.parameters if len(f.parameters) <= 6 else {}
-            values = "\n".join(f"{k} {v:.4g} ± {2 * u:.2g}" for k, (v, u) in few.items()) or f"{len(f.parameters)} values"
-            alike = ", ".join(f"{a.label} ({a.probability:.2g})" for a in f.aliases[:3])
-            kept = f"{f.retained_fraction:.2f}"
-            table.add_row(f.label, values, f"{f.probability:.3f}", f"{f.p_value:.1g}", kept, alike)
-        Console().print(table)
+    say(verdict_in_words(result))
+    say(line_to_remember(result))
+    for finding in result.findings:
+        _say_finding(finding)
+    open_ = result.unexplained
+    if open_.shapes or open_.groups:
+        say(unexplained_in_words(result))
+    for name, acts_on in open_.acts_on.items():
+        say(f"  over {name}: {acts_on}")
+    for group in open_.groups:
+        say(f"  {group_in_words(group)}")
     for row in result.excluded.to_dict("records"):
         say(f"excluded: row {row['row']}, {row['residual_mm']:.3f} mm off: {row['reason']}")
-    worst = result.simulation_groups.head(3)
-    if len(worst):
-        say("where the simulation is off most, beside what its own uncertainties predict:")
-        for row in worst.to_dict("records"):
-            say(
-                f"  {row['by']} {row['group']}: {row['rms_mm']:.4f} mm, {row['times_predicted']:.1f} times the predicted "
-                f"{row['predicted_mm']:.4f} mm"
-            )
+    say("where the simulation is off most, beside what its own stated uncertainties predict there:")
+    for row in result.simulation_groups.head(3).to_dict("records"):
+        times = f"{row['times_predicted']:.1f} times the predicted {row['predicted_mm']:.4f} mm"
+        say(f"  {row['by']} {row['group']}: {row['rms_mm']:.4f} mm, {times}")
     say(f"next: {result.next_measurements}")
+
+
+def _say_finding(finding: Finding) -> None:
+    sure = f"probability {finding.probability:.3f}, p {p_in_words(finding.p_value)}"
+    say(f"  {finding.label}: {sure}; recalibration leaves {finding.retained_fraction:.0%} of its effect")
+    if isinstance(finding.effect, JointErrorCurve):
+        waves = ", ".join(f"{order:.3g} ({size:.2g} rad)" for order, size in finding.effect.spectrum())
+        say(f"    {len(finding.parameters)} coefficients; strongest waves per turn: {waves}")
+    else:
+        say("    " + ", ".join(f"{k} {v:.4g} ± {2 * u:.2g}" for k, (v, u) in finding.parameters.items()) + " (k = 2)")
+    alike = ", ".join(f"{a.label} ({a.probability:.2g})" for a in finding.aliases if a.probability > LEAST_SHOWN)
+    if alike:
+        say(f"    or, with the probability in brackets: {alike}")
