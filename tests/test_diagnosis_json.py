@@ -76,6 +76,7 @@ UNITLESS = {"gain", "scale"}
 SHARE, SIZE = number(0.0, 1.0), number(0.0)
 ALIAS = fields({"cause": text, "joint": place, "correlation": SHARE, "probability": SHARE})
 INNER: dict[str, Check] = {name: number() for name in ("order", "time_s", "time_constant_s", "lower_rad", "upper_rad")}
+INNER |= {"spectrum": several(fields({"order": number(0.0), "amplitude_rad": number(0.0)}))}
 INNER |= {"coefficients": count} | dict.fromkeys(("seat", "marker", "torque"), text)
 FINDING = fields(
     {
@@ -113,6 +114,7 @@ SUMMARY = fields(
             {
                 "p_value": SHARE,
                 "depends_on": several(text),
+                "acts_on": lambda v: isinstance(v, dict) and all(text(k) and text(words) for k, words in v.items()),
                 "smooth_correction_gain": none_or(number(most=1.0)),
                 "groups": several(fields({"name": text, "records": count, "times": SIZE, "p_value": SHARE})),
             }
@@ -177,7 +179,8 @@ def test_every_field_of_every_verdict(tmp_path: Path, verdict: str) -> None:
 
 def agrees(found: dict[str, Any], shown: str) -> None:
     """The fields make sense of one another, and the text says the same."""
-    assert shown.startswith(f"{found['verdict']}: RMS {found['rms_mm']['simulation']:.4f} mm simulated")
+    assert shown.startswith(f"{found['verdict']}. ")
+    assert f"RMS {found['rms_mm']['simulation']:.4f} mm simulated → {found['rms_mm']['recalibrated']:.4f} mm" in shown
     doubtful = [f for f in found["findings"] if f["probability"] < SETTLED]
     depends = found["unexplained"]["depends_on"]
     assert (found["verdict"] == "unexplained") == bool(depends)
@@ -185,7 +188,8 @@ def agrees(found: dict[str, Any], shown: str) -> None:
         assert (found["verdict"] == "no-discrepancy") == (not found["findings"])
         assert (found["verdict"] == "ambiguous") == bool(doubtful)
     for finding in found["findings"]:
-        assert f"{finding['cause']}:{finding['joint']} (probability {finding['probability']:.3f}" in shown
+        label = finding["cause"] if finding["joint"] is None else f"{finding['cause']}:{finding['joint']}"
+        assert f"{label}: probability {finding['probability']:.3f}" in shown
         assert finding["probability"] + sum(a["probability"] for a in finding["aliases"]) <= 1.0 + 1e-9
     for record in found["records"]["excluded"]:
         assert f"excluded: row {record['row']}, {record['residual_mm']:.3f} mm off" in shown

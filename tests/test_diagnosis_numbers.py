@@ -74,7 +74,7 @@ def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: obje
 
     first = fit(problem([]), noise)
     parts = parts_of(first, np.random.default_rng(1))[1]
-    library = candidates(arm, records, first.problem)
+    library = candidates(ErrorModel.of(arm), records, first.problem)
     return Case(records, choose(problem, noise, first, library, covariates(arm, records), parts), noise)
 
 

@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import parse_arm_file
 from aacmm_pin.cli import app
-from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, diagnose
+from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, OddGroup, diagnose
 from aacmm_pin.diagnosis_findings import (
     gain_in_words,
     group_in_words,
@@ -208,8 +208,8 @@ def test_what_no_cause_explains_is_not_called_one(diagnosed: Callable[..., Diagn
     page = Page(written(result))
     text = text_of(page)
     assert "something in these records depends on operator, and no known cause has its shape" in text
-    assert "it is not a cause, and it is not in the extended arm" in text
-    assert "with a correction over operator beside it," in text
+    assert "it is no cause, and not in the extended arm" in text
+    assert "there is nothing to gain beside recalibration" in text
     assert "Structure over operator without a known cause" in pictures(page)
 
 
@@ -349,9 +349,11 @@ def test_structure_that_nothing_names_is_told(eccentric: Diagnosis) -> None:
     assert "Something is left beyond chance (p = 1e-23)" in unexplained_in_words(replace(eccentric, unexplained=left))
 
 
-def test_a_group_that_stands_apart_is_named() -> None:
-    assert "The records of bar B3 stand apart" in group_in_words("bar B3")
-    assert group_in_words("joint 4") == ""
+def test_a_group_that_does_not_agree_is_named() -> None:
+    said = group_in_words(OddGroup("bar B3", 62, 1.41, 3e-7))
+    assert said.startswith("The 62 records of bar B3 do not agree with the others")
+    assert "1.4 times" in said
+    assert "p = 3e-07" in said
 
 
 def test_unstated_noise_is_told(eccentric: Diagnosis) -> None:

@@ -326,9 +326,27 @@ def test_what_no_cause_explains_is_drawn_over_its_covariate(blind: Callable[...,
     assert "operator" in result.unexplained.depends_on
     ax = plot_unexplained(result, "operator")
     assert sorted(tick.get_text() for tick in ax.get_xticklabels()) == ["A", "B"]
-    assert ax.get_ylabel().endswith("[µm]")
+    assert ax.get_ylabel() == "shift of the tip [mm]"
     with pytest.raises(AacmmError, match="expected one of"):
         plot_unexplained(result, "phase of the moon")
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "axis"), [("humidity", "humidity_pct", "growth [µm/m]"), ("joint_product", "", "")]
+)
+def test_the_correction_is_drawn_as_what_it_acts_on(
+    kind: str, name: str, axis: str, blind: Callable[..., Diagnosis]
+) -> None:
+    result = blind(f"unexplained:{kind}", seed=2)
+    ((covariate, shape),) = result.unexplained.shapes.items()
+    ax = plot_unexplained(result, covariate)
+    if name:
+        assert covariate == name
+        assert ax.get_ylabel() == axis
+        drawn = ax.lines[2].get_ydata()
+        np.testing.assert_allclose(drawn, shape["growth_um_per_m"])
+    else:
+        assert (ax.get_xlabel(), ax.get_ylabel()) == ("theta3 [°]", "theta4 [°]")
 
 
 @pytest.mark.parametrize(("name", "plane", "said"), [("nominal", "xy", "'nominal'"), ("extended", "zz", "'zz'")])

@@ -18,6 +18,7 @@ import pytest
 import tomli_w
 from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
+from scipy.interpolate import make_lsq_spline
 from scipy.linalg import expm
 from scipy.optimize import brentq, root
 from scipy.spatial.transform import Rotation
@@ -940,3 +941,17 @@ def test_several_causes_add_up_to_second_order(sino6: Arm, rng: np.random.Genera
         beyond.append(np.abs(together - np.sum(alone, axis=0)).max())
         assert beyond[-1] < 1e-2 * np.abs(together).max()
     assert 3.8 < beyond[0] / beyond[1] < 4.2
+
+
+def test_a_curve_tells_its_waves() -> None:
+    """Three cosines on a spline come back with order and amplitude; what makes less than one period is not told."""
+    x = np.linspace(-3.0, 3.1, 4000)
+    inner = np.linspace(-3.0, 3.1, 118)
+    knots = np.concatenate([np.full(3, -3.0), inner, np.full(3, 3.1)])
+    wanted = {17.0: 1e-4, 3.5: 4e-5, 21.0: 2e-5}
+    y = sum(size * np.cos(order * x + order) for order, size in wanted.items()) + 3e-4 * np.cos(0.4 * x)
+    curve = JointErrorCurve(2, -3.0, 3.1, 120, values=tuple(make_lsq_spline(x, y, knots, 3).c))
+    found = {order: size for order, size in curve.spectrum() if order > 2.0}
+    for (order, size), (true, amplitude) in zip(found.items(), wanted.items(), strict=False):
+        assert order == pytest.approx(true, abs=0.15)
+        assert size == pytest.approx(amplitude, rel=0.1)

@@ -84,7 +84,7 @@ def diagnose_(
 
 
 def _say(result: Diagnosis) -> None:
-    say(verdict_in_words(result))
+    say(f"{result.verdict}. {verdict_in_words(result)}")
     say(line_to_remember(result))
     for finding in result.findings:
         _say_finding(finding)
