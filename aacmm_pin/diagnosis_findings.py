@@ -152,6 +152,9 @@ def verdict_in_words(result: Diagnosis) -> str:
             return f"{name}: {listed(odd)} does not agree with the other records.{beside}"
         return f"{name}: something in these records depends on {depends}, and no known cause has its shape.{beside}"
     if result.verdict == "no-discrepancy":
+        seen, of = result.visible
+        if seen < of / 2:
+            return f"{name}: too few records to say: of {of} causes of usual size they would show {seen}, and show none."
         return f"{name}: no cause is missing in the simulation. Once the arm is recalibrated, {left}."
     if result.verdict == "ambiguous":
         doubtful = [f for f in result.findings if f.probability < SURE]

@@ -160,6 +160,25 @@ def test_few_and_many_records(tmp_path: Path, records: int) -> None:
     assert named(found) == [("encoder_eccentricity", drawn.truth.joint)]
 
 
+def test_a_plan_that_nobody_filled_in_is_refused(tmp_path: Path) -> None:
+    plan = tmp_path / "plan.csv"
+    words = ["plan", "sino6", "--split", "joint_compliance:2", "encoder_gain:2", "--reference", "seats", "-o", str(plan)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    done = CliRunner().invoke(app, ["diagnose", "sino6", str(plan), *NOISE])
+    assert done.exit_code == 1
+    assert "Traceback" not in done.output
+
+
+def test_seats_that_are_read_twice_are_one_place(tmp_path: Path) -> None:
+    """Coordinates that differ by rounding are no second measurement of a seat."""
+    drawn = draw(12, None, plan="seats")
+    table = pd.read_csv(drawn.write(tmp_path / "data.csv"))
+    table.loc[::2, "x_mm"] += 1e-4
+    table.to_csv(tmp_path / "data.csv", index=False)
+    words = ["diagnose", "sino6", str(tmp_path / "data.csv"), *NOISE, "--probe-noise-mm", "0.012", "--json", "-"]
+    assert json.loads(CliRunner().invoke(app, words).stdout)["verdict"] == "no-discrepancy"
+
+
 def test_the_extended_arm_is_written_and_used(tmp_path: Path) -> None:
     extended = tmp_path / "extended.toml"
     found, drawn = diagnosis(tmp_path, "--extended-arm", str(extended), seed=3, cause="encoder_eccentricity")

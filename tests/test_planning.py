@@ -27,7 +27,7 @@ from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.noise import Noise
 from aacmm_pin.perturbed import perturbed_model
 from aacmm_pin.planning import MeasurementPlan, advice
-from aacmm_pin.planning.causes import cause_of
+from aacmm_pin.planning.causes import cause_of, label_of
 from aacmm_pin.planning.power import Size
 from aacmm_pin.planning.search import Choosing, informing, telling
 from aacmm_pin.planning.setups import SetUp, set_ups
@@ -543,13 +543,19 @@ def test_advice_names_the_command_that_plans_it(sino6: Arm) -> None:
     split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
     free = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(1))
     text = advice(sino6, split, free, arm="sino6", options=" --data free.csv", **NOISE)
-    assert text.startswith("to tell joint_compliance:2 from encoder_eccentricity:2, measure 40 more records")
+    assert text.startswith("to tell joint_compliance:2 from encoder_eccentricity:2, measure 40 records")
     labels = "joint_compliance:2,compliance_rad_per_nm=2e-06 encoder_eccentricity:2"
     words = f"plan sino6 --split {labels} --records 40 --data free.csv -o plan.csv"
-    assert f"aacmm-pin {words} (raises the odds of telling them from 0." in text
+    assert f"aacmm-pin {words} (raises the probability of telling them from 0." in text
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
     at_seats = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))
     assert "--records 40 --reference seats -o plan.csv" in advice(sino6, split, at_seats, reference_frame="base", **NOISE)
+
+
+def test_a_cause_of_the_whole_arm_is_written_so_that_it_is_read(sino6: Arm) -> None:
+    cause = BaseCompliance(values=(4.138e-6,))
+    assert label_of(cause) == "base_compliance:compliance_rad_per_nm=4.138e-06"
+    assert cause_of(label_of(cause), ErrorModel(sino6)) == cause
 
 
 def test_advice_says_why_there_is_none(sino6: Arm) -> None:

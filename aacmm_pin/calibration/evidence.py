@@ -66,7 +66,7 @@ def observations_of(measurements: Measurements, noise: StatedNoise, unmodelled: 
     alone = measurements.known.copy()
     seats: dict[str, SamePoint] = {}
     for label, records in measurements.seats().items():
-        reference = _common(measurements.reference[records])
+        reference = _common(measurements.reference[records], _rounding(measurements, noise, records))
         if reference is None and measurements.known[records].any():
             continue
         alone[records] = False
@@ -91,10 +91,17 @@ LEAST = 1e-12
 """A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
 
 
-def _common(references: Array) -> Array | None:
-    """The coordinates that all records of a seat state, or None where they have none or differ."""
-    same = np.isfinite(references).all() and np.ptp(references, axis=0).max() < 1e-9
-    return references[0].copy() if same else None
+def _common(references: Array, rounding: float) -> Array | None:
+    """The coordinates that all records of a seat state, or None where they have none or differ by more than rounding."""
+    same = np.isfinite(references).all() and np.ptp(references, axis=0).max() <= rounding
+    return references.mean(axis=0) if same else None
+
+
+def _rounding(measurements: Measurements, noise: StatedNoise, records: Index) -> float:
+    """Differences that are no second measurement of a seat: a third of its stated uncertainty [m]."""
+    stated = measurements.reference_u[records]
+    least = float(np.nanmin(stated)) if np.isfinite(stated).any() else noise.reference or 0.0
+    return max(1e-9, least / 3)
 
 
 def _barred(measurements: Measurements, seats: dict[str, SamePoint], noise: StatedNoise) -> list[Observation]:

@@ -79,7 +79,7 @@ def diagnose_(
             results.json(summary, json_)
     for text in result.notes:
         note(f"note: {text}")
-    if json_ is None:
+    if json_ != "-":
         _say(result)
 
 

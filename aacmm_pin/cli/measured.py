@@ -85,6 +85,9 @@ def simulate(
             model = perturbed_model(model, rng.spawn(1)[0])  # a stream of its own: the plan is the same without it
             note(f"note: the true geometry was drawn within the uncertainties of {model.arm.name}, seed {seed}")
         model = model.with_effects(*effects)
+        for given in effects:
+            if not any(given.values):
+                raise AacmmError(f"--effect {given.key}: no size is given, expected {', '.join(given.described())}")
         noise = noise_of(model.arm, encoder_noise_rad, reference_noise_mm, probe_noise_mm)
         length = bar_length(plan, bar_length_mm)
         data = simulate_measurements(

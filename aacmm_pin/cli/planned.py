@@ -102,7 +102,7 @@ def _say(plan: MeasurementPlan, output: Path) -> None:
     for words in plan.set_up:
         say(f"set-up: {words}")
     if len(plan.tried) > 1:
-        table = Table(Column("set-up", ratio=1), "T", Column("odds", no_wrap=True), "", box=SIMPLE)
+        table = Table(Column("set-up", ratio=1), "T", Column("told with prob.", no_wrap=True), "", box=SIMPLE)
         for tried in plan.tried:
             odds = "" if tried.why_not else f"{tried.power.probability:.2f}"
             table.add_row(tried.words, f"{tried.power.least:.3g}", odds, tried.why_not)

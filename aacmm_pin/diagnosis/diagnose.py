@@ -36,8 +36,12 @@ from aacmm_pin.planning import advice
 
 MUCH_MORE = 1.15
 """Residuals larger by this than the stated noise, beyond chance, are not explained by what was found."""
+NOTHING = 1e-12
+"""Residuals smaller than this were never measured [m]."""
 CHANGED = 0.01
 """Chance below which a known cause counts as changed."""
+TOO_GOOD = 1e-6
+"""Residuals that are so much smaller than the stated noise have less chance than this."""
 LATE = 10.0
 """A clock is no time since switching on if it starts later than so many times what the records cover."""
 UNLIKELY = 0.2
@@ -100,6 +104,8 @@ def diagnose(
         return problem(["geometry", *known, *causes])
 
     recalibrated = fit(with_causes([]), noise)
+    if not np.nanmax(np.abs(recalibrated.solution.system.deviation), initial=0.0) > NOTHING:
+        raise AacmmError(f"{measurements.source}: every record agrees with the arm exactly: is the file filled in?")
     kind, parts = parts_of(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem)
     others = covariates(model.arm, measurements)
@@ -114,6 +120,7 @@ def diagnose(
     unexplained = unexplained_by(choice, strong, held)
     groups = look_alikes(choice.question, choice.gram, choice.design.names, choice.design.causes)
     shown = predicted_covariance(before, *_prior_predictive(model, before))
+    shown_by_these = visible(choice)
     floor = float(np.sqrt(np.trace(_stated(extended)[extended.used], axis1=1, axis2=2).mean()))
     verdict = _verdict(findings, unexplained, _scatters(extended, floor))
 
@@ -146,8 +153,9 @@ def diagnose(
         simulation_groups=groups_table(before, shown),
         extended_groups=groups_table(extended, _noise(extended)),
         noise=floor,
-        next_measurements=next_measurements(verdict, findings, unexplained, visible(choice), plan),
-        notes=(*notes_of(extended, noise), *_clock(measurements)),
+        next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, plan),
+        visible=shown_by_these,
+        notes=(*notes_of(extended, noise), *_clock(measurements), *_too_good(extended)),
     )
 
 
@@ -157,6 +165,14 @@ def _clock(measurements: Measurements) -> list[str]:
     if time is None or np.ptp(time) == 0.0 or time.min() < LATE * np.ptp(time):
         return []
     return ["time_s starts late: a warm-up counts from 0, the moment of switching on, and cannot be seen here"]
+
+
+def _too_good(extended: Fit) -> list[str]:
+    """Residuals far smaller than the stated noise."""
+    if extended.chi2_stated is None or chi2.cdf(*extended.chi2_stated) > TOO_GOOD:
+        return []
+    found, dof = extended.chi2_stated
+    return [f"the residuals are far smaller than the stated noise (χ² {found:.0f} of {dof:.0f}): is it stated too large?"]
 
 
 def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise, rng: np.random.Generator) -> Choice:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from aacmm_pin.calibration.problem import OF_KIND
 from aacmm_pin.diagnosis.findings import Alias
 from aacmm_pin.diagnosis.model import OF_ANGLE
 from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import CAUSES
+
+GEOMETRIC = frozenset(cause.cause for cause in OF_KIND.values()) | {"stylus_offset", "reference_frame"}
+"""What a plan refits anyway, so that it cannot split it from another."""
 
 
 def next_measurements(
@@ -47,6 +51,8 @@ def next_measurements(
         alike = [a for a in finding.aliases if a.label.split(":")[0] in CAUSES]
         if not alike:
             continue
+        if {finding.cause, alike[0].label.split(":")[0]} & GEOMETRIC:
+            return f"measure more records, at other postures, to tell {finding.label} from {alike[0].label}"
         if alike[0].label == f"joint_error_curve:{finding.joint}" and finding.cause in OF_ANGLE:
             return (
                 f"measure more records with joint {finding.joint} spread evenly over its range: they show whether "

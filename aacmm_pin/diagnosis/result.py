@@ -77,6 +77,7 @@ class Diagnosis:
         cannot_tell_apart: causes that look the same in these records whatever is there.
         simulation_groups, extended_groups: residuals by seat, joint range, time, … against what is predicted.
         noise: RMS that the noise alone would give [m].
+        visible: how many causes of usual size these records would have shown, and of how many.
         next_measurements: what would settle what is open, in a sentence.
         notes: what was assumed.
     """
@@ -95,6 +96,7 @@ class Diagnosis:
     extended_groups: pd.DataFrame
     noise: float
     next_measurements: str
+    visible: tuple[int, int]
     notes: tuple[str, ...]
 
     @property

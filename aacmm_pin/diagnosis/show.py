@@ -22,7 +22,7 @@ from aacmm_pin.units import DEG, MM
 BINS = 4
 MOVED = 0.01
 """Family-wise level at which a geometric value counts as beyond its stated uncertainty."""
-LEAST_SHARE = 0.1
+LEAST_SHARE = 0.5
 """A value is judged only if the data could move it by this part of its stated uncertainty."""
 
 

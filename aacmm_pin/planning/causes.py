@@ -90,7 +90,8 @@ def label_of(effect: Effect) -> str:
     """The label by which :func:`cause_of` finds a cause again, with its values where they are few."""
     if not any(effect.values) or len(effect.terms) > MOST_VALUES:
         return effect.key
-    return ",".join([effect.key, *(f"{name}={value:.4g}" for name, value in effect.described().items())])
+    values = ",".join(f"{name}={value:.4g}" for name, value in effect.described().items())
+    return f"{effect.key}{',' if ':' in effect.key else ':'}{values}"
 
 
 def _number(label: str, name: str, value: str) -> float:

@@ -121,11 +121,12 @@ class MeasurementPlan:
         )
         if self.after.same:
             return f"nothing that was considered tells {one.label} from {other.label}: {self.tried[-1].why_not}"
+        with_it = "; diagnose these with set_up.toml, apart from the old ones" if self.changes_arm else ""
         if not self.decided:
             odds += ", not enough yet" if self.enough is None else f"; about {self.enough} would decide"
         return (
-            f"to tell {one.label} from {other.label}, measure {len(self.records)} more records where the two differ "
-            f"most{where}: {command} (raises the odds of telling them {odds})"
+            f"to tell {one.label} from {other.label}, measure {len(self.records)} records where the two differ "
+            f"most{where}: {command} (raises the probability of telling them {odds}{with_it})"
         )
 
     def summary(self) -> dict[str, Any]:
@@ -167,7 +168,7 @@ class MeasurementPlan:
         if self.after.same:
             text += "nothing that was considered tells them apart"
         else:
-            text += f"T = {self.after.least:.3g}, odds {self.after.probability:.2f}"
+            text += f"T = {self.after.least:.3g}, probability of telling them {self.after.probability:.2f}"
             text += "" if self.before is None else f", {self.before.probability:.2f} before"
             more = "" if self.enough is None else f", about {self.enough} records would be"
             text += "" if self.decided else f"; that is not enough to decide{more}"
