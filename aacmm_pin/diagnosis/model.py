@@ -47,6 +47,8 @@ A_FEW = 0.005
 """A smaller part of the records than this is left out without asking whether they make sense together."""
 NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
+WHOLE = 3.0
+"""A whole number of periods per turn is what teeth and gratings have: it is taken unless the log evidence falls by this."""
 FINE = 15
 """Steps in which an inner parameter is refined around the one that was tried."""
 
@@ -252,7 +254,11 @@ def _refined(choice: Choice, block: int) -> Effect:
     question = question_of(design, choice.fit.stated)
     others = tuple(range(len(tried), len(tried) + len(rest)))
     evidences = conditional(question, gram, others).evidences[: len(tried)]
-    return tried[int(np.argmax(evidences))]
+    best = int(np.argmax(evidences))
+    whole = [k for k, e in enumerate(tried) if isinstance(e, JointPeriodicError) and e.order == round(e.order)]
+    if whole and (nearest := max(whole, key=lambda k: evidences[k])) != best:
+        best = nearest if evidences[nearest] > evidences[best] - WHOLE else best
+    return tried[best]
 
 
 def choice_taken_out(choice: Choice) -> int:
@@ -271,8 +277,9 @@ def choice_taken_out(choice: Choice) -> int:
 def _around(choice: Choice, effect: Effect) -> list[Effect]:
     """Values of the inner parameter near the one that was tried."""
     if isinstance(effect, JointPeriodicError):
-        steps = np.linspace(-0.5, 0.5, 2 * FINE + 1)
-        return [replace(effect, order=round(effect.order + float(s), 4)) for s in steps if effect.order + s > 0.3]
+        steps = effect.order + np.linspace(-0.5, 0.5, 2 * FINE + 1)
+        orders = {round(float(order), 4) for order in (*steps, round(effect.order)) if order > 0.3}
+        return [replace(effect, order=order) for order in sorted(orders)]
     if isinstance(effect, JointErrorCurve):
         finer = [effect.coefficients, 2 * effect.coefficients]
         return [replace(effect, values=(), u=(), coefficients=c) for c in finer if PER_COEFFICIENT * c <= len(choice.parts)]
