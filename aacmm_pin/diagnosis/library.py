@@ -9,7 +9,6 @@ import numpy as np
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.problem import OF_KIND, Problem, geometric_parameters
-from aacmm_pin.chain import axis, end
 from aacmm_pin.checks import Array
 from aacmm_pin.conditions import Conditions
 from aacmm_pin.effects import (
@@ -34,11 +33,10 @@ from aacmm_pin.effects import (
     TorsionalWindup,
     ZeroDrift,
 )
+from aacmm_pin.effects.tube import tubes
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.measurements import Measurements
 
-TUBE = 0.15
-"""Bodies longer than this are tubes that bend [m]."""
 ORDERS = (0.5, 1.5, 2.5, *(k / 2 for k in range(6, 21)), *(float(k) for k in range(11, 33)))
 """Orders of a periodic error that are tried before the order is refined."""
 SLIPS = 40
@@ -182,10 +180,3 @@ def _of_structure(arm: Arm, conditions: Conditions) -> Iterator[Effect]:
             yield from (ThermalExpansion(row) for row in tubes(arm))
     if arm.stylus_axis is not None:
         yield StylusBending()
-
-
-def tubes(arm: Arm) -> list[int]:
-    """Rows of the bodies that are long enough to bend."""
-    _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
-    spans = [np.linalg.norm(origin[end(row)] - origin[axis(row)]) for row in range(1, arm.chain.rows + 1)]
-    return [row for row, span in enumerate(spans, start=1) if span > TUBE]

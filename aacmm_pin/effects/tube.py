@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin.chain import axis
+from aacmm_pin.arm import Arm
+from aacmm_pin.chain import axis, end
 from aacmm_pin.checks import Array
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.state import State
@@ -14,6 +15,15 @@ from aacmm_pin.units import MM
 
 SHORT = 1e-3
 """A body shorter than this is no tube [m]."""
+BENDS = 0.15
+"""A body longer than this bends enough to be asked about [m]."""
+
+
+def tubes(arm: Arm) -> list[int]:
+    """Rows of the bodies that are long enough to bend."""
+    _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+    rows = range(1, arm.chain.rows + 1)
+    return [row for row in rows if np.linalg.norm(origin[end(row)] - origin[axis(row)]) > BENDS]
 
 
 @dataclass(frozen=True, eq=False)

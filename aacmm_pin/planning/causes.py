@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from aacmm_pin.arm import Arm
-from aacmm_pin.chain import axis, end
 from aacmm_pin.checks import Array
 from aacmm_pin.effects import (
     CAUSES,
@@ -28,14 +27,13 @@ from aacmm_pin.effects import (
     TorsionalWindup,
 )
 from aacmm_pin.effects.geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist
+from aacmm_pin.effects.tube import tubes
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.room import joint_bounds
 
 REFITTED = (JointZeroOffset, LinkLength, JointDistance, LinkTwist, LinkTilt, JointPlacement, ReferenceFrame)
 """What a diagnosis refits anyway, so that it is no cause to be told from another."""
-TUBE = 0.15
-"""Bodies longer than this are tubes that bend [m]."""
 PLACES = ("joint", "link", "seat", "marker")
 MOST_VALUES = 6
 """A label states the values of so many parameters at most."""
@@ -166,18 +164,13 @@ def _usual(arm: Arm) -> Iterator[Effect]:
             yield from (JointCompliance(row), BearingTilt(row))
     if arm.masses is not None:
         yield BaseCompliance()
-        for row in _tubes(arm):
+        for row in tubes(arm):
             yield from (LinkBending(row), TorsionalWindup(row))
     if len(rows) >= 2:
         yield Counterbalance(rows[1])
     yield ThermalExpansion()
     if arm.stylus_axis is not None:
         yield StylusBending()
-
-
-def _tubes(arm: Arm) -> list[int]:
-    _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
-    return [r for r in range(1, arm.chain.rows + 1) if np.linalg.norm(origin[end(r)] - origin[axis(r)]) > TUBE]
 
 
 def typical(effects: tuple[Effect, ...]) -> Array:
