@@ -18,7 +18,7 @@ from aacmm_pin.measurements import Measurements
 
 FEWEST = 3
 """With fewer groups than this nobody can say which one is the odd one out."""
-ODD = 1e-3
+ODD = 1e-4
 """Family-wise level at which a group counts as odd."""
 
 
