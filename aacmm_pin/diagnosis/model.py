@@ -170,10 +170,10 @@ def _standing(
             return found
         effects = [_refined(found, k) for k in found.causes]
         refit = fit(problem_of([free(e) for e in effects]), noise)
-        again = _chosen(refit, _with_variants(library, effects), others, parts, effects)
-        if set(map(_inner, again.effects)) == set(map(_inner, effects)):
-            return again
-        found = again
+        del found  # its columns are as large as those that come
+        found = _chosen(refit, _with_variants(library, effects), others, parts, effects)
+        if set(map(_inner, found.effects)) == set(map(_inner, effects)):
+            return found
     return found
 
 
