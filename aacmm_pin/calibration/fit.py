@@ -61,6 +61,20 @@ class Fit:
     chi2_stated: tuple[float, float] | None
     dof: float
 
+    @property
+    def residual_noise(self) -> Array:
+        """Covariance of each residual by its reading, its target and the scatter that was found (n, 3, 3) [m²]."""
+        total = self.noise.copy()
+        for observation in self.observations:
+            total[observation.records] += observation.covariance()
+        return np.asarray(total)
+
+    @property
+    def stated_noise(self) -> Array:
+        """The same without the scatter that was found beside a noise that is stated in full."""
+        found = self.unmodelled**2 * np.eye(3) if self.stated else 0.0
+        return self.residual_noise - found
+
     @cached_property
     def unknown(self) -> Array:
         """Directions of which these records tell nothing, in units of the scales (p, k), orthonormal.

@@ -71,10 +71,7 @@ class Calibration:
     @property
     def noise(self) -> float:
         """What that distance should be by the stated and found noise [m]."""
-        covariance = self.fit.noise.copy()
-        for observation in self.fit.observations:
-            covariance[observation.records] += observation.covariance()
-        return float(np.sqrt(np.trace(covariance[self.fit.used], axis1=1, axis2=2).mean()))
+        return float(np.sqrt(np.trace(self.fit.residual_noise[self.fit.used], axis1=1, axis2=2).mean()))
 
     @property
     def p_value(self) -> float | None:

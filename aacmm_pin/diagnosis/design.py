@@ -60,6 +60,7 @@ class Design:
         jacobian: (n, 3, columns), scaled [m].
         kept: which of the fit's own parameters are nuisances.
         tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m].
+        taken_out: how many of the calibration's estimated effects these are, its last ones.
     """
 
     fit: Fit
@@ -71,6 +72,7 @@ class Design:
     jacobian: Array
     kept: Index
     tips: Array
+    taken_out: int
 
 
 def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate], taken_out: int = 0) -> Design:
@@ -105,7 +107,7 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
     jacobian = np.concatenate([own[:, :, kept], of_variants, *ways], axis=2)
     jacobian *= scales
     names = (*(candidate.label for candidate in library), *(covariate.name for covariate in others))
-    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, jacobian, kept, tips)
+    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, jacobian, kept, tips, taken_out)
 
 
 def _columns_of(fit: Fit, effects: Sequence[Effect]) -> tuple[Array, State]:

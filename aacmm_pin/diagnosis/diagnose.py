@@ -20,8 +20,8 @@ from aacmm_pin.calibration.problem import OF_KIND, Problem
 from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.findings import Alias, Strength, look_alikes, strengths, visible
-from aacmm_pin.diagnosis.gain import gain_of, parts_of, survivors
+from aacmm_pin.diagnosis.findings import Alias, Place, Strength, look_alikes, strengths, visible
+from aacmm_pin.diagnosis.gain import gain_of, parts_of, rms, survivors
 from aacmm_pin.diagnosis.library import candidates
 from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free
 from aacmm_pin.diagnosis.next_measurements import next_measurements
@@ -110,7 +110,7 @@ def diagnose(
     library = candidates(model, measurements, recalibrated.problem)
     others = covariates(model.arm, measurements)
     choice = choose(with_causes, noise, recalibrated, library, others, parts)
-    choice = _surviving(choice, with_causes, noise, rng)
+    choice = _surviving(choice, with_causes, noise)
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
     recalibrated = fit(with_causes([]), noise, used=extended.used)
@@ -121,7 +121,7 @@ def diagnose(
     groups = look_alikes(choice.question, choice.gram, choice.design.names, choice.design.causes)
     shown = predicted_covariance(before, *_prior_predictive(model, before))
     shown_by_these = visible(choice)
-    floor = float(np.sqrt(np.trace(_stated(extended)[extended.used], axis1=1, axis2=2).mean()))
+    floor = float(np.sqrt(np.trace(extended.stated_noise[extended.used], axis1=1, axis2=2).mean()))
     verdict = _verdict(findings, unexplained, _scatters(extended, floor))
 
     def plan(finding: Finding, alias: Alias) -> str:
@@ -151,7 +151,7 @@ def diagnose(
         unexplained=unexplained,
         cannot_tell_apart=tuple(tuple(group) for group in groups),
         simulation_groups=groups_table(before, shown),
-        extended_groups=groups_table(extended, _noise(extended)),
+        extended_groups=groups_table(extended, extended.residual_noise),
         noise=floor,
         next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, plan),
         visible=shown_by_these,
@@ -175,15 +175,15 @@ def _too_good(extended: Fit) -> list[str]:
     return [f"the residuals are far smaller than the stated noise (χ² {found:.0f} of {dof:.0f}): is it stated too large?"]
 
 
-def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise, rng: np.random.Generator) -> Choice:
+def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise) -> Choice:
     """The choice without what does not survive its held-out test, nor what something that did not is better at; refitted."""
     kept = survivors(choice, choice.admitted, choice.held)
     while kept:
-        strong = strengths(choice.question, choice.gram, kept, choice.design.names, rng)
-        worst = min(strong, key=lambda s: s.probability)
-        if worst.probability >= UNLIKELY:
+        sure = {k: Place.of(choice.question, choice.gram, kept, k).probability for k in kept}
+        worst = min(kept, key=lambda k: sure[k])
+        if sure[worst] >= UNLIKELY:
             break
-        kept = tuple(k for k in kept if k != worst.block)
+        kept = tuple(k for k in kept if k != worst)
     if kept == choice.admitted:
         return choice
     effects = [free(choice.variant(k)) for k in kept if k in choice.causes]
@@ -250,19 +250,16 @@ def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
 def _geometry(choice: Choice) -> list[Finding]:
     """Geometric values beyond their stated uncertainty."""
     found = []
+    of_cause = {kind.cause: kind for kind in OF_KIND.values()}
     for row in moved_geometry(choice).to_dict("records"):
-        kind = next(k for k, c in OF_KIND.items() if c.cause == row["cause"]) if row["cause"] in _GEOMETRIC else ""
-        if not kind:
+        if row["cause"] not in of_cause:
             continue
-        effect = OF_KIND[kind](joint=int(row["joint"]), values=(row["change"],), u=(row["u"],))  # type: ignore[call-arg]
+        effect = of_cause[row["cause"]](joint=int(row["joint"]), values=(row["change"],), u=(row["u"],))  # type: ignore[call-arg]
         values = described(effect, np.array([[row["u"] ** 2]]))
         found.append(
             Finding(effect.cause, effect.row, effect, values, 1.0 - float(row["p_value"]), float(row["p_value"]), 1.0, ())
         )
     return found
-
-
-_GEOMETRIC = {cause.cause for cause in OF_KIND.values()}
 
 
 def _verdict(findings: list[Finding], unexplained: Unexplained, scatters: bool) -> Verdict:
@@ -275,7 +272,7 @@ def _verdict(findings: list[Finding], unexplained: Unexplained, scatters: bool) 
 
 def _scatters(extended: Fit, noise: float) -> bool:
     """Whether the records scatter more than the stated noise explains, with all causes known."""
-    left = float(np.sqrt(np.square(extended.solution.system.deviation[extended.used]).sum(axis=1).mean()))
+    left = rms(np.linalg.norm(extended.solution.system.deviation[extended.used], axis=1))
     return extended.stated and extended.unmodelled > 0.0 and left > MUCH_MORE * noise
 
 
@@ -285,16 +282,3 @@ def _prior_predictive(model: ErrorModel, before: Fit) -> tuple[Array, Array]:
     sensitivity = state.sensitivity(records.q)
     covariance = model.covariance()[: sensitivity.shape[2], : sensitivity.shape[2]]
     return before.solution.point.frame.rotation @ sensitivity, covariance
-
-
-def _noise(at: Fit) -> Array:
-    total = at.noise.copy()
-    for observation in at.observations:
-        total[observation.records] += observation.covariance()
-    return total
-
-
-def _stated(at: Fit) -> Array:
-    """Noise without the scatter that was found beside it, where the noise is stated."""
-    total = _noise(at)
-    return total - at.unmodelled**2 * np.eye(3) if at.stated else total

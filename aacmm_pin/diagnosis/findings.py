@@ -63,27 +63,53 @@ class Strength:
     aliases: tuple[Alias, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The place of an admitted block, the others held: all candidates compete for it.
+
+    Attributes:
+        left: what is left without the block.
+        odds: log odds of each candidate (candidates,).
+        shares: their probabilities (candidates,).
+        own: number of the block's candidate.
+    """
+
+    left: Conditional
+    odds: Array
+    shares: Array
+    own: int
+
+    @staticmethod
+    def of(question: Question, gram: Gram, admitted: tuple[int, ...], block: int) -> Place:
+        """The place of one of the admitted blocks, by the scatter that is left beside all of them."""
+        rest = tuple(other for other in admitted if other != block)
+        variance = conditional(question, gram, admitted).variance
+        left = Conditional(gram, question.blocks, question.nuisances, rest, variance)
+        out = question.struck_out(rest)
+        evidences = np.array([-np.inf if question.owner(i) in out else e for i, e in enumerate(left.evidences)])
+        odds = question.log_prior + question.per_candidate(evidences)
+        return Place(left, odds, np.exp(odds - logsumexp([*odds, 0.0])), question.owner(block))
+
+    @property
+    def probability(self) -> float:
+        """Of the block's own candidate."""
+        return float(self.shares[self.own])
+
+
 def strengths(
     question: Question, gram: Gram, admitted: tuple[int, ...], names: tuple[str, ...], rng: np.random.Generator
 ) -> list[Strength]:
     """Of each admitted block, the others held in place."""
     found = []
     for k in admitted:
-        rest = tuple(other for other in admitted if other != k)
-        whole = conditional(question, gram, admitted)
-        left = Conditional(gram, question.blocks, question.nuisances, rest, whole.variance)
-        out = question.struck_out(rest)
-        evidences = np.array([-np.inf if question.owner(i) in out else e for i, e in enumerate(left.evidences)])
-        odds = question.log_prior + question.per_candidate(evidences)
-        shares = np.exp(odds - logsumexp([*odds, 0.0]))
-        own = question.owner(k)
+        place = Place.of(question, gram, admitted, k)
         found.append(
             Strength(
                 k,
-                float(shares[own]),
-                family_wise(question, left, float(odds[own]), k, rng),
-                retained(left, question.blocks[k]),
-                tuple(_aliases(question, left, k, shares, names)),
+                place.probability,
+                family_wise(question, place.left, float(place.odds[place.own]), k, rng),
+                retained(place.left, question.blocks[k]),
+                tuple(_aliases(question, place.left, k, place.shares, names)),
             )
         )
     return found

@@ -249,7 +249,7 @@ def _refined(choice: Choice, block: int) -> Effect:
     if len(tried) < 2:
         return effect
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
-    design = design_of(choice.fit, [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)], [], choice_taken_out(choice))
+    design = design_of(choice.fit, [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)], [], choice.design.taken_out)
     gram = Gram(products_of(design, np.zeros(len(choice.parts), dtype=np.intp)))
     question = question_of(design, choice.fit.stated)
     others = tuple(range(len(tried), len(tried) + len(rest)))
@@ -259,19 +259,6 @@ def _refined(choice: Choice, block: int) -> Effect:
     if whole and (nearest := max(whole, key=lambda k: evidences[k])) != best:
         best = nearest if evidences[nearest] > evidences[best] - WHOLE else best
     return tried[best]
-
-
-def choice_taken_out(choice: Choice) -> int:
-    """How many of the fit's estimated effects are candidates of the choice's design."""
-    width = sum(len(e.terms) for e in choice.fit.problem.estimated)
-    own = int(np.sum(choice.design.kept < width))
-    count = 0
-    for effect in reversed(choice.fit.problem.estimated):
-        if own == width:
-            break
-        width -= len(effect.terms)
-        count += 1
-    return count
 
 
 def _around(choice: Choice, effect: Effect) -> list[Effect]:

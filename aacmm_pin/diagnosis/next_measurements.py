@@ -59,10 +59,11 @@ def next_measurements(
                 f"{finding.label} is all that depends on its angle"
             )
         return plan(finding, alike[0])
-    for finding in doubtful:
-        on = finding.aliases[0].label if finding.aliases else "all that was recorded"
+    if doubtful:
+        first = doubtful[0]
+        on = first.aliases[0].label if first.aliases else "all that was recorded"
         return (
-            f"to tell {finding.label} from anything else that depends on {on}, repeat some postures with other values of "
+            f"to tell {first.label} from anything else that depends on {on}, repeat some postures with other values of "
             f"{on} and everything else alike, and some with all alike"
         )
     return "nothing is open; check the extended model on new records"

@@ -31,11 +31,7 @@ def predicted_covariance(before: Fit, sensitivity: Array, covariance: Array) -> 
 
     Scatter that was found beside a stated noise is what the simulation gets wrong, and is not in it.
     """
-    found = before.unmodelled**2 * np.eye(3) if before.stated else 0.0
-    total = before.noise - found + sensitivity @ covariance @ sensitivity.transpose(0, 2, 1)
-    for observation in before.observations:
-        total[observation.records] += observation.covariance()
-    return np.asarray(total)
+    return np.asarray(before.stated_noise + sensitivity @ covariance @ sensitivity.transpose(0, 2, 1))
 
 
 def groups_table(fit: Fit, covariance: Array) -> pd.DataFrame:

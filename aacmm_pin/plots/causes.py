@@ -13,7 +13,7 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis_findings import geometric, in_words
 from aacmm_pin.effects import SeatError
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.plots.partial import PartialResidual, covariance_of_records, partial_residual
+from aacmm_pin.plots.partial import PartialResidual, partial_residual
 from aacmm_pin.plots.residuals import numbers_by_size
 from aacmm_pin.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of
 from aacmm_pin.units import UM
@@ -109,7 +109,7 @@ def plot_seat_error(result: Diagnosis, effect: SeatError, ax: Axes | None = None
     """
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records = fit.problem.measurements
-    tips, variance = fit.solution.point.prediction.tips, np.diagonal(covariance_of_records(fit), axis1=1, axis2=2)
+    tips, variance = fit.solution.point.prediction.tips, np.diagonal(fit.residual_noise, axis1=1, axis2=2)
     found = {f.effect.seat: np.array(f.effect.values) for f in result.findings if isinstance(f.effect, SeatError)}
     found |= {effect.seat: np.array(effect.values)}
     seats = [name for name in sorted(records.seats(), key=numbers_by_size) if records.known[records.seats()[name]].all()]

@@ -13,7 +13,6 @@ from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.diagnosis.show import groups_table
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.plots.partial import covariance_of_records
 from aacmm_pin.plots.residuals import numbers_by_size
 from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION, axes_of
 from aacmm_pin.units import MM
@@ -38,8 +37,7 @@ def residuals_by_group(result: Diagnosis) -> pd.DataFrame:
     before, extended = result.before, result.extended
     model, records = before.problem.model, before.problem.measurements
     # Scatter that was found is what this asks about; it is noise only where nobody stated any.
-    found = extended.unmodelled**2 * np.eye(3) if extended.stated else 0.0
-    noise = covariance_of_records(extended) - found
+    noise = extended.stated_noise
     turned = before.solution.point.frame.rotation @ model.sensitivity(records.q, records.conditions)
     spread = turned @ model.covariance() @ turned.transpose(0, 2, 1)
     tables = {

@@ -91,14 +91,6 @@ def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = N
     return displaced(arm, effects, records.q if q is None else q, own, arm.place(), as_referenced=False)
 
 
-def covariance_of_records(fit: Fit) -> Array:
-    """Noise of each record's residual by its readings and its target (n, 3, 3) [m²]."""
-    total = fit.noise.copy()
-    for observation in fit.observations:
-        total[observation.records] += observation.covariance()
-    return np.asarray(total)
-
-
 def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     """What each record says of a cause that the extended model has, everything else as fitted.
 
@@ -119,7 +111,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
         raise AacmmError(f"{effect.label} displaces every record alike, expected a cause that depends on something")
     found = _amount(effect, state)
     lever = found.lever @ fit.solution.point.frame.rotation.T
-    weighted = np.linalg.solve(covariance_of_records(fit), lever[:, :, None])[:, :, 0]
+    weighted = np.linalg.solve(fit.residual_noise, lever[:, :, None])[:, :, 0]
     information = np.einsum("ni,ni->n", lever, weighted)
     there = fit.used & (information > 1e-6 * np.nanmax(information))
     off = np.einsum("ni,ni->n", weighted, np.nan_to_num(fit.solution.system.deviation))
