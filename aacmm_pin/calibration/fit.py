@@ -203,7 +203,7 @@ class _Fitting:
         deviation, own = deviation[spoken], self._own_covariance()[spoken]
 
         def excess(variance: float) -> float:
-            return float(np.median(_squared(deviation, own + variance * np.eye(3)))) - share * MEDIAN
+            return float(np.median(squared_distances(deviation, own + variance * np.eye(3)))) - share * MEDIAN
 
         slack = MEDIAN * 6.0 / np.sqrt(spoken.sum())  # the median of a few records scatters by itself
         if self.stated and excess(0.0) < slack:
@@ -260,7 +260,7 @@ class _Fitting:
         tied = sum(float(np.square(o.ties(values)[0]).sum()) for o, values in points)
 
         def excess(variance: float) -> float:
-            return float(_squared(deviation, own + variance * np.eye(3)).sum()) + tied - dof
+            return float(squared_distances(deviation, own + variance * np.eye(3)).sum()) + tied - dof
 
         return float(np.sqrt(_root(excess, deviation)))
 
@@ -324,7 +324,7 @@ def deleted_distances(observations: list[Observation], solution: Solution, noise
             rest = np.linalg.inv(apart.sum(axis=0) + tied.T @ tied - apart + NOTHING_KNOWN * np.eye(values.size))
             off = off + np.einsum("nij,nj->ni", by @ rest @ weighted, off)
             covariance = covariance + by @ rest @ by.transpose(0, 2, 1)
-        found[records] = _squared(off, covariance)
+        found[records] = squared_distances(off, covariance)
     return found
 
 
@@ -337,7 +337,8 @@ def redundant(problem: Problem, solution: Solution) -> bool:
     return _chi2(problem, solution)[1] >= 0.5 * solution.system.free
 
 
-def _squared(deviation: Array, covariance: Array) -> Array:
+def squared_distances(deviation: Array, covariance: Array) -> Array:
+    """``dᵀ C⁻¹ d`` of each deviation (n, 3) by its covariance (n, 3, 3)."""
     # Stated noise may be nothing at all, of an exact contact with exact readings.
     covariance = covariance + LEAST_SCATTER**2 * np.eye(3)
     return np.asarray(np.einsum("ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from aacmm_pin.calibration.evidence import StatedNoise
-from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit
+from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.covariates import Covariate
@@ -150,8 +150,7 @@ def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:
     for observation, own, values in zip(at.observations, judge.observations, at.solution.point.nuisances, strict=True):
         off = tips[observation.records] - observation.targets(values)[0]
         covariance = judge.noise[observation.records] + own.covariance()
-        squared = np.einsum("ni,ni->n", off, np.linalg.solve(covariance, off[:, :, None])[:, :, 0])
-        found[observation.records] = np.sqrt(squared / limit)
+        found[observation.records] = np.sqrt(squared_distances(off, covariance) / limit)
     return found
 
 
