@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 from collections.abc import Callable
 from pathlib import Path
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: each worker has one core, and matrices are small
 
 import numpy as np
 import pytest
@@ -21,6 +24,12 @@ VARIANTS = [
     ("zero6", "standard-dh", ()),
     ("zero6", "modified-dh", ()),
 ]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """No workers for benchmarks, which want the machine for themselves; else as many as there are cores."""
+    return 0 if config.getoption("benchmark_only") else None
 
 
 @pytest.fixture
