@@ -98,7 +98,7 @@ class Conditional:
     def evidences(self) -> Array:
         """Log Bayes factor of each block against leaving it out; minus infinity for the admitted (blocks,)."""
         found = np.full(len(self.blocks), -np.inf)
-        for size, own in self._sizes():
+        for size, own in self.gram.products.of_size.items():
             columns = self.gram.products.columns_of_size(size)
             found[own] = evidence_of(self.projection.informations(size) / self.variance, self.gradient[columns])
         found[list(self.admitted)] = -np.inf
@@ -109,17 +109,12 @@ class Conditional:
         rows = self.projection.rows_of(block)
         gradient = self.gradient + rows[:, :-1].T @ rows[:, -1] / self.variance
         found = np.full(len(self.blocks), -np.inf)
-        for size, own in self._sizes():
+        for size, own in self.gram.products.of_size.items():
             columns = self.gram.products.columns_of_size(size)
             information = self.projection.informations_without(rows, size) / self.variance
             found[own] = evidence_of(information, gradient[columns])
         found[[k for k in self.admitted if k != block]] = -np.inf
         return found
-
-    def _sizes(self) -> list[tuple[int, Index]]:
-        """Every size, and the blocks that have it."""
-        sizes = np.array([b.size for b in self.blocks])
-        return [(int(size), np.flatnonzero(sizes == size)) for size in np.unique(sizes)]
 
     def evidence(self, block: int) -> float:
         """The same of one block."""

@@ -34,7 +34,11 @@ class Part:
 
 
 class Products:
-    """Inner products of the columns of a design, by part and over all; kept once they are worked out."""
+    """Inner products of the columns of a design, by part and over all; kept once they are worked out.
+
+    Attributes:
+        of_size: numbers of the blocks of each size.
+    """
 
     def __init__(self, design: Design, parts: list[Part]) -> None:
         self.design, self.parts = design, parts
@@ -43,6 +47,8 @@ class Products:
         by_size: dict[int, list[Block]] = defaultdict(list)
         for block in design.blocks:
             by_size[block.size].append(block)
+        sizes = np.array([block.size for block in design.blocks])
+        self.of_size = {q: np.flatnonzero(sizes == q) for q in by_size}
         self._columns = {q: np.array([b.columns.start for b in some])[:, None] + np.arange(q) for q, some in by_size.items()}
         self._place = {id(b): (q, k) for q, some in by_size.items() for k, b in enumerate(some)}
         self._insides: dict[int | None, dict[int, Array]] = {}

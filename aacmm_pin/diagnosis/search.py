@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
-from aacmm_pin.checks import Array
+from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.design import Block
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.products import Gram
@@ -57,6 +57,16 @@ class Question:
         """Candidate of a block."""
         return self.blocks[block].candidate
 
+    @cached_property
+    def owners(self) -> Index:
+        """Candidate of every block (blocks,); the variants of one follow one another."""
+        return np.array([b.candidate for b in self.blocks], dtype=np.intp)
+
+    @cached_property
+    def first(self) -> Index:
+        """First block of each candidate that has any."""
+        return np.unique(self.owners, return_index=True)[1]
+
     def struck_out(self, blocks: tuple[int, ...]) -> frozenset[int]:
         """Candidates that cannot be admitted beside these blocks: their own, and what these contain."""
         owners = frozenset(map(self.owner, blocks))
@@ -69,17 +79,19 @@ class Question:
 
     def per_candidate(self, evidences: Array) -> Array:
         """Log evidence of each candidate, averaged over its variants (candidates,)."""
-        owners, first = np.unique([b.candidate for b in self.blocks], return_index=True)
         found = np.full(self.candidates, -np.inf)
-        variants = np.add.reduceat(np.isfinite(evidences).astype(np.float64), first)
+        variants = np.add.reduceat(np.isfinite(evidences).astype(np.float64), self.first)
         with np.errstate(invalid="ignore"):  # a candidate that is struck out has nothing to add up
-            found[owners] = np.logaddexp.reduceat(evidences, first) - np.log(np.maximum(variants, 1.0))
+            each = np.logaddexp.reduceat(evidences, self.first) - np.log(np.maximum(variants, 1.0))
+        found[self.owners[self.first]] = each
         return found
 
     def best_blocks(self, evidences: Array) -> list[int]:
         """The variant of each candidate with the largest evidence."""
-        first = np.unique([b.candidate for b in self.blocks], return_index=True)[1]
-        return [int(k + np.argmax(some)) for k, some in zip(first, np.split(evidences, first[1:]), strict=True)]
+        largest = np.maximum.reduceat(evidences, self.first)
+        counts = np.diff([*self.first, len(self.blocks)])
+        reached = np.flatnonzero(evidences == np.repeat(largest, counts))
+        return [int(k) for k in reached[np.unique(self.owners[reached], return_index=True)[1]]]
 
 
 def conditional(question: Question, gram: Gram, admitted: tuple[int, ...]) -> Conditional:
@@ -147,8 +159,8 @@ class _Search:
         return self._odds(_without(whole, block), self.left(whole).evidences_without(block))
 
     def _odds(self, admitted: tuple[int, ...], evidences: Array) -> tuple[Array, list[int]]:
-        question, out = self.question, self.question.struck_out(admitted)
-        evidences = np.where([question.owner(k) in out for k in range(len(evidences))], -np.inf, evidences)
+        question = self.question
+        evidences = np.where(np.isin(question.owners, list(question.struck_out(admitted))), -np.inf, evidences)
         return question.log_prior + question.per_candidate(evidences), question.best_blocks(evidences)
 
     def settled(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
