@@ -15,8 +15,10 @@ import pytest
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
+from aacmm_pin import Arm, Measurements, calibrate
 from aacmm_pin.demo import DemoSummary, run_demo
 from aacmm_pin.demo.paper import elbow_goes_round
+from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError, OutputError
 from aacmm_pin.report import Bullets, Download, Paragraph, Picture, Section, Table, render_report
 from aacmm_pin.workspace import WorkspaceMap
@@ -153,9 +155,10 @@ def test_demo_writes_the_whole_tour(demo: DemoSummary) -> None:
     written = {path.name for path in demo.folder.iterdir()}
     assert written == set(demo.files)
     data = {"index.html", "sino6.urdf", "configurations.csv", "accuracy.json", "map.nc", "map.json"}
+    data |= {"measured.csv", "diagnosis.json", "diagnosis.html"}
     pictures = {"circle", "accuracy_over_swivel", "accuracy_over_theta3", "budget_by_parameter", "budget_by_joint"}
     pictures |= {"flexibility", "comprehensive", "uncertainty", "table2", "table3"}
-    pictures |= {"spreads", "bayes_factors", "part_and_rest", "records"}
+    pictures |= {"spreads", "bayes_factors", "part_and_rest", "records", "hidden_rms", "hidden_cause1"}
     assert written == data | {f"{name}.png" for name in pictures}
     for name in pictures:
         assert (demo.folder / f"{name}.png").read_bytes().startswith(PNG)
@@ -172,7 +175,7 @@ def test_demo_page_is_self_contained(demo: DemoSummary) -> None:
     assert not re.search(r"https?:", html)
     parsed = Page(html)
     assert parsed.open == []
-    assert len(parsed.all("img")) == 14
+    assert len(parsed.all("img")) == 16
     assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in parsed.all("img"))
     for attributes in parsed.all("a"):
         assert attributes["href"].startswith(("#", "data:"))
@@ -196,9 +199,21 @@ def test_demo_data_agree(demo: DemoSummary) -> None:
 
 def test_demo_says_what_it_found(demo: DemoSummary) -> None:
     lines = str(demo).splitlines()
-    assert 8 <= len(lines) <= 12
+    assert 8 <= len(lines) <= 14
     assert all(re.search(r"mm|µm|%|cells", line) for line in lines[:-1])
     assert "index.html" in lines[-1]
+
+
+def test_demo_finds_what_it_hides(demo: DemoSummary) -> None:
+    found = json.loads((demo.folder / "diagnosis.json").read_text(encoding="utf-8"))
+    assert found["verdict"] == "explained"
+    assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
+    records = Measurements.read(demo.folder / "measured.csv", 6)
+    again = calibrate(Arm.load("sino6"), records, ["geometry", EncoderEccentricity(3)], encoder_noise=8e-6)
+    amplitude = found["findings"][0]["parameters"]["amplitude_rad"]
+    fitted = next(e for e in again.model.effects if isinstance(e, EncoderEccentricity))
+    assert abs(np.hypot(*fitted.values) - amplitude["value"]) < 0.3 * amplitude["u"]
+    assert abs(amplitude["value"] - 1e-4) < 3 * amplitude["u"]
 
 
 def test_demo_page_and_terminal_give_monte_carlo_alike(demo: DemoSummary) -> None:
