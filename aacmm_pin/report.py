@@ -21,6 +21,9 @@ from matplotlib.figure import Figure
 DPI = 130
 """Resolution of embedded pictures; they are shown at most as wide as the text."""
 
+WIDE = 1050
+"""A picture of more columns than this has several panels side by side; on a phone it is scrolled, not shrunk [pixels]."""
+
 _TIES = re.compile(r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])")
 SHORT = 22
 """Texts up to this many characters stay on one line of a table."""
@@ -95,6 +98,11 @@ class Picture:
     def of(drawn: Figure | Axes, alt: str, caption: str) -> Picture:
         """A matplotlib figure, or the one that the axes are in, as a picture."""
         return Picture(png_bytes(drawn if isinstance(drawn, Figure) else cast(Figure, drawn.figure)), alt, caption)
+
+    @property
+    def wide(self) -> bool:
+        """Whether it would be unreadable on a phone unless it can be scrolled."""
+        return int.from_bytes(self.png[16:20], "big") > WIDE  # bytes 16 to 19 of a PNG are its width
 
     @property
     def uri(self) -> str:

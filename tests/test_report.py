@@ -106,7 +106,7 @@ def test_pictures_are_embedded_with_alt_and_caption() -> None:
     assert "A line from 0 to 1" in parsed.text
 
 
-@pytest.mark.parametrize(("size", "kind"), [((4, 2), "wide"), ((2, 4), "")])
+@pytest.mark.parametrize(("size", "kind"), [((10, 3), "wide"), ((4, 2), ""), ((2, 4), "")])
 def test_wide_pictures_stay_readable_on_a_phone(size: tuple[float, float], kind: str) -> None:
     figure = Figure(figsize=size)
     figure.add_subplot().plot([0, 1])
