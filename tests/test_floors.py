@@ -70,11 +70,12 @@ FLOORS = {
     "plots": 13,
     "summaries": 13,
     "diagnosis_tables": 14,
-    "report": 14,
-    "calibration_page": 15,
-    "diagnosis_page": 15,
-    "demo": 16,
-    "cli": 17,
+    "display": 14,
+    "report": 15,
+    "calibration_page": 16,
+    "diagnosis_page": 16,
+    "demo": 17,
+    "cli": 18,
 }
 IMPORT_PINOCCHIO = {"arm", "poses", "display"}
 
@@ -139,9 +140,9 @@ def test_only_the_arm_imports_pinocchio() -> None:
         ("from aacmm_pin.arm import Arm", "arm_file", "(floor 5)"),
         ("from aacmm_pin import arm", "checks", "(floor 5)"),
         ("from aacmm_pin.units import MM", "errors", "(floor 0)"),  # same floor
-        ("from .cli import main", "dh", "(floor 17)"),
-        ("from . import cli", "dh", "(floor 17)"),
-        ("from ..cli import main", "sino6_paper.tables", "(floor 17)"),
+        ("from .cli import main", "dh", "(floor 18)"),
+        ("from . import cli", "dh", "(floor 18)"),
+        ("from ..cli import main", "sino6_paper.tables", "(floor 18)"),
         ("def f():\n    from aacmm_pin.arm import Arm", "dh", "(floor 5)"),
         ("if TYPE_CHECKING:\n    from aacmm_pin.arm import Arm", "dh", "(floor 5)"),
         ("import aacmm_pin", "arm", "no floor"),
