@@ -18,9 +18,11 @@ from matplotlib.figure import Figure
 from aacmm_pin import Arm, Measurements, calibrate
 from aacmm_pin.demo import DemoSummary, run_demo
 from aacmm_pin.demo.paper import elbow_goes_round
+from aacmm_pin.display import arm_scene
+from aacmm_pin.display.page import viewer_script
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError, OutputError
-from aacmm_pin.report import Bullets, Download, Paragraph, Picture, Section, Table, render_report
+from aacmm_pin.report import Bullets, Download, Paragraph, Picture, SceneView, Section, Table, render_report
 from aacmm_pin.workspace import WorkspaceMap
 
 mpl.use("Agg")
@@ -48,7 +50,7 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] != "style":
+        if self.open and self.open[-1] not in ("style", "script"):
             self.text += data
 
     def all(self, tag: str) -> list[dict[str, str]]:
@@ -114,6 +116,18 @@ def test_wide_pictures_stay_readable_on_a_phone(size: tuple[float, float], kind:
     assert [attributes.get("class", "") for attributes in parsed.all("figure")] == [kind]
 
 
+def test_scenes_share_one_viewer() -> None:
+    scene = arm_scene(Arm.load("sino6"), np.zeros((1, 6)))
+    html = render_report("T", "S", [Section(t, [SceneView(scene, t)]) for t in ("First", "Second")])
+    assert html.count(viewer_script()) == 1
+    assert len(html) < 2 * len(scene.html())
+    parsed = Page(html)
+    assert parsed.open == []
+    assert [frame["class"] for frame in parsed.all("iframe")] == ["aacmm-scene"] * 2
+    assert "First" in parsed.text
+    assert page("No scene").all("script") == []
+
+
 def test_tables_format_numbers_and_show_what_is_missing() -> None:
     frame = pd.DataFrame({"name": ["a", "b"], "u_mm": [0.12345, np.nan], "n": [1, 2]})
     table = Table(frame, "caption", {"u_mm": ".3f"}, {"u_mm": "u [mm]"})
@@ -171,8 +185,9 @@ def test_demo_leaves_no_figure_open(demo: DemoSummary) -> None:
 
 def test_demo_page_is_self_contained(demo: DemoSummary) -> None:
     html = (demo.folder / "index.html").read_text(encoding="utf-8")
-    assert len(html) < 5_000_000
-    assert not re.search(r"https?:", html)
+    assert len(html.encode()) < 5_000_000
+    assert html.count(viewer_script()) == 1
+    assert not re.search(r"https?:", html.replace(viewer_script(), ""))  # the viewer's licences name their places
     parsed = Page(html)
     assert parsed.open == []
     assert len(parsed.all("img")) == 16
