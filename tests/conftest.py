@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import pytest
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import ArmFile, load_arm_file
+from tests.browser import Page
 
 # bundled arm, convention, rows (from 1) that are made rigid
 VARIANTS = [
@@ -21,6 +22,13 @@ VARIANTS = [
     ("zero6", "standard-dh", ()),
     ("zero6", "modified-dh", ()),
 ]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Page]:
+    """A browser for the tests of one module."""
+    with Page() as page:
+        yield page
 
 
 @pytest.fixture

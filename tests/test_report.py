@@ -24,6 +24,7 @@ from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError, OutputError
 from aacmm_pin.report import Bullets, Download, Paragraph, Picture, SceneView, Section, Table, render_report
 from aacmm_pin.workspace import WorkspaceMap
+from tests.browser import Page as Browser
 
 mpl.use("Agg")
 
@@ -217,6 +218,31 @@ def test_demo_says_what_it_found(demo: DemoSummary) -> None:
     assert 8 <= len(lines) <= 14
     assert all(re.search(r"mm|µm|%|cells", line) for line in lines[:-1])
     assert "index.html" in lines[-1]
+
+
+def test_demo_page_in_a_browser(demo: DemoSummary, browser: Browser) -> None:
+    browser.open(demo.folder / "index.html")
+    frames = browser.evaluate("document.querySelectorAll('iframe.aacmm-scene').length")
+    assert frames >= 1
+    for number in range(frames):
+        frame = f"document.querySelectorAll('iframe.aacmm-scene')[{number}]"
+        browser.evaluate(f"{frame}.scrollIntoView({{block: 'center'}})")
+        browser.wait_for(f"!!{frame}.contentDocument && !!{frame}.contentDocument.querySelector('canvas')")
+    assert browser.errors == []
+    assert {request.split(":")[0] for request in browser.requests} <= {"file", "data", "about", "blob"}
+
+
+@pytest.mark.parametrize("name", ["index", "diagnosis"])
+def test_demo_pages_fit_a_phone(demo: DemoSummary, browser: Browser, name: str) -> None:
+    browser.open(demo.folder / f"{name}.html", (390, 800), touch=True)
+    assert browser.evaluate("document.scrollingElement.scrollWidth") <= 390
+    assert (
+        browser.evaluate(
+            "Math.min(...[...document.querySelectorAll('p')].map(p => parseFloat(getComputedStyle(p).fontSize)))"
+        )
+        > 13
+    )
+    assert browser.errors == []
 
 
 def test_demo_finds_what_it_hides(demo: DemoSummary) -> None:
