@@ -10,7 +10,7 @@ import pandas as pd
 from aacmm_pin.arm_file import COVERAGE_FACTOR
 from aacmm_pin.calibration.problem import geometric_parameters
 from aacmm_pin.diagnosis import Diagnosis, Finding, OddGroup
-from aacmm_pin.effects import Effect, EncoderSlip, SeatError
+from aacmm_pin.effects import CAUSES, Effect, EncoderSlip, SeatError
 from aacmm_pin.units import DEG, MM
 
 CHANCE = 0.01
@@ -48,7 +48,7 @@ NAMES = {
     "seat_error": "error of the stated place",
     "reference_frame": "error of the reference frame",
 }
-"""Words for the causes."""
+"""Words for the causes; one that somebody registered goes by its name."""
 OF_TUBES = ("link_bending", "torsional_windup")
 PARTS = {"seats": "seats", "blocks": "blocks of joint space"}
 """What is left out in turn, in words."""
@@ -66,9 +66,9 @@ UNITS = {
 def label_in_words(label: str) -> str:
     """``encoder_gain:5`` as ``encoder gain of joint 5``; a covariate as a dependence on it."""
     cause, _, place = label.partition(":")
-    if cause not in NAMES:
+    if cause not in CAUSES:
         return f"dependence on {label}"
-    words = NAMES[cause]
+    words = NAMES.get(cause, cause.replace("_", " "))
     if not place:
         return words if cause != "thermal_expansion" else "thermal expansion of the arm"
     what = "seat" if cause == "seat_error" else "tube" if cause in OF_TUBES else "joint" if place.isdigit() else "target"

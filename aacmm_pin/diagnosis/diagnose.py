@@ -61,6 +61,7 @@ def diagnose(
     probe_noise: float | None = None,
     length_noise: float | None = None,
     hold_out: bool = True,
+    extra_causes: Sequence[Effect] = (),
     rng: np.random.Generator | None = None,
     progress: Callable[[Iterable[int]], Iterable[int]] | None = None,
 ) -> Diagnosis:
@@ -78,6 +79,9 @@ def diagnose(
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise: see
             :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain.
+        extra_causes: causes to try beside the library's, your own (:func:`aacmm_pin.effects.register`) or others of the
+            package at places, orders or times that are not tried anyway. They compete with the others, by the ``typical``
+            size of their terms; their values do not count.
         rng: for the draws behind p-values and intervals, and the groups left out; default seed 1.
         progress: wraps the groups left out, such as ``tqdm``.
 
@@ -107,7 +111,7 @@ def diagnose(
     if not np.nanmax(np.abs(recalibrated.solution.system.deviation), initial=0.0) > NOTHING:
         raise AacmmError(f"{measurements.source}: every record agrees with the arm exactly: is the file filled in?")
     kind, parts = parts_of(recalibrated, rng)
-    library = candidates(model, measurements, recalibrated.problem)
+    library = candidates(model, measurements, recalibrated.problem, extra_causes)
     others = covariates(model.arm, measurements)
     choice = choose(with_causes, noise, recalibrated, library, others, parts)
     choice = _surviving(choice, with_causes, noise)
