@@ -18,11 +18,12 @@ from aacmm_pin.dh import DHTable
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.parameter import Parameter
 from aacmm_pin.poses import Poses
+from aacmm_pin.shown import Shown
 from aacmm_pin.urdf import urdf_text
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class Arm(Shown):
     """A serial arm: its Pinocchio model and, where it has one, its DH table.
 
     Attributes:
@@ -175,6 +176,16 @@ class Arm:
     def nq(self) -> int:
         """Number of joints."""
         return int(self.model.nq)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, from the base on."""
+        return tuple(self.model.names[1:])
+
+    @property
+    def joint_axes(self) -> Array:
+        """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the joint moves."""
+        return np.array([_joint_axis(self.model, j) for j in range(1, self.model.njoints)])
 
     @property
     def gravity(self) -> Array:

@@ -10,6 +10,7 @@ import pandas as pd
 from aacmm_pin.arm_file import COVERAGE_FACTOR
 from aacmm_pin.calibration.problem import geometric_parameters
 from aacmm_pin.diagnosis import Diagnosis, Finding, OddGroup
+from aacmm_pin.diagnosis.result import described
 from aacmm_pin.effects import Effect, EncoderSlip, SeatError
 from aacmm_pin.units import DEG, MM
 
@@ -114,9 +115,19 @@ def geometric(result: Diagnosis, finding: Finding) -> bool:
 
 def parameters_in_words(finding: Finding) -> str:
     """Values with U (k = 2) in the units that people read; the smaller of them would be lost in SI."""
-    if len(finding.parameters) > FEW_VALUES:
-        return f"free curve of {len(finding.parameters)} values"
-    return ", ".join(_value(key, value, COVERAGE_FACTOR * u) for key, (value, u) in finding.parameters.items())
+    return values_in_words(finding.parameters)
+
+
+def values_in_words(values: Mapping[str, tuple[float, float]]) -> str:
+    """The same of described values with their u, by their names."""
+    if len(values) > FEW_VALUES:
+        return f"free curve of {len(values)} values"
+    return ", ".join(_value(key, value, COVERAGE_FACTOR * u) for key, (value, u) in values.items())
+
+
+def effect_values(effect: Effect) -> dict[str, tuple[float, float]]:
+    """Described values of a cause with u, as of a finding; its parameters count as independent."""
+    return described(effect, np.diag(np.square(effect.u)))
 
 
 def _value(key: str, value: float, expanded: float) -> str:

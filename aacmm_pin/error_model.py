@@ -19,6 +19,7 @@ from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 from aacmm_pin.outputs import whole_file
 from aacmm_pin.parameter import Parameter
+from aacmm_pin.shown import Shown
 from aacmm_pin.state import State
 
 MOST_ROUNDS = 20
@@ -28,7 +29,7 @@ SETTLED = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorModel:
+class ErrorModel(Shown):
     """An arm plus effects.
 
     Attributes:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,7 @@ from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.observations import KnownLength
+from aacmm_pin.progress import Progress
 from aacmm_pin.units import DEG, MM
 
 FAR = 2e-3
@@ -46,7 +47,7 @@ def calibrate(
     robust: bool = True,
     hold_out: bool = True,
     rng: np.random.Generator | None = None,
-    progress: Callable[[Any], Iterable[int]] | None = None,
+    progress: Progress = True,
 ) -> Calibration:
     """Estimate parameters of the arm from measurements, with their covariance.
 
@@ -69,7 +70,8 @@ def calibrate(
         robust: look for gross errors.
         hold_out: predict records left out of the fit, at random and by seats, sessions or blocks of joint space.
         rng: chooses which; default seed 1.
-        progress: wraps the parts left out in turn, such as ``tqdm``.
+        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as ``tqdm`` that wraps the parts
+            left out in turn.
 
     Raises:
         UnknownNameError: no such set of parameters, frame or target.

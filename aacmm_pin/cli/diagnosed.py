@@ -8,7 +8,6 @@ from typing import Annotated, cast
 
 import numpy as np
 import typer
-from tqdm.auto import tqdm
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
@@ -68,7 +67,6 @@ def diagnose_(
             length_noise=in_metres(length_noise_mm),
             hold_out=not no_held_out,
             rng=np.random.default_rng(seed),
-            progress=lambda parts: tqdm(parts, desc="held out", unit="part", leave=False, disable=None),
         )
         if extended_arm is not None:
             result.model.save(results.file(extended_arm), comment=f"Extended by aacmm-pin diagnose from {path}: {result}")

@@ -10,7 +10,6 @@ import typer
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Column, Table
-from tqdm.auto import tqdm
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
@@ -78,7 +77,6 @@ def plan_(
             as_it_stands=as_it_stands,
             postures=postures,
             rng=np.random.default_rng(seed),
-            progress=lambda steps: tqdm(steps, desc="records", unit="record", leave=False, disable=None),
         )
         if output is not None:
             results.text(plan.csv(), output)

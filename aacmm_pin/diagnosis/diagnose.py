@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -33,6 +33,7 @@ from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import advice
+from aacmm_pin.progress import Progress
 
 MUCH_MORE = 1.15
 """Residuals larger by this than the stated noise, beyond chance, are not explained by what was found."""
@@ -62,7 +63,7 @@ def diagnose(
     length_noise: float | None = None,
     hold_out: bool = True,
     rng: np.random.Generator | None = None,
-    progress: Callable[[Iterable[int]], Iterable[int]] | None = None,
+    progress: Progress = True,
 ) -> Diagnosis:
     """Show what the simulation gets wrong, name the cause, extend the model, measure the gain.
 
@@ -79,7 +80,8 @@ def diagnose(
             :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain.
         rng: for the draws behind p-values and intervals, and the groups left out; default seed 1.
-        progress: wraps the groups left out, such as ``tqdm``.
+        progress: show bars in a notebook, or on stderr at a terminal; or a function such as ``tqdm`` that wraps the groups
+            left out.
 
     Raises:
         AacmmError, UnknownNameError, MissingConditionError: see :func:`aacmm_pin.calibration.calibrate`.
@@ -109,7 +111,7 @@ def diagnose(
     kind, parts = parts_of(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem)
     others = covariates(model.arm, measurements)
-    choice = choose(with_causes, noise, recalibrated, library, others, parts)
+    choice = choose(with_causes, noise, recalibrated, library, others, parts, progress is True)
     choice = _surviving(choice, with_causes, noise)
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
@@ -137,6 +139,7 @@ def diagnose(
             reference_noise=reference_noise,
             probe_noise=probe_noise,
             length_noise=length_noise,
+            progress=progress is True,
         )
 
     return Diagnosis(
