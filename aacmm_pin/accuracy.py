@@ -230,7 +230,7 @@ def accuracy_volume(
     """
     if method not in METHODS:
         raise UnknownNameError("method", method, list(METHODS))
-    arm = model if isinstance(model, Arm) else model.arm
+    arm = ErrorModel.arm_of(model)
     q = batch(q, arm.nq, "q", "rad")
     conditions = _for_each(conditions, len(q))
     sources = ErrorSources.of(model, at, _noise(arm, encoder_noise), scopes, q, conditions)

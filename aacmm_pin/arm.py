@@ -341,6 +341,20 @@ class Arm(Shown):
         return int(number) if number.isdigit() else None
 
 
+def require_arm(given: object, name: str = "arm") -> Arm:
+    """``given``, if it is an arm.
+
+    Raises:
+        AacmmError: it is something else; says how to load it where it is a name.
+    """
+    if isinstance(given, Arm):
+        return given
+    if isinstance(given, str | Path):
+        raise AacmmError(f"{name} is {str(given)!r}, expected an arm: Arm.load({str(given)!r})")
+    held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
+    raise AacmmError(f"{name} is of type {type(given).__name__}, expected an Arm{held}")
+
+
 def _frame_number(model: Any, name: str) -> int:
     """Number of a frame; of a link and a joint with the same name, which URDF allows, the link (getFrameId would raise).
 

@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin.angles import wrapped
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm import Arm, require_arm
 from aacmm_pin.checks import Array, vector
 from aacmm_pin.circle import Components, Flexibility, flexibility, resample
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
@@ -180,7 +180,7 @@ def configuration_circle(
         AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count below 3.
         UnsupportedArmError: no DH table, or one without the joints that this needs.
     """
-    dh = arm.require_dh("a configuration circle")
+    dh = require_arm(arm).require_dh("a configuration circle")
     point = vector(point, 3, "point", "m")
     if count < 3 or seeds_per_turn < 2:
         raise AacmmError(f"count is {count}, seeds_per_turn is {seeds_per_turn}; expected at least 3 and 2")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pandas as pd
 
-from aacmm_pin.diagnosis_findings import label_in_words
 from aacmm_pin.planning import MeasurementPlan
 
 
@@ -30,8 +29,8 @@ def pairs_table(plan: MeasurementPlan) -> pd.DataFrame:
     open_ = plan.pairs[plan.pairs["why_not"] == ""]
     return pd.DataFrame(
         {
-            "cause": [label_in_words(label) for label in open_["cause"]],
-            "from": [label_in_words(label) for label in open_["other"]],
+            "cause": open_["cause"],
+            "from": open_["other"],
             "T": open_["T"],
             "told": open_["told"],
         }

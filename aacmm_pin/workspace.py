@@ -150,7 +150,7 @@ def map_workspace(
     started = time.perf_counter()
     if min(*cells, sectors, processes) < 1:
         raise AacmmError(f"cells are {cells}, sectors {sectors}, processes {processes}; expected at least 1 of each")
-    arm = model if isinstance(model, Arm) else model.arm
+    arm = ErrorModel.arm_of(model)
     wrist = Wrist.of(arm.require_dh("a map of the workspace"), rest)
     not_included = _check_method(model, conditions, method)
     box = _extent(arm, wrist, extent)
@@ -280,7 +280,7 @@ def _check_method(model: Arm | ErrorModel, conditions: Conditions | None, method
     """Refuse, before the work begins, what the first cell would refuse; labels of causes that are left out."""
     if method == "monte-carlo" or method not in METHODS:
         raise UnknownNameError("method", method, [m for m in METHODS if m != "monte-carlo"], "of a map")
-    arm = model if isinstance(model, Arm) else model.arm
+    arm = ErrorModel.arm_of(model)
     q = np.clip(np.zeros((1, arm.nq)), arm.limits[:, 0], arm.limits[:, 1])
     return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method).not_included
 

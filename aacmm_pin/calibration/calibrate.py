@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
@@ -83,6 +84,7 @@ def calibrate(
         raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
     model = ErrorModel.of(model)
     arm = model.arm
+    require_measurements(measurements)
     if measurements.nq != arm.nq:
         raise AacmmError(f"{measurements.source} has angles of {measurements.nq} joints, {arm.name} has {arm.nq}")
     chosen = [parameters] if isinstance(parameters, str) else list(parameters)
@@ -99,6 +101,17 @@ def calibrate(
         return found
     held = left_out(found.before, after, noise, rng or np.random.default_rng(1), progress)
     return replace(found, held_out=tuple(held))
+
+
+def require_measurements(given: object) -> None:
+    """Refuse what is not measurements, such as the name of their file.
+
+    Raises:
+        AacmmError: it is something else.
+    """
+    if not isinstance(given, Measurements):
+        how = f"Measurements.read({str(given)!r}, nq)" if isinstance(given, str | Path) else "see Measurements.read"
+        raise AacmmError(f"measurements is {given!r}, expected Measurements: {how}")
 
 
 def require_scale(problem: Problem) -> None:
@@ -132,7 +145,9 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
     if noise.encoder is None:
         found.append("no encoder noise is stated: its effect is part of the scatter found")
     if not after.stated:
-        found.append(f"the noise is not stated in full: {after.unmodelled / MM:.4f} mm of scatter per coordinate were found")
+        scatter = f"{after.unmodelled / MM:.4f} mm of scatter per coordinate were found beside what is stated"
+        enough = "what is stated of it is enough for these records, and none was added"
+        found.append(f"the noise is not stated in full: {scatter if after.unmodelled > 0 else enough}")
     elif after.unmodelled > 0:
         found.append(
             f"the records scatter more than stated: {after.unmodelled / MM:.4f} mm per coordinate were added, "

@@ -14,19 +14,12 @@ from aacmm_pin.circle import Flexibility, sector_centres
 from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.monte_carlo import LengthUncertainty, PointUncertainty
 from aacmm_pin.single_point import SinglePoint
+from aacmm_pin.summaries import map_table
 from aacmm_pin.units import DEG, MM, MM3, UM
 from aacmm_pin.workspace import WorkspaceMap
 
 SHOWN_SOURCES = 8
 """So many sources of a budget are shown."""
-OF_MAPS = {
-    "comprehensive_mm3": ("comprehensive accuracy [mm³]", 1.0),
-    "best_mm3": ("smallest accuracy volume [mm³]", 1.0),
-    "worst_mm3": ("largest accuracy volume [mm³]", 1.0),
-    "smallest_u_mm": ("smallest standard uncertainty [µm]", MM / UM),
-    "largest_u_mm": ("largest standard uncertainty [µm]", MM / UM),
-    "flexibility": ("flexibility [1]", 1.0),
-}
 
 
 @html_of.register
@@ -69,13 +62,10 @@ def _accuracy(accuracy: AccuracyVolume) -> str:
 
 @html_of.register
 def _map(map_: WorkspaceMap) -> str:
-    rows = [
-        {"over the cells": name} | spread(scale * map_.data[key].values, ".4g") for key, (name, scale) in OF_MAPS.items()
-    ]
     cells_ = {str(count): [cells] for count, cells in map_.working_sectors().items()}
     return (
         paragraph(str(map_))
-        + table(pd.DataFrame(rows))
+        + table(map_table(map_))
         + table(pd.DataFrame(cells_), head="Reachable cells by their number of working sectors:")
         + details("all data", map_.data._repr_html_())
     )

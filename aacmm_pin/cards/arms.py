@@ -13,7 +13,8 @@ from aacmm_pin.cards.card import html_of, paragraph, table
 from aacmm_pin.cells import spread
 from aacmm_pin.conditions import COLUMNS, Conditions
 from aacmm_pin.dh import KINDS, DHTable
-from aacmm_pin.diagnosis_findings import effect_values, in_words, values_in_words
+from aacmm_pin.diagnosis_findings import effect_values
+from aacmm_pin.effect_words import in_words, values_in_words
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.error_sources import ErrorSources
@@ -36,7 +37,7 @@ def _arm(arm: Arm) -> str:
     stylus = "" if arm.stylus_axis is None else f"; stylus along {_vector(arm.stylus_axis)} of the tip's frame"
     exact = arm.without_uncertainty
     return (
-        paragraph(f"{what}; tip {arm.tip}{stylus}; {gravity}; {arm.reference_temperature:g} °C", arm.name)
+        paragraph(f"{what}; tip at frame {arm.tip}{stylus}; {gravity}; {arm.reference_temperature:g} °C", arm.name)
         + paragraph(f"Source: {arm.source}" if arm.source else "")
         + table(_rows(arm) if arm.dh is not None else _joints(arm))
         + paragraph(_of_uncertainty(arm, exact))
@@ -46,12 +47,12 @@ def _arm(arm: Arm) -> str:
 def _of_uncertainty(arm: Arm, exact: tuple[str, ...]) -> str:
     if len(exact) == len(arm.parameters):
         return "No uncertainty is stated: it has postures, but no accuracy."
-    said = "±: half-widths of what is stated"
+    said = "±: half-widths as stated; without ±: exact"
     if arm.covariance is not None:
         said += f"; U (k = 2) of the {len(arm.covariance.parameters)} parameters that a calibration knows together"
     if not exact:
         return f"{said}."
-    return f"{said}. Taken as exact, as none is stated: {', '.join(exact[:FEW])}{' …' if len(exact) > FEW else ''}."
+    return f"{said}. Nothing is stated of {', '.join(exact[:FEW])}{' …' if len(exact) > FEW else ''}."
 
 
 def _rows(arm: Arm) -> pd.DataFrame:
@@ -134,7 +135,7 @@ def parameter_rows(parameters: list[Parameter]) -> pd.DataFrame:
                 "value": _quantity(p.value, p.unit),
                 "±": None if p.half_width is None else _small(p.half_width, p.unit),
                 "u": _small(p.u, p.unit),
-                "new in each": p.scope,
+                "scope": p.scope,
             }
             for p in parameters
         ]
@@ -158,7 +159,8 @@ def _effect(effect: Effect) -> str:
     typical = [_small(term.typical, term.unit) for term in effect.terms]
     rows = parameter_rows(list(effect.parameters())).drop(columns=["kind", "±"]).assign(typical=typical)
     needs = f"; depends on {', '.join(effect.needs)}" if effect.needs else ""
-    return paragraph(f"{values_in_words(effect_values(effect))}, ± U (k = 2){needs}", f"{in_words(effect)}:") + table(rows)
+    u = ", ± U (k = 2)" if any(effect.u) else ""
+    return paragraph(f"{values_in_words(effect_values(effect))}{u}{needs}", f"{in_words(effect)}:") + table(rows)
 
 
 @html_of.register

@@ -50,7 +50,7 @@ def table(frame: pd.DataFrame, formats: Mapping[str, str] | None = None, head: s
         return ""
     shown = frame if most is None else frame.head(most)
     with pd.option_context("display.max_colwidth", None):
-        text = cells(shown, formats).to_html(index=False, border=0, escape=True)
+        text = cells(shown, formats).to_html(index=False, border=0, escape=True, justify="left")
     more = paragraph(f"… and {len(frame) - len(shown)} more rows") if len(shown) < len(frame) else ""
     return paragraph(head) + text + more
 

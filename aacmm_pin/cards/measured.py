@@ -12,6 +12,7 @@ from aacmm_pin.calibration_findings import (
     fit_in_words,
     frame_in_words,
     readable_parameters,
+    sizes_table,
     verdict,
 )
 from aacmm_pin.cards.card import bullets, html_of, paragraph, table
@@ -42,20 +43,13 @@ def _calibration(result: Calibration) -> str:
         + paragraph(fit_in_words(result))
         + paragraph(frame_in_words(result))
         + bullets(causes_in_words(result), "Causes of error, ± U (k = 2):")
-        + table(_sizes(result), dict.fromkeys(("before [mm]", "after [mm]"), ".4f"), "RMS distance of tip and target:")
+        + table(sizes_table(result), dict.fromkeys(("before [mm]", "after [mm]"), ".4f"), "RMS distance of tip and target:")
         + table(excluded, {"residual_mm": ".3f"}, f"{len(excluded)} records excluded:", MOST)
         + table(parameters, dict.fromkeys(("change", "stated", "u", "U"), decimals(parameters)), head)
         + paragraph("* moved farther than its stated and its new uncertainty together allow" if beyond.any() else "")
         + bullets(result.undetermined, "Not told by these data, and left as it was:")
         + bullets(result.notes, "Notes:")
     )
-
-
-def _sizes(result: Calibration) -> pd.DataFrame:
-    rows = [("used in the fit", result.rms_before, result.rms)]
-    rows += [(f"held-out {held.kind}", held.rms_before, held.rms_after) for held in result.held_out]
-    table_ = pd.DataFrame(rows, columns=["records", "before [mm]", "after [mm]"])
-    return table_.assign(**{name: table_[name] / MM for name in ("before [mm]", "after [mm]")})
 
 
 @html_of.register

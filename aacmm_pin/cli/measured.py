@@ -159,7 +159,7 @@ def calibrate_(
             results.text(calibration_page(result, summary, when), report)
         if json_ is not None:
             results.json(summary, json_)
-    if json_ is None:
+    if json_ != "-":
         say_calibration(result)
 
 

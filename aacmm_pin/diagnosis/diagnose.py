@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.blas import one_blas_thread
-from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of
+from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of, require_measurements
 from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.fold import calibrated_model
@@ -90,6 +90,7 @@ def diagnose(
     if reference_frame not in get_args(ReferenceFrame):
         raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
     model = ErrorModel.of(model)
+    require_measurements(measurements)
     if measurements.nq != model.arm.nq:
         own, theirs = model.arm.nq, measurements.nq
         raise AacmmError(f"{measurements.source} has angles of {theirs} joints, {model.arm.name} has {own}")
