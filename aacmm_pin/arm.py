@@ -18,11 +18,12 @@ from aacmm_pin.dh import DHTable
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.parameter import Parameter
 from aacmm_pin.poses import Poses
+from aacmm_pin.shown import Shown
 from aacmm_pin.urdf import urdf_text
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class Arm(Shown):
     """A serial arm: its Pinocchio model and, where it has one, its DH table.
 
     Attributes:
@@ -177,6 +178,16 @@ class Arm:
         return int(self.model.nq)
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, from the base on."""
+        return tuple(self.model.names[1:])
+
+    @property
+    def joint_axes(self) -> Array:
+        """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the joint moves."""
+        return np.array([_joint_axis(self.model, j) for j in range(1, self.model.njoints)])
+
+    @property
     def gravity(self) -> Array:
         """Acceleration of gravity in the base frame (3,) [m/s²]."""
         return np.array(self.model.gravity.linear)
@@ -328,6 +339,20 @@ class Arm:
         self._frame_id(at)
         number = at.removeprefix("frame")
         return int(number) if number.isdigit() else None
+
+
+def require_arm(given: object, name: str = "arm") -> Arm:
+    """``given``, if it is an arm.
+
+    Raises:
+        AacmmError: it is something else; says how to load it where it is a name.
+    """
+    if isinstance(given, Arm):
+        return given
+    if isinstance(given, str | Path):
+        raise AacmmError(f"{name} is {str(given)!r}, expected an arm: Arm.load({str(given)!r})")
+    held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
+    raise AacmmError(f"{name} is of type {type(given).__name__}, expected an Arm{held}")
 
 
 def _frame_number(model: Any, name: str) -> int:

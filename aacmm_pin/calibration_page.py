@@ -116,7 +116,7 @@ def _residuals(result: Calibration) -> list[Part]:
             "factors in their titles, which differ; neighbours that point the same way show what the model still lacks.",
         ),
         Picture.of(
-            plots.plot_residuals_over_joints(result),
+            plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, 0.3 - 2.5 * (-result.model.arm.nq // 3)))[0],
             "Residuals over the angle of each joint",
             "What is left, along the way that each joint moves the tip, over the angle of that joint. The line is the mean "
             "in parts of the range with its standard uncertainty: a wave in it is an encoder's or a joint's.",

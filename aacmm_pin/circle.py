@@ -14,6 +14,7 @@ from aacmm_pin.continuation import Curve, System, polish
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.reaching import Wrist
+from aacmm_pin.shown import Shown
 from aacmm_pin.swivel import Swivel
 
 ARC_BINS = 3600
@@ -113,7 +114,7 @@ class Components:
 
 
 @dataclass(frozen=True)
-class Flexibility:
+class Flexibility(Shown):
     """Flexibility ζ of a working point (eq. 1 of Xu You et al. 2019): working over theoretical configurations.
 
     A swivel angle is theoretical where some configuration, limits apart, has it; working where one inside the limits has.

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin.angles import wrapped
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm import Arm, require_arm
 from aacmm_pin.checks import Array, vector
 from aacmm_pin.circle import Components, Flexibility, flexibility, resample
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
@@ -23,8 +24,12 @@ from aacmm_pin.limits import broken_limits, into_limits
 from aacmm_pin.reach import reach_of_wrist
 from aacmm_pin.reaching import Wrist, wrist_curves, wrist_system
 from aacmm_pin.reaching_tip import tip_curves, tip_system
+from aacmm_pin.shown import Shown, drawn
 from aacmm_pin.swivel import Swivel
 from aacmm_pin.units import DEG, MM
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D
 
 WRIST = "frame5"
 """Name of the frame whose origin is the working point of the source paper."""
@@ -32,7 +37,7 @@ SEEDS_PER_TURN = 24
 
 
 @dataclass(frozen=True, eq=False)
-class ConfigurationCircle:
+class ConfigurationCircle(Shown):
     """Every configuration that reaches a working point, in order along its closed components.
 
     Attributes:
@@ -119,8 +124,18 @@ class ConfigurationCircle:
             )
         return pd.DataFrame(rows)
 
-    def _repr_html_(self) -> str:
-        return f"<p>{self}</p>{self.summary().to_html(index=False)}"
+    def plot(self, accuracy: Any = None, postures: int = 5, ax: Axes3D | None = None) -> Axes3D:
+        """The path of the elbow round the working point, and the arm in a few of its postures.
+
+        Args:
+            accuracy: an :class:`~aacmm_pin.AccuracyVolume` of the configurations within limits; it colours the path.
+            postures: number of postures that are drawn.
+            ax: three-dimensional axes; without them a new pyplot figure is made.
+
+        Raises:
+            ShapeError, AacmmError: see :func:`aacmm_pin.plots.plot_circle`.
+        """
+        return drawn("plot_circle", self, accuracy, postures, ax)
 
     def __str__(self) -> str:
         x, y, z = self.point / MM
@@ -165,7 +180,7 @@ def configuration_circle(
         AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count below 3.
         UnsupportedArmError: no DH table, or one without the joints that this needs.
     """
-    dh = arm.require_dh("a configuration circle")
+    dh = require_arm(arm).require_dh("a configuration circle")
     point = vector(point, 3, "point", "m")
     if count < 3 or seeds_per_turn < 2:
         raise AacmmError(f"count is {count}, seeds_per_turn is {seeds_per_turn}; expected at least 3 and 2")

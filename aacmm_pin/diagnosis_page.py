@@ -87,7 +87,7 @@ def _wrong(result: Diagnosis) -> list[Part]:
     return [
         Paragraph(most_off_in_words(result, table), finding=bool((table["times_predicted"] > BEYOND).any())),
         Picture.of(
-            plots.plot_groups(result),
+            plots.plot_groups(result, blank_axes(9.3, 0.5 - 2.2 * (-table["by"].nunique() // 3)))[0],
             "RMS of the residuals by joint range, time, temperature and seat, by the three models",
             "RMS of the residuals in parts of all that is known of the records. Black: the simulation, to be compared with "
             "the dashed line, what its stated uncertainties and the noise predict. Grey and blue: recalibrated and "
@@ -182,7 +182,7 @@ def _on_the_arm(result: Diagnosis) -> list[Part]:
     left, right = shown_models(result)
     return [
         Picture.of(
-            plots.plot_arm_residuals(result),
+            plots.plot_arm_residuals(result, blank_axes(8.6, 8.0))[0],
             f"Residual vectors on a drawing of the arm, {left} and {right}",
             f"Residuals in space, from each stated place towards the tip: left {left}, right {right}; above in plan, below "
             "from the side; all magnified alike. Grey: the arm in some of its postures, joints as dots. Neighbours that "

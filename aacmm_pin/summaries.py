@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin.accuracy import AccuracyVolume
+from aacmm_pin.cells import spread
 from aacmm_pin.checks import Array
 from aacmm_pin.comprehensive import comprehensive_accuracy
 from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.pairing import paired
-from aacmm_pin.units import DEG, MM, MM3
+from aacmm_pin.units import DEG, MM, MM3, UM
 from aacmm_pin.workspace import WorkspaceMap
 
 ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
@@ -87,6 +88,19 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
         "seconds": round(map_.seconds, 3),
     }
     return summary | ({"not_included": list(map_.not_included)} if map_.not_included else {})
+
+
+def map_table(map_: WorkspaceMap) -> pd.DataFrame:
+    """Least, median and largest of what a map holds, over the cells where it is known, as text."""
+    rows = {
+        "comprehensive accuracy [mm³]": map_.data["comprehensive_mm3"],
+        "smallest accuracy volume [mm³]": map_.data["best_mm3"],
+        "largest accuracy volume [mm³]": map_.data["worst_mm3"],
+        "smallest standard uncertainty [µm]": MM / UM * map_.data["smallest_u_mm"],
+        "largest standard uncertainty [µm]": MM / UM * map_.data["largest_u_mm"],
+        "flexibility [1]": map_.data["flexibility"],
+    }
+    return pd.DataFrame([{"over the cells": name} | spread(data.values, ".4g") for name, data in rows.items()])
 
 
 def accuracy_table(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> pd.DataFrame:

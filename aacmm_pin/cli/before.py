@@ -8,20 +8,18 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 import typer
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.table import Column, Table
 
 from aacmm_pin import plots
 from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import load_arm_file
 from aacmm_pin.cli.common import ArmName, EncoderNoise, Force, Json, Output, Plot, Results, command, note, say
+from aacmm_pin.cli.tables import show
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.demo import run_demo
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.summaries import accuracy_summary, accuracy_table, map_summary
+from aacmm_pin.summaries import accuracy_summary, accuracy_table, map_summary, map_table
 from aacmm_pin.units import MM
 from aacmm_pin.urdf import urdf_text
 from aacmm_pin.workspace import map_caveats, map_workspace
@@ -105,7 +103,7 @@ def accuracy(
             results.picture(plots.plot_accuracy_over_swivel(circle, result).figure, plot)
         if json_ is not None:
             results.json(summary, json_)
-    if json_ is None:
+    if json_ != "-":
         _show_accuracy(circle, result, summary)
         if encoder_noise_rad is None and model.arm.encoder_noise is None:
             note("note: nobody states the noise of the encoders; u is of the parameters alone (--encoder-noise-rad adds it)")
@@ -140,8 +138,9 @@ def map_(
             results.picture(plots.plot_comprehensive(result).figure, plot)
         if json_ is not None:
             results.json(map_summary(result), json_)
-    if json_ is None:
+    if json_ != "-":
         say(str(result))
+        show(map_table(result))
 
 
 def circle_of(
@@ -174,18 +173,20 @@ def _show_accuracy(circle: ConfigurationCircle, result: AccuracyVolume, summary:
     say(str(result))
     say(f"comprehensive accuracy {volume['comprehensive']:.4g} mm³")
     postures = {"best": "smallest volume", "worst": "largest volume", "smallest_u": "smallest u", "largest_u": "largest u"}
-    say("postures, angles in degrees, swivel 0 where the elbow is highest:")
-    table = Table(Column("posture", no_wrap=True), "swivel", Column("θ1 … θn", no_wrap=True), "mm³", "u in mm", box=SIMPLE)
-    for which, words in postures.items():
-        row = summary[which]
-        angles = " ".join(f"{theta:.0f}" for theta in row["theta_deg"])
-        table.add_row(words, f"{row['swivel_deg']:.1f}", angles, f"{row['volume_mm3']:.4g}", f"{row['u_mm']:.4f}")
-    Console().print(table)
+    say("postures, swivel 0 where the elbow is highest:")
+    rows = [
+        {
+            "posture": words,
+            "swivel [°]": summary[which]["swivel_deg"],
+            "θ1 … θn [°]": " ".join(f"{theta:.0f}" for theta in summary[which]["theta_deg"]),
+            "volume [mm³]": summary[which]["volume_mm3"],
+            "u [mm]": summary[which]["u_mm"],
+        }
+        for which, words in postures.items()
+    ]
+    show(pd.DataFrame(rows), {"swivel [°]": ".1f", "volume [mm³]": ".4g", "u [mm]": ".4f"})
     if summary["taken_as_exact"]:
         say(f"no uncertainty is stated for, and so taken as exact: {', '.join(summary['taken_as_exact'])}")
-    say("where the uncertainty comes from, mean over the postures:")
-    table = Table("parameter", "joint", "u in mm", "share", box=SIMPLE)
-    for row in result.budget().head(8).itertuples():
-        joint = "" if row.joint is pd.NA else str(row.joint)
-        table.add_row(str(row.parameter), joint, f"{row.u_mm:.4f}", f"{row.share:.1%}")
-    Console().print(table)
+    budget = result.budget().head(8)[["parameter", "joint", "u_mm", "share"]].rename(columns={"u_mm": "u [mm]"})
+    head = "where the uncertainty comes from, mean over the postures:"
+    show(budget, {"u [mm]": ".4f", "share": ".1%"}, head)

@@ -8,9 +8,7 @@ from typing import Annotated, cast
 
 import numpy as np
 import typer
-from tqdm.auto import tqdm
 
-from aacmm_pin import plots
 from aacmm_pin.accuracy import accuracy_volume
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.calibrate import ReferenceFrame
@@ -146,7 +144,6 @@ def calibrate_(
             length_noise=in_metres(length_noise_mm),
             hold_out=not no_held_out,
             rng=np.random.default_rng(seed),
-            progress=lambda parts: tqdm(parts, desc="held out", unit="part", leave=False, disable=None),
         )
         when = f"{datetime.now(UTC):%Y-%m-%d}"
         if output is not None:
@@ -156,13 +153,13 @@ def calibrate_(
         if residuals is not None:
             results.text(result.residuals.to_csv(index=False), residuals)
         if plot is not None:
-            results.picture(plots.plot_calibration(result), plot)
+            results.picture(result.plot("all")[0].figure, plot)
         summary = calibration_summary(result, path, seed)
         if report is not None:
             results.text(calibration_page(result, summary, when), report)
         if json_ is not None:
             results.json(summary, json_)
-    if json_ is None:
+    if json_ != "-":
         say_calibration(result)
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from aacmm_pin.calibration.fit import Fit
@@ -15,7 +16,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.plots.groups import MODELS
 from aacmm_pin.plots.partial import state_of
 from aacmm_pin.plots.residuals import LONGEST, Plane, scale_bar
-from aacmm_pin.plots.style import BLUE, GREY, VERMILLION, axes_of, round_down
+from aacmm_pin.plots.style import BLUE, GREY, VERMILLION, Panels, axes_of, panels_of, round_down
 from aacmm_pin.units import MM
 
 POSTURES = 3
@@ -59,20 +60,25 @@ def shown_models(result: Diagnosis) -> tuple[str, str]:
     return ("recalibrated", "extended") if more else ("simulation", "recalibrated")
 
 
-def plot_arm_residuals(result: Diagnosis) -> Figure:
+def plot_arm_residuals(result: Diagnosis, ax: Axes | Panels | None = None) -> Panels:
     """Residual vectors on the arm by two models, see :func:`shown_models`, in plan and from the side, all magnified alike.
 
     Lines go from each stated place towards the tip, in the frame of the references; behind them the arm in a few of its
-    postures. A figure that pyplot does not know.
+    postures.
+
+    Args:
+        result: the diagnosis.
+        ax: axes whose place is divided, or four axes.
+
+    Returns:
+        axes of the four panels: in plan without and with, from the side without and with.
     """
-    figure = Figure(figsize=(8.6, 8.0), layout="constrained")
-    axes, names = figure.subplots(2, 2), shown_models(result)
+    panels, names = panels_of(ax, (8.6, 8.0), 4, 2), shown_models(result)
     factor = _magnification(result, names[0])
     planes: tuple[Plane, ...] = ("xy", "xz")
-    for row, plane in enumerate(planes):
-        for column, name in enumerate(names):
-            plot_arm_residual_vectors(result, name, plane, factor, axes[row, column])
-    return figure
+    for panel, (plane, name) in zip(panels, product(planes, names), strict=True):
+        plot_arm_residual_vectors(result, name, plane, factor, panel)
+    return panels
 
 
 def plot_arm_residual_vectors(

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
@@ -26,10 +26,14 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array
 from aacmm_pin.configurations import configuration_circle
 from aacmm_pin.dh import DHTable
+from aacmm_pin.shown import Shown
 from aacmm_pin.sino6_paper.nominal import sino6_nominal
 from aacmm_pin.sino6_paper.seat_configurations import WORKING_ROW, seat_configurations
 from aacmm_pin.sino6_paper.tables import printed_points, printed_table3
 from aacmm_pin.units import ARCSEC, MM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 RECORDS = 50
 """Records at each seat (section 2.4 of the paper)."""
@@ -45,7 +49,7 @@ Reading = Literal["wrist", "tip"]
 
 
 @dataclass(frozen=True, eq=False)
-class Table3:
+class Table3(Shown):
     """Table 3 as printed beside its predictions.
 
     Attributes:
@@ -66,6 +70,12 @@ class Table3:
     measured_ratio: float
     marked: pd.DataFrame
     reading: Reading = "wrist"
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Measured spreads and those predicted; see :func:`aacmm_pin.sino6_paper.figures.draw_table3`."""
+        from aacmm_pin.sino6_paper.figures import draw_table3  # matplotlib is loaded only to draw
+
+        return draw_table3(self, ax)
 
 
 def predict_table3(
