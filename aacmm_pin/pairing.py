@@ -6,11 +6,11 @@ import numpy as np
 
 from aacmm_pin.accuracy import AccuracyVolume
 from aacmm_pin.checks import Index
-from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.errors import ShapeError
+from aacmm_pin.postures_at_point import PosturesAtPoint
 
 
-def paired(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Index:
+def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     """Numbers, in the circle, of the configurations of ``accuracy``: those within limits, (n,).
 
     Raises:
