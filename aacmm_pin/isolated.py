@@ -89,17 +89,17 @@ class Isolated:
                 self._look_beside(other)
 
     def _single(self, q: Array) -> NDArray[np.bool_]:
-        """Which solutions (n, k) do not go on beside themselves: (n,)."""
+        """Which solutions (n, k) do not go on beside themselves, in one of their two flattest directions: (n,)."""
         single = np.ones(len(q), dtype=bool)
         if not len(q):
             return single
         size, vectors = flattest(self.system, q)
-        for row in np.flatnonzero(size < SINGULAR):
-            single[row] = not any(self._goes_on(q[row], vectors[row, k]) for k in (-1, -2))
-        return single
-
-    def _goes_on(self, q: Array, direction: Array) -> bool:
-        """Do solutions go on from ``q`` (k,) along ``direction``?"""
-        guess = q + ALONG[:, None] * direction
+        flat = np.flatnonzero(size < SINGULAR)
+        start, step = np.broadcast_arrays(q[flat, None, None], ALONG[:, None] * vectors[flat, -2:, None])
+        guess = (start + step).reshape(-1, q.shape[1])
         found, good = polish(self.system, guess, np.zeros(len(guess), dtype=np.intp))
-        return bool(good.all() and (np.linalg.norm(found - guess, axis=1) < 0.3 * ALONG).all())
+        there = (good & (np.linalg.norm(found - guess, axis=1) < 0.3 * np.tile(ALONG, 2 * len(flat)))).reshape(
+            -1, 2, len(ALONG)
+        )
+        single[flat] = ~there.all(axis=2).any(axis=1)
+        return single

@@ -15,7 +15,7 @@ ROUND = 256
 """Starts of one round."""
 ENOUGH = 300
 """Arrivals in a row that bring nothing new end a search."""
-NOTHING = 2048
+NOTHING = 1024
 """Starts of which none arrives end it too."""
 MOST_STARTS = 16384
 SINGULAR = 1e-6
