@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
-from numpy.typing import NDArray
 
 from aacmm_pin.accuracy import AccuracyVolume
-from aacmm_pin.checks import Array, Index
+from aacmm_pin.checks import Index
 from aacmm_pin.errors import ShapeError
+from aacmm_pin.postures_at_point import PosturesAtPoint
 
 
-class Enumeration(Protocol):
-    """Configurations of which some are within limits, such as a :class:`aacmm_pin.configurations.ConfigurationCircle`."""
-
-    @property
-    def q(self) -> Array:
-        """Configurations (n, nq) [rad]."""
-
-    @property
-    def within_limits(self) -> NDArray[np.bool_]:
-        """Which are within limits (n,)."""
-
-
-def paired(circle: Enumeration, accuracy: AccuracyVolume) -> Index:
+def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     """Numbers, in the circle, of the configurations of ``accuracy``: those within limits, (n,).
 
     Raises:

@@ -68,6 +68,10 @@ class Page:
     def __init__(self, module: ModuleType) -> None:
         self.module, self.said = module, ""
 
+    def run_all(self, found: list[Block]) -> None:
+        for block in found:
+            self.run(block)
+
     def run(self, block: Block) -> None:
         if block.mark in RUN_BY_CI:
             self.said = ""
@@ -220,10 +224,8 @@ def test_what_is_wrong_is_seen(
     found = blocks(PAGE.format(claim=claim, output=output, command=command))
     page = Page(ModuleType("documented"))
     if complaint is None:
-        for block in found:
-            page.run(block)
+        page.run_all(found)
         assert page.said == "a,b\n"
         return
     with pytest.raises((AssertionError, ZeroDivisionError), match=complaint):
-        for block in found:
-            page.run(block)
+        page.run_all(found)

@@ -11,8 +11,8 @@ from aacmm_pin.accuracy import AccuracyVolume
 from aacmm_pin.cards.card import details, html_of, paragraph, table
 from aacmm_pin.cells import spread
 from aacmm_pin.circle import Flexibility, sector_centres
-from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.monte_carlo import LengthUncertainty, PointUncertainty
+from aacmm_pin.postures_at_point import PosturesAtPoint
 from aacmm_pin.single_point import SinglePoint
 from aacmm_pin.summaries import map_table
 from aacmm_pin.units import DEG, MM, MM3, UM
@@ -23,7 +23,7 @@ SHOWN_SOURCES = 8
 
 
 @html_of.register
-def _circle(circle: ConfigurationCircle) -> str:
+def _circle(circle: PosturesAtPoint) -> str:
     return paragraph(str(circle)) + table(circle.summary().rename(columns=lambda name: str(name).replace("_", " ")))
 
 

@@ -3,49 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.configurations import ConfigurationCircle
+from aacmm_pin.postures_at_point import PosturesAtPoint
 
 NEXT = 3.0
 """The ends of a line that no one calls closed are joined where they are no farther apart than so many usual steps."""
-
-
-class Reached(Protocol):
-    """Configurations that reach a point, in order along their components: a circle, or what stands for it."""
-
-    @property
-    def arm(self) -> Arm:
-        """The arm."""
-
-    @property
-    def point(self) -> Array:
-        """The working point (3,) [m]."""
-
-    @property
-    def at(self) -> str:
-        """Name of the frame whose origin is there."""
-
-    @property
-    def q(self) -> Array:
-        """Configurations (n, nq) [rad]."""
-
-    @property
-    def component(self) -> NDArray[np.intp]:
-        """Number of the component of each, from 1 (n,)."""
-
-    @property
-    def broken(self) -> NDArray[np.bool_]:
-        """Which joints are outside their limits (n, nq)."""
-
-    @property
-    def within_limits(self) -> NDArray[np.bool_]:
-        """True where no limit is broken (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +27,7 @@ class Run:
     works: bool
 
 
-def path_of(circle: Reached) -> tuple[Array, str]:
+def path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
     """The point of the arm whose path shows the circle, (n, 3) [m], and its name.
 
     The elbow where the arm has one; else the origin of that joint that goes about most.
@@ -85,7 +51,7 @@ def _every(members: Index, step: int) -> Index:
     return members[:: max(1, min(step, len(members) // 3))]
 
 
-def runs(circle: Reached, members: Index, path: Array) -> list[Run]:
+def runs(circle: PosturesAtPoint, members: Index, path: Array) -> list[Run]:
     """The line through ``members`` of a circle, cut where it enters or leaves the limits."""
     found = []
     for number in np.unique(circle.component[members]):
@@ -100,7 +66,7 @@ def runs(circle: Reached, members: Index, path: Array) -> list[Run]:
     return found
 
 
-def _closed(circle: Reached, number: int, line: Array) -> bool:
+def _closed(circle: PosturesAtPoint, number: int, line: Array) -> bool:
     if isinstance(circle, ConfigurationCircle):
         return bool(circle.components.curves[number - 1].closed)
     if len(line) < 3:

@@ -25,7 +25,7 @@ from aacmm_pin.display.arm_scene import (
     placed_at,
     view_of,
 )
-from aacmm_pin.display.circle_path import Reached, path_of, runs, thinned
+from aacmm_pin.display.circle_path import path_of, runs, thinned
 from aacmm_pin.display.frames import ChangingMesh, Frames
 from aacmm_pin.display.legend import ColourBar, Legend, Swatch
 from aacmm_pin.display.meshes import ahead, flat, solid, tube
@@ -34,6 +34,7 @@ from aacmm_pin.display.stage import set_stage
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.pairing import paired
 from aacmm_pin.plots.style import BLUE, GREY, U_NAME, VERMILLION, VOLUME_COLOURS, VOLUME_LABEL
+from aacmm_pin.postures_at_point import PosturesAtPoint
 from aacmm_pin.units import DEG, MM3, UM
 
 Quantity = Literal["volume", "u"]
@@ -47,7 +48,7 @@ MOST_MESHES = 450_000
 
 
 def circle_scene(
-    circle: Reached,
+    circle: PosturesAtPoint,
     accuracy: AccuracyVolume | None = None,
     *,
     shape: Shape = "ellipsoid",
@@ -62,8 +63,7 @@ def circle_scene(
     within limits and grey outside; at the point stands the accuracy of the posture, magnified.
 
     Args:
-        circle: a :class:`aacmm_pin.ConfigurationCircle`, or another result with ``arm``, ``point``, ``at``, ``q``,
-            ``component``, ``broken`` and ``within_limits``.
+        circle: a :class:`aacmm_pin.ConfigurationCircle`, or the postures of another arm.
         accuracy: ``circle_accuracy(circle)``: of the configurations within limits.
         shape: ``ellipsoid``, the 95 % coverage ellipsoid, or ``zonotope``, all that bounded parameters can do together.
         quantity: what colours the path: accuracy ``volume``, or standard uncertainty ``u``.
@@ -115,12 +115,12 @@ def circle_scene(
     return scene
 
 
-def _place(circle: Reached) -> str:
+def _place(circle: PosturesAtPoint) -> str:
     what = {WRIST: "wrist", circle.arm.tip: "tip"}.get(circle.at, circle.at)
     return f"{what} at {place_text(circle.point)}"
 
 
-def _caption(circle: Reached) -> str:
+def _caption(circle: PosturesAtPoint) -> str:
     within, count = int(circle.within_limits.sum()), int(circle.component.max())
     return (
         f"{len(circle.q)} configurations on {count} component{'s' * (count > 1)} reach this point, "
@@ -136,7 +136,7 @@ def _fewer(most_frames: int, shown: AccuracySet) -> int:
     return max(3, min(most_frames, int(MOST_MESHES / ((12 * len(vertices) + 6 * len(faces)) * 4 / 3))))
 
 
-def _draw_ghosts(scene: Scene, bodies: Bodies, circle: Reached, inside: Index, ghosts: int) -> None:
+def _draw_ghosts(scene: Scene, bodies: Bodies, circle: PosturesAtPoint, inside: Index, ghosts: int) -> None:
     pool = inside if len(inside) else np.arange(len(circle.q))
     chosen = pool[np.unique(np.linspace(0, len(pool), ghosts, endpoint=False, dtype=np.intp))]
     for number, line in enumerate(bodies.corners(circle.q[chosen]), start=1):
@@ -144,7 +144,7 @@ def _draw_ghosts(scene: Scene, bodies: Bodies, circle: Reached, inside: Index, g
 
 
 def _colours(
-    circle: Reached, accuracy: AccuracyVolume | None, inside: Index, quantity: Quantity
+    circle: PosturesAtPoint, accuracy: AccuracyVolume | None, inside: Index, quantity: Quantity
 ) -> tuple[ColourBar | None, Array]:
     """The colour bar, and the colour of every configuration (n, 3) in [0, 1]."""
     colours = np.tile(to_rgb(GREY), (len(circle.q), 1))
@@ -157,7 +157,7 @@ def _colours(
     return bar, colours
 
 
-def _draw_path(scene: Scene, circle: Reached, path: Array, colours: Array, radius: float) -> None:
+def _draw_path(scene: Scene, circle: PosturesAtPoint, path: Array, colours: Array, radius: float) -> None:
     members = thinned(circle.component, np.arange(len(circle.q)), PATH_POINTS)
     for number, run in enumerate(runs(circle, members, path), start=1):
         if run.works:
@@ -186,12 +186,12 @@ def _accuracy_frames(
     return {}, [ChangingMesh("accuracy", meshes)]
 
 
-def _labels(circle: Reached, accuracy: AccuracyVolume | None) -> list[str]:
+def _labels(circle: PosturesAtPoint, accuracy: AccuracyVolume | None) -> list[str]:
     swivel = ["swivel angle"] if isinstance(circle, ConfigurationCircle) else []
     return ["component", *swivel, *angle_labels(circle.arm), "limits", *(["volume", "uncertainty u"] if accuracy else [])]
 
 
-def _readings(circle: Reached, accuracy: AccuracyVolume | None, members: Index, inside: Index) -> list[list[str]]:
+def _readings(circle: PosturesAtPoint, accuracy: AccuracyVolume | None, members: Index, inside: Index) -> list[list[str]]:
     numbers = np.full((len(circle.q), 2), np.nan)
     if accuracy is not None:
         numbers[inside] = np.column_stack([accuracy.volume / MM3, accuracy.u / UM])
@@ -209,7 +209,12 @@ def _readings(circle: Reached, accuracy: AccuracyVolume | None, members: Index, 
 
 
 def _legend(
-    circle: Reached, name: str, bar: ColourBar | None, shown: AccuracySet | None, stage: Sequence[Swatch], on_slider: str
+    circle: PosturesAtPoint,
+    name: str,
+    bar: ColourBar | None,
+    shown: AccuracySet | None,
+    stage: Sequence[Swatch],
+    on_slider: str,
 ) -> Legend:
     works, all_work = bool(circle.within_limits.any()), bool(circle.within_limits.all())
     swatches = [Swatch(BLUE, f"path of the {name}, within limits", "line")] if works and bar is None else []
@@ -226,7 +231,7 @@ def _legend(
     return Legend(swatches, [] if bar is None else [bar], notes)
 
 
-def _on_slider(circle: Reached, members: Index, eligible: Index) -> str:
+def _on_slider(circle: PosturesAtPoint, members: Index, eligible: Index) -> str:
     some = "" if len(members) == len(eligible) else f"{len(members)} of "
     which = " within limits" if circle.within_limits[members].all() else ""
     return f"The slider goes through {some}the {len(eligible)} configurations{which}, component by component."
