@@ -72,6 +72,7 @@ FLOORS = {
     "diagnosis_tables": 14,
     "report": 14,
     "calibration_page": 15,
+    "hidden_causes": 15,
     "diagnosis_page": 15,
     "demo": 15,
     "cli": 16,
