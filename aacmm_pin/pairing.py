@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
+from numpy.typing import NDArray
 
 from aacmm_pin.accuracy import AccuracyVolume
-from aacmm_pin.checks import Index
-from aacmm_pin.configurations import ConfigurationCircle
+from aacmm_pin.checks import Array, Index
 from aacmm_pin.errors import ShapeError
 
 
-def paired(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Index:
+class Enumeration(Protocol):
+    """Configurations of which some are within limits, such as a :class:`aacmm_pin.configurations.ConfigurationCircle`."""
+
+    @property
+    def q(self) -> Array:
+        """Configurations (n, nq) [rad]."""
+
+    @property
+    def within_limits(self) -> NDArray[np.bool_]:
+        """Which are within limits (n,)."""
+
+
+def paired(circle: Enumeration, accuracy: AccuracyVolume) -> Index:
     """Numbers, in the circle, of the configurations of ``accuracy``: those within limits, (n,).
 
     Raises:
@@ -20,7 +34,7 @@ def paired(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Index:
     wanted = "pass accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
     if len(accuracy.q) != len(inside):
         raise ShapeError(
-            f"accuracy has {len(accuracy.q)} configurations, expected the {len(inside)} of the circle's {len(circle)} "
+            f"accuracy has {len(accuracy.q)} configurations, expected the {len(inside)} of the circle's {len(circle.q)} "
             f"that are within limits: {wanted}"
         )
     if not np.array_equal(accuracy.q, circle.q[inside]):

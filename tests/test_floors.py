@@ -70,6 +70,7 @@ FLOORS = {
     "plots": 13,
     "summaries": 13,
     "diagnosis_tables": 14,
+    "display": 14,
     "report": 14,
     "calibration_page": 15,
     "hidden_causes": 15,
