@@ -68,7 +68,7 @@ def configurations(
 ) -> None:
     """Every configuration that reaches a point, as CSV."""
     with Results(force, output) as results:
-        circle = _circle(Arm.load(arm), point, tip, axis, count)
+        circle = circle_of(Arm.load(arm), point, tip, axis, count)
         note(str(circle))
         results.text(circle.to_frame().to_csv(index=False), output)
 
@@ -92,7 +92,7 @@ def accuracy(
     """How accurate the arm is at a point, in which posture, and why."""
     with Results(force, output, plot=plot, json_=json_) as results:
         model = ErrorModel.load(arm)
-        circle = _circle(model.arm, point, tip, axis, count)
+        circle = circle_of(model.arm, point, tip, axis, count)
         result = circle_accuracy(
             circle, model, method=_method(method), encoder_noise=encoder_noise_rad, rng=np.random.default_rng(seed)
         )
@@ -144,9 +144,14 @@ def map_(
         say(str(result))
 
 
-def _circle(
+def circle_of(
     arm: Arm, point: tuple[float, ...], tip: bool, axis: tuple[float, ...] | None, count: int
 ) -> ConfigurationCircle:
+    """The circle of a point in mm.
+
+    Raises:
+        AacmmError: no configuration reaches it.
+    """
     if tip != (axis is not None):
         raise typer.BadParameter("--tip and --axis go together")
     where = np.array(point) * MM

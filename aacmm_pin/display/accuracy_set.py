@@ -46,8 +46,7 @@ class AccuracySet:
             UnknownNameError: no such shape.
             AacmmError: ``zonotope`` without bounded parameters.
         """
-        if shape not in get_args(Shape):
-            raise UnknownNameError("shape", shape, list(get_args(Shape)))
+        shape_of(shape)
         longest = float(half_axes(accuracy.covariance).max() if shape == "ellipsoid" else accuracy.largest_deviation.max())
         return AccuracySet(accuracy, shape, round_down(SEEN * size / max(longest, 1e-12)), centre)
 
@@ -86,6 +85,19 @@ class AccuracySet:
         except QhullError:  # flat: no more than two directions
             thickness = THIN * float(np.abs(generators).max()) * np.eye(3)[None]
             return hull(zonotope.corners(np.concatenate([generators, thickness], axis=2))[0])
+
+
+def shape_of(name: str) -> Shape:
+    """The shape of that name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    shapes: tuple[Shape, ...] = get_args(Shape)
+    for shape in shapes:
+        if shape == name:
+            return shape
+    raise UnknownNameError("shape", name, list(shapes))
 
 
 def half_axes(covariance: Array) -> Array:

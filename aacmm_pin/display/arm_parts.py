@@ -108,15 +108,31 @@ class Bodies:
         scene[f"{path}/joint"].set_object(shape, solid(JOINT))
         scene[f"{path}/joint"].set_transform(placement)
 
+    @property
+    def foot(self) -> Array:
+        """Two points: where the foot ends and the arm begins, and the middle of the flange below (2, 3) [m].
+
+        The arm stands on the origin of the base where something leads from there to joint 1, else on a short post.
+        """
+        if self._shows(*self.lines[0][[0, -1]]):
+            return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        rotation, origin = (part[chain.axis(1), 0] for part in self.arm.chain.walk(np.zeros((1, self.arm.nq))))
+        down = -rotation[:, 2] * (np.sign(rotation[:, 2] @ self.arm.up) or 1.0)
+        return np.array([origin, origin + 4.2 * self.radius * down])
+
     def _draw_foot(self, scene: Scene, path: str) -> None:
-        """A flange below the first joint's axis."""
-        placement = self.arm.chain.walk(np.zeros((1, self.arm.nq)))
-        rotation, origin = (part[chain.axis(1), 0] for part in placement)
-        down = -rotation[:, 2] * np.sign(rotation[:, 2] @ self.arm.up or 1.0)
-        for name, start, end, radius in (("post", 0.0, 4.2, 1.5), ("flange", 4.2, 5.0, 3.4)):
-            shape, at = rod(origin + start * self.radius * down, origin + end * self.radius * down, radius * self.radius)
-            scene[f"{path}/{name}"].set_object(shape, solid(BASE))
-            scene[f"{path}/{name}"].set_transform(at)
+        top, bottom = self.foot
+        if not np.array_equal(top, bottom):
+            shape, at = rod(top, bottom, 1.5 * self.radius)
+            scene[f"{path}/post"].set_object(shape, solid(BASE))
+            scene[f"{path}/post"].set_transform(at)
+        shape, at = rod(bottom, bottom + 0.8 * self.radius * self._towards_ground(top, bottom), 3.4 * self.radius)
+        scene[f"{path}/flange"].set_object(shape, solid(BASE))
+        scene[f"{path}/flange"].set_transform(at)
+
+    def _towards_ground(self, top: Array, bottom: Array) -> Array:
+        way = bottom - top if (bottom != top).any() else self.lines[0][0] - self.lines[0][-1]
+        return np.asarray(way / np.linalg.norm(way))
 
     def _shows(self, start: Array, end: Array) -> bool:
         return float(np.linalg.norm(end - start)) > DRAWN * self.radius

@@ -22,10 +22,12 @@ from aacmm_pin.units import DEG, MM
 ARM_SWATCHES = (
     Swatch(TUBE, "tubes", "line"),
     Swatch(JOINT, "joints, drawn along their axes", "area"),
-    Swatch(STYLUS, "stylus", "line"),
+    Swatch(STYLUS, "last body, thinner towards the tip", "line"),
     Swatch(TIP, "tip"),
 )
 TO_SCALE = "Lengths are true to scale; tubes and joints are not as thick as drawn."
+ROOM = 3.4
+"""So many radii of a tube are seen beyond the arm's lines: its joints, its foot."""
 ANGLED = 35 * DEG
 """How far the camera stands beside the direction in which the arm reaches."""
 
@@ -55,7 +57,7 @@ def arm_scene(model: Arm | ErrorModel, q: ArrayLike) -> Scene:
         [[place_text(tip), *angle_texts(arm, row), broken_text(out)] for tip, row, out in zip(tips, q, broken, strict=True)],
         [GREY if out.any() else BLUE for out in broken],
     )
-    scene.view = view_of(arm, points, tips.mean(axis=0))
+    scene.view = view_of(bodies, points, tips.mean(axis=0))
     return scene
 
 
@@ -68,10 +70,17 @@ def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
     return placed
 
 
-def view_of(arm: Arm, points: Array, towards: Array) -> View:
+def view_of(bodies: Bodies, points: Array, towards: Array) -> View:
     """Past the place that the arm reaches for, and a little to its side, back to the base."""
     x, y, _ = towards
-    return View(points, float(np.arctan2(y, x)) + ANGLED)
+    return View(np.vstack([points, bodies.foot]), float(np.arctan2(y, x)) + ANGLED, room=ROOM * bodies.radius)
+
+
+def placed_at(points: Array) -> Array:
+    """Placements with their origins at ``points`` (n, 3) [m]: (n, 4, 4)."""
+    placements = np.tile(np.eye(4), (len(points), 1, 1))
+    placements[:, :3, 3] = points
+    return placements
 
 
 def place_text(point: Array) -> str:

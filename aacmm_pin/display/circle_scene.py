@@ -22,6 +22,7 @@ from aacmm_pin.display.arm_scene import (
     broken_text,
     moving,
     place_text,
+    placed_at,
     view_of,
 )
 from aacmm_pin.display.circle_path import Reached, path_of, runs, thinned
@@ -96,7 +97,7 @@ def circle_scene(
     bodies.draw(scene)
     _draw_ghosts(scene, bodies, circle, inside, ghosts)
     scene["point"].set_object(Sphere(0.75 * bodies.radius), ahead(VERMILLION))
-    scene["point"].set_transform(_at(circle.point))
+    scene["point"].set_transform(placed_at(circle.point[None])[0])
     bar, colours = _colours(circle, accuracy, inside, quantity)
     path, name = path_of(circle)
     _draw_path(scene, circle, path, colours, 0.4 * bodies.radius)
@@ -110,7 +111,7 @@ def circle_scene(
         meshes=meshes,
     )
     scene.legend = _legend(circle, name, bar, shown, set_stage(scene, points), _on_slider(circle, members, eligible))
-    scene.view = view_of(circle.arm, np.vstack([points, path]), circle.point)
+    scene.view = view_of(bodies, np.vstack([points, path]), circle.point)
     return scene
 
 
@@ -181,7 +182,7 @@ def _accuracy_frames(
     meshes = [None if row is None else shown.zonotope(row) for row in rows]
     vertices, faces = shown.zonotope(first)
     scene["accuracy"].set_object(TriangularMeshGeometry(vertices, faces), ahead(SET, 0.6))
-    scene["accuracy"].set_transform(_at(shown.centre))
+    scene["accuracy"].set_transform(placed_at(shown.centre[None])[0])
     return {}, [ChangingMesh("accuracy", meshes)]
 
 
@@ -229,9 +230,3 @@ def _on_slider(circle: Reached, members: Index, eligible: Index) -> str:
     some = "" if len(members) == len(eligible) else f"{len(members)} of "
     which = " within limits" if circle.within_limits[members].all() else ""
     return f"The slider goes through {some}the {len(eligible)} configurations{which}, component by component."
-
-
-def _at(point: Array) -> Array:
-    placement = np.eye(4)
-    placement[:3, 3] = point
-    return placement

@@ -23,7 +23,7 @@ class Swatch:
     """One colour and what it stands for.
 
     Attributes:
-        colour: as in CSS.
+        colour: a CSS background.
         text: what has it.
         mark: the shape in which it is shown.
     """

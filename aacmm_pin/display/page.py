@@ -111,7 +111,8 @@ def _rendered(content: Content, viewer: Markup, mode: Literal["whole", "live", "
         title=content.title,
         caption=content.caption,
         legend=content.legend,
-        moves=content.frames is not None,
+        reads=content.frames is not None,
+        moves=content.frames is not None and len(content.frames) > 1,
         viewer=viewer,
         drawing=Markup(_template("scene.js")),
         data=Markup(_json(_data(content, mode))),
@@ -120,11 +121,16 @@ def _rendered(content: Content, viewer: Markup, mode: Literal["whole", "live", "
 
 def _data(content: Content, mode: str) -> dict[str, Any]:
     view = content.view
+    look = (
+        None
+        if view is None
+        else {"points": view.outermost.tolist(), "direction": view.direction.tolist(), "room": view.room}
+    )
     return {
         "mode": mode,
         "commands": [] if mode == "live" else [base64.b64encode(command).decode("ascii") for command in content.commands],
         "frames": None if content.frames is None else content.frames.encoded(),
-        "view": None if view is None else {"points": view.outermost.tolist(), "direction": view.direction.tolist()},
+        "view": look,
     }
 
 

@@ -14,7 +14,7 @@ CELL = 0.1
 """Side of a cell of the grid [m]."""
 MOST_CELLS = 40
 """Cells along a side of the grid; where more would be needed, each is ten times as long."""
-AXIS = 0.07
+AXIS = 0.1
 """Length of the drawn axes, in sizes of the scene."""
 AXES = {"x": "#d62728", "y": "#2ca02c", "z": "#1f5fbf"}
 
@@ -31,9 +31,10 @@ def set_stage(scene: Scene, points: Array) -> list[Swatch]:
     scene["/Grid"].set_property("visible", False)
     cell = _draw_grid(scene, points)
     _draw_axes(scene, AXIS * float(np.ptp(points, axis=0).max()))
+    stripes = ", ".join(f"{colour} {33 * i}% {33 * (i + 1)}%" for i, colour in enumerate(AXES.values()))
     return [
         Swatch("#b4bac2", f"base plane z = 0, one cell {cell / MM:g} mm", "line"),
-        *(Swatch(colour, f"axis {name} of the base", "line") for name, colour in AXES.items()),
+        Swatch(f"linear-gradient(to right, {stripes})", "axes x, y, z of the base", "line"),
     ]
 
 

@@ -21,11 +21,13 @@ class View:
         points: (n, 3) [m], all of them inside the picture.
         azimuth: of the camera, from +x towards +y [rad].
         elevation: of the camera above the horizontal [rad].
+        room: so much is seen beyond the points, for what is thick [m].
     """
 
     points: Array
     azimuth: float
     elevation: float = 18 * DEG
+    room: float = 0.0
 
     @property
     def direction(self) -> Array:

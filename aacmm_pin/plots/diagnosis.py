@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array, Index
@@ -97,10 +98,10 @@ def plot_arm_residual_vectors(
         raise AacmmError(f"plane is {plane!r}, expected 'xy', 'xz' or 'yz'")
     fit, ax = models(result)[name], axes_of(ax, (6.0, 5.6))
     axes, factor = ["xyz".index(axis) for axis in plane], factor or _magnification(result, name)
-    used = _some(np.flatnonzero(result.extended.used))
+    used = some_of(np.flatnonzero(result.extended.used))
     deviation = off_stated(fit)[used] / MM
     target = fit.solution.point.prediction.tips[used] / MM - deviation
-    for posture in _postures(result.recalibrated):
+    for posture in postures_of(result.recalibrated):
         ax.plot(*posture[:, axes].T, "-", color=GREY, lw=3, alpha=0.45, solid_capstyle="round", zorder=1)
         ax.plot(*posture[:, axes].T, "o", color=GREY, ms=4, alpha=0.6, zorder=1)
     lines = np.stack([target, target + factor * deviation], axis=1)[:, :, axes]
@@ -116,7 +117,8 @@ def plot_arm_residual_vectors(
     return ax
 
 
-def _some(records: Index) -> Index:
+def some_of(records: Index) -> Index:
+    """At most ``MOST_VECTORS`` of the records, every so-manieth."""
     return records[:: -(-len(records) // MOST_VECTORS)] if len(records) else records
 
 
@@ -127,15 +129,18 @@ def off_stated(fit: Fit) -> Array:
 
 
 def _magnification(result: Diagnosis, name: str) -> float:
-    """With which the residuals of a model are nearly all shorter than a fixed part of the picture."""
-    fit, used = models(result)[name], result.extended.used
+    return magnification(models(result)[name], result.extended.used)
+
+
+def magnification(fit: Fit, used: NDArray[np.bool_]) -> float:
+    """With which the ``used`` residuals of a fit are nearly all shorter than a fixed part of the picture."""
     deviation = off_stated(fit)[used]
     target = fit.solution.point.prediction.tips[used] - deviation
     size = float(np.ptp(target, axis=0).max()) or 1.0
     return round_down(LONGEST * size / (float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12))
 
 
-def _postures(fit: Fit) -> Array:
+def postures_of(fit: Fit) -> Array:
     """The arm from foot to tip in postures whose tips are far apart, in the frame of the references (k, places, 3) [mm]."""
     tips = fit.solution.point.prediction.tips
     foot = fit.solution.point.frame.shift

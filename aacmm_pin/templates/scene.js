@@ -39,6 +39,7 @@
     const up = back.clone().cross(right);
     const high = 0.92 * Math.tan(FIELD * Math.PI / 360);
     const wide = high * viewer.camera.aspect;
+    const room = data.view.room;
     const target = new Vector();
     points.forEach((p) => target.addScaledVector(p, 1 / points.length));
     let distance = 0;
@@ -46,7 +47,7 @@
       distance = 0;
       for (const p of points) {
         const off = p.clone().sub(target);
-        distance = Math.max(distance, off.dot(back) + Math.max(Math.abs(off.dot(right)) / wide, Math.abs(off.dot(up)) / high));
+        distance = Math.max(distance, off.dot(back) + Math.max((Math.abs(off.dot(right)) + room) / wide, (Math.abs(off.dot(up)) + room) / high));
       }
       for (const axis of [right, up]) {
         const seen = points.map((p) => {
@@ -112,23 +113,24 @@
     current = ((frame % frames.count) + frames.count) % frames.count;
     moving.forEach((body) => place(body, current));
     frames.meshes.forEach((mesh) => reshape(mesh, current));
-    slider.value = String(current);
     const texts = frames.readings[current];
     readings.forEach((cell, i) => { cell.textContent = texts[i]; });
+    viewer.set_dirty();
+    if (!slider) return;
+    slider.value = String(current);
     slider.setAttribute("aria-valuetext", frames.labels.map((label, i) => `${label} ${texts[i]}`).join(", "));
     count.textContent = `${current + 1} of ${frames.count}`;
-    viewer.set_dirty();
   }
 
   // --- the slider, and play
-  const slider = document.getElementById("slider");
+  const slider = document.getElementById("slider"); // none where there is one frame
   const button = document.getElementById("play");
   const count = document.getElementById("count");
   const readings = [];
   let playing = false;
 
   function play(on) {
-    if (!frames || playing === on) return;
+    if (!slider || playing === on) return;
     playing = on;
     button.textContent = on ? "❚❚" : "▶";
     button.setAttribute("aria-label", on ? "pause" : "play");
@@ -153,6 +155,7 @@
       list.appendChild(document.createElement("dt")).textContent = label;
       readings.push(list.appendChild(document.createElement("dd")));
     }
+    if (!slider) return;
     slider.max = String(frames.count - 1);
     const stripes = frames.colours.map((colour, i) =>
       `${colour} ${100 * i / frames.count}% ${100 * (i + 1) / frames.count}%`);
