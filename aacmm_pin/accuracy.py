@@ -20,13 +20,13 @@ from aacmm_pin import zonotope
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, batch, vector
 from aacmm_pin.conditions import Conditions
-from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.dh import chunks
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.error_sources import ErrorSources
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.exact_volume import exact_volume
 from aacmm_pin.parameter import Scope
+from aacmm_pin.postures_at_point import PosturesAtPoint
 from aacmm_pin.units import DEG, MM
 
 Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
@@ -133,7 +133,7 @@ class AccuracyVolume:
 
 
 def circle_accuracy(
-    circle: ConfigurationCircle,
+    circle: PosturesAtPoint,
     model: Arm | ErrorModel | None = None,
     *,
     conditions: Conditions | None = None,

@@ -185,11 +185,11 @@ def all_curves(system: System, seeds: Array, problem: Index) -> list[Curve]:
         left[first] = False
         left[left] = ~on_curves(system, seeds[left], problem[left], new)
         seeds, problem = seeds[left], problem[left]
-        rounds.append(_without_known(system, new, rounds))
+        rounds.append(without_known(system, new, rounds))
     return sorted((curve for curves in rounds for curve in curves), key=lambda curve: curve.problem)
 
 
-def _without_known(system: System, new: list[Curve], rounds: list[list[Curve]]) -> list[Curve]:
+def without_known(system: System, new: list[Curve], rounds: list[list[Curve]]) -> list[Curve]:
     """The ``new`` curves without those found before: from a seed next to a crossing a known curve may not be recognised,
     but most of some vertices all round it are.
     """
