@@ -9,7 +9,7 @@ import pandas as pd
 
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis_findings import in_words, label_in_words, p_in_words, parameters_in_words, probability
-from aacmm_pin.effects import JointErrorCurve
+from aacmm_pin.effects import Effect, JointErrorCurve
 from aacmm_pin.plots.diagnosis import models
 from aacmm_pin.plots.groups import place_in_words
 from aacmm_pin.plots.partial import state_of
@@ -25,10 +25,15 @@ LOOK_ALIKES = 3
 """So many look-alikes of a cause are listed; the diagnosis has more."""
 
 
-def tip_motion(result: Diagnosis, finding: Finding) -> float:
+def motion_of(result: Diagnosis, effect: Effect) -> float:
     """RMS by which a cause moves the tip, or the stated place, over the used records [m]."""
-    moved = finding.effect.sensitivity(state_of(result.extended)) @ np.array(finding.effect.values)
+    moved = effect.sensitivity(state_of(result.extended)) @ np.array(effect.values)
     return float(np.sqrt(np.square(moved[result.extended.used]).sum(axis=1).mean()))
+
+
+def tip_motion(result: Diagnosis, finding: Finding) -> float:
+    """The same of a finding [m]."""
+    return motion_of(result, finding.effect)
 
 
 def ranking(result: Diagnosis) -> pd.DataFrame:

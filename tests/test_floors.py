@@ -87,6 +87,7 @@ FLOORS = {
     "calibration_page": 16,
     "cards": 16,
     "diagnosis_page": 16,
+    "hidden_causes": 16,
     "demo": 17,
     "cli": 18,
 }
