@@ -20,7 +20,19 @@ from aacmm_pin.calibration_findings import (
     readable_parameters,
     verdict,
 )
-from aacmm_pin.report import Bullets, Download, Paragraph, Part, Picture, Section, Table, blank_axes, render_report
+from aacmm_pin.display import calibration_scene
+from aacmm_pin.report import (
+    Bullets,
+    Download,
+    Paragraph,
+    Part,
+    Picture,
+    SceneView,
+    Section,
+    Table,
+    blank_axes,
+    render_report,
+)
 from aacmm_pin.units import MM
 
 MOST_ROWS = 50
@@ -114,6 +126,11 @@ def _residuals(result: Calibration) -> list[Part]:
             "Residual vectors in space, before and after",
             "Residuals in space, from each target towards the tip, seen along z. The two pictures are magnified by the "
             "factors in their titles, which differ; neighbours that point the same way show what the model still lacks.",
+        ),
+        SceneView(
+            calibration_scene(result),
+            "What is left, to turn: drag to look from elsewhere; the slider goes from the largest residual "
+            "to the smallest, with the arm as it stood.",
         ),
         Picture.of(
             plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, 0.3 - 2.5 * (-result.model.arm.nq // 3)))[0],

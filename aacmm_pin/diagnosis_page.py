@@ -28,11 +28,23 @@ from aacmm_pin.diagnosis_findings import (
     verdict_in_words,
 )
 from aacmm_pin.diagnosis_tables import look_alikes, ranking, residuals_table, tip_motion
+from aacmm_pin.display import diagnosis_scene
 from aacmm_pin.effects import EncoderSlip, SeatError
 from aacmm_pin.plots.diagnosis import shown_models
 from aacmm_pin.plots.groups import held_out_parts, place_in_words, residuals_by_group
 from aacmm_pin.plots.partial import is_constant, state_of
-from aacmm_pin.report import Bullets, Download, Paragraph, Part, Picture, Section, Table, blank_axes, render_report
+from aacmm_pin.report import (
+    Bullets,
+    Download,
+    Paragraph,
+    Part,
+    Picture,
+    SceneView,
+    Section,
+    Table,
+    blank_axes,
+    render_report,
+)
 from aacmm_pin.units import UM
 
 MOST_ROWS = 50
@@ -187,7 +199,12 @@ def _on_the_arm(result: Diagnosis) -> list[Part]:
             f"Residuals in space, from each stated place towards the tip: left {left}, right {right}; above in plan, below "
             "from the side; all magnified alike. Grey: the arm in some of its postures, joints as dots. Neighbours that "
             "point the same way show what a model lacks; noise points anywhere.",
-        )
+        ),
+        SceneView(
+            diagnosis_scene(result, shown_models(result)[0]),
+            f"The residuals of the {shown_models(result)[0]} arm to turn: drag to look from elsewhere; the slider goes from "
+            "the largest to the smallest, with the arm as it stood.",
+        ),
     ]
 
 

@@ -137,7 +137,10 @@ def _caption(judge: Fit, chosen: Index, off: Mapping[str, Array]) -> str:
     sizes = ", ".join(f"{which} {np.sqrt(np.mean(np.square(values))):.4f} mm" for which, values in off.items())
     excluded = int(judge.excluded.sum())
     without = f"; {excluded} excluded" if excluded else ""
-    return f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS of these: {sizes}."
+    return (
+        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance from the stated places, whose own "
+        f"noise is in it: {sizes}."
+    )
 
 
 def spikes(start: Array, end: Array, radius: float, colours: Array) -> tuple[Array, Index, Array]:
