@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import fcntl
 import io
 import json
 import os
@@ -98,6 +99,8 @@ class Page:
         said = self._ask("Page.navigate", url=url)
         if "errorText" in said:
             raise AssertionError(f"{url}: {said['errorText']}")
+        if "loaderId" not in said:  # another place of the same page
+            self._ask("Page.reload")
         self._until(lambda: "Page.loadEventFired" in self._events, f"{url} to load")
 
     def resize(self, size: tuple[int, int], *, touch: bool = False) -> None:
@@ -122,6 +125,12 @@ class Page:
         text = {"text": key} if len(key) == 1 else {}
         self._ask("Input.dispatchKeyEvent", type="keyDown", key=key, **text)
         self._ask("Input.dispatchKeyEvent", type="keyUp", key=key)
+
+    def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
+        """Press the mouse at one place and let it go at another."""
+        for kind, (x, y), held in (("mousePressed", start, 1), ("mouseMoved", end, 1), ("mouseReleased", end, 0)):
+            button = "none" if kind == "mouseMoved" else "left"
+            self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, buttons=held, clickCount=1)
 
     def screenshot(self, size: tuple[int, int] | None = None, path: Path | None = None) -> np.ndarray:
         """What is seen, as an array (height, width, 3) of bytes; written to ``path`` too where one is given."""
@@ -197,18 +206,11 @@ def _pipe() -> tuple[int, int]:
     """A pipe whose ends do not have the numbers 3 and 4."""
     ends = os.pipe()
     try:
-        read, write = (fcntl_dup(end) for end in ends)
+        read, write = (fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in ends)
     finally:
         for end in ends:
             os.close(end)
     return read, write
-
-
-def fcntl_dup(descriptor: int) -> int:
-    """A copy of a descriptor with a number from 10."""
-    import fcntl
-
-    return fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 10)
 
 
 @pytest.fixture(scope="module")
