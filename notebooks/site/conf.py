@@ -1,4 +1,4 @@
-"""The documentation: ``sphinx-build -W --keep-going notebooks/site out/site``. Nothing is read from the network."""
+"""The documentation: ``sphinx-build -W --keep-going notebooks/site out/site``; nothing is read from the network."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ extensions = [
 ]
 exclude_patterns = ["building"]
 nitpicky = True
+smartquotes = False  # of --tip they would make a dash
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3

@@ -5,15 +5,16 @@ from __future__ import annotations
 import inspect
 import re
 
-from aacmm_pin.conditions import COLUMNS
-from aacmm_pin.effects import CAUSES, Effect
+import numpy as np
 
-PLACES = {
-    "joint": "joint",
-    "link": "tube or body",
-    "seat": "seat",
-    "marker": "target",
-}
+from aacmm_pin import Arm
+from aacmm_pin.conditions import COLUMNS, Conditions
+from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.errors import MissingConditionError, UnsupportedArmError
+from aacmm_pin.state import State
+
+PLACES = {"joint": "joint", "link": "tube or body", "seat": "seat", "marker": "target"}
+OPTIONAL = {"link": "whole arm, or one body", "marker": "tip, or one target"}
 GEOMETRY = ("joint_zero_offset", "link_length", "joint_distance", "link_twist", "link_tilt", "joint_placement")
 EXAMPLE = {"joint": 1, "link": 3, "order": 3.0, "time_s": 60.0, "time_constant_s": 1800.0, "seat": "A"}
 EXAMPLE |= {"lower_rad": -3.0, "upper_rad": 3.0, "coefficients": 24}
@@ -26,24 +27,45 @@ def example(cause: type[Effect]) -> Effect:
 
 def causes_table() -> str:
     """Name, place, parameters, size, columns, look-alikes of every cause, as a Markdown table."""
-    head = "| cause | sits at | parameters | usual size | needs | looks like |\n|---|---|---|---|---|---|\n"
+    head = "| cause, and where it sits | parameters, and their usual size | needs | looks like |\n|---|---|---|---|\n"
     return head + "\n".join(f"| {' | '.join(_row(cause))} |" for cause in CAUSES.values())
 
 
 def _row(cause: type[Effect]) -> list[str]:
     effect = example(cause)
-    place = next((words for name, words in PLACES.items() if name in cause.structure()), "whole arm")
     inner = [f"`{name}`" for name in cause.structure() if name not in PLACES and name not in ("bodies", "torque")]
     keys = [f"`{key}`" for key in effect.described()]
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
+    which = f"; which one: {', '.join(inner)}" if inner else ""
     return [
-        f"{{py:class}}`{cause.cause} <aacmm_pin.effects.{cause.__name__}>`",
-        "row" if cause.cause in GEOMETRY else place,
-        ", ".join([*shown, *(f"({name})" for name in inner)]),
-        _size(effect),
-        ", ".join(f"`{COLUMNS[name]}`" for name in effect.needs) or "–",
+        f"{{py:class}}`{cause.cause} <aacmm_pin.effects.{cause.__name__}>` ({_place(cause)})",
+        f"{', '.join(shown)}: {_size(effect)}{which}",
+        _needs(effect),
         _alike(cause),
     ]
+
+
+def _place(cause: type[Effect]) -> str:
+    name = next((name for name in PLACES if name in cause.structure()), None)
+    if name is None:
+        return "whole arm"
+    if cause.cause in GEOMETRY:
+        return "row"
+    return OPTIONAL[name] if getattr(cause, name, "") is None else PLACES[name]
+
+
+def _needs(effect: Effect) -> str:
+    """Columns of the measurement file; and what an arm file without masses and stylus lacks."""
+    columns = [f"`{COLUMNS[name]}`" for name in effect.needs]
+    arm = Arm.load("zero6")
+    assert arm.masses is None
+    try:
+        effect.displacements(State(arm, np.zeros((1, arm.nq)), Conditions(1), arm.chain.tip))
+    except UnsupportedArmError as error:
+        columns.append("stylus axis in the arm file" if "stylus" in str(error) else "masses in the arm file")
+    except MissingConditionError:
+        pass
+    return ", ".join(columns) or "–"
 
 
 def _size(effect: Effect) -> str:

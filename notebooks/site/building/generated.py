@@ -16,35 +16,47 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
+from aacmm_pin.effects import CAUSES, Effect
 from building import pictures
 from building.causes import causes_table
 
 MARK = re.compile(r"<!-- generated: (\S+)(?: (.*?))? -->")
 PICTURE = re.compile(r"\(picture:([\w.]+)\)")
-ELSEWHERE = ("Effect",)
-"""Names of the package that have a page of their own."""
+INHERITED = ", ".join(sorted({*dir(Effect), "component", "flexibility", "place", "turns"}))
+"""What all causes have; it is shown once, at their base."""
 
 
 def api(module: str) -> str:
     """Everything public in a module; nothing where this version has no such module."""
     if importlib.util.find_spec(module) is None:
         return f"(`{module}` is not part of this version.)"
-    options = [
-        "members:",
-        "imported-members:",
-        *([f"exclude-members: {', '.join(ELSEWHERE)}"] if module == "aacmm_pin" else []),
-    ]
-    return "\n".join(["```{eval-rst}", f".. automodule:: {module}", *(f"   :{option}" for option in options), "```"])
+    options = ["members:", "imported-members:", *(["exclude-members: Effect"] if module == "aacmm_pin" else [])]
+    return _restructured(f".. automodule:: {module}", *(f"   :{option}" for option in options))
+
+
+def effects() -> str:
+    """The base of all causes with all that it has, then each cause with what only it has."""
+    lines = [".. currentmodule:: aacmm_pin.effects", "", ".. autofunction:: register", ""]
+    for name in ("Effect", "Term", "Displacement"):
+        lines += [f".. autoclass:: {name}", "   :members:", ""]
+    for cause in CAUSES.values():
+        lines += [f".. autoclass:: {cause.__name__}", "   :members:", f"   :exclude-members: {INHERITED}", ""]
+    return _restructured(*lines)
+
+
+def _restructured(*lines: str) -> str:
+    return "\n".join(["```{eval-rst}", *lines, "```"])
 
 
 def commands() -> str:
-    """What typer itself writes about the command, the title left out."""
+    """What typer itself writes about the command, without the title; the list of commands with their whole sentences."""
     words = [sys.executable, "-m", "typer", "aacmm_pin.cli", "utils", "docs", "--name", "aacmm-pin"]
-    done = subprocess.run(words, capture_output=True, text=True, check=True)
-    return done.stdout.partition("\n")[2]
+    text = subprocess.run(words, capture_output=True, text=True, check=True).stdout.partition("\n")[2]
+    sentences = dict(re.findall(r"^## `aacmm-pin (\S+)`\n\n(.+)$", text, re.MULTILINE))
+    return re.sub(r"^\* `(\w+)`: .+$", lambda line: f"* `{line[1]}`: {sentences[line[1]]}", text, flags=re.MULTILINE)
 
 
-GENERATED: dict[str, Callable[..., str]] = {"api": api, "commands": commands, "causes": causes_table}
+GENERATED: dict[str, Callable[..., str]] = {"api": api, "effects": effects, "commands": commands, "causes": causes_table}
 
 
 def _read(app: Sphinx, docname: str, content: list[str]) -> None:
