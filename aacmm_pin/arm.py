@@ -18,6 +18,7 @@ from aacmm_pin.dh import DHTable
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.parameter import Parameter
 from aacmm_pin.poses import Poses
+from aacmm_pin.read_urdf import read_urdf
 from aacmm_pin.shown import Shown
 from aacmm_pin.urdf import urdf_text
 
@@ -97,10 +98,12 @@ class Arm(Shown):
     def from_urdf(
         path: str | Path, frame: str, *, translation_half_width: float = 0.0, rotation_half_width: float = 0.0
     ) -> Arm:
-        """Any fixed-base arm with revolute or prismatic joints, by its URDF.
+        """Any fixed-base arm with revolute, continuous or prismatic joints, by its URDF.
 
-        Its parameters are the six components of every joint placement (three shifts, three turns about the axes of the
-        placement), each known within ± the half-width.
+        A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle. Joints that do not carry
+        ``frame`` (a gripper's fingers) are locked at zero; a joint that carries it moves by itself, also where it mimics
+        another. The parameters are the six components of every joint placement (three shifts, three turns about the axes of
+        the placement), each known within ± the half-width.
 
         Args:
             path: URDF file; meshes are not needed.
@@ -110,13 +113,12 @@ class Arm(Shown):
 
         Raises:
             AacmmError: the file cannot be read or is not URDF.
-            UnsupportedArmError: a joint takes more than one number (``continuous``, planar, floating).
+            UnsupportedArmError: a joint takes more than one number (planar, floating).
             UnknownNameError: no such frame; lists the frames.
         """
-        if not Path(path).is_file():
-            raise AacmmError(f"{path}: no such file")
+        text = read_urdf(path)
         try:
-            model = pin.buildModelFromUrdf(str(path))
+            model = pin.buildModelFromXML(text)
         except (ValueError, RuntimeError) as error:
             raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
         return Arm.from_model(
@@ -376,7 +378,10 @@ def _serial_part(model: Any, frame: str) -> Any:
         chain.append(joint)
         joint = model.parents[joint]
     others = [j for j in range(1, model.njoints) if j not in chain]
-    model = pin.buildReducedModel(model, others, pin.neutral(model)) if others else model.copy()
+    model = model.copy()
+    if others:
+        _rename(model, others)
+        model = pin.buildReducedModel(model, others, pin.neutral(model))
     wide = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq != 1 or model.joints[j].nv != 1]
     if wide:
         raise UnsupportedArmError(
@@ -385,6 +390,15 @@ def _serial_part(model: Any, frame: str) -> Any:
     if model.njoints < 2:
         raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
     return model
+
+
+def _rename(model: Any, joints: list[int]) -> None:
+    """Give joints whose name a link has too another one: Pinocchio looks for the frames of locked joints by name alone."""
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for joint in joints:
+        if model.names[joint] in links:
+            frame = next(f for f in model.frames if f.name == model.names[joint] and f.type == pin.FrameType.JOINT)
+            frame.name = model.names[joint] = f"joint {frame.name}"
 
 
 def _chain_of_model(model: Any, tip: str) -> Chain:

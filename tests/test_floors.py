@@ -37,6 +37,7 @@ FLOORS = {
     "zonotope": 3,
     "even_spacing": 4,
     "pose_conditions": 4,
+    "read_urdf": 4,
     "poses": 4,
     "reaching": 4,
     "urdf": 4,

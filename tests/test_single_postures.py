@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
+from by_newton import by_newton, distances
 
 from aacmm_pin import reaching_postures
 from aacmm_pin.arm import Arm
@@ -92,12 +93,6 @@ def by_hand(file: Path) -> ByHand:
     return ByHand(file)
 
 
-def distances(one: Array, other: Array) -> Array:
-    """Largest difference of any angle, modulo full turns, between rows of ``one`` and of ``other``."""
-    gap = one[:, None] - other[None]
-    return np.abs((gap + np.pi) % (2 * np.pi) - np.pi).max(axis=2)
-
-
 def assert_same(found: Array, expected: Array) -> None:
     assert len(found) == len(expected)
     if len(found):
@@ -108,26 +103,6 @@ def assert_same(found: Array, expected: Array) -> None:
 
 def at(arm: Arm, pose: Array, **options: Any) -> ReachingPostures:
     return reaching_postures(arm, pose[:3, 3], rotation=pose[:3, :3], **options)
-
-
-def by_pinocchio(arm: Arm, pose: Array, starts: Array) -> Array:
-    """Solutions of Newton's method on log6 in Pinocchio, from ``starts`` (m, nq), those that arrive."""
-    data, frame = arm.model.createData(), arm.model.getFrameId(arm.tip, pin.FrameType.BODY)
-    goal, found = pin.SE3(pose[:3, :3], pose[:3, 3]), []
-    for start in starts:
-        q = start.copy()
-        for _ in range(60):
-            pin.framesForwardKinematics(arm.model, data, q)
-            off = data.oMf[frame].actInv(goal)
-            error = pin.log6(off).vector
-            if np.linalg.norm(error) < 1e-11:
-                found.append(q)
-                break
-            jacobian = pin.Jlog6(off.inverse()) @ pin.computeFrameJacobian(arm.model, data, q, frame, pin.LOCAL)
-            damping = 1e-8 * error @ error
-            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(6), error)
-            q += step * min(1.0, 0.8 / np.linalg.norm(step))
-    return np.array(found).reshape(-1, arm.nq)
 
 
 # --- UR5
@@ -208,7 +183,7 @@ def test_newton_by_pinocchio_finds_nothing_more(ur5: Arm, sino6: Arm, rng: np.ra
         for q in rng.uniform(-np.pi, np.pi, (2, 1, 6)):
             pose = arm.poses(q).placement[0]
             found = at(arm, pose)
-            brute = by_pinocchio(arm, pose, rng.uniform(-np.pi, np.pi, (800, 6)))
+            brute = by_newton(arm, pose, rng.uniform(-np.pi, np.pi, (800, 6)))
             assert len(brute) > 200
             assert distances(brute, found.q).min(axis=1).max() < SAME
 

@@ -138,8 +138,8 @@ def _caption(judge: Fit, chosen: Index, off: Mapping[str, Array]) -> str:
     excluded = int(judge.excluded.sum())
     without = f"; {excluded} excluded" if excluded else ""
     return (
-        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance from the stated places, whose own "
-        f"noise is in it: {sizes}."
+        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance from the stated places, whose "
+        f"own noise is in it: {sizes}."
     )
 
 
