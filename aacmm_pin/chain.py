@@ -130,7 +130,10 @@ class Chain:
                 where = where + q[:, joint, None] * turned[:, :, 2]
             elif joint >= 0:
                 turned = _about_z(turned, cosine[:, joint, None], sine[:, joint, None])
-            if place in left:
+            if place in left and not left[place][:, :5].any():  # as an encoder's error: a third of the work
+                turn = left[place][:, 5:]
+                turned = _about_z(turned, np.cos(turn), np.sin(turn))
+            elif place in left:
                 step, shift = exp(left[place])
                 where = where + (turned @ shift[:, :, None])[:, :, 0]
                 turned = turned @ step

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: each worker has one core, and matrices are small
 
 import numpy as np
 import pytest
@@ -29,6 +32,12 @@ def browser() -> Iterator[Page]:
     """A browser for the tests of one module."""
     with Page() as page:
         yield page
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """No workers for benchmarks, which want the machine for themselves; else as many as there are cores."""
+    return 0 if config.getoption("benchmark_only") else None
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -143,9 +143,13 @@ def test_twists_of_many_places_are_the_table_with_all_values_changed(arm_file: A
     same(arm.chain.walk(q, twists)[1][arm.chain.tip], dh.positions(q, errors=errors))
 
 
-def test_a_twist_acts_behind_its_place_and_on_all_beyond(robot: Arm, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("components", [range(6), (5,), (2, 5)], ids=["any", "turn about z", "screw along z"])
+def test_a_twist_acts_behind_its_place_and_on_all_beyond(
+    components: Sequence[int], robot: Arm, rng: np.random.Generator
+) -> None:
     q = postures(robot, rng, 5)
-    plain, twist = frames(robot, q), rng.normal(scale=0.3, size=(5, 6))
+    plain, twist = frames(robot, q), np.zeros((5, 6))
+    twist[:, list(components)] = rng.normal(scale=0.3, size=(5, len(components)))
     motion = np.stack([expm(generator(each)) for each in twist])
     for place in range(robot.chain.places):
         bent = frames(robot, q, {place: twist})

@@ -414,6 +414,7 @@ def test_records_that_cannot_belong_are_listed(folder: Path, tmp_path: Path) -> 
     assert f"row 5 ({table.loc[3, 'seat']}): " in out
 
 
+@pytest.mark.usefixtures("extended")
 def test_noise_that_nobody_states_is_found_and_said(folder: Path, tmp_path: Path) -> None:
     table = Measurements.read(folder / "warm.csv").to_frame().drop(columns=["u_x_mm", "u_y_mm", "u_z_mm"])
     table.to_csv(tmp_path / "d.csv", index=False)

@@ -272,6 +272,43 @@ def log_bayes_factor(
     return float(np.logaddexp.reduce(each) - np.log(len(each)) - base)
 
 
+@pytest.mark.parametrize("left_out", [(), (1,)])
+@pytest.mark.parametrize("taken_out", [0, 1, 2])
+def test_evidence_without_one_of_the_admitted(case: Case, taken_out: int, left_out: tuple[int, ...]) -> None:
+    """As marginal likelihoods beside the others alone, the block that was taken out among the candidates."""
+    choice, question, variance = case.choice, case.choice.question, 1.7
+    admitted = (5, 17, len(question.blocks) - 1)
+    gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
+    found = Conditional(gram, question.blocks, question.nuisances, admitted, variance).evidences_without(admitted[taken_out])
+    rest = [k for k in admitted if k != admitted[taken_out]]
+    slices = [question.blocks[k].columns for k in rest]
+    all_rows = dense(case, choice.parts, left_out)
+    rows, _ = beside(all_rows, question.nuisances, slices)
+    data = all_rows[: len(all_rows) - question.nuisances]
+    for k in sorted({*some_blocks(choice), *admitted}):
+        if k in rest:
+            assert found[k] == -np.inf
+            continue
+        wanted = log_bayes_factor(data, question.nuisances, rows, slices, question.blocks[k].columns, variance)
+        assert found[k] == pytest.approx(wanted, abs=1e-4)
+
+
+def test_evidence_of_all_admitted_together(case: Case) -> None:
+    """Bayes factors of marginal likelihoods, each beside the blocks before it, add up."""
+    choice, question, variance = case.choice, case.choice.question, 1.7
+    admitted = (5, 17, len(question.blocks) - 1)
+    gram = Gram(products_of(choice.design, choice.parts))
+    all_rows = dense(case, choice.parts)
+    data = all_rows[: len(all_rows) - question.nuisances]
+    wanted = 0.0
+    for count, k in enumerate(admitted):
+        before = [question.blocks[j].columns for j in admitted[:count]]
+        rows, _ = beside(all_rows, question.nuisances, before)
+        wanted += log_bayes_factor(data, question.nuisances, rows, before, question.blocks[k].columns, variance)
+    found = Conditional(gram, question.blocks, question.nuisances, admitted, variance).of_admitted()
+    assert found == pytest.approx(wanted, abs=1e-4)
+
+
 def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
     choice, question = case.choice, case.choice.question
     left = Conditional(choice.held, question.blocks, question.nuisances, ())

@@ -258,9 +258,7 @@ def test_a_live_scene_draws_and_changes(page: Page) -> None:
     scene = circle_scene()
     with scene.show(browser=False) as server:
         opened(page, server.url)
-        page.wait_for(
-            "page.viewer.scene_tree.children.meshcat !== undefined && 'accuracy' in page.viewer.scene_tree.children.meshcat.children"
-        )
+        page.wait_for("'accuracy' in (page.viewer.scene_tree.children.meshcat?.children ?? {})")
         page.evaluate("page.show(7)")
         frames = scene.frames
         assert frames is not None

@@ -1,4 +1,4 @@
-"""The server of a live scene: on loopback only, for this computer's own pages only, gone when it is closed; and the command."""
+"""The server of a live scene: on loopback only, for this computer's pages only, gone when it is closed; and the command."""
 
 from __future__ import annotations
 

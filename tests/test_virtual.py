@@ -452,9 +452,9 @@ def test_a_file_of_them_can_be_read(sino6: Arm, tmp_path: Path, options: dict[st
 
 def test_seats_are_quick(warped: ErrorModel) -> None:
     model = warped.with_effects(JointCompliance(joint=2, values=(2e-5,)))
-    start = time.perf_counter()
+    start = time.process_time()  # other work on the machine does not count
     simulated(model, plan="seats")
-    assert time.perf_counter() - start < 3.0
+    assert time.process_time() - start < 3.0
 
 
 # --- what cannot be done

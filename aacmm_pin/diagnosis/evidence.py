@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
 
-from aacmm_pin.checks import Array
+from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.design import Block
 from aacmm_pin.diagnosis.products import Gram
+from aacmm_pin.diagnosis.projection import Projection
 
 MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0, 10.0])
 """Standard deviations of a cause's parameters that its evidence averages over, in units of the typical magnitude."""
-ADMITTED = 10.0
-"""Parameters of an admitted cause are free within so many typical magnitudes …"""
-SMOOTH = 2.0
-"""… and where they are many, the coefficients of something smooth, within so many: some may be told by few records."""
-MANY = 8
-"""From so many parameters on."""
-
-
-def freedom(parameters: int) -> float:
-    """Within how many typical magnitudes each parameter of an admitted cause is free."""
-    return ADMITTED if parameters < MANY else SMOOTH
-
-
-ROUNDING = 1e-14
-"""Inner products are no more certain than this part of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +29,7 @@ class Conditional:
         nuisances: number of nuisance columns.
         admitted: numbers of the admitted blocks.
         variance: factor by which the records scatter more than their noise.
+        known: the projection, where that has been worked out.
     """
 
     gram: Gram
@@ -51,83 +37,58 @@ class Conditional:
     nuisances: int
     admitted: tuple[int, ...]
     variance: float = 1.0
+    known: Projection | None = None
 
     @cached_property
-    def refitted(self) -> Array:
+    def projection(self) -> Projection:
+        """The same without the variance factor."""
+        return self.known or Projection(self.gram, self.blocks, self.nuisances, self.admitted)
+
+    def scattering(self, variance: float) -> Conditional:
+        """The same with another variance factor."""
+        return replace(self, variance=variance, known=self.projection)
+
+    @property
+    def refitted(self) -> Index:
         """Numbers of the columns that are refitted."""
-        return np.concatenate([np.arange(s.start, s.stop) for s in self._slices])
-
-    @cached_property
-    def _slices(self) -> list[slice]:
-        return [slice(0, self.nuisances), *(self.blocks[k].columns for k in self.admitted)]
-
-    @cached_property
-    def _strips(self) -> Array:
-        """Products of what is refitted with all columns (refitted, columns + 1)."""
-        return np.concatenate([self.gram.strip(s) for s in self._slices])
-
-    @cached_property
-    def _factor(self) -> Array:
-        # A frame without a prior is many metres wide: the rounding of its products may be more than what is known of others.
-        every = [np.diag(self.gram.products.strip(None, s)[:, s]) for s in self._slices]
-        inside = self._strips[:, self.refitted] + np.diag(self._prior + ROUNDING * np.concatenate(every))
-        return np.asarray(np.linalg.cholesky(inside))
-
-    @cached_property
-    def _prior(self) -> Array:
-        """What is added to the information of the refitted columns; that of the nuisances has theirs already."""
-        sizes = [self.blocks[k].size for k in self.admitted]
-        own = [np.full(size, 1.0 / freedom(size) ** 2) for size in sizes]
-        return np.concatenate([np.full(self.nuisances, 1e-9), *own])
-
-    @cached_property
-    def _whitened(self) -> Array:
-        """``L⁻¹ G``: (refitted, columns + 1)."""
-        return np.asarray(solve_triangular(self._factor, self._strips, lower=True, check_finite=False))
+        return self.projection.refitted
 
     @cached_property
     def gradient(self) -> Array:
         """Of every column (columns,)."""
-        white = self._whitened
-        return np.asarray((self.gram.residual[:-1] - white[:, :-1].T @ white[:, -1]) / self.variance)
+        return self.projection.gradient(slice(None))[:-1] / self.variance
 
     def gradients(self, products: Array) -> Array:
         """The same for other residuals, given by their products with all columns (columns, draws)."""
-        white = solve_triangular(self._factor, products[self.refitted], lower=True, check_finite=False)
-        return np.asarray((products - self._whitened[:, :-1].T @ white) / self.variance)
+        white = self.projection.of(products)
+        return np.asarray((products - self.projection.whitened()[:, :-1].T @ white) / self.variance)
 
-    @cached_property
+    @property
     def chi2(self) -> float:
         """What is left of χ², prior rows included."""
-        return float(self.gram.residual[-1] - self._whitened[:, -1] @ self._whitened[:, -1])
+        return self.projection.chi2
 
-    @cached_property
+    @property
     def determined(self) -> float:
         """How many of the refitted parameters the records, apart from priors, determine."""
-        inverse = np.diag(self.covariance) / self.variance
-        prior = np.concatenate([np.ones(self.nuisances), self._prior[self.nuisances :]])
-        return float(self.refitted.size - np.sum(inverse * prior))
+        return self.projection.determined
 
-    @cached_property
+    @property
     def covariance(self) -> Array:
         """Covariance of the refitted columns, in units of the design's scales (refitted, refitted)."""
-        return np.asarray(self.variance * cho_solve((self._factor, True), np.eye(self.refitted.size), check_finite=False))
+        return self.variance * self.projection.covariance
 
     def solution(self) -> Array:
         """Best step of the refitted columns, in units of the design's scales."""
-        right = self._whitened[:, -1]
-        return np.asarray(-solve_triangular(self._factor.T, right, lower=False, check_finite=False))
+        return self.projection.solution()
 
     def information(self, block: Block) -> Array:
         """Inner products of a block's columns when what is refitted is at its best (q, q)."""
-        white = self._whitened[:, block.columns]
-        return np.asarray((self.gram.inside(block) - white.T @ white) / self.variance)
+        return self.projection.information(block) / self.variance
 
     def cross(self, one: Block, other: Block) -> Array:
         """The same of the columns of two blocks (q, q')."""
-        white = self._whitened
-        left = self.gram.strip(one.columns)[:, other.columns] - white[:, one.columns].T @ white[:, other.columns]
-        return np.asarray(left / self.variance)
+        return self.projection.cross(one, other) / self.variance
 
     def whole(self, block: Block) -> Array:
         """Inner products of a block's columns as they are, nothing refitted (q, q)."""
@@ -137,23 +98,39 @@ class Conditional:
     def evidences(self) -> Array:
         """Log Bayes factor of each block against leaving it out; minus infinity for the admitted (blocks,)."""
         found = np.full(len(self.blocks), -np.inf)
-        sizes = np.array([b.size for b in self.blocks])
-        for size in np.unique(sizes):
-            found[sizes == size] = self._evidences_of(int(size))
+        for size, own in self._sizes():
+            columns = self.gram.products.columns_of_size(size)
+            found[own] = evidence_of(self.projection.informations(size) / self.variance, self.gradient[columns])
         found[list(self.admitted)] = -np.inf
         return found
+
+    def evidences_without(self, block: int) -> Array:
+        """The same with one of the admitted blocks taken out, by the variance that is left with it (blocks,)."""
+        rows = self.projection.rows_of(block)
+        gradient = self.gradient + rows[:, :-1].T @ rows[:, -1] / self.variance
+        found = np.full(len(self.blocks), -np.inf)
+        for size, own in self._sizes():
+            columns = self.gram.products.columns_of_size(size)
+            information = self.projection.informations_without(rows, size) / self.variance
+            found[own] = evidence_of(information, gradient[columns])
+        found[[k for k in self.admitted if k != block]] = -np.inf
+        return found
+
+    def _sizes(self) -> list[tuple[int, Index]]:
+        """Every size, and the blocks that have it."""
+        sizes = np.array([b.size for b in self.blocks])
+        return [(int(size), np.flatnonzero(sizes == size)) for size in np.unique(sizes)]
 
     def evidence(self, block: int) -> float:
         """The same of one block."""
         b = self.blocks[block]
-        return float(evidence_of(self.information(b)[None], self.gradient[b.columns][None])[0])
+        gradient = self.projection.gradient(b.columns) / self.variance
+        return float(evidence_of(self.information(b)[None], gradient[None])[0])
 
-    def _evidences_of(self, size: int) -> Array:
-        """Of all blocks of one size."""
-        columns = self.gram.products.columns_of_size(size)
-        white = self._whitened[:, columns].transpose(1, 0, 2)  # (blocks, refitted, q)
-        information = (self.gram.insides(size) - white.transpose(0, 2, 1) @ white) / self.variance
-        return evidence_of(information, self.gradient[columns])
+    def of_admitted(self) -> float:
+        """Log Bayes factor of all admitted blocks together against none: of each beside those before it, added up."""
+        each = self.projection.one_by_one()
+        return sum(float(evidence_of(s[None] / self.variance, g[None] / self.variance)[0]) for s, g in each)
 
 
 def evidence_of(information: Array, gradient: Array) -> Array:

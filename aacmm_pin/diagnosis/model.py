@@ -16,9 +16,9 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design import Design, design_of
-from aacmm_pin.diagnosis.evidence import freedom
 from aacmm_pin.diagnosis.library import PER_COEFFICIENT, Candidate
 from aacmm_pin.diagnosis.products import Gram, products_of
+from aacmm_pin.diagnosis.projection import freedom
 from aacmm_pin.diagnosis.search import Question, conditional, search
 from aacmm_pin.effects import Effect, EncoderSlip, JointErrorCurve, JointPeriodicError, ZeroDrift
 from aacmm_pin.progress import bar

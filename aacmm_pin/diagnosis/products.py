@@ -117,11 +117,11 @@ class Gram:
         """Rows less the unknown points that were projected out."""
         return sum(self.products.parts[k].free for k in self.parts)
 
-    def strip(self, columns: slice) -> Array:
-        """Products of some columns with all, and with the residual (q, columns + 1)."""
-        total = self.products.strip(None, columns)
+    def strip(self, columns: slice, others: slice | Index = slice(None)) -> Array:
+        """Products of some columns with others, or with all and with the residual (q, columns + 1)."""
+        total = self.products.strip(None, columns)[:, others]
         for part in self.left_out:
-            total = total - self.products.strip(part, columns)
+            total = total - self.products.strip(part, columns)[:, others]
         return total
 
     @property

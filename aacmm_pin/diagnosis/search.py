@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -92,7 +92,7 @@ def conditional(question: Question, gram: Gram, admitted: tuple[int, ...]) -> Co
     scatters = ratio > 1.0 and chi2.sf(bare.chi2, dof) < SCATTER
     if question.stated and not scatters:
         return bare
-    return replace(bare, variance=max(ratio, 1.0) if question.stated else ratio)
+    return bare.scattering(max(ratio, 1.0) if question.stated else ratio)
 
 
 def search(question: Question, gram: Gram, start: tuple[int, ...] = ()) -> tuple[int, ...]:
@@ -134,16 +134,20 @@ class _Search:
             seen.add(admitted)
         return admitted
 
-    def odds(self, rest: tuple[int, ...], whole: tuple[int, ...] | None = None) -> tuple[Array, list[int]]:
-        """Log odds of each candidate beside ``rest``, those in it struck out, and the best variant of each.
+    def odds(self, admitted: tuple[int, ...]) -> tuple[Array, list[int]]:
+        """Log odds of each candidate beside the admitted, these struck out, and the best variant of each."""
+        return self._odds(admitted, self.left(admitted).evidences)
 
-        With the variance that is left beside ``whole``, where a cause is looked back at: by what is unexplained without it
-        all others would look alike.
+    def odds_instead(self, whole: tuple[int, ...], block: int) -> tuple[Array, list[int]]:
+        """The same of all in the place of one of the admitted.
+
+        With the variance that is left beside all of them: by what is unexplained without the one that is looked back at all
+        others would look alike.
         """
-        question, left = self.question, self.left(rest)
-        variance = left.variance if whole is None else self.left(whole).variance
-        evidences = left.evidences if left.variance == variance else replace(left, variance=variance).evidences
-        out = question.struck_out(rest)
+        return self._odds(_without(whole, block), self.left(whole).evidences_without(block))
+
+    def _odds(self, admitted: tuple[int, ...], evidences: Array) -> tuple[Array, list[int]]:
+        question, out = self.question, self.question.struck_out(admitted)
         evidences = np.where([question.owner(k) in out for k in range(len(evidences))], -np.inf, evidences)
         return question.log_prior + question.per_candidate(evidences), question.best_blocks(evidences)
 
@@ -155,8 +159,8 @@ class _Search:
             for k in admitted:
                 if k not in changed:
                     continue
-                rest = tuple(other for other in changed if other != k)
-                odds, blocks = self.odds(rest, changed)
+                rest = _without(changed, k)
+                odds, blocks = self.odds_instead(changed, k)
                 best = blocks[int(np.argmax(odds))]
                 changed = self.question.joined(rest, best) if logsumexp(odds) >= SURE else rest
             if changed == admitted:
@@ -189,7 +193,7 @@ class _Search:
                 if self.log_evidence(whole) > value + EQUAL:
                     return whole
         for k in self.by_strength(admitted)[: -WEAKEST - 1 : -1]:
-            rest = tuple(other for other in admitted if other != k)
+            rest = _without(admitted, k)
             pairs = [pair for pair in self.pairs(rest, INSTEAD) if k not in pair]
             if pairs and len(rest) + 2 <= MOST:
                 found, best = max((self.log_evidence(_ordered((*rest, *pair))), pair) for pair in pairs)
@@ -210,19 +214,20 @@ class _Search:
 
     def log_evidence(self, admitted: tuple[int, ...]) -> float:
         """Log evidence of a set of causes, prior included, with one variance for all steps: that of the whole set."""
-        question, variance, total = self.question, self.left(admitted).variance, 0.0
-        for count, block in enumerate(admitted):
-            left = self.left(admitted[:count])
-            left = left if left.variance == variance else replace(left, variance=variance)
-            total += left.evidence(block) + float(question.log_prior[question.owner(block)])
-        return total
+        prior = sum(float(self.question.log_prior[self.question.owner(block)]) for block in admitted)
+        return self.left(admitted).of_admitted() + prior
 
     def by_strength(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
         """The strongest first."""
-        strength = {k: self.left(tuple(o for o in admitted if o != k)).evidence(k) for k in admitted}
+        strength = {k: self.left(_without(admitted, k)).evidence(k) for k in admitted}
         return tuple(sorted(admitted, key=lambda k: -strength[k]))
 
 
 def _ordered(admitted: tuple[int, ...]) -> tuple[int, ...]:
     """Without doubles, in one order, so that equal sets are recognised."""
     return tuple(sorted(set(admitted)))
+
+
+def _without(admitted: tuple[int, ...], block: int) -> tuple[int, ...]:
+    """All but one."""
+    return tuple(k for k in admitted if k != block)
