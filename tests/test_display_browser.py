@@ -60,10 +60,9 @@ def circle_scene(shape: str = "ellipsoid") -> Scene:
 
 
 def opened(page: Page, where: Path | str, size: tuple[int, int] = DESK) -> None:
-    """Open a scene and hold it still."""
-    page.open(where, size, touch=size == PHONE)
+    """Open a scene that holds still."""
+    page.open(f"{where.as_uri() if isinstance(where, Path) else where}#still", size, touch=size == PHONE)
     page.wait_for("window.page !== undefined")
-    page.evaluate("page.play(false)")
 
 
 @pytest.fixture(scope="module")
@@ -145,8 +144,7 @@ def test_the_keyboard_and_play(page: Page, file: Path) -> None:
 def test_the_page_moves_by_itself_unless_that_is_not_wanted(page: Page, file: Path) -> None:
     page.open(file)
     page.wait_for("page.current > 2")
-    page.open(f"{file.as_uri()}#still")
-    page.wait_for("window.page !== undefined")
+    opened(page, file)
     page.screenshot()
     assert page.evaluate("page.current") == 0
 
@@ -258,7 +256,7 @@ def test_a_live_scene_draws_and_changes(page: Page) -> None:
     scene = circle_scene()
     with scene.show(browser=False) as server:
         opened(page, server.url)
-        page.wait_for("'accuracy' in (page.viewer.scene_tree.children.meshcat?.children ?? {})")
+        page.wait_for("page.viewer.scene_tree.children.meshcat?.children.accuracy !== undefined")
         page.evaluate("page.show(7)")
         frames = scene.frames
         assert frames is not None

@@ -1,8 +1,7 @@
-"""The server of a live scene: on loopback only, for this computer's pages only, gone when it is closed; and the command."""
+"""The server of a live scene: on loopback only, for its own pages only, gone when it is closed; and the command."""
 
 from __future__ import annotations
 
-import asyncio
 import os
 import re
 import signal
@@ -15,8 +14,6 @@ from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
-import tornado.httpclient
-import tornado.websocket
 from meshcat.geometry import Box
 from typer.testing import CliRunner
 
@@ -48,11 +45,14 @@ def listening(pid: int) -> set[str]:
     return found
 
 
-def get(url: str, **headers: str) -> tuple[int, str]:
+def get(url: str, path: str = "/static/", **headers: str) -> tuple[int, str]:
+    """Status and text of an answer."""
     host, port = "127.0.0.1", port_of(url)
     with socket.create_connection((host, port), timeout=20) as connection:
-        lines = "".join(f"{name}: {value}\r\n" for name, value in ({"Host": f"{host}:{port}"} | headers).items())
-        connection.sendall(f"GET /static/ HTTP/1.1\r\n{lines}Connection: close\r\n\r\n".encode())
+        every = {"Host": f"{host}:{port}", "Connection": "close"} | headers
+        lines = "".join(f"{name.replace('_', '-')}: {value}\r\n" for name, value in every.items())
+        connection.sendall(f"GET {path} HTTP/1.1\r\n{lines}\r\n".encode())
+        connection.shutdown(socket.SHUT_WR)
         answer = b""
         while part := connection.recv(1 << 16):
             answer += part
@@ -94,19 +94,23 @@ def test_a_foreign_name_for_this_computer_is_refused(scene: Scene) -> None:
 
 
 def test_pages_from_elsewhere_get_no_socket(scene: Scene) -> None:
-    async def first_message(origin: str) -> bytes | str | None:
-        request = tornado.httpclient.HTTPRequest(f"ws://127.0.0.1:{port}/", headers={"Origin": origin}, request_timeout=20)
-        connection = await tornado.websocket.websocket_connect(request)
-        message = await connection.read_message()
-        connection.close()
-        return message
-
+    upgrade = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec_WebSocket_Version": "13",
+        "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ==",
+    }
     with scene.show(browser=False) as server:
-        port = port_of(server.url)
-        assert isinstance(asyncio.run(first_message(f"http://127.0.0.1:{port}")), bytes)
+        own = f"http://127.0.0.1:{port_of(server.url)}"
+        status, text = get(server.url, "/", Origin=own, **upgrade)
+        assert status == 101
+        assert "set_object" in text
         for origin in ("http://evil.example", "http://127.0.0.1:1", "null"):
-            with pytest.raises(tornado.httpclient.HTTPClientError, match="403"):
-                asyncio.run(first_message(origin))
+            status, text = get(server.url, "/", Origin=origin, **upgrade)
+            assert status == 403
+            assert "set_object" not in text
+        status, _ = get(server.url, "/", Origin="http://evil.example", Host="evil.example", **upgrade)
+        assert status == 404
 
 
 def ended(pid: int) -> bool:
