@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,16 +90,21 @@ class Solution:
     Attributes:
         point: parameters and predictions.
         system: the linear system there.
-        spectrum: its singular values.
+        problem: what was unknown.
         weights: of the records in the last step (n,).
         steps: number of steps taken.
     """
 
     point: Point
     system: System
-    spectrum: Spectrum
+    problem: Problem
     weights: Array
     steps: int
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """Singular values of the system; not asked for where the search is only a start."""
+        return spectrum_of(self.problem, self.system, self.point.x)
 
 
 def begin(problem: Problem, observations: list[Observation]) -> Point:
@@ -161,20 +167,20 @@ def solve(
         point, system = trial, tried
         ends = LOOSELY_SETTLED if robust or roughly else SETTLED
         if spectrum.promise() < ends or (spectrum.promise() < FLAT and gained < SETTLED):
-            return Solution(point, system, spectrum_of(problem, system, point.x), weights, count)
+            return Solution(point, system, problem, weights, count)
         promised = spectrum.promise(damping)
         share = gained / promised if promised > 0 else 0.0
         damping = max(10 * damping, floor) if share < 0.25 else damping / 10 if damping > floor and share > 0.75 else damping
         damping = 0.0 if share > 0.75 and damping <= floor else damping
     if robust or roughly:  # only a start: what follows from there has to settle
-        return Solution(point, system, spectrum_of(problem, system, point.x), weights, MOST_STEPS)
+        return Solution(point, system, problem, weights, MOST_STEPS)
     raise AacmmError(f"the calibration does not settle in {MOST_STEPS} steps; are the start values and the angles right?")
 
 
 def standing(problem: Problem, observations: list[Observation], noise: Array, point: Point, weights: Array) -> Solution:
     """The system at a point, as if the search ended there."""
     system = _system(problem, point, observations, noise, weights)
-    return Solution(point, system, spectrum_of(problem, system, point.x), weights, 0)
+    return Solution(point, system, problem, weights, 0)
 
 
 def deviations(observations: list[Observation], point: Point) -> Array:
