@@ -7,12 +7,15 @@ import pandas as pd
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import COVERAGE_FACTOR
+from aacmm_pin.conditions import Conditions
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis_findings import in_words, label_in_words, listed, parameters_in_words, probability
 from aacmm_pin.diagnosis_tables import motion_of
 from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError, ZeroDrift
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.planning.causes import moving_rows, usual_causes
+from aacmm_pin.room import Room
+from aacmm_pin.state import State
 from aacmm_pin.units import UM
 
 TIMES_TYPICAL = (1.0, 2.5)
@@ -23,13 +26,16 @@ SLIPS_AT = (1500.0, 4500.0)
 """When a drawn encoder slips: inside the first session of a virtual workshop [s]."""
 WARM_UPS = (900.0, 5400.0)
 """Time constant of a drawn warm-up [s]."""
+SHOWS = 2e-6
+"""A cause that moves the tip by less than this, at its usual magnitude, is not worth hiding [m]."""
+POSTURES = 100
 SURE = 0.95
 ONE_WAY = ("compliance", "flexibility", "expansion", "level_sag")
 """Parameters that nature has above zero only, by how files write them."""
 
 
 def hideable(arm: Arm) -> tuple[str, ...]:
-    """Names of the causes that can be hidden in an arm."""
+    """Names of the causes that can be hidden in an arm: those that move its tip somewhere."""
     return tuple(sorted({effect.cause for effect in _everywhere(arm, np.random.default_rng(0))}))
 
 
@@ -58,8 +64,9 @@ def hidden_cause(arm: Arm, rng: np.random.Generator, choose: str | None = None) 
 
 
 def _everywhere(arm: Arm, rng: np.random.Generator) -> list[Effect]:
-    """Every cause that the arm can have, at every place, once; orders and times are drawn."""
-    found: list[Effect] = list(usual_causes(arm))
+    """Every cause that the arm can have, at every place where it shows, once; orders and times are drawn."""
+    state = State(arm, Room(arm).postures(POSTURES, np.random.default_rng(0))[0], Conditions(POSTURES), arm.chain.tip)
+    found: list[Effect] = [effect for effect in usual_causes(arm) if effect.needs or _motion(effect, state) > SHOWS]
     for row in moving_rows(arm):
         found += [
             JointPeriodicError(row, float(rng.integers(ORDERS[0], ORDERS[1], endpoint=True))),
@@ -67,6 +74,12 @@ def _everywhere(arm: Arm, rng: np.random.Generator) -> list[Effect]:
             ZeroDrift(row, float(rng.uniform(*WARM_UPS))),
         ]
     return found
+
+
+def _motion(effect: Effect, state: State) -> float:
+    """RMS by which a cause of usual magnitude moves the tip [m]."""
+    moved = effect.sensitivity(state) * np.array([term.typical for term in effect.terms])
+    return float(np.sqrt(np.square(moved).sum(axis=(1, 2)).mean()))
 
 
 def finding_of(result: Diagnosis, hidden: Effect) -> Finding | None:
