@@ -48,7 +48,7 @@ class Hidden:
     seed: int
 
 
-def hide_and_find(arm: Arm, seed: int) -> Hidden:
+def hide_and_find(arm: Arm, seed: int, progress: bool = False) -> Hidden:
     """Measure with an arm whose geometry is off as its file allows and whose encoder is eccentric; diagnose the records.
 
     Raises:
@@ -59,7 +59,7 @@ def hide_and_find(arm: Arm, seed: int) -> Hidden:
     effect = EncoderEccentricity(JOINT, values=(SIZE * np.cos(phase), SIZE * np.sin(phase)))
     truth = ErrorModel(perturbed_model(ErrorModel(arm), rng).arm, (effect,))
     data = simulate_measurements(truth, "seats", RECORDS, rng=rng, seats=SEATS)
-    found = diagnose(arm, data, encoder_noise=READING_NOISE, rng=np.random.default_rng(seed))
+    found = diagnose(arm, data, encoder_noise=READING_NOISE, rng=np.random.default_rng(seed), progress=progress)
     return Hidden(effect, data, found, seed)
 
 

@@ -82,7 +82,7 @@ def make_study(arm_name: str, progress: bool, cells: tuple[int, int], sectors: i
         m: accuracy_volume(arm, ends, at=circle.at, method=m, rng=rng, draws=DRAWS, progress=progress) for m in METHODS
     }
     map_ = map_workspace(arm, cells, sectors, progress=progress)
-    hidden = hide_and_find(arm, SEED)
+    hidden = hide_and_find(arm, SEED, progress)
     of_paper = arm.name == ARM_OF_THE_PAPER
     table2 = reproduce_table2(progress=progress) if of_paper else None
     table3 = predict_table3(np.random.default_rng(SEED), arm=arm) if of_paper else None
