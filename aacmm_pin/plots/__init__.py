@@ -5,7 +5,12 @@ which a notebook shows by itself and a program should close; axes of your own ``
 alone. Lengths are in mm, volumes in mm³, uncertainties in µm, angles in degrees.
 """
 
-from aacmm_pin.plots.accuracy import plot_accuracy_over_swivel, plot_accuracy_over_theta3, plot_budget
+from aacmm_pin.plots.accuracy import (
+    plot_accuracy_of_postures,
+    plot_accuracy_over_swivel,
+    plot_accuracy_over_theta3,
+    plot_budget,
+)
 from aacmm_pin.plots.calibration import plot_calibration, plot_correlation, plot_parameter_changes, plot_residual_sizes
 from aacmm_pin.plots.causes import plot_cause, plot_geometry, plot_seat_error, plot_unexplained
 from aacmm_pin.plots.circle import plot_circle
@@ -31,6 +36,7 @@ __all__ = [
     "GREY",
     "INK",
     "VERMILLION",
+    "plot_accuracy_of_postures",
     "plot_accuracy_over_swivel",
     "plot_accuracy_over_theta3",
     "plot_arm_residual_vectors",
