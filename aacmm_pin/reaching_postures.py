@@ -177,15 +177,16 @@ def _conditions(
 
 
 def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
-    joints, asked = arm.nq, CONDITIONS[conditions.count]
-    left = f"leave {conditions.free} of them free" if conditions.free > 0 else f"are {-conditions.free} conditions too many"
-    fitting = {
-        n: f"{words} ({'single postures' if n == joints else 'closed curves'})"
+    joints, free, asked = arm.nq, conditions.free, CONDITIONS[conditions.count]
+    fitting = [
+        f"{words} ({'single postures' if n == joints else 'closed curves'})"
         for n, words in CONDITIONS.items()
         if joints - n in (0, 1)
-    }
-    help_ = f"state {' or '.join(fitting.values())}" if fitting else "only arms of 3 to 7 joints have conditions that fit"
-    return f"{arm.name}: {joints} joints, and {asked} {left.replace('leave', 'leaves').replace('are', 'is')}; {help_}"
+    ]
+    expected = f"state {' or '.join(fitting)}" if fitting else "only arms of 3 to 7 joints have conditions that fit"
+    if free < 0:
+        return f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of {asked}; {expected}"
+    return f"{arm.name}: {joints} joints and {asked} leave {free} joints free; {expected}"
 
 
 def _direction(values: ArrayLike, name: str) -> Array:

@@ -15,6 +15,7 @@ from aacmm_pin.checks import Array
 from aacmm_pin.comprehensive import comprehensive_accuracy
 from aacmm_pin.pairing import paired
 from aacmm_pin.postures_at_point import PosturesAtPoint
+from aacmm_pin.reaching_postures import ReachingPostures
 from aacmm_pin.units import DEG, MM, MM3, UM
 from aacmm_pin.workspace import WorkspaceMap
 
@@ -32,7 +33,8 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
     ``not_included`` the causes of error that are left out, see :class:`aacmm_pin.error_sources.ErrorSources`.
     Numbers that do not exist are None: without a configuration all of them, and ``reason`` says why; for an arm that came
     as URDF swivel angles, sectors (an empty list) and the comprehensive accuracy, whose weights are those of SINO6.
-    ``arc_fraction`` of :func:`aacmm_pin.reaching_postures` is of the way along the curves, and None for single postures.
+    ``arc_fraction`` of :func:`aacmm_pin.reaching_postures` is of the way along the curves, and None for single postures;
+    what was asked for, how it was searched, and what is to be known besides, stand in ``conditions``, ``search``, ``notes``.
 
     Args:
         circle: every configuration at the point.
@@ -67,6 +69,8 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
         "taken_as_exact": list(accuracy.sources.taken_as_exact),
         "not_included": list(accuracy.not_included),
     }
+    if isinstance(circle, ReachingPostures):
+        summary |= _search(circle)
     if not len(inside):
         summary["reason"] = circle.reason or "no configuration is within the joint limits"
     return summary
@@ -113,6 +117,16 @@ def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.Data
     """
     inside = circle.to_frame().iloc[paired(circle, accuracy)].reset_index(drop=True)
     return inside.join(accuracy.to_frame().filter(regex="_mm"))
+
+
+def _search(postures: ReachingPostures) -> dict[str, Any]:
+    search = postures.search
+    return {
+        "conditions": postures.conditions.count,
+        "components": int(postures.component.max(initial=0)),
+        "search": {"starts": search.starts, "arrived": search.arrived, "unseen_at_most": search.unseen},
+        "notes": list(postures.notes),
+    }
 
 
 def _volumes(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, float | None]:

@@ -12,13 +12,13 @@ from aacmm_pin import display
 from aacmm_pin.accuracy import AccuracyVolume, circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array
-from aacmm_pin.cli.before import Axis, Tip, circle_of
 from aacmm_pin.cli.common import EncoderNoise, Force, Output, Results, command, note, say
-from aacmm_pin.cli.given import FrameName, MaybeArm, Urdf, model_of
-from aacmm_pin.configurations import ConfigurationCircle
+from aacmm_pin.cli.given import FrameName, MaybeArm, RotationHalfWidth, TranslationHalfWidth, Urdf, model_of
+from aacmm_pin.cli.reached import Axis, RollPitchYaw, Tip, ToolAxis, postures_at
 from aacmm_pin.display import Scene
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.postures_at_point import PosturesAtPoint
 from aacmm_pin.units import DEG, MM
 
 MaybePoint = Annotated[
@@ -35,6 +35,8 @@ def show(
     point: MaybePoint = None,
     tip: Tip = False,
     axis: Axis = None,
+    tool_axis: ToolAxis = None,
+    rpy_deg: RollPitchYaw = None,
     theta_deg: Annotated[
         str | None,
         typer.Option(metavar='"θ1 θ2 …"', help="One posture, in degrees (slides in mm); default all 0, or amid the limits."),
@@ -46,6 +48,8 @@ def show(
     count: Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")] = 360,
     urdf: Urdf = None,
     frame: FrameName = None,
+    translation_half_width_mm: TranslationHalfWidth = None,
+    rotation_half_width_rad: RotationHalfWidth = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
     output: Output = None,
     force: Force = False,
@@ -57,14 +61,14 @@ def show(
     """
     if point is not None and theta_deg is not None:
         raise typer.BadParameter("--point and --theta-deg exclude each other")
-    if point is None and (tip or axis is not None):
-        raise typer.BadParameter("--tip and --axis go with --point")
+    if point is None and (tip or axis is not None or rpy_deg is not None):
+        raise typer.BadParameter("--tip, --axis and --rpy-deg go with --point")
     with Results(force, output) as results:
-        model = model_of(arm, urdf, frame)
+        model = model_of(arm, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
         if point is None:
             scene = display.arm_scene(model, _posture(model.arm, theta_deg)[None])
         else:
-            circle = circle_of(model.arm, point, tip, axis, count)
+            circle = postures_at(model.arm, point, tip or urdf is not None, axis, tool_axis, rpy_deg, count)
             note(str(circle))
             accuracy = _accuracy(circle, model, encoder_noise_rad)
             scene = display.circle_scene(circle, accuracy, shape=display.shape_of(shape))
@@ -90,7 +94,7 @@ def _posture(arm: Arm, text: str | None) -> Array:
     return np.array(numbers) * np.where(slides, MM, DEG)
 
 
-def _accuracy(circle: ConfigurationCircle, model: ErrorModel, encoder_noise: float | None) -> AccuracyVolume | None:
+def _accuracy(circle: PosturesAtPoint, model: ErrorModel, encoder_noise: float | None) -> AccuracyVolume | None:
     """Accuracy along the circle; None, and a note why, where there is none to show."""
     try:
         return circle_accuracy(circle, model, encoder_noise=encoder_noise)

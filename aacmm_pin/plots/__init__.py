@@ -8,7 +8,12 @@ array of axes. Lengths are in mm, volumes in mm³, uncertainties in µm, angles 
 The main picture of a result is its own ``plot`` too: ``circle.plot()``, ``accuracy.plot()``, ``found.plot()``.
 """
 
-from aacmm_pin.plots.accuracy import plot_accuracy_over_swivel, plot_accuracy_over_theta3, plot_budget
+from aacmm_pin.plots.accuracy import (
+    plot_accuracy_of_postures,
+    plot_accuracy_over_swivel,
+    plot_accuracy_over_theta3,
+    plot_budget,
+)
 from aacmm_pin.plots.calibration import plot_calibration, plot_correlation, plot_parameter_changes, plot_residual_sizes
 from aacmm_pin.plots.causes import plot_cause, plot_geometry, plot_seat_error, plot_unexplained
 from aacmm_pin.plots.circle import plot_circle
@@ -36,6 +41,7 @@ __all__ = [
     "INK",
     "QUANTITIES",
     "VERMILLION",
+    "plot_accuracy_of_postures",
     "plot_accuracy_over_swivel",
     "plot_accuracy_over_theta3",
     "plot_arm_residual_vectors",
