@@ -60,13 +60,14 @@ class Page:
     """
 
     def __init__(self, *flags: str) -> None:
+        browser = browser_path()
         self.errors: list[str] = []
         self.requests: list[str] = []
         self._number, self._buffer, self._answers, self._events = 0, b"", dict[int, dict[str, Any]](), set[str]()
         self._folder = tempfile.TemporaryDirectory(prefix="browser-", ignore_cleanup_errors=True)
         theirs_in, self._out = _pipe()
         self._in, theirs_out = _pipe()
-        command = [browser_path(), *FLAGS, *flags, f"--user-data-dir={self._folder.name}", "about:blank"]
+        command = [browser, *FLAGS, *flags, f"--user-data-dir={self._folder.name}", "about:blank"]
         self._process = subprocess.Popen(
             ["/bin/bash", "-c", PIPES.format(read=theirs_in, write=theirs_out), "browser", *command],
             stdin=subprocess.DEVNULL,

@@ -163,23 +163,23 @@ def test_a_sliding_joint(rng: np.random.Generator) -> None:
     assert f"{q[0, 0] / MM:.2f} mm" in scene.frames.readings[0]
 
 
-def test_tubes_join_the_frames(sino6: Arm, rng: np.random.Generator) -> None:
-    """Each drawn cylinder begins or ends on a frame's origin, and those that are longer than a joint is thick are there."""
+def test_tubes_lie_along_d_and_then_along_a(sino6: Arm, rng: np.random.Generator) -> None:
+    """From the frame of the row before, along its joint's axis, by d; to the row's own frame, along its x, by a."""
     q = random_q(sino6, rng, 1)
     scene, dh = display.arm_scene(sino6, q), sino6.require_dh("this test")
+    expected = []
+    for row in range(1, 7):
+        before, after = (frame_placements(sino6, q, name)[0] for name in (f"link{row}", f"frame{row}"))
+        corner = before[:3, 3] + dh.d[row - 1] * before[:3, 2]
+        np.testing.assert_allclose(corner, after[:3, 3] - dh.a[row - 1] * after[:3, 0], atol=1e-12)
+        expected += [(before[:3, 3], corner), (corner, after[:3, 3])]
+    expected = [pair for pair in expected if np.linalg.norm(pair[1] - pair[0]) > 0.008]  # shorter ones are inside a joint
     drawn = [path for path in commands(scene, "set_object") if re.fullmatch(r"arm/body \d+/tube \d+", path)]
-    origins = np.vstack([np.zeros(3), *(frame_placements(sino6, q, f"frame{i}")[:, :3, 3] for i in range(1, 7))])
-    lengths = []
-    for path in drawn:
-        body, at = path.rsplit("/", 1)[0], transform(scene, path)
-        length = commands(scene, "set_object")[path]["object"]["geometries"][0]["height"]
-        ends = [at[:3, 3] + s * length / 2 * at[:3, 1] for s in (-1, 1)]
-        ends = [(transform(scene, body) @ np.append(end, 1.0))[:3] for end in ends]
-        nearest = [np.linalg.norm(origins - end, axis=1).min() for end in ends]
-        assert min(nearest) < 1e-9
-        lengths.append(length)
-    every = np.abs(np.concatenate([dh.d, dh.a]))
-    np.testing.assert_allclose(np.sort(lengths), np.sort(every[every > 0.008]), rtol=1e-12)
+    assert len(drawn) == len(expected)
+    for path, ends in zip(sorted(drawn), expected, strict=True):
+        at = transform(scene, path.rsplit("/", 1)[0]) @ transform(scene, path)
+        half = commands(scene, "set_object")[path]["object"]["geometries"][0]["height"] / 2 * at[:3, 1]
+        np.testing.assert_allclose((at[:3, 3] - half, at[:3, 3] + half), ends, atol=1e-9)
 
 
 def test_readings_and_refusals(sino6: Arm) -> None:
@@ -556,10 +556,14 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> 
     result = calibrate(sino6, moved, ["geometry"], reference_frame="external", encoder_noise=8e-6)
     scene = display.calibration_scene(result, "after")
     assert scene.frames is not None
-    foot, _, _ = spikes_of(scene)
+    foot, end, _ = spikes_of(scene)
     rows = np.array([int(row[0]) for row in scene.frames.readings])
     records = np.array([int(np.flatnonzero(moved.row == row)[0]) for row in rows])
-    np.testing.assert_allclose(foot, data.reference[records], atol=2e-4)
+    frame = result.fit.solution.point.frame
+    np.testing.assert_allclose(foot, (moved.reference[records] - frame.shift) @ frame.rotation, atol=1e-6)
+    np.testing.assert_allclose(foot, data.reference[records], atol=2e-4)  # the frame is known that well
+    tips = result.model.correct(moved.q[records])
+    np.testing.assert_allclose(foot + (end - foot) / factor_of(scene), tips, atol=1e-6)
     with pytest.raises(UnknownNameError, match="before, after"):
         display.calibration_scene(result, "during")
 

@@ -20,7 +20,7 @@ from aacmm_pin.units import MM
 __all__ = ["page"]
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
-DESK, PHONE = (1200, 800), (390, 800)
+DESK, PHONE, STRIP = (1200, 800), (390, 800), (300, 1000)
 NAMES = """
 (() => {
   const paths = [];
@@ -61,7 +61,7 @@ def circle_scene(shape: str = "ellipsoid") -> Scene:
 
 def opened(page: Page, where: Path | str, size: tuple[int, int] = DESK) -> None:
     """Open a scene that holds still."""
-    page.open(f"{where.as_uri() if isinstance(where, Path) else where}#still", size, touch=size == PHONE)
+    page.open(f"{where.as_uri() if isinstance(where, Path) else where}#still", size, touch=size != DESK)
     page.wait_for("window.page !== undefined")
 
 
@@ -149,7 +149,7 @@ def test_the_page_moves_by_itself_unless_that_is_not_wanted(page: Page, file: Pa
     assert page.evaluate("page.current") == 0
 
 
-@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+@pytest.mark.parametrize("size", [DESK, PHONE, STRIP], ids=["desk", "phone", "strip"])
 def test_all_of_the_arm_is_seen_and_nothing_covers_it(page: Page, file: Path, size: tuple[int, int]) -> None:
     opened(page, file, size)
     corners = []
