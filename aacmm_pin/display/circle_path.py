@@ -33,7 +33,7 @@ def path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
     The elbow where the arm has one; else the origin of that joint that goes about most.
     """
     if isinstance(circle, ConfigurationCircle):
-        return circle.components.swivel.elbow(circle.q), "elbow"
+        return circle.components.swivel.elbow(circle.q), "the elbow"
     axes = circle.arm.chain.moving_axes()
     _, origin = circle.arm.chain.walk(circle.q)
     widest = int(np.linalg.norm(np.ptp(origin[axes], axis=1), axis=1).argmax())

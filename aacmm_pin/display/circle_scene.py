@@ -217,11 +217,11 @@ def _legend(
     on_slider: str,
 ) -> Legend:
     works, all_work = bool(circle.within_limits.any()), bool(circle.within_limits.all())
-    swatches = [Swatch(BLUE, f"path of the {name}, within limits", "line")] if works and bar is None else []
+    swatches = [Swatch(BLUE, f"path of {name}, within limits", "line")] if works and bar is None else []
     if not all_work:
-        swatches.append(Swatch(GREY, f"path of the {name}, outside limits", "line"))
+        swatches.append(Swatch(GREY, f"path of {name}, outside limits", "line"))
     swatches.append(Swatch(VERMILLION, "working point"))
-    notes = [f"The path of the {name} has the colour of the bar where it is within limits."] if bar is not None else []
+    notes = [f"The path of {name} has the colour of the bar where it is within limits."] if bar is not None else []
     if shown is not None:
         swatches.append(Swatch(SET, f"accuracy of this posture ({shown.shape})", "area"))
         notes.append(f"The body at the point is {shown.words}.")
