@@ -22,6 +22,8 @@ from building.causes import causes_table
 
 MARK = re.compile(r"<!-- generated: (\S+)(?: (.*?))? -->")
 PICTURE = re.compile(r"\(picture:([\w.]+)\)")
+ELSEWHERE = {"aacmm_pin": "Effect", "aacmm_pin.errors": "AacmmError"}
+"""Names that are explained on another page."""
 INHERITED = ", ".join(sorted({*dir(Effect), "component", "flexibility", "place", "turns"}))
 """What all causes have; it is shown once, at their base."""
 
@@ -30,7 +32,7 @@ def api(module: str) -> str:
     """Everything public in a module; nothing where this version has no such module."""
     if importlib.util.find_spec(module) is None:
         return f"(`{module}` is not part of this version.)"
-    options = ["members:", "imported-members:", *(["exclude-members: Effect"] if module == "aacmm_pin" else [])]
+    options = ["members:", "imported-members:", *([f"exclude-members: {ELSEWHERE[module]}"] if module in ELSEWHERE else [])]
     return _restructured(f".. automodule:: {module}", *(f"   :{option}" for option in options))
 
 
