@@ -13,7 +13,18 @@ import typer
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, command, note, say
-from aacmm_pin.cli.given import Data, FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_and_data
+from aacmm_pin.cli.given import (
+    Data,
+    FrameName,
+    MaybeArm,
+    ProbeNoise,
+    ReferenceNoise,
+    RotationHalfWidth,
+    TranslationHalfWidth,
+    Urdf,
+    in_metres,
+    model_and_data,
+)
 from aacmm_pin.cli.tables import show
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.diagnosis_findings import (
@@ -52,6 +63,8 @@ def diagnose_(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 1,
     urdf: Urdf = None,
     frame: FrameName = None,
+    translation_half_width_mm: TranslationHalfWidth = None,
+    rotation_half_width_rad: RotationHalfWidth = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="HTML page of all that was found.")] = None,
     extended_arm: Annotated[Path | None, typer.Option(help="Arm file for the extended model.")] = None,
     json_: Json = None,
@@ -59,7 +72,7 @@ def diagnose_(
 ) -> None:
     """What the simulation gets wrong, which cause it has, and how much better the arm is once the model knows."""
     with Results(force, output, extended_arm, json_=json_) as results:
-        model, path = model_and_data(arm, data, urdf, frame)
+        model, path = model_and_data(arm, data, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
         if extended_arm is not None and model.arm.dh is None:
             raise UnsupportedArmError(f"{extended_arm}: an arm file needs a DH table, {model.arm.name} came as URDF")
         result = diagnose(

@@ -69,7 +69,14 @@ def model_of(
     return ErrorModel.load(str(arm))
 
 
-def model_and_data(arm: str | None, data: str | None, urdf: str | None, frame: str | None) -> tuple[ErrorModel, str]:
+def model_and_data(
+    arm: str | None,
+    data: str | None,
+    urdf: str | None,
+    frame: str | None,
+    translation_mm: float | None = None,
+    rotation_rad: float | None = None,
+) -> tuple[ErrorModel, str]:
     """The same with a file of measurements behind; with ``--urdf`` that is the only argument.
 
     Raises:
@@ -79,7 +86,7 @@ def model_and_data(arm: str | None, data: str | None, urdf: str | None, frame: s
         arm, data = None, arm
     if data is None:
         raise typer.BadParameter("expected ARM DATA, or --urdf FILE --frame NAME DATA")
-    return model_of(arm, urdf, frame), data
+    return model_of(arm, urdf, frame, translation_mm, rotation_rad), data
 
 
 def in_metres(noise_mm: float | None) -> float | None:

@@ -24,6 +24,8 @@ from aacmm_pin.cli.given import (
     MaybeArm,
     ProbeNoise,
     ReferenceNoise,
+    RotationHalfWidth,
+    TranslationHalfWidth,
     Urdf,
     bar_length,
     in_metres,
@@ -68,6 +70,8 @@ def simulate(
     probe_noise_mm: ProbeNoise = None,
     urdf: Urdf = None,
     frame: FrameName = None,
+    translation_half_width_mm: TranslationHalfWidth = None,
+    rotation_half_width_rad: RotationHalfWidth = None,
     output: Output = None,
     truth: Annotated[Path | None, typer.Option(help="File for the arm that made the data, with its effects.")] = None,
     force: Force = False,
@@ -77,7 +81,8 @@ def simulate(
         raise typer.BadParameter("--unknown goes with --plan seats")
     rng = np.random.default_rng(seed)
     with Results(force, output, truth) as results:
-        model, effects = model_of(arm, urdf, frame), effects_of(effect)
+        model = model_of(arm, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
+        effects = effects_of(effect)
         check_rows(effects, model)
         if perturb:
             model = perturbed_model(model, rng.spawn(1)[0])  # a stream of its own: the plan is the same without it
@@ -114,6 +119,8 @@ def calibrate_(
     seed: Seed = 1,
     urdf: Urdf = None,
     frame: FrameName = None,
+    translation_half_width_mm: TranslationHalfWidth = None,
+    rotation_half_width_rad: RotationHalfWidth = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Arm file for the calibrated arm.")] = None,
     urdf_out: Annotated[Path | None, typer.Option(help="URDF for the calibrated arm.")] = None,
     residuals: Annotated[Path | None, typer.Option(help="CSV file: every record with its residuals.")] = None,
@@ -124,7 +131,7 @@ def calibrate_(
 ) -> None:
     """Parameters of an arm from measurements, with their uncertainty and what the data cannot tell."""
     with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_) as results:
-        model, path = model_and_data(arm, data, urdf, frame)
+        model, path = model_and_data(arm, data, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
         if output is not None and model.arm.dh is None:
             raise UnsupportedArmError(
                 f"{output}: an arm file needs a DH table, {model.arm.name} came as URDF; use --urdf-out"
