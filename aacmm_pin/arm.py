@@ -415,7 +415,7 @@ def _motion(model: Any, joint: int) -> Array:
     """Twist of a joint per unit of its number, in its own axes (6,)."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    return np.array(pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, joint - 1])
+    return np.array(pin.getJointJacobian(model, data, joint, pin.LOCAL)).reshape(6, -1)[:, joint - 1]
 
 
 def _joint_axis(model: Any, joint: int) -> Array:

@@ -203,6 +203,15 @@ def test_a_turned_reference_frame_makes_no_difference_to_a_joint(sino6: Arm) -> 
     np.testing.assert_allclose(along[0], along[1], atol=0.01)
 
 
+def test_a_joint_whose_axis_goes_through_the_tip_says_so(robot_file: Callable[[str], Path]) -> None:
+    ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    data = simulate_measurements(ErrorModel(ur5), "free", 80, rng=np.random.default_rng(2))
+    result = calibrate(ur5, data, "zero-offsets", hold_out=False)
+    for joint, still in ((5, False), (6, True)):
+        texts = [text.get_text() for text in plot_residuals_over_joint(result, joint).texts]
+        assert texts == (["does not move the tip"] if still else [])
+
+
 def test_normalised_residuals_follow_chi(at_seats: Calibration) -> None:
     ax = plot_normalised_residuals(at_seats)
     drawn(ax.figure)

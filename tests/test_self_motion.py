@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from by_newton import by_newton, gaps, off_polylines
 
@@ -136,3 +137,30 @@ def test_a_singular_pose_is_told(panda: Arm) -> None:
     motion = reaching_postures(panda, pose[:3, 3], rotation=pose[:3, :3], count=30)
     assert "families" in motion.notes[0]
     np.testing.assert_allclose(panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("tool", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+def test_curves_that_cross_are_followed_straight_on(
+    robot_file: Callable[[str], Path], rng: np.random.Generator, tool: tuple[float, ...]
+) -> None:
+    """With the tool upright UR5's last axis is level, at times parallel to axes 2 to 4: there J loses rank, curves cross."""
+    ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    motion = reaching_postures(ur5, [0.4, 0.1, 0.3], axis=[0, 0, -1], tool=tool, count=360)
+    assert not motion.notes
+    assert motion.component.max() == 16
+    assert motion.travel.max() < 9.5  # wrong turns at crossings make longer ones
+    crossings = np.linalg.svd(ur5.poses(motion.q).jacobian, compute_uv=False)[:, -1] < 1e-2
+    assert crossings.any()
+    poses = ur5.poses(motion.q).placement
+    np.testing.assert_allclose(poses[:, :3, 3], np.tile([0.4, 0.1, 0.3], (len(poses), 1)), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(poses[:, :3, :3] @ tool, np.tile([0, 0, -1], (len(poses), 1)), rtol=0, atol=1e-9)
+    turn = rng.uniform(-np.pi, np.pi)  # the whole pose, at random about the tool's axis
+    pose = poses[0].copy()
+    pose[:3, :3] = rotation_about([0, 0, -1], turn) @ pose[:3, :3]
+    brute = by_newton(ur5, pose, rng.uniform(-np.pi, np.pi, (150, 6)))
+    assert len(brute) > 50
+    assert off_polylines(brute, motion.component, motion.q).max() < 1e-3
+
+
+def rotation_about(axis: list[float], angle: float) -> Array:
+    return np.asarray(pin.exp3(angle * np.array(axis, dtype=float)))

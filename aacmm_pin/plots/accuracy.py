@@ -103,7 +103,9 @@ def _draw_over(
     ax = axes_of(ax, (7.5, 4.2))
     right_axes = ax.twinx()
     volume, u = accuracy.volume / MM3, accuracy.u / UM
-    if 1 < len(np.unique(component)) <= len(COMPONENT_MARKERS):
+    components = len(np.unique(component))
+    size = size if components <= len(COMPONENT_MARKERS) else size / 3
+    if 1 < components <= len(COMPONENT_MARKERS):
         legend = _draw_components(ax, right_axes, place, component, volume, u)
     else:
         legend = [

@@ -119,7 +119,8 @@ def scale_bar(ax: Axes, corner: Array, factor: float, length: float) -> None:
 def plot_residuals_over_joint(result: Calibration, joint: int, when: When = "after", ax: Axes | None = None) -> Axes:
     """Residual along the way that a joint moves the tip, over its angle: what an error of that angle would look like.
 
-    Dots are records; the line is their mean in parts of the range, with its standard uncertainty.
+    Dots are records; the line is their mean in parts of the range, with its standard uncertainty. A joint whose axis goes
+    through the tip has none.
 
     Args:
         result: the calibration.
@@ -141,6 +142,9 @@ def plot_residuals_over_joint(result: Calibration, joint: int, when: When = "aft
     ax.plot(angle, along, ".", ms=3, color=COLOURS[when], alpha=0.8)
     if len(angle):
         _draw_means(ax, angle, along)
+    else:  # its axis goes through the tip
+        ax.text(0.5, 0.6, "does not move the tip", transform=ax.transAxes, ha="center", color=INK)
+        ax.set_xticks([])
     sliding = arm.chain.prismatic[joint - 1]
     ax.set(xlabel=f"joint {joint} [{'m' if sliding else '°'}]", ylabel="residual [µm]")
     ax.grid(alpha=0.3)
