@@ -15,6 +15,7 @@ from aacmm_pin.measurements import Measurements
 from aacmm_pin.parameter import Parameter
 from aacmm_pin.planning import MeasurementPlan, plan_measurements
 from aacmm_pin.poses import Poses
+from aacmm_pin.reaching_postures import ReachingPostures, reaching_postures
 from aacmm_pin.single_point import SinglePoint, single_point_statistics
 from aacmm_pin.virtual import simulate_measurements
 from aacmm_pin.workspace import WorkspaceMap, map_workspace
@@ -36,6 +37,7 @@ __all__ = [
     "Measurements",
     "Parameter",
     "Poses",
+    "ReachingPostures",
     "SinglePoint",
     "WorkspaceMap",
     "accuracy_volume",
@@ -47,6 +49,7 @@ __all__ = [
     "diagnose",
     "map_workspace",
     "plan_measurements",
+    "reaching_postures",
     "simulate_measurements",
     "single_point_statistics",
 ]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -20,14 +20,18 @@ from aacmm_pin import zonotope
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, batch, vector
 from aacmm_pin.conditions import Conditions
-from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.dh import chunks
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.error_sources import ErrorSources
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.exact_volume import exact_volume
 from aacmm_pin.parameter import Scope
+from aacmm_pin.postures_at_point import PosturesAtPoint
+from aacmm_pin.shown import Shown, drawn
 from aacmm_pin.units import DEG, MM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -39,7 +43,7 @@ ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
 
 
 @dataclass(frozen=True, eq=False)
-class AccuracyVolume:
+class AccuracyVolume(Shown):
     """Accuracy at many configurations.
 
     Attributes:
@@ -116,9 +120,18 @@ class AccuracyVolume:
             table["largest_deviation_mm"] = self.largest_deviation / MM
         return pd.DataFrame(table)
 
-    def _repr_html_(self) -> str:
-        summary = self.to_frame().filter(regex="_mm").describe().loc[["count", "min", "50%", "max"]].to_html()
-        return f"<p>{self}</p>{summary}{self.budget().head(8).to_html()}"
+    def plot(self, by: Literal["parameter", "joint", "kind"] = "parameter", most: int = 12, ax: Axes | None = None) -> Axes:
+        """The uncertainty budget as bars: share of the variance, with the standard uncertainty at the end of each.
+
+        Args:
+            by: what the bars stand for.
+            most: at most this many bars; what is left is one bar "rest".
+            ax: axes; without them a new pyplot figure is made.
+
+        Raises:
+            AacmmError: see :func:`aacmm_pin.plots.plot_budget`.
+        """
+        return drawn("plot_budget", self, by, ax, most)
 
     def __str__(self) -> str:
         volume = self.volume / MM**3
@@ -133,7 +146,7 @@ class AccuracyVolume:
 
 
 def circle_accuracy(
-    circle: ConfigurationCircle,
+    circle: PosturesAtPoint,
     model: Arm | ErrorModel | None = None,
     *,
     conditions: Conditions | None = None,
@@ -142,6 +155,7 @@ def circle_accuracy(
     scopes: tuple[Scope, ...] = ALL_SCOPES,
     rng: np.random.Generator | None = None,
     draws: int = 4000,
+    progress: bool = True,
 ) -> AccuracyVolume:
     """Accuracy of those configurations of a circle that are within limits, at the circle's own frame.
 
@@ -164,6 +178,7 @@ def circle_accuracy(
         scopes=scopes,
         rng=rng,
         draws=draws,
+        progress=progress,
     )
 
 
@@ -178,6 +193,7 @@ def accuracy_volume(
     scopes: tuple[Scope, ...] = ALL_SCOPES,
     rng: np.random.Generator | None = None,
     draws: int = 4000,
+    progress: bool = True,
 ) -> AccuracyVolume:
     """Accuracy volume and covariance of an arm, or of an arm with its effects, at ``q``.
 
@@ -204,6 +220,7 @@ def accuracy_volume(
         scopes: which parameters take part: shared by all records (``arm``), by a ``session``, or new each ``record``.
         rng: needed for ``monte-carlo``.
         draws: Monte Carlo draws for each configuration.
+        progress: with ``monte-carlo``, show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
         ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number of records.
@@ -213,14 +230,14 @@ def accuracy_volume(
     """
     if method not in METHODS:
         raise UnknownNameError("method", method, list(METHODS))
-    arm = model if isinstance(model, Arm) else model.arm
+    arm = ErrorModel.arm_of(model)
     q = batch(q, arm.nq, "q", "rad")
     conditions = _for_each(conditions, len(q))
     sources = ErrorSources.of(model, at, _noise(arm, encoder_noise), scopes, q, conditions)
     if method == "monte-carlo":
         if rng is None:
             raise AacmmError("method 'monte-carlo' needs rng, a numpy.random.Generator such as numpy.random.default_rng(1)")
-        volume, error, covariance = exact_volume(sources, q, conditions, rng, draws)
+        volume, error, covariance = exact_volume(sources, q, conditions, rng, draws, progress)
         return AccuracyVolume(sources, q, method, volume, covariance, error, conditions)
     volume, covariance = np.empty(len(q)), np.empty((len(q), 3, 3))
     rule = _RULES[method]

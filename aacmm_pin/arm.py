@@ -18,11 +18,13 @@ from aacmm_pin.dh import DHTable
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.parameter import Parameter
 from aacmm_pin.poses import Poses
+from aacmm_pin.read_urdf import read_urdf
+from aacmm_pin.shown import Shown
 from aacmm_pin.urdf import urdf_text
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class Arm(Shown):
     """A serial arm: its Pinocchio model and, where it has one, its DH table.
 
     Attributes:
@@ -96,10 +98,12 @@ class Arm:
     def from_urdf(
         path: str | Path, frame: str, *, translation_half_width: float = 0.0, rotation_half_width: float = 0.0
     ) -> Arm:
-        """Any fixed-base arm with revolute or prismatic joints, by its URDF.
+        """Any fixed-base arm with revolute, continuous or prismatic joints, by its URDF.
 
-        Its parameters are the six components of every joint placement (three shifts, three turns about the axes of the
-        placement), each known within ± the half-width.
+        A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle. Joints that do not carry
+        ``frame`` (a gripper's fingers) are locked at zero; a joint that carries it moves by itself, also where it mimics
+        another. The parameters are the six components of every joint placement (three shifts, three turns about the axes of
+        the placement), each known within ± the half-width.
 
         Args:
             path: URDF file; meshes are not needed.
@@ -109,13 +113,12 @@ class Arm:
 
         Raises:
             AacmmError: the file cannot be read or is not URDF.
-            UnsupportedArmError: a joint takes more than one number (``continuous``, planar, floating).
+            UnsupportedArmError: a joint takes more than one number (planar, floating).
             UnknownNameError: no such frame; lists the frames.
         """
-        if not Path(path).is_file():
-            raise AacmmError(f"{path}: no such file")
+        text = read_urdf(path)
         try:
-            model = pin.buildModelFromUrdf(str(path))
+            model = pin.buildModelFromXML(text)
         except (ValueError, RuntimeError) as error:
             raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
         return Arm.from_model(
@@ -175,6 +178,16 @@ class Arm:
     def nq(self) -> int:
         """Number of joints."""
         return int(self.model.nq)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, from the base on."""
+        return tuple(self.model.names[1:])
+
+    @property
+    def joint_axes(self) -> Array:
+        """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the joint moves."""
+        return np.array([_joint_axis(self.model, j) for j in range(1, self.model.njoints)])
 
     @property
     def gravity(self) -> Array:
@@ -330,6 +343,20 @@ class Arm:
         return int(number) if number.isdigit() else None
 
 
+def require_arm(given: object, name: str = "arm") -> Arm:
+    """``given``, if it is an arm.
+
+    Raises:
+        AacmmError: it is something else; says how to load it where it is a name.
+    """
+    if isinstance(given, Arm):
+        return given
+    if isinstance(given, str | Path):
+        raise AacmmError(f"{name} is {str(given)!r}, expected an arm: Arm.load({str(given)!r})")
+    held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
+    raise AacmmError(f"{name} is of type {type(given).__name__}, expected an Arm{held}")
+
+
 def _frame_number(model: Any, name: str) -> int:
     """Number of a frame; of a link and a joint with the same name, which URDF allows, the link (getFrameId would raise).
 
@@ -351,7 +378,10 @@ def _serial_part(model: Any, frame: str) -> Any:
         chain.append(joint)
         joint = model.parents[joint]
     others = [j for j in range(1, model.njoints) if j not in chain]
-    model = pin.buildReducedModel(model, others, pin.neutral(model)) if others else model.copy()
+    model = model.copy()
+    if others:
+        _rename(model, others)
+        model = pin.buildReducedModel(model, others, pin.neutral(model))
     wide = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq != 1 or model.joints[j].nv != 1]
     if wide:
         raise UnsupportedArmError(
@@ -360,6 +390,15 @@ def _serial_part(model: Any, frame: str) -> Any:
     if model.njoints < 2:
         raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
     return model
+
+
+def _rename(model: Any, joints: list[int]) -> None:
+    """Give joints whose name a link has too another one: Pinocchio looks for the frames of locked joints by name alone."""
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for joint in joints:
+        if model.names[joint] in links:
+            frame = next(f for f in model.frames if f.name == model.names[joint] and f.type == pin.FrameType.JOINT)
+            frame.name = model.names[joint] = f"joint {frame.name}"
 
 
 def _chain_of_model(model: Any, tip: str) -> Chain:
@@ -376,7 +415,7 @@ def _motion(model: Any, joint: int) -> Array:
     """Twist of a joint per unit of its number, in its own axes (6,)."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    return np.array(pin.getJointJacobian(model, data, joint, pin.LOCAL)[:, joint - 1])
+    return np.array(pin.getJointJacobian(model, data, joint, pin.LOCAL)).reshape(6, -1)[:, joint - 1]
 
 
 def _joint_axis(model: Any, joint: int) -> Array:

@@ -11,6 +11,7 @@ from aacmm_pin.arm_file import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration, HeldOut
 from aacmm_pin.calibration.problem import geometric_parameters
 from aacmm_pin.checks import Array
+from aacmm_pin.effect_words import in_words, values_in_words
 from aacmm_pin.effects import StylusOffset
 from aacmm_pin.units import DEG, MM
 
@@ -48,9 +49,12 @@ def fit_in_words(result: Calibration) -> str:
     if judged is None or p is None:
         if result.fit.stated:
             return "There are no more numbers than parameters, so nothing can be said about the fit."
+        why = "The noise was not stated in full, so χ² cannot judge the model"
+        if not result.fit.unmodelled:
+            return f"{why}; what was stated of it is enough for these residuals."
         return (
-            "The noise was not stated in full, so χ² cannot judge the model: beyond what was stated the residuals show "
-            f"{result.fit.unmodelled / MM:.4f} mm per coordinate, noise and what the model lacks together."
+            f"{why}: beyond what was stated the residuals show {result.fit.unmodelled / MM:.4f} mm per coordinate, noise "
+            "and what the model lacks together."
         )
     numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, p = {p:.2g}"
     if p < MISFIT:
@@ -115,6 +119,13 @@ def readable_parameters(result: Calibration) -> pd.DataFrame:
     return pd.DataFrame(readable | {"known": table["known"], "beyond": table["beyond"]})
 
 
+def sizes_table(result: Calibration) -> pd.DataFrame:
+    """RMS distance of tip and target before and after [mm], of the records of the fit and of those left out of it."""
+    rows = [("used in the fit", result.rms_before / MM, result.rms / MM)]
+    rows += [(f"left out, {_held_words(held)}", held.rms_before / MM, held.rms_after / MM) for held in result.held_out]
+    return pd.DataFrame(rows, columns=["records", "before [mm]", "after [mm]"])
+
+
 def small_unit(unit: str) -> tuple[str, float]:
     """The unit of changes of a parameter, and how many of it make one of ``unit``."""
     if unit == "mm":
@@ -139,9 +150,9 @@ def causes_in_words(result: Calibration) -> list[str]:
         if geometric_parameters(problem.model.arm, effect):
             continue
         jacobian = effect.described_jacobian()
-        expanded = COVERAGE_FACTOR * np.sqrt(np.diag(jacobian @ result.covariance[own, own] @ jacobian.T))
-        said = zip(effect.described().items(), expanded, strict=True)
-        found.append(f"{effect.label}: " + ", ".join(f"{key} {value:.4g} ± {u:.2g}" for (key, value), u in said))
+        u = np.sqrt(np.diag(jacobian @ result.covariance[own, own] @ jacobian.T))
+        values = {key: (value, float(s)) for (key, value), s in zip(effect.described().items(), u, strict=True)}
+        found.append(f"{in_words(effect)}: {values_in_words(values)}")
     return found
 
 

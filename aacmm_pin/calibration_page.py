@@ -20,7 +20,19 @@ from aacmm_pin.calibration_findings import (
     readable_parameters,
     verdict,
 )
-from aacmm_pin.report import Bullets, Download, Paragraph, Part, Picture, Section, Table, blank_axes, render_report
+from aacmm_pin.display import calibration_scene
+from aacmm_pin.report import (
+    Bullets,
+    Download,
+    Paragraph,
+    Part,
+    Picture,
+    SceneView,
+    Section,
+    Table,
+    blank_axes,
+    render_report,
+)
 from aacmm_pin.units import MM
 
 MOST_ROWS = 50
@@ -115,8 +127,13 @@ def _residuals(result: Calibration) -> list[Part]:
             "Residuals in space, from each target towards the tip, seen along z. The two pictures are magnified by the "
             "factors in their titles, which differ; neighbours that point the same way show what the model still lacks.",
         ),
+        SceneView(
+            calibration_scene(result),
+            "What is left, to turn: drag to look from elsewhere; the slider goes from the largest residual "
+            "to the smallest, with the arm as it stood.",
+        ),
         Picture.of(
-            plots.plot_residuals_over_joints(result),
+            plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, 0.3 - 2.5 * (-result.model.arm.nq // 3)))[0],
             "Residuals over the angle of each joint",
             "What is left, along the way that each joint moves the tip, over the angle of that joint. The line is the mean "
             "in parts of the range with its standard uncertainty: a wave in it is an encoder's or a joint's.",

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from aacmm_pin.angles import wrapped
 from aacmm_pin.checks import Array, Index
-from aacmm_pin.continuation import Curve, System, polish
+from aacmm_pin.continuation import Curve, System
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.even_spacing import evenly, to_solution
 from aacmm_pin.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.reaching import Wrist
+from aacmm_pin.shown import Shown
 from aacmm_pin.swivel import Swivel
 
 ARC_BINS = 3600
@@ -21,14 +23,10 @@ ARC_BINS = 3600
 SAME_SWIVEL = 1e-10
 """How well a wanted swivel angle is met [rad]."""
 MOST_TRIALS = 100
-FINER = 8
-"""Parts of each piece between vertices when the elbow's path is measured."""
 CURVED = 0.02
 """More than a curve leaves the chord between two of its vertices [rad]."""
 LIMIT_PARTS = 16
 """Parts of a piece that may meet a limit."""
-STILL = 1e-9
-"""An elbow that moves less than this along a whole curve gives no measure of it [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +111,7 @@ class Components:
 
 
 @dataclass(frozen=True)
-class Flexibility:
+class Flexibility(Shown):
     """Flexibility ζ of a working point (eq. 1 of Xu You et al. 2019): working over theoretical configurations.
 
     A swivel angle is theoretical where some configuration, limits apart, has it; working where one inside the limits has.
@@ -133,40 +131,8 @@ def resample(components: Components, count: int) -> tuple[Array, NDArray[np.intp
     """``count`` configurations on each curve, evenly spaced along the elbow's path, and their component from 1."""
     if not components.curves:
         return np.empty((0, components.nq)), np.empty(0, dtype=np.intp)
-    guesses = []
-    for closed in _finer(components):
-        path = np.linalg.norm(np.diff(components.swivel.elbow(components.full(closed)), axis=0), axis=1)
-        if path.sum() < STILL:
-            path = np.linalg.norm(np.diff(closed, axis=0), axis=1)
-        along = np.concatenate([[0.0], np.cumsum(path)])
-        wanted = np.arange(count) * (along[-1] / count)
-        guesses.append(np.column_stack([np.interp(wanted, along, column) for column in closed.T]))
-    number = np.repeat(np.arange(len(guesses)), count)
-    problem = np.array([c.problem for c in components.curves])[number]
-    return components.full(to_solution(components.system, np.concatenate(guesses), problem)), number + 1
-
-
-def _finer(components: Components) -> list[Array]:
-    """Each curve with solutions between its vertices, its first repeated at the end where it is closed."""
-    curves = [np.vstack([c.q, c.q[:1] + _turns(c)]) if c.closed else c.q for c in components.curves]
-    rows = [np.arange((len(q) - 1) * FINER + 1) / FINER for q in curves]
-    finer = [np.column_stack([np.interp(r, np.arange(len(q)), x) for x in q.T]) for r, q in zip(rows, curves, strict=True)]
-    problem = np.repeat([c.problem for c in components.curves], [len(q) for q in finer])
-    solutions = to_solution(components.system, np.concatenate(finer), problem)
-    return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
-
-
-def _turns(curve: Curve) -> Array:
-    """Full turns that each joint has made when the curve is back at its start."""
-    return np.asarray(np.round((curve.q[-1] - curve.q[0]) / (2 * np.pi)) * 2 * np.pi)
-
-
-def to_solution(system: System, guess: Array, problem: Index) -> Array:
-    """Points between vertices, moved onto the curve."""
-    q, good = polish(system, guess, problem)
-    if not good.all():
-        raise AacmmError(f"{(~good).sum()} of {len(good)} configurations between those of a curve could not be found")
-    return q
+    q, number = evenly(components.system, components.curves, count, lambda q: components.swivel.elbow(components.full(q)))
+    return components.full(q), number + 1
 
 
 def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Index]:

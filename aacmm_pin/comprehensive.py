@@ -24,7 +24,7 @@ def configuration_weights(theta3: Array, point: Array) -> Array:
     would not sum to one. The weights differ little by construction: with n = 12 by a factor of about 1.2 at most.
 
     Args:
-        theta3: (n,) [rad], any turn; |θ3| is taken of the angle in (-π, π].
+        theta3: (n,) [rad], any turn; its size is taken of the angle in (-π, π].
         point: working point (3,) [m] in the DH base.
     """
     n = len(theta3)

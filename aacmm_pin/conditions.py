@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.errors import MissingConditionError
+from aacmm_pin.shown import Shown
 
 Labels = NDArray[np.object_]
 """(n,) of str; "" where a record has none."""
@@ -28,7 +29,7 @@ COLUMNS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Conditions:
+class Conditions(Shown):
     """Conditions of n records; None where nothing is known.
 
     Attributes:

@@ -9,22 +9,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin.angles import wrapped
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm import Arm, require_arm
 from aacmm_pin.checks import Array, vector
 from aacmm_pin.circle import Components, Flexibility, flexibility, resample
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.limits import broken_limits, into_limits
+from aacmm_pin.postures_at_point import PosturesAtPoint
 from aacmm_pin.reach import reach_of_wrist
 from aacmm_pin.reaching import Wrist, wrist_curves, wrist_system
 from aacmm_pin.reaching_tip import tip_curves, tip_system
+from aacmm_pin.shown import drawn
 from aacmm_pin.swivel import Swivel
-from aacmm_pin.units import DEG, MM
+from aacmm_pin.units import MM
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D
 
 WRIST = "frame5"
 """Name of the frame whose origin is the working point of the source paper."""
@@ -32,38 +38,16 @@ SEEDS_PER_TURN = 24
 
 
 @dataclass(frozen=True, eq=False)
-class ConfigurationCircle:
+class ConfigurationCircle(PosturesAtPoint):
     """Every configuration that reaches a working point, in order along its closed components.
 
+    ``at`` is ``frame5`` or the tip; what else it has in common with other enumerations is in the base class.
+
     Attributes:
-        arm: the arm.
-        point: working point (3,) [m].
-        at: name of the frame whose origin is there: ``frame5`` or the tip.
-        q: configurations (n, nq) [rad]; each angle inside its limits where a full turn can bring it there.
-        component: number of the closed component of each, from 1, (n,).
-        swivel: swivel angle of the elbow (n,) [rad] in [-π, π], 0 where it is highest.
-        broken: which joints are outside their limits (n, nq).
         components: the closed curves that were sampled.
-        reason: why there is no configuration; "" where there are some.
     """
 
-    arm: Arm
-    point: Array
-    at: str
-    q: Array
-    component: NDArray[np.intp]
-    swivel: Array
-    broken: NDArray[np.bool_]
     components: Components
-    reason: str = ""
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-    @property
-    def within_limits(self) -> NDArray[np.bool_]:
-        """True where no limit is broken, (n,)."""
-        return np.asarray(~self.broken.any(axis=1))
 
     @property
     def theta3(self) -> Array:
@@ -92,39 +76,33 @@ class ConfigurationCircle:
         return flexibility(self.components, self.arm.limits, sectors)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each configuration, in the columns of ``aacmm-pin configurations``; x, y, z by Pinocchio."""
-        broken = [" ".join(str(j + 1) for j in np.flatnonzero(row)) for row in self.broken]
-        table: dict[str, ArrayLike] = {"component": self.component, "swivel_deg": self.swivel / DEG}
-        table |= {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.arm.nq)}
-        table |= {"within_limits": self.within_limits, "broken_limits": broken}
-        position = self.arm.poses(self.q, self.at).position / MM
-        table |= {f"{axis}_mm": position[:, i] for i, axis in enumerate("xyz")}
-        table |= {"shoulder_side": self.branch[:, 0], "elbow_side": self.branch[:, 1]}
-        return pd.DataFrame(table)
+        """As :meth:`PosturesAtPoint.to_frame`, with the branch signs behind."""
+        table = super().to_frame()
+        table["shoulder_side"], table["elbow_side"] = self.branch.T
+        return table
 
-    def summary(self) -> pd.DataFrame:
-        """One row for each closed component: its configurations, how many are within limits, its sides, broken joints."""
-        rows = []
-        for number in range(1, len(self.components.curves) + 1):
-            mine = self.component == number
-            rows.append(
-                {
-                    "component": number,
-                    "configurations": int(mine.sum()),
-                    "within_limits": int(self.within_limits[mine].sum()),
-                    "shoulder_side": _sides(self.branch[mine, 0]),
-                    "elbow_side": _sides(self.branch[mine, 1]),
-                    "joints_outside_limits": " ".join(str(j + 1) for j in np.flatnonzero(self.broken[mine].any(axis=0))),
-                }
-            )
-        return pd.DataFrame(rows)
+    def plot(self, accuracy: Any = None, postures: int = 5, ax: Axes3D | None = None) -> Axes3D:
+        """The path of the elbow round the working point, and the arm in a few of its postures.
 
-    def _repr_html_(self) -> str:
-        return f"<p>{self}</p>{self.summary().to_html(index=False)}"
+        Args:
+            accuracy: an :class:`~aacmm_pin.AccuracyVolume` of the configurations within limits; it colours the path.
+            postures: number of postures that are drawn.
+            ax: three-dimensional axes; without them a new pyplot figure is made.
+
+        Raises:
+            ShapeError, AacmmError: see :func:`aacmm_pin.plots.plot_circle`.
+        """
+        return drawn("plot_circle", self, accuracy, postures, ax)
+
+    def _row(self, number: int) -> dict[str, Any]:
+        mine = self.component == number
+        row = super()._row(number)
+        joints = row.pop("joints_outside_limits")
+        sides = {"shoulder_side": _sides(self.branch[mine, 0]), "elbow_side": _sides(self.branch[mine, 1])}
+        return row | sides | {"joints_outside_limits": joints}
 
     def __str__(self) -> str:
-        x, y, z = self.point / MM
-        where = f"{self.arm.name}, {self.at} at ({x:.4f}, {y:.4f}, {z:.4f}) mm"
+        where = self._where()
         if self.reason:
             return f"{where}: no configuration; {self.reason}"
         zeta = self.flexibility()
@@ -165,7 +143,7 @@ def configuration_circle(
         AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count below 3.
         UnsupportedArmError: no DH table, or one without the joints that this needs.
     """
-    dh = arm.require_dh("a configuration circle")
+    dh = require_arm(arm).require_dh("a configuration circle")
     point = vector(point, 3, "point", "m")
     if count < 3 or seeds_per_turn < 2:
         raise AacmmError(f"count is {count}, seeds_per_turn is {seeds_per_turn}; expected at least 3 and 2")
@@ -192,7 +170,8 @@ def _sampled(arm: Arm, point: Array, at: str, components: Components, count: int
     points = np.broadcast_to(point, (len(q), 3))
     swivel = components.swivel.angle(q, points)
     reason = "" if len(q) else _why_not(components, point, at == arm.tip)
-    return ConfigurationCircle(arm, point, at, q, component, swivel, broken_limits(q, arm.limits), components, reason)
+    broken = broken_limits(q, arm.limits)
+    return ConfigurationCircle(arm, point, at, q, component, swivel, broken, components, reason=reason)
 
 
 def _why_not(components: Components, point: Array, tip: bool) -> str:

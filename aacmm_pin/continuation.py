@@ -2,7 +2,8 @@
 
 Source of the method: E. Allgower, K. Georg, "Introduction to Numerical Continuation Methods", SIAM 2003.
 Each curve keeps its own step length. The sign of ``det [J; tᵀ]`` is constant along a smooth curve and changes where a step
-jumps across a narrow gap to another branch; such a step is taken back and shortened.
+jumps across a narrow gap to another branch; such a step is taken back and shortened. Where no step is short enough, curves
+cross (as they do for an arm with parallel axes in an upright pose), and the trace leaps over to go straight on.
 """
 
 from __future__ import annotations
@@ -27,7 +28,14 @@ SURE_STEP = 5e-7
 """After a Newton step shorter than this the residual is about the arm's length times step²/2, below 2e-13 m."""
 LONGEST_STEP = 0.20
 """Of a predictor along the curve [rad]."""
-SHORTEST_STEP = 1e-7
+SHORTEST_STEP = 1e-5
+"""Nearer than this to a crossing the residual's rounding, over the distance, hides the direction of the curve; a gap that
+narrow is a crossing [rad]."""
+STEADY = 0.01
+"""A vertex reached by a step this long knows its tangent and curvature, however near a crossing is [rad]."""
+LEAPS = (0.03, 0.1, 0.01)
+"""How far beyond a crossing, where no step succeeds, the curve is looked for again [rad]."""
+MOST_LEAPS = 100
 LARGEST_TURN = 0.30
 """Largest angle between the tangents at the two ends of a step [rad]."""
 BULGE = 0.1
@@ -111,6 +119,8 @@ class _State:
         self.sign = self._orientation(np.arange(n), start, self.tangent)
         self.curvature = np.zeros_like(start)
         self.length = np.full(n, 0.25 * LONGEST_STEP)
+        self.steady = (self.q.copy(), self.tangent.copy(), self.curvature.copy())
+        self.leaps = np.zeros(n, dtype=np.intp)
         self.travelled = np.zeros(n)
         self.closed = np.zeros(n, dtype=bool)
         self.active = np.arange(n)
@@ -127,13 +137,39 @@ class _State:
         tangent, sign = _next_tangent(jacobian, t)
         cosine = np.einsum("ni,ni->n", tangent, t)
         good &= (cosine > np.cos(LARGEST_TURN)) & (np.linalg.norm(q - guess, axis=1) < 0.4 * h[:, 0])
-        crossing = h[:, 0] <= 2 * SHORTEST_STEP  # a gap that narrow is a crossing: go straight on
-        good &= (sign == self.sign[who]) | crossing
+        good &= sign == self.sign[who]
         self.length[who[~good]] *= 0.4
         stuck = self.length[who] < SHORTEST_STEP
         self._accept(who[good], q[good], tangent[good], sign[good], np.sqrt(np.maximum(0.0, 1 - cosine[good] ** 2)))
+        stuck[stuck] = ~self._leap(who[stuck])
         self.active = who[~(self.closed[who] | stuck)]
         return True
+
+    def _leap(self, who: Index) -> NDArray[np.bool_]:
+        """Go on beyond the crossing that stops each of ``who``; which of them got there.
+
+        Where curves cross, J loses rank. From the last vertex that knew its tangent well, the curve is foretold beyond the
+        crossing and corrected there.
+        """
+        over = np.zeros(len(who), dtype=bool)
+        for leap in LEAPS:
+            left = np.flatnonzero(~over & (self.leaps[who] < MOST_LEAPS))
+            some = who[left]
+            if not some.size:
+                break
+            base, t, curvature = (part[some] for part in self.steady)
+            h = 2 * np.linalg.norm(self.q[some] - base, axis=1)[:, None] + leap
+            guess = base + h * t + 0.5 * h**2 * curvature
+            q, jacobian, good = _correct(self.system, guess, t, self.problem[some])
+            tangent, sign = _next_tangent(jacobian, t)
+            good &= np.einsum("ni,ni->n", tangent, t) > np.cos(LARGEST_TURN)
+            good &= np.linalg.norm(q - guess, axis=1) < BULGE * h[:, 0]
+            there = some[good]
+            self._accept(there, q[good], tangent[good], sign[good], np.full(len(there), LARGEST_TURN))
+            self.length[there], self.curvature[there] = STEADY, curvature[good]
+            self.leaps[there] += 1
+            over[left[good]] = True
+        return over
 
     def _accept(self, who: Index, q: Array, tangent: Array, sign: Array, turn: Array) -> None:
         moved = q - self.q[who]
@@ -144,6 +180,9 @@ class _State:
         self.history.append((who[keep], q[keep]))
         self.curvature[who] = (tangent - self.tangent[who]) / distance[:, None]
         self.q[who], self.tangent[who], self.sign[who] = q, tangent, sign
+        steady = who[distance >= STEADY]
+        for kept, now in zip(self.steady, (self.q, self.tangent, self.curvature), strict=True):
+            kept[steady] = now[steady]
         self.travelled[who] += distance
         wanted = np.clip(0.6 * LARGEST_TURN / np.maximum(turn, 1e-3), 0.5, 1.8)
         self.length[who] = np.clip(self.length[who] * wanted, SHORTEST_STEP, LONGEST_STEP)
@@ -185,11 +224,11 @@ def all_curves(system: System, seeds: Array, problem: Index) -> list[Curve]:
         left[first] = False
         left[left] = ~on_curves(system, seeds[left], problem[left], new)
         seeds, problem = seeds[left], problem[left]
-        rounds.append(_without_known(system, new, rounds))
+        rounds.append(without_known(system, new, rounds))
     return sorted((curve for curves in rounds for curve in curves), key=lambda curve: curve.problem)
 
 
-def _without_known(system: System, new: list[Curve], rounds: list[list[Curve]]) -> list[Curve]:
+def without_known(system: System, new: list[Curve], rounds: list[list[Curve]]) -> list[Curve]:
     """The ``new`` curves without those found before: from a seed next to a crossing a known curve may not be recognised,
     but most of some vertices all round it are.
     """

@@ -140,10 +140,15 @@ def _moved(text: bytes, joint: _Joint, motion: Array) -> bytes:
 
 def _placement(origin: dict[str, str]) -> Array:
     x, y, z = (float(value) for value in origin.get("xyz", "0 0 0").split())
-    roll, pitch, yaw = (float(value) for value in origin.get("rpy", "0 0 0").split())
     placement = _shift(np.array([x, y, z]))
-    placement[:3, :3] = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+    placement[:3, :3] = from_roll_pitch_yaw(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
     return placement
+
+
+def from_roll_pitch_yaw(angles: Array) -> Array:
+    """``Rz(yaw) Ry(pitch) Rx(roll)`` of URDF's roll, pitch, yaw (3,) [rad], turns about fixed axes: (3, 3)."""
+    roll, pitch, yaw = angles
+    return _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
 
 
 def roll_pitch_yaw(rotation: Array) -> Array:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin.checks import Array, batch
 from aacmm_pin.errors import ShapeError, UnknownNameError
+from aacmm_pin.shown import Shown
 
 Convention = Literal["standard-dh", "modified-dh"]
 KINDS = ("a", "d", "alpha", "theta_offset")
@@ -29,7 +30,7 @@ CHUNK = 2048
 
 
 @dataclass(frozen=True, eq=False)
-class DHTable:
+class DHTable(Shown):
     """Denavit–Hartenberg values of an arm.
 
     Attributes:

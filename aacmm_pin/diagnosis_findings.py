@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 import pandas as pd
 
-from aacmm_pin.arm_file import COVERAGE_FACTOR
 from aacmm_pin.calibration.problem import geometric_parameters
 from aacmm_pin.diagnosis import Diagnosis, Finding, OddGroup
+from aacmm_pin.diagnosis.result import described
+from aacmm_pin.effect_words import in_words as in_words
+from aacmm_pin.effect_words import label_in_words as label_in_words
+from aacmm_pin.effect_words import labels_in_words as labels_in_words
+from aacmm_pin.effect_words import listed as listed
+from aacmm_pin.effect_words import several_in_words as several_in_words
+from aacmm_pin.effect_words import values_in_words
 from aacmm_pin.effects import Effect, EncoderSlip, SeatError
-from aacmm_pin.units import DEG, MM
+from aacmm_pin.units import MM
 
 CHANCE = 0.01
 """Structure with less chance than this is not nothing."""
@@ -19,92 +23,8 @@ BEYOND = 1.3
 """So many times what was predicted is worth a reader's attention."""
 SURE = 0.95
 """A cause less probable than this is in doubt."""
-FEW_VALUES = 8
-"""More parameters than this are no reading."""
-NAMES = {
-    "joint_zero_offset": "zero offset",
-    "link_length": "length a",
-    "joint_distance": "distance d",
-    "link_twist": "twist α",
-    "link_tilt": "tilt β",
-    "joint_placement": "placement",
-    "encoder_eccentricity": "encoder eccentricity",
-    "encoder_ellipticity": "encoder ellipticity (twice per turn)",
-    "joint_periodic_error": "periodic error",
-    "joint_error_curve": "error curve",
-    "encoder_gain": "encoder gain",
-    "encoder_slip": "encoder slip",
-    "joint_compliance": "compliance under gravity",
-    "bearing_tilt": "bearing tilt under gravity",
-    "joint_hysteresis": "hysteresis",
-    "zero_drift": "drift of the zero",
-    "torsional_windup": "torsional wind-up",
-    "link_bending": "bending",
-    "base_compliance": "tilting stand (base compliance)",
-    "thermal_expansion": "thermal expansion",
-    "counterbalance": "counterbalance error",
-    "stylus_offset": "stylus offset",
-    "stylus_bending": "stylus bending",
-    "seat_error": "error of the stated place",
-    "reference_frame": "error of the reference frame",
-}
-"""Words for the causes."""
-OF_TUBES = ("link_bending", "torsional_windup")
 PARTS = {"seats": "seats", "blocks": "blocks of joint space"}
 """What is left out in turn, in words."""
-UNITS = {
-    "_rad_per_nm2": ("µrad/(N·m²)", 1e6),
-    "_rad_per_nm": ("µrad/(N·m)", 1e6),
-    "_per_k": ("µm/(m·K)", 1e6),
-    "_rad": ("µrad", 1e6),
-    "_mm": ("µm", 1e3),
-    "gain": ("·10⁻⁶", 1e6),
-}
-"""How a described value ends, the unit that people read, and how many of it make one."""
-
-
-def label_in_words(label: str) -> str:
-    """``encoder_gain:5`` as ``encoder gain of joint 5``; a covariate as a dependence on it."""
-    cause, _, place = label.partition(":")
-    if cause not in NAMES:
-        return f"dependence on {label}"
-    words = NAMES[cause]
-    if not place:
-        return words if cause != "thermal_expansion" else "thermal expansion of the arm"
-    what = "seat" if cause == "seat_error" else "tube" if cause in OF_TUBES else "joint" if place.isdigit() else "target"
-    return f"{words} of {what} {place}"
-
-
-def in_words(effect: Effect) -> str:
-    """The cause, where it sits, and its order or time."""
-    inner = []
-    if (order := getattr(effect, "order", None)) is not None:
-        inner.append(f"{order:.4g} periods per turn")
-    if (time := getattr(effect, "time_s", None)) is not None:
-        inner.append(f"at {time / 60:.1f} min")
-    if (constant := getattr(effect, "time_constant_s", None)) is not None:
-        inner.append(f"time constant {constant / 60:.0f} min")
-    return label_in_words(effect.label) + (f" ({', '.join(inner)})" if inner else "")
-
-
-def several_in_words(effects: Sequence[Effect]) -> str:
-    """Causes in a row; those of one kind together, ``error curve of joints 1, 2 and 3``."""
-    return labels_in_words({effect.label: in_words(effect) for effect in effects})
-
-
-def labels_in_words(words: Mapping[str, str]) -> str:
-    """The same of labels, each with its words for where it is the only one of its kind."""
-    kinds: dict[str, list[str]] = {}
-    for label in words:
-        kinds.setdefault(label.partition(":")[0], []).append(label)
-    found = []
-    for labels in kinds.values():
-        if len(labels) == 1:
-            found.append(words[labels[0]])
-            continue
-        places = [label.partition(":")[2] for label in labels]
-        found.append(f"{label_in_words(labels[0]).removesuffix(f' {places[0]}')}s {listed(sorted(places))}")
-    return listed(found)
 
 
 def geometric(result: Diagnosis, finding: Finding) -> bool:
@@ -114,23 +34,12 @@ def geometric(result: Diagnosis, finding: Finding) -> bool:
 
 def parameters_in_words(finding: Finding) -> str:
     """Values with U (k = 2) in the units that people read; the smaller of them would be lost in SI."""
-    if len(finding.parameters) > FEW_VALUES:
-        return f"free curve of {len(finding.parameters)} values"
-    return ", ".join(_value(key, value, COVERAGE_FACTOR * u) for key, (value, u) in finding.parameters.items())
+    return values_in_words(finding.parameters)
 
 
-def _value(key: str, value: float, expanded: float) -> str:
-    if key == "phase_rad":
-        name, unit, factor = "phase", "°", 1 / DEG
-    else:
-        ending = next((e for e in UNITS if key.endswith(e)), "")
-        unit, factor = UNITS.get(ending, ("", 1.0))
-        name = (key.removesuffix(ending) or key).replace("_", " ").strip()
-    value, expanded = value * factor, expanded * factor
-    if not np.isfinite(expanded) or expanded <= 0:
-        return f"{name} {value:.4g} {unit}".strip()
-    digits = int(np.clip(1 - np.floor(np.log10(expanded)), 0, 6))
-    return f"{name} {value:.{digits}f} ± {expanded:.{digits}f} {unit}".replace(" °", "°").replace(" ·", "·").strip()
+def effect_values(effect: Effect) -> dict[str, tuple[float, float]]:
+    """Described values of a cause with u, as of a finding; its parameters count as independent."""
+    return described(effect, np.diag(np.square(effect.u)))
 
 
 def verdict_in_words(result: Diagnosis) -> str:
@@ -276,7 +185,7 @@ def unexplained_in_words(result: Diagnosis) -> str:
 def _left(result: Diagnosis) -> str:
     """What is left of the residuals."""
     fit = result.extended
-    if not fit.stated:
+    if not fit.stated and fit.unmodelled > 0:
         return (
             f"the residuals scatter by {fit.unmodelled / MM:.4f} mm per coordinate beyond what was stated, "
             "noise and what is still missing together"
@@ -327,8 +236,3 @@ def left_in_words(result: Diagnosis) -> str:
     """What is left once the causes are known, as a sentence."""
     text = _left(result)
     return f"{text[:1].upper()}{text[1:]}."
-
-
-def listed(items: Sequence[str], last: str = "and") -> str:
-    """``a, b and c``."""
-    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""

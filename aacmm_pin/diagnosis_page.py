@@ -28,11 +28,23 @@ from aacmm_pin.diagnosis_findings import (
     verdict_in_words,
 )
 from aacmm_pin.diagnosis_tables import look_alikes, ranking, residuals_table, tip_motion
+from aacmm_pin.display import diagnosis_scene
 from aacmm_pin.effects import EncoderSlip, SeatError
 from aacmm_pin.plots.diagnosis import shown_models
 from aacmm_pin.plots.groups import held_out_parts, place_in_words, residuals_by_group
 from aacmm_pin.plots.partial import is_constant, state_of
-from aacmm_pin.report import Bullets, Download, Paragraph, Part, Picture, Section, Table, blank_axes, render_report
+from aacmm_pin.report import (
+    Bullets,
+    Download,
+    Paragraph,
+    Part,
+    Picture,
+    SceneView,
+    Section,
+    Table,
+    blank_axes,
+    render_report,
+)
 from aacmm_pin.units import UM
 
 MOST_ROWS = 50
@@ -87,7 +99,7 @@ def _wrong(result: Diagnosis) -> list[Part]:
     return [
         Paragraph(most_off_in_words(result, table), finding=bool((table["times_predicted"] > BEYOND).any())),
         Picture.of(
-            plots.plot_groups(result),
+            plots.plot_groups(result, blank_axes(9.3, 0.5 - 2.2 * (-table["by"].nunique() // 3)))[0],
             "RMS of the residuals by joint range, time, temperature and seat, by the three models",
             "RMS of the residuals in parts of all that is known of the records. Black: the simulation, to be compared with "
             "the dashed line, what its stated uncertainties and the noise predict. Grey and blue: recalibrated and "
@@ -182,12 +194,17 @@ def _on_the_arm(result: Diagnosis) -> list[Part]:
     left, right = shown_models(result)
     return [
         Picture.of(
-            plots.plot_arm_residuals(result),
+            plots.plot_arm_residuals(result, blank_axes(8.6, 8.0))[0],
             f"Residual vectors on a drawing of the arm, {left} and {right}",
             f"Residuals in space, from each stated place towards the tip: left {left}, right {right}; above in plan, below "
             "from the side; all magnified alike. Grey: the arm in some of its postures, joints as dots. Neighbours that "
             "point the same way show what a model lacks; noise points anywhere.",
-        )
+        ),
+        SceneView(
+            diagnosis_scene(result, shown_models(result)[0]),
+            f"The residuals of the {shown_models(result)[0]} arm to turn: drag to look from elsewhere; the slider goes from "
+            "the largest to the smallest, with the arm as it stood.",
+        ),
     ]
 
 

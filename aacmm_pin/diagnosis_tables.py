@@ -9,18 +9,31 @@ import pandas as pd
 
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis_findings import in_words, label_in_words, p_in_words, parameters_in_words, probability
+from aacmm_pin.effects import Effect, JointErrorCurve
 from aacmm_pin.plots.diagnosis import models
+from aacmm_pin.plots.groups import place_in_words
 from aacmm_pin.plots.partial import state_of
 from aacmm_pin.units import MM, UM
 
+RANKING_FORMATS = {"at the tip [µm]": ".1f", "retained": ".0%"}
+RMS_FORMATS = dict.fromkeys(("simulated [mm]", "recalibrated [mm]", "extended [mm]", "noise alone [mm]"), ".4f")
+OFF_FORMATS = dict.fromkeys(("RMS [mm]", "predicted [mm]"), ".4f") | {"times predicted": ".1f"}
+"""Formats of the numbers of these tables."""
+WAVES = 6
+"""So many waves of a free curve are told."""
 LOOK_ALIKES = 3
 """So many look-alikes of a cause are listed; the diagnosis has more."""
 
 
-def tip_motion(result: Diagnosis, finding: Finding) -> float:
+def motion_of(result: Diagnosis, effect: Effect) -> float:
     """RMS by which a cause moves the tip, or the stated place, over the used records [m]."""
-    moved = finding.effect.sensitivity(state_of(result.extended)) @ np.array(finding.effect.values)
+    moved = effect.sensitivity(state_of(result.extended)) @ np.array(effect.values)
     return float(np.sqrt(np.square(moved[result.extended.used]).sum(axis=1).mean()))
+
+
+def tip_motion(result: Diagnosis, finding: Finding) -> float:
+    """The same of a finding [m]."""
+    return motion_of(result, finding.effect)
 
 
 def ranking(result: Diagnosis) -> pd.DataFrame:
@@ -52,6 +65,36 @@ def look_alikes(result: Diagnosis) -> pd.DataFrame:
         for a in f.aliases[:LOOK_ALIKES]
     ]
     return pd.DataFrame(rows)
+
+
+def rms_table(result: Diagnosis) -> pd.DataFrame:
+    """One row: RMS distance of tip and target by the three models, and by the noise alone [mm]."""
+    names = {"simulation": "simulated", "noise": "noise alone"}
+    return pd.DataFrame({f"{names.get(name, name)} [mm]": [value / MM] for name, value in result.rms.items()})
+
+
+def most_off(result: Diagnosis, most: int) -> pd.DataFrame:
+    """Groups of records where the simulation is off most, in times what its own uncertainties predict there."""
+    table = result.simulation_groups.head(most)
+    return pd.DataFrame(
+        {
+            "where": [place_in_words(by, group) for by, group in zip(table["by"], table["group"], strict=True)],
+            "records": table["records"],
+            "RMS [mm]": table["rms_mm"],
+            "predicted [mm]": table["predicted_mm"],
+            "times predicted": table["times_predicted"],
+        }
+    )
+
+
+def curves_in_words(result: Diagnosis) -> list[str]:
+    """The strongest waves of each free curve that was found."""
+    return [
+        f"{in_words(f.effect)}, waves per turn: "
+        + ", ".join(f"{order:.3g} ({size / UM:.1f} µrad)" for order, size in f.effect.spectrum()[:WAVES])
+        for f in result.findings
+        if isinstance(f.effect, JointErrorCurve)
+    ]
 
 
 def residuals_table(result: Diagnosis) -> pd.DataFrame:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm import Arm, require_arm
 from aacmm_pin.arm_file import ArmFile, EffectEntry, load_arm_file
 from aacmm_pin.arm_text import arm_text
 from aacmm_pin.checks import Array, batch
@@ -19,6 +19,7 @@ from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 from aacmm_pin.outputs import whole_file
 from aacmm_pin.parameter import Parameter
+from aacmm_pin.shown import Shown
 from aacmm_pin.state import State
 
 MOST_ROUNDS = 20
@@ -28,7 +29,7 @@ SETTLED = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorModel:
+class ErrorModel(Shown):
     """An arm plus effects.
 
     Attributes:
@@ -54,11 +55,25 @@ class ErrorModel:
 
     @staticmethod
     def of(model: Arm | ErrorModel) -> ErrorModel:
-        """``model`` itself, or an arm with the effects of its file."""
+        """``model`` itself, or an arm with the effects of its file.
+
+        Raises:
+            AacmmError: it is neither, such as a name.
+        """
         if isinstance(model, ErrorModel):
             return model
+        model = require_arm(model, "model")
         entries = [] if model.file is None else model.file.effects
         return ErrorModel(model, tuple(_effect(entry, model.name, n) for n, entry in enumerate(entries, start=1)))
+
+    @staticmethod
+    def arm_of(model: Arm | ErrorModel) -> Arm:
+        """The arm of a model, or the arm itself.
+
+        Raises:
+            AacmmError: it is neither, such as a name.
+        """
+        return model.arm if isinstance(model, ErrorModel) else require_arm(model, "model")
 
     @staticmethod
     def load(name_or_path: str | Path) -> ErrorModel:

@@ -25,11 +25,12 @@ from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.error_model import ErrorModel, displaced
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.parameter import Parameter, Scope
+from aacmm_pin.shown import Shown
 from aacmm_pin.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorSources:
+class ErrorSources(Shown):
     """Parameters of the arm and of its effects, and, where stated, the noise of its encoders.
 
     Attributes:

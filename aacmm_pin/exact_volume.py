@@ -12,12 +12,18 @@ from aacmm_pin.error_model import displaced
 from aacmm_pin.error_sources import ErrorSources
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.parameter_draws import drawn_effects
+from aacmm_pin.progress import watched
 
 FEWEST_DRAWS = 100
 
 
 def exact_volume(
-    sources: ErrorSources, q: Array, conditions: Conditions | None, rng: np.random.Generator, draws: int
+    sources: ErrorSources,
+    q: Array,
+    conditions: Conditions | None,
+    rng: np.random.Generator,
+    draws: int,
+    progress: bool = False,
 ) -> tuple[Array, Array, Array]:
     """Accuracy volume, its sampling error and the covariance of the position, from ``draws`` at each configuration.
 
@@ -31,12 +37,13 @@ def exact_volume(
         raise AacmmError(f"draws is {draws}, expected at least {FEWEST_DRAWS}")
     volume, error, covariance = np.empty(len(q)), np.empty(len(q)), np.empty((len(q), 3, 3))
     generators = sources.generators(q, conditions)
-    for k in range(len(q)):
-        record = None if conditions is None else conditions.take([k])
-        corners = exact_positions(sources, q[k : k + 1], record, _corners(sources, generators[k], rng, draws))
-        volume[k] = ConvexHull(corners).volume
-        error[k] = volume[k] - ConvexHull(corners[: draws // 2]).volume
-        covariance[k] = np.cov(exact_positions(sources, q[k : k + 1], record, _errors(sources, rng, draws)).T)
+    with watched(range(len(q)), progress, "Monte Carlo", "posture") as postures:
+        for k in postures:
+            record = None if conditions is None else conditions.take([k])
+            corners = exact_positions(sources, q[k : k + 1], record, _corners(sources, generators[k], rng, draws))
+            volume[k] = ConvexHull(corners).volume
+            error[k] = volume[k] - ConvexHull(corners[: draws // 2]).volume
+            covariance[k] = np.cov(exact_positions(sources, q[k : k + 1], record, _errors(sources, rng, draws)).T)
     return volume, error, covariance
 
 

@@ -15,15 +15,20 @@ AT_LIMIT = 1e-9
 def into_limits(q: Array, limits: Array) -> Array:
     """The same configurations, each angle turned by whole turns to where it is inside its limits or least outside.
 
+    Of several places inside, which limits wider than a turn have, the one nearest to their middle.
+
     Args:
         q: (n, nq) [rad].
-        limits: (nq, 2) [rad].
+        limits: (nq, 2) [rad]; a joint without finite limits is put within half a turn of zero.
     """
-    lower, upper = limits[:, 0], limits[:, 1]
+    lower, upper = np.where(np.isfinite(limits).all(axis=1), limits.T, [[-np.pi], [np.pi]])
     turns = np.ceil((lower - AT_LIMIT - q) / (2 * np.pi))
     first = q + 2 * np.pi * turns  # in [lower, lower + 2π); exact where no turn is needed
     outside = first > upper + AT_LIMIT
     nearer_below = outside & (lower - (first - 2 * np.pi) < first - upper)
+    more = np.floor((upper + AT_LIMIT - first) / (2 * np.pi))
+    to_middle = np.ceil((0.5 * (lower + upper) - first) / (2 * np.pi) - 0.5 - AT_LIMIT)
+    first = first + 2 * np.pi * np.clip(to_middle, 0.0, np.maximum(more, 0.0))
     return np.asarray(np.where(nearer_below, first - 2 * np.pi, first))
 
 

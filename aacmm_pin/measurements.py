@@ -6,7 +6,6 @@ The file speaks millimetres and degrees (or radians); :class:`Measurements` spea
 from __future__ import annotations
 
 import csv
-import html
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
@@ -23,6 +22,7 @@ from aacmm_pin.conditions import COLUMNS, Conditions, Labels
 from aacmm_pin.errors import MeasurementFileError, ShapeError, UnknownNameError
 from aacmm_pin.measurement_columns import Columns, Problems, checked_columns, named, read_header
 from aacmm_pin.outputs import whole_file
+from aacmm_pin.shown import Shown
 from aacmm_pin.units import DEG, MM
 
 FIRST_RECORD = 2
@@ -39,7 +39,7 @@ class Bar(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Measurements:
+class Measurements(Shown):
     """Records of one arm, n of them.
 
     Attributes:
@@ -255,9 +255,6 @@ class Measurements:
         if len(self.extra.columns):
             shown["unknown columns"] = f"{', '.join(self.extra.columns)} (kept; candidates for 'depends on')"
         return pd.DataFrame({"what": list(shown), "value": list(shown.values())})
-
-    def _repr_html_(self) -> str:
-        return f"<p>{html.escape(str(self))}</p>{self.summary().to_html(index=False)}"
 
     def __str__(self) -> str:
         unknown = f", unknown columns {', '.join(self.extra.columns)}" if len(self.extra.columns) else ""

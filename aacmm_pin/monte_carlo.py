@@ -21,6 +21,8 @@ from aacmm_pin.error_model import ErrorModel, displaced
 from aacmm_pin.errors import AacmmError, ShapeError
 from aacmm_pin.noise import Noise
 from aacmm_pin.parameter_draws import drawn_effects, parameter_errors
+from aacmm_pin.progress import watched
+from aacmm_pin.shown import Shown
 from aacmm_pin.units import MM
 
 COVERAGE = 0.95
@@ -31,7 +33,7 @@ AT_ONCE = 10_000
 
 
 @dataclass(frozen=True, eq=False)
-class PointUncertainty:
+class PointUncertainty(Shown):
     """A measured point as a distribution.
 
     Attributes:
@@ -61,16 +63,13 @@ class PointUncertainty:
         table.insert(0, "coordinate", ["x", "y", "z"])
         return table
 
-    def _repr_html_(self) -> str:
-        return f"<p>{self}</p>{self.to_frame().to_html(index=False)}"
-
     def __str__(self) -> str:
         u = ", ".join(f"{value / MM:.4g}" for value in self.u)
         return f"standard uncertainty of x, y, z {u} mm, {self.draws} draws"
 
 
 @dataclass(frozen=True, eq=False)
-class LengthUncertainty:
+class LengthUncertainty(Shown):
     """A measured length as a distribution.
 
     Attributes:
@@ -105,6 +104,7 @@ def point_uncertainty(
     rng: np.random.Generator,
     draws: int = 10_000,
     conditions: Conditions | None = None,
+    progress: bool = True,
 ) -> PointUncertainty:
     """Distribution of the tip that one reading gives (JCGM 101:2008, 5.9 and 7; JCGM 102:2011, 7).
 
@@ -119,6 +119,7 @@ def point_uncertainty(
         rng: for all that is drawn.
         draws: number of draws.
         conditions: of the one record; needed by causes that depend on them. They count as exact.
+        progress: show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
         ShapeError: ``q`` is not (1, nq), noise is of another number of encoders, or ``conditions`` are not of one record.
@@ -127,7 +128,7 @@ def point_uncertainty(
     """
     model = ErrorModel.of(model)
     q = _one(q, model.arm.nq, "q")
-    tips = _tips(model, q, noise, rng, draws, _of_records(conditions, 1))[0]
+    tips = _tips(model, q, noise, rng, draws, _of_records(conditions, 1), progress)[0]
     covariance = np.cov(tips.T)
     return PointUncertainty(
         estimate=model.predict(q, conditions)[0],
@@ -149,6 +150,7 @@ def length_uncertainty(
     rng: np.random.Generator,
     draws: int = 10_000,
     conditions: Conditions | None = None,
+    progress: bool = True,
 ) -> LengthUncertainty:
     """Distribution of the distance between the tips of two readings, such as the ends of a ball bar.
 
@@ -162,13 +164,14 @@ def length_uncertainty(
         rng: for all that is drawn.
         draws: number of draws.
         conditions: of the two records, A then B.
+        progress: show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
         ShapeError, MissingConditionError, AacmmError: see :func:`point_uncertainty`.
     """
     model = ErrorModel.of(model)
     q = np.concatenate([_one(q_a, model.arm.nq, "q_a"), _one(q_b, model.arm.nq, "q_b")])
-    a, b = _tips(model, q, noise, rng, draws, _of_records(conditions, 2))
+    a, b = _tips(model, q, noise, rng, draws, _of_records(conditions, 2), progress)
     lengths = np.linalg.norm(a - b, axis=1)
     stated = model.predict(q, conditions)
     return LengthUncertainty(
@@ -217,7 +220,15 @@ def _of_records(conditions: Conditions | None, n: int) -> Conditions:
 # --- draws
 
 
-def _tips(model: ErrorModel, q: Array, noise: Noise, rng: np.random.Generator, draws: int, conditions: Conditions) -> Array:
+def _tips(
+    model: ErrorModel,
+    q: Array,
+    noise: Noise,
+    rng: np.random.Generator,
+    draws: int,
+    conditions: Conditions,
+    progress: bool,
+) -> Array:
     """Tips of the k readings ``q`` (k, nq) in each draw: (k, draws, 3) [m]."""
     arm = model.arm
     if draws < LEAST_DRAWS:
@@ -229,12 +240,13 @@ def _tips(model: ErrorModel, q: Array, noise: Noise, rng: np.random.Generator, d
             f"{arm.name}: no parameter has an uncertainty and there is no noise; state half-widths or u in the arm file"
         )
     tips = np.empty((len(q), draws, 3))
-    for part in chunks(draws, AT_ONCE):
-        count = len(tips[0, part])
-        effects = drawn_effects(model, parameter_errors(model, rng, count))
-        for k, reading in enumerate(q):
-            indications = reading + noise.encoder * rng.normal(size=(count, arm.nq))
-            same = conditions.take(np.full(count, k))
-            tips[k, part] = displaced(arm, effects, indications, same, arm.chain.tip, False).position
-            tips[k, part] += noise.probe * rng.normal(size=(count, 3))
+    with watched(list(chunks(draws, AT_ONCE)), progress, "Monte Carlo", "part") as parts:
+        for part in parts:
+            count = len(tips[0, part])
+            effects = drawn_effects(model, parameter_errors(model, rng, count))
+            for k, reading in enumerate(q):
+                indications = reading + noise.encoder * rng.normal(size=(count, arm.nq))
+                same = conditions.take(np.full(count, k))
+                tips[k, part] = displaced(arm, effects, indications, same, arm.chain.tip, False).position
+                tips[k, part] += noise.probe * rng.normal(size=(count, 3))
     return tips

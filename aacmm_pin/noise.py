@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin.checks import Array, vector
 from aacmm_pin.errors import AacmmError, ShapeError
+from aacmm_pin.shown import Shown
 
 ENCODER = 8e-6
 """Standard uncertainty of one reading where nothing is stated [rad]: a good optical encoder, 1.6″."""
@@ -19,7 +20,7 @@ PROBE = 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class Noise(Shown):
     """Standard uncertainties of what is new in every record, or in every reference.
 
     Attributes:

@@ -6,11 +6,11 @@ import numpy as np
 
 from aacmm_pin.accuracy import AccuracyVolume
 from aacmm_pin.checks import Index
-from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.errors import ShapeError
+from aacmm_pin.postures_at_point import PosturesAtPoint
 
 
-def paired(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Index:
+def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     """Numbers, in the circle, of the configurations of ``accuracy``: those within limits, (n,).
 
     Raises:
@@ -20,7 +20,7 @@ def paired(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> Index:
     wanted = "pass accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
     if len(accuracy.q) != len(inside):
         raise ShapeError(
-            f"accuracy has {len(accuracy.q)} configurations, expected the {len(inside)} of the circle's {len(circle)} "
+            f"accuracy has {len(accuracy.q)} configurations, expected the {len(inside)} of the circle's {len(circle.q)} "
             f"that are within limits: {wanted}"
         )
     if not np.array_equal(accuracy.q, circle.q[inside]):

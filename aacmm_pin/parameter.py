@@ -6,11 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from aacmm_pin.shown import Shown
+
 Scope = Literal["arm", "session", "record"]
 
 
 @dataclass(frozen=True)
-class Parameter:
+class Parameter(Shown):
     """A model parameter whose true value differs from the stated one by an unknown error.
 
     Attributes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from aacmm_pin.arm import Arm
@@ -22,14 +24,12 @@ def perturbed_model(model: ErrorModel, rng: np.random.Generator) -> ErrorModel:
         rng: for the draw.
 
     Raises:
-        AacmmError: no parameter has an uncertainty.
-        UnsupportedArmError: the arm has no DH table.
+        AacmmError: no parameter has an uncertainty, or an arm with a DH table was not made from a file.
     """
-    model.arm.require_dh("drawing the geometry")
     errors = parameter_errors(model, rng, 1)[0]
     if not errors.any():
         raise AacmmError(
-            f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths in the arm file"
+            f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths with the arm or its URDF"
         )
     geometric = len(model.arm.parameters)
     ends = geometric + np.cumsum([len(effect.terms) for effect in model.effects])
@@ -40,6 +40,9 @@ def perturbed_model(model: ErrorModel, rng: np.random.Generator) -> ErrorModel:
 
 def _exact(arm: Arm, errors: Array) -> Arm:
     """The arm with its parameters off by ``errors`` (p,) [m, rad]."""
+    if arm.dh is None:
+        exact = tuple(replace(parameter, half_width=0.0, u=0.0) for parameter in arm.parameters)
+        return replace(arm.with_placements(errors.reshape(-1, 6), None), parameters=exact)
     if arm.file is None:
         raise AacmmError(f"{arm.name}: was not made from an arm file, so there are no half-widths to draw from")
     rows = [row.model_copy(update={"uncertainty": None}) for row in arm.file.joints]

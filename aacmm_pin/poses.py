@@ -12,10 +12,11 @@ import pinocchio as pin
 from aacmm_pin.checks import Array
 from aacmm_pin.dh import KINDS, DHTable
 from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.shown import Shown
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
+class Poses(Shown):
     """An arm at many configurations, computed by Pinocchio on first use; the arrays are copies, not views of its memory.
 
     Attributes:

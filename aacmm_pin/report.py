@@ -15,11 +15,17 @@ from typing import Any, ClassVar, cast
 
 import jinja2
 import pandas as pd
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from aacmm_pin.display import Scene, shared_script
+
 DPI = 130
 """Resolution of embedded pictures; they are shown at most as wide as the text."""
+
+WIDE = 1050
+"""A picture of more columns than this has several panels side by side; on a phone it is scrolled, not shrunk [pixels]."""
 
 _TIES = re.compile(r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])")
 SHORT = 22
@@ -97,6 +103,11 @@ class Picture:
         return Picture(png_bytes(drawn if isinstance(drawn, Figure) else cast(Figure, drawn.figure)), alt, caption)
 
     @property
+    def wide(self) -> bool:
+        """Whether it would be unreadable on a phone unless it can be scrolled."""
+        return int.from_bytes(self.png[16:20], "big") > WIDE  # bytes 16 to 19 of a PNG are its width
+
+    @property
     def uri(self) -> str:
         """The picture as a ``data:`` URI."""
         return data_uri(self.png, "image/png")
@@ -123,7 +134,28 @@ class Download:
         return f"{len(self.content) / 1e3:.0f} kB" if len(self.content) >= 1000 else f"{len(self.content)} B"
 
 
-Part = str | Paragraph | Bullets | Table | Picture | Download
+@dataclass(frozen=True, eq=False)
+class SceneView:
+    """A scene in three dimensions that can be turned, on a screen; paper has no use for it.
+
+    Attributes:
+        scene: what is shown.
+        caption: text below.
+        height: of the frame that it is shown in [px].
+    """
+
+    scene: Scene
+    caption: str
+    height: int = 520
+    kind: ClassVar[str] = "scene"
+
+    @property
+    def markup(self) -> Markup:
+        """The frame and what fills it."""
+        return Markup(self.scene.embedded(self.height))
+
+
+Part = str | Paragraph | Bullets | Table | Picture | SceneView | Download
 
 
 @dataclass(frozen=True)
@@ -155,8 +187,10 @@ def render_report(title: str, subtitle: str, sections: Sequence[Section], *, lan
         {"id": f"s{number}", "title": section.title, "parts": [_as_part(part) for part in section.parts]}
         for number, section in enumerate(sections, start=1)
     ]
+    # The viewer of scenes is large, and stands on the page once, however many there are.
+    viewer = Markup(shared_script() if any(isinstance(part, SceneView) for s in sections for part in s.parts) else "")
     template = environment.get_template("report.html.j2")
-    return template.render(title=title, subtitle=subtitle, sections=content, language=language)
+    return template.render(title=title, subtitle=subtitle, sections=content, language=language, viewer=viewer)
 
 
 def blank_axes(width: float, height: float) -> Axes:
@@ -176,7 +210,7 @@ def data_uri(content: bytes, media: str) -> str:
     return f"data:{media};base64,{base64.b64encode(content).decode('ascii')}"
 
 
-def _as_part(part: Part) -> Paragraph | Bullets | Table | Picture | Download:
+def _as_part(part: Part) -> Paragraph | Bullets | Table | Picture | SceneView | Download:
     return Paragraph(part) if isinstance(part, str) else part
 
 

@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin.checks import batch
 from aacmm_pin.errors import ShapeError
+from aacmm_pin.shown import Shown
 from aacmm_pin.units import MM
 
 
 @dataclass(frozen=True)
-class SinglePoint:
+class SinglePoint(Shown):
     """Spread of repeated indications of one point.
 
     Attributes:

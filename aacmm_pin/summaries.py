@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin.accuracy import AccuracyVolume
+from aacmm_pin.cells import spread
 from aacmm_pin.checks import Array
 from aacmm_pin.comprehensive import comprehensive_accuracy
-from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.pairing import paired
-from aacmm_pin.units import DEG, MM, MM3
+from aacmm_pin.postures_at_point import PosturesAtPoint
+from aacmm_pin.reaching_postures import ReachingPostures
+from aacmm_pin.units import DEG, MM, MM3, UM
 from aacmm_pin.workspace import WorkspaceMap
 
 ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
@@ -23,13 +25,16 @@ DIGITS = 9
 """Decimals kept of lengths and angles [mm, deg]: hides what binary fractions do to decimal input, and nothing else."""
 
 
-def accuracy_summary(circle: ConfigurationCircle, accuracy: AccuracyVolume, sectors: int = 12) -> dict[str, Any]:
+def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors: int = 12) -> dict[str, Any]:
     """Schema ``aacmm-pin/accuracy/1``: accuracy over the configurations of ``circle`` that are within limits.
 
     ``best`` and ``worst`` are by accuracy volume, ``smallest_u`` and ``largest_u`` by standard uncertainty; the budget is
     the mean over the configurations; ``taken_as_exact`` names the parameters for which no uncertainty is stated,
     ``not_included`` the causes of error that are left out, see :class:`aacmm_pin.error_sources.ErrorSources`.
-    Numbers that do not exist, because there is no such configuration, are None, and ``reason`` says why.
+    Numbers that do not exist are None: without a configuration all of them, and ``reason`` says why; for an arm that came
+    as URDF swivel angles, sectors (an empty list) and the comprehensive accuracy, whose weights are those of SINO6.
+    ``arc_fraction`` of :func:`aacmm_pin.reaching_postures` is of the way along the curves, and None for single postures;
+    what was asked for, how it was searched, and what is to be known besides, stand in ``conditions``, ``search``, ``notes``.
 
     Args:
         circle: every configuration at the point.
@@ -64,6 +69,8 @@ def accuracy_summary(circle: ConfigurationCircle, accuracy: AccuracyVolume, sect
         "taken_as_exact": list(accuracy.sources.taken_as_exact),
         "not_included": list(accuracy.not_included),
     }
+    if isinstance(circle, ReachingPostures):
+        summary |= _search(circle)
     if not len(inside):
         summary["reason"] = circle.reason or "no configuration is within the joint limits"
     return summary
@@ -89,8 +96,21 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
     return summary | ({"not_included": list(map_.not_included)} if map_.not_included else {})
 
 
-def accuracy_table(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> pd.DataFrame:
-    """The configurations within limits as in :meth:`ConfigurationCircle.to_frame`, with their accuracy behind.
+def map_table(map_: WorkspaceMap) -> pd.DataFrame:
+    """Least, median and largest of what a map holds, over the cells where it is known, as text."""
+    rows = {
+        "comprehensive accuracy [mm³]": map_.data["comprehensive_mm3"],
+        "smallest accuracy volume [mm³]": map_.data["best_mm3"],
+        "largest accuracy volume [mm³]": map_.data["worst_mm3"],
+        "smallest standard uncertainty [µm]": MM / UM * map_.data["smallest_u_mm"],
+        "largest standard uncertainty [µm]": MM / UM * map_.data["largest_u_mm"],
+        "flexibility [1]": map_.data["flexibility"],
+    }
+    return pd.DataFrame([{"over the cells": name} | spread(data.values, ".4g") for name, data in rows.items()])
+
+
+def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.DataFrame:
+    """The configurations within limits as in :meth:`PosturesAtPoint.to_frame`, with their accuracy behind.
 
     Raises:
         ShapeError: ``accuracy`` was worked out for other configurations.
@@ -99,9 +119,20 @@ def accuracy_table(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> pd.
     return inside.join(accuracy.to_frame().filter(regex="_mm"))
 
 
-def _volumes(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> dict[str, float | None]:
+def _search(postures: ReachingPostures) -> dict[str, Any]:
+    search = postures.search
+    return {
+        "conditions": postures.conditions.count,
+        "components": int(postures.component.max(initial=0)),
+        "search": {"starts": search.starts, "arrived": search.arrived, "unseen_at_most": search.unseen},
+        "notes": list(postures.notes),
+    }
+
+
+def _volumes(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, float | None]:
     volume = accuracy.volume / MM3
-    comprehensive = comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point)
+    weighted = circle.arm.dh is not None  # by the θ3 of an arm built like SINO6
+    comprehensive = comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point) if weighted else math.nan
     return _spread(volume) | {"comprehensive": _number(comprehensive)}
 
 
@@ -112,14 +143,15 @@ def _spread(values: Array) -> dict[str, float | None]:
 
 
 def _posture(
-    circle: ConfigurationCircle, accuracy: AccuracyVolume, values: Array, pick: Callable[[Array], np.intp]
+    circle: PosturesAtPoint, accuracy: AccuracyVolume, values: Array, pick: Callable[[Array], np.intp]
 ) -> dict[str, Any]:
     if not len(values):
         return {"theta_deg": None, "swivel_deg": None, "volume_mm3": None, "u_mm": None}
     number = int(pick(values))
+    swivel = _number(circle.swivel[circle.within_limits][number] / DEG)
     return {
         "theta_deg": _rounded(accuracy.q[number] / DEG),
-        "swivel_deg": round(float(circle.swivel[circle.within_limits][number] / DEG), DIGITS),
+        "swivel_deg": None if swivel is None else round(swivel, DIGITS),
         "volume_mm3": _number(accuracy.volume[number] / MM3),
         "u_mm": _number(accuracy.u[number] / MM),
     }

@@ -14,12 +14,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from tqdm.auto import tqdm
 
 from aacmm_pin.accuracy import METHODS, Method, accuracy_volume
 from aacmm_pin.arm import Arm
@@ -32,10 +31,15 @@ from aacmm_pin.dh import chunks
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.limits import AT_LIMIT, broken_limits, into_limits
+from aacmm_pin.progress import bar
 from aacmm_pin.reach import reach_of_wrist
 from aacmm_pin.reaching import Wrist, wrist_curves, wrist_system
+from aacmm_pin.shown import Shown, drawn
 from aacmm_pin.swivel import Swivel
 from aacmm_pin.units import DEG, MM, MM3
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 CELLS_AT_ONCE = 576
 SEEDS_PER_TURN = 3
@@ -43,7 +47,7 @@ SEEDS_PER_TURN = 3
 
 
 @dataclass(frozen=True, eq=False)
-class WorkspaceMap:
+class WorkspaceMap(Shown):
     """Flexibility and accuracy over the half-plane.
 
     Attributes:
@@ -88,8 +92,18 @@ class WorkspaceMap:
         with xr.open_dataset(path, engine="scipy") as data:
             return WorkspaceMap(data.load(), float(data.attrs["seconds"]))
 
-    def _repr_html_(self) -> str:
-        return f"<p>{self}</p>{self.data._repr_html_()}"
+    def plot(self, quantity: str = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
+        """One quantity of the map over the half-plane through joint axis 1.
+
+        Args:
+            quantity: its name in ``data``: ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``, ``smallest_u_mm``,
+                ``largest_u_mm``, ``flexibility``, ``arc_fraction`` or ``working_sectors``.
+            ax: axes; without them a new pyplot figure is made.
+
+        Raises:
+            UnknownNameError: no such quantity.
+        """
+        return drawn("plot_map", self, quantity, ax)
 
     def __str__(self) -> str:
         x, z = self.data.sizes["x_mm"], self.data.sizes["z_mm"]
@@ -125,7 +139,7 @@ def map_workspace(
         method: how accuracy volumes are found (not ``monte-carlo``).
         rest: angles of the joints behind the fourth (nq - 4,) [rad], default 0.
         processes: worker processes.
-        progress: show a bar on stderr or in the notebook.
+        progress: show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
         AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an uncertainty.
@@ -136,7 +150,7 @@ def map_workspace(
     started = time.perf_counter()
     if min(*cells, sectors, processes) < 1:
         raise AacmmError(f"cells are {cells}, sectors {sectors}, processes {processes}; expected at least 1 of each")
-    arm = model if isinstance(model, Arm) else model.arm
+    arm = ErrorModel.arm_of(model)
     wrist = Wrist.of(arm.require_dh("a map of the workspace"), rest)
     not_included = _check_method(model, conditions, method)
     box = _extent(arm, wrist, extent)
@@ -146,10 +160,10 @@ def map_workspace(
     parts = chunks(len(points), CELLS_AT_ONCE)
     jobs = [_Job(model, arm, conditions, wrist, points[part], sectors, method) for part in parts]
     results: list[dict[str, Array]] = [{} for _ in jobs]
-    with tqdm(total=len(points), unit="cell", disable=not progress, desc=f"map of {arm.name}") as bar:
+    with bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving:
         for number, result in _run(jobs, processes):
             results[number] = result
-            bar.update(len(jobs[number].points))
+            moving.update(len(jobs[number].points))
     seconds = time.perf_counter() - started
     merged = {name: np.concatenate([r[name] for r in results]) for name in results[0]}
     data = _dataset(arm, merged, box, cells, sectors, method, wrist.rest, seconds)
@@ -266,7 +280,7 @@ def _check_method(model: Arm | ErrorModel, conditions: Conditions | None, method
     """Refuse, before the work begins, what the first cell would refuse; labels of causes that are left out."""
     if method == "monte-carlo" or method not in METHODS:
         raise UnknownNameError("method", method, [m for m in METHODS if m != "monte-carlo"], "of a map")
-    arm = model if isinstance(model, Arm) else model.arm
+    arm = ErrorModel.arm_of(model)
     q = np.clip(np.zeros((1, arm.nq)), arm.limits[:, 0], arm.limits[:, 1])
     return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method).not_included
 

@@ -5,6 +5,8 @@ It is, to first order, everything that a point can do when each parameter stays 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from aacmm_pin.checks import Array, Index
@@ -41,28 +43,43 @@ def volume(generators: Array) -> Array:
 def largest_deviation(generators: Array) -> Array:
     """Distance of the farthest point from the centre, ``max_n Σ |n·g_k|``, for generators (n, 3, p) [m]: (n,) [m].
 
-    The farthest point is a vertex ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is spanned by
-    some g_i and g_j; its signs are those of ``n·g_k`` with the face's normal n = g_i × g_j, where that is zero (in the face)
-    those of ±(n × g_i)·g_k, where that is zero too (parallel to g_i) those of ±g_i·g_k. All of these are looked at.
+    The farthest point is a vertex; all of :func:`corners` are looked at.
     """
     n, _, count = generators.shape
     if count < 2:
         return np.asarray(np.linalg.norm(np.abs(generators).sum(axis=2), axis=1))
-    first, second = _pairs(count)
     farthest = np.zeros(n)
     for part in chunks(n, CHUNK):
-        g = generators[part].transpose(0, 2, 1)  # (n, p, 3)
-        length = np.linalg.norm(g, axis=2)
-        unit = g / np.where(length > 0, length, 1.0)[:, :, None]
-        along = np.where(length[:, first, None] > 0, unit[:, first], unit[:, second])
-        normal = np.cross(along, unit[:, second])  # (n, pairs, 3)
-        inwards = np.cross(normal, along)
-        above, beside, ahead = (_clear_sign(v @ unit.transpose(0, 2, 1)) for v in (normal, inwards, along))
-        for s in (1.0, -1.0):
-            for t in (1.0, -1.0):
-                sign = np.where(above != 0, above, np.where(beside != 0, s * beside, t * ahead))
-                farthest[part] = np.maximum(farthest[part], np.square(sign @ g).sum(axis=2).max(axis=1))
+        for points in _some_corners(generators[part]):
+            farthest[part] = np.maximum(farthest[part], np.square(points).sum(axis=2).max(axis=1))
     return np.asarray(np.sqrt(farthest))
+
+
+def corners(generators: Array) -> Array:
+    """Points (n, m, 3) [m] among which are all vertices, for generators (n, 3, p) [m], p at least 2.
+
+    A vertex is ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is spanned by some g_i and g_j;
+    its signs are those of ``n·g_k`` with the face's normal n = g_i × g_j, where that is zero (in the face) those of
+    ±(n × g_i)·g_k, where that is zero too (parallel to g_i) those of ±g_i·g_k; and the set is symmetric.
+    """
+    half = np.concatenate(list(_some_corners(generators)), axis=1)
+    return np.concatenate([half, -half], axis=1)
+
+
+def _some_corners(generators: Array) -> Iterator[Array]:
+    """One of each two opposite :func:`corners`, in four parts (n, pairs, 3)."""
+    first, second = _pairs(generators.shape[2])
+    g = generators.transpose(0, 2, 1)  # (n, p, 3)
+    length = np.linalg.norm(g, axis=2)
+    unit = g / np.where(length > 0, length, 1.0)[:, :, None]
+    along = np.where(length[:, first, None] > 0, unit[:, first], unit[:, second])
+    normal = np.cross(along, unit[:, second])  # (n, pairs, 3)
+    inwards = np.cross(normal, along)
+    above, beside, ahead = (_clear_sign(v @ unit.transpose(0, 2, 1)) for v in (normal, inwards, along))
+    for s in (1.0, -1.0):
+        for t in (1.0, -1.0):
+            sign = np.where(above != 0, above, np.where(beside != 0, s * beside, t * ahead))
+            yield sign @ g
 
 
 def _clear_sign(values: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: each worker has one core, and matrices are small
@@ -14,6 +14,7 @@ import pytest
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import ArmFile, load_arm_file
+from tests.browser import Page
 
 # bundled arm, convention, rows (from 1) that are made rigid
 VARIANTS = [
@@ -24,6 +25,13 @@ VARIANTS = [
     ("zero6", "standard-dh", ()),
     ("zero6", "modified-dh", ()),
 ]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Page]:
+    """A browser for the tests of one module."""
+    with Page() as page:
+        yield page
 
 
 @pytest.hookimpl(optionalhook=True)

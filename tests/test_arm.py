@@ -296,9 +296,12 @@ def test_unusable_errors_are_refused(sino6: Arm, robot: Arm) -> None:
             arm.perturbed_positions(np.zeros((2, arm.nq)), np.zeros((1, p)))
 
 
-def test_continuous_joint_is_refused(one_joint: Callable[..., Path]) -> None:
+def test_joints_of_several_numbers_are_refused(one_joint: Callable[..., Path]) -> None:
+    with pytest.raises(UnsupportedArmError, match="one: joint hinge takes more than one number"):
+        Arm.from_urdf(one_joint("planar"), "tool")
+    model = pin.buildModelFromUrdf(str(one_joint("continuous")))
     with pytest.raises(UnsupportedArmError, match="one: joint hinge takes more than one number; write it as revolute"):
-        Arm.from_urdf(one_joint("continuous"), "tool")
+        Arm.from_model(model, "tool")
 
 
 def test_frame_that_no_joint_moves_is_refused(one_joint: Callable[..., Path]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -164,12 +165,12 @@ def test_records_without_seats_have_no_strip(with_wave: Calibration) -> None:
 
 
 def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave: Calibration) -> None:
-    figure = plot_residuals_over_joints(with_wave)
-    drawn(figure)
-    assert [ax.get_xlabel() for ax in figure.axes] == [f"joint {j} [°]" for j in range(1, 7)]
-    assert figure.axes[0].get_ylabel() == "residual [µm]"
+    panels = plot_residuals_over_joints(with_wave)
+    drawn(panels[0].figure)
+    assert [ax.get_xlabel() for ax in panels] == [f"joint {j} [°]" for j in range(1, 7)]
+    assert panels[0].get_ylabel() == "residual [µm]"
     heights = []
-    for ax in figure.axes:
+    for ax in panels:
         (means,) = (c[0] for c in ax.containers)
         x, y = np.deg2rad(means.get_xdata()), means.get_ydata()
         columns = np.column_stack([np.cos(x), np.sin(x), np.ones_like(x)])
@@ -200,6 +201,15 @@ def test_a_turned_reference_frame_makes_no_difference_to_a_joint(sino6: Arm) -> 
         ax = plot_residuals_over_joint(result, 3)
         along.append(next(line.get_ydata() for line in ax.lines if line.get_marker() == "."))
     np.testing.assert_allclose(along[0], along[1], atol=0.01)
+
+
+def test_a_joint_whose_axis_goes_through_the_tip_says_so(robot_file: Callable[[str], Path]) -> None:
+    ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    data = simulate_measurements(ErrorModel(ur5), "free", 80, rng=np.random.default_rng(2))
+    result = calibrate(ur5, data, "zero-offsets", hold_out=False)
+    for joint, still in ((5, False), (6, True)):
+        texts = [text.get_text() for text in plot_residuals_over_joint(result, joint).texts]
+        assert texts == (["does not move the tip"] if still else [])
 
 
 def test_normalised_residuals_follow_chi(at_seats: Calibration) -> None:
@@ -270,11 +280,36 @@ def test_correlation_hides_what_is_not_told(of_robot: Calibration, at_seats: Cal
     np.testing.assert_allclose(np.diag(whole), 1.0)
 
 
-def test_everything_in_one_figure_that_pyplot_does_not_know(at_seats: Calibration) -> None:
-    figure = plot_calibration(at_seats)
-    drawn(figure)
-    assert isinstance(figure, Figure)
-    assert len(figure.axes) == 5
+def test_everything_in_one_picture(at_seats: Calibration) -> None:
+    panels = plot_calibration(at_seats)
+    drawn(panels[0].figure)
+    assert list(panels[0].figure.axes) == list(panels)
+    assert [ax.get_xlabel() for ax in panels] == [
+        "x [mm]",
+        "x [mm]",
+        "distance of tip and target [mm]",
+        "normalised residual [1]",
+        "change / stated ± [1]; bars: U (k = 2)",
+    ]
+
+
+def test_panels_take_the_place_of_axes_or_an_array_of_them(at_seats: Calibration) -> None:
+    figure = Figure(layout="constrained")
+    left, right = figure.subplots(1, 2)
+    panels = plot_residuals_over_joints(at_seats, ax=right)
+    figure.canvas.draw()
+    assert right not in figure.axes
+    assert list(figure.axes) == [left, *panels]
+    assert min(ax.get_position().x0 for ax in panels) > left.get_position().x1  # in its place, and nowhere else
+    for limits in (ax.get_ylim() for ax in panels):  # one scale
+        assert limits == panels[0].get_ylim()
+
+    own = Figure().subplots(2, 4)
+    assert list(plot_residuals_over_joints(at_seats, ax=own)) == list(own.ravel()[:6])
+    with pytest.raises(AacmmError, match="ax holds 4 axes, expected 6"):
+        plot_residuals_over_joints(at_seats, ax=Figure().subplots(2, 2))
+    with pytest.raises(AacmmError, match="no place in a grid"):
+        plot_calibration(at_seats, Figure().add_axes((0.1, 0.1, 0.8, 0.8)))
     assert plt.get_fignums() == []
 
 
@@ -362,16 +397,17 @@ def test_causes_are_said_as_people_say_them(sino6: Arm) -> None:
     wanted = ["zero-offsets", EncoderEccentricity(3), ThermalExpansion()]
     result = calibrate(sino6, data, wanted, encoder_noise=READINGS, hold_out=False)
     wave, expansion = causes_in_words(result)
-    words = wave.replace(",", "").split()
-    assert words[0] == "encoder_eccentricity:3:"
-    assert float(words[2]) == pytest.approx(2e-4, abs=2 * float(words[4]))
-    assert float(words[6]) == pytest.approx(np.arctan2(1.2, 1.6), abs=2 * float(words[8]))
+    said = re.fullmatch(r"encoder eccentricity of joint 3: amplitude (\S+) ± (\S+) µrad, phase (\S+) ± (\S+)°", wave)
+    assert said is not None
+    size, of_size, phase, of_phase = map(float, said.groups())
+    assert size == pytest.approx(200.0, abs=2 * of_size)
+    assert phase == pytest.approx(np.rad2deg(np.arctan2(1.2, 1.6)), abs=2 * of_phase)
     own = result.covariance[-3:-1, -3:-1]
     cos, sin = result.fit.solution.point.x[-3:-1]
     amplitude = np.hypot(cos, sin)
     gradient = np.array([cos, sin]) / amplitude
-    assert float(words[4]) == pytest.approx(2 * np.sqrt(gradient @ own @ gradient), rel=0.05)
-    assert expansion.startswith("thermal_expansion: expansion_per_k ")
+    assert of_size == pytest.approx(2e6 * np.sqrt(gradient @ own @ gradient), rel=0.05)
+    assert re.match(r"thermal expansion of the arm: expansion [\d.]+ ± [\d.]+ µm/\(m·K\)", expansion)
 
 
 def test_small_units() -> None:

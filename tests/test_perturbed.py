@@ -7,13 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import ArmFile, Covariance
 from aacmm_pin.effects import EncoderEccentricity, ThermalExpansion
 from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, UnsupportedArmError
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.perturbed import perturbed_model
 
 
@@ -82,10 +83,29 @@ def test_an_arm_that_states_nothing_is_refused(zero6: Arm, rng: np.random.Genera
         perturbed_model(ErrorModel(zero6), rng)
 
 
-def test_an_arm_without_a_table_is_refused(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=1e-4)
-    with pytest.raises(UnsupportedArmError, match="DH table"):
-        perturbed_model(ErrorModel(arm), rng)
+def test_placements_of_a_urdf_are_drawn_within_their_half_widths(
+    robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
+    """By Pinocchio's own placements: shifts and turns against those of the file, as logarithms."""
+    half_widths = np.repeat([1e-4, 3e-4], 3)
+    arm = Arm.from_urdf(
+        robot_file("ur5_robot.urdf"), "tool0", translation_half_width=half_widths[0], rotation_half_width=half_widths[-1]
+    )
+    moved = []
+    for _ in range(40):
+        drawn = perturbed_model(ErrorModel(arm), rng).arm
+        assert not any(parameter.u for parameter in drawn.parameters)
+        pairs = zip(arm.model.jointPlacements[1:], drawn.model.jointPlacements[1:], strict=True)
+        moved += [pin.log6(before.actInv(after)).vector for before, after in pairs]
+    size = np.abs(np.array(moved)) / half_widths
+    assert size.max() < 1 + 1e-9
+    assert (size.max(axis=0) > 0.95).all()
+    np.testing.assert_allclose(size.mean(axis=0), 0.5, atol=0.08)
+
+
+def test_nothing_to_draw_is_said(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+    with pytest.raises(AacmmError, match="no parameter has an uncertainty to draw from"):
+        perturbed_model(ErrorModel(Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")), rng)
 
 
 def test_an_arm_without_a_file_is_refused(sino6: Arm, rng: np.random.Generator) -> None:

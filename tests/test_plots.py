@@ -15,12 +15,13 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume
+from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import load_arm_file
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.errors import AacmmError, ShapeError
 from aacmm_pin.plots import (
+    plot_accuracy_of_postures,
     plot_accuracy_over_swivel,
     plot_accuracy_over_theta3,
     plot_budget,
@@ -29,6 +30,7 @@ from aacmm_pin.plots import (
     plot_flexibility,
     plot_uncertainty,
 )
+from aacmm_pin.reaching_postures import reaching_postures
 from aacmm_pin.workspace import WorkspaceMap, map_workspace
 
 mpl.use("Agg")
@@ -288,3 +290,28 @@ def test_own_axes_leave_pyplot_alone(circle: ConfigurationCircle, accuracy: Accu
 def test_without_axes_a_notebook_has_a_figure_to_show(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
     figures = [plot_budget(accuracy).figure, plot_circle(circle).figure]
     assert [plt.figure(number) for number in plt.get_fignums()] == figures
+
+
+def test_accuracy_of_single_postures_stands_over_their_numbers(sino6: Arm, rng: np.random.Generator) -> None:
+    pose = sino6.poses(rng.uniform(*sino6.limits.T, (1, 6))).placement[0]
+    postures = reaching_postures(sino6, pose[:3, 3], rotation=pose[:3, :3])
+    accuracy = circle_accuracy(postures)
+    ax = plot_accuracy_of_postures(postures, accuracy)
+    drawn(ax.figure)
+    (dots,) = ax.lines
+    np.testing.assert_array_equal(dots.get_xdata(), postures.component[postures.within_limits])
+    np.testing.assert_allclose(dots.get_ydata(), accuracy.volume * 1e9)
+    assert list(ax.get_xticks()) == list(range(1, len(postures) + 1))
+    assert ax.get_xlabel() == "number of the posture"
+
+
+def test_accuracy_of_self_motion_stands_over_its_way(sino6: Arm, rng: np.random.Generator) -> None:
+    pose = sino6.poses(rng.uniform(*sino6.limits.T, (1, 6))).placement[0]
+    axis = pose[:3, :3] @ np.array([1.0, 0.0, 0.0])
+    postures = reaching_postures(sino6, pose[:3, 3], axis=axis, count=60)
+    ax = plot_accuracy_of_postures(postures, circle_accuracy(postures))
+    drawn(ax.figure)
+    assert ax.get_xlabel() == "way of all angles along the curve [rad]"
+    shown = np.concatenate([line.get_xdata() for line in ax.lines if line.get_marker() in (".", "o")])
+    assert set(shown) <= set(postures.travel[postures.within_limits])
+    assert shown.max() == postures.travel[postures.within_limits].max()

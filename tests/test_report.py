@@ -15,11 +15,16 @@ import pytest
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
+from aacmm_pin import Arm, Measurements, calibrate
 from aacmm_pin.demo import DemoSummary, run_demo
 from aacmm_pin.demo.paper import elbow_goes_round
+from aacmm_pin.display import arm_scene
+from aacmm_pin.display.page import viewer_script
+from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError, OutputError
-from aacmm_pin.report import Bullets, Download, Paragraph, Picture, Section, Table, render_report
+from aacmm_pin.report import Bullets, Download, Paragraph, Picture, SceneView, Section, Table, render_report
 from aacmm_pin.workspace import WorkspaceMap
+from tests.browser import Page as Browser
 
 mpl.use("Agg")
 
@@ -46,7 +51,7 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] != "style":
+        if self.open and self.open[-1] not in ("style", "script"):
             self.text += data
 
     def all(self, tag: str) -> list[dict[str, str]]:
@@ -104,12 +109,24 @@ def test_pictures_are_embedded_with_alt_and_caption() -> None:
     assert "A line from 0 to 1" in parsed.text
 
 
-@pytest.mark.parametrize(("size", "kind"), [((4, 2), "wide"), ((2, 4), "")])
+@pytest.mark.parametrize(("size", "kind"), [((10, 3), "wide"), ((4, 2), ""), ((2, 4), "")])
 def test_wide_pictures_stay_readable_on_a_phone(size: tuple[float, float], kind: str) -> None:
     figure = Figure(figsize=size)
     figure.add_subplot().plot([0, 1])
     parsed = page(Picture.of(figure, "A line", ""))
     assert [attributes.get("class", "") for attributes in parsed.all("figure")] == [kind]
+
+
+def test_scenes_share_one_viewer() -> None:
+    scene = arm_scene(Arm.load("sino6"), np.zeros((1, 6)))
+    html = render_report("T", "S", [Section(t, [SceneView(scene, t)]) for t in ("First", "Second")])
+    assert html.count(viewer_script()) == 1
+    assert len(html) < 2 * len(scene.html())
+    parsed = Page(html)
+    assert parsed.open == []
+    assert [frame["class"] for frame in parsed.all("iframe")] == ["aacmm-scene"] * 2
+    assert "First" in parsed.text
+    assert page("No scene").all("script") == []
 
 
 def test_tables_format_numbers_and_show_what_is_missing() -> None:
@@ -153,9 +170,10 @@ def test_demo_writes_the_whole_tour(demo: DemoSummary) -> None:
     written = {path.name for path in demo.folder.iterdir()}
     assert written == set(demo.files)
     data = {"index.html", "sino6.urdf", "configurations.csv", "accuracy.json", "map.nc", "map.json"}
+    data |= {"measured.csv", "diagnosis.json", "diagnosis.html"}
     pictures = {"circle", "accuracy_over_swivel", "accuracy_over_theta3", "budget_by_parameter", "budget_by_joint"}
     pictures |= {"flexibility", "comprehensive", "uncertainty", "table2", "table3"}
-    pictures |= {"spreads", "bayes_factors", "part_and_rest", "records"}
+    pictures |= {"spreads", "bayes_factors", "part_and_rest", "records", "hidden_rms", "hidden_cause1"}
     assert written == data | {f"{name}.png" for name in pictures}
     for name in pictures:
         assert (demo.folder / f"{name}.png").read_bytes().startswith(PNG)
@@ -168,11 +186,12 @@ def test_demo_leaves_no_figure_open(demo: DemoSummary) -> None:
 
 def test_demo_page_is_self_contained(demo: DemoSummary) -> None:
     html = (demo.folder / "index.html").read_text(encoding="utf-8")
-    assert len(html) < 5_000_000
-    assert not re.search(r"https?:", html)
+    assert len(html.encode()) < 5_000_000
+    assert html.count(viewer_script()) == 1
+    assert not re.search(r"https?:", html.replace(viewer_script(), ""))  # the viewer's licences name their places
     parsed = Page(html)
     assert parsed.open == []
-    assert len(parsed.all("img")) == 14
+    assert len(parsed.all("img")) == 16
     assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in parsed.all("img"))
     for attributes in parsed.all("a"):
         assert attributes["href"].startswith(("#", "data:"))
@@ -196,9 +215,46 @@ def test_demo_data_agree(demo: DemoSummary) -> None:
 
 def test_demo_says_what_it_found(demo: DemoSummary) -> None:
     lines = str(demo).splitlines()
-    assert 8 <= len(lines) <= 12
+    assert 8 <= len(lines) <= 14
     assert all(re.search(r"mm|µm|%|cells", line) for line in lines[:-1])
     assert "index.html" in lines[-1]
+
+
+def test_demo_page_in_a_browser(demo: DemoSummary, browser: Browser) -> None:
+    browser.open(demo.folder / "index.html")
+    frames = browser.evaluate("document.querySelectorAll('iframe.aacmm-scene').length")
+    assert frames >= 1
+    for number in range(frames):
+        frame = f"document.querySelectorAll('iframe.aacmm-scene')[{number}]"
+        browser.evaluate(f"{frame}.scrollIntoView({{block: 'center'}})")
+        browser.wait_for(f"!!{frame}.contentDocument && !!{frame}.contentDocument.querySelector('canvas')")
+    assert browser.errors == []
+    assert {request.split(":")[0] for request in browser.requests} <= {"file", "data", "about", "blob"}
+
+
+@pytest.mark.parametrize("name", ["index", "diagnosis"])
+def test_demo_pages_fit_a_phone(demo: DemoSummary, browser: Browser, name: str) -> None:
+    browser.open(demo.folder / f"{name}.html", (390, 800), touch=True)
+    assert browser.evaluate("document.scrollingElement.scrollWidth") <= 390
+    assert (
+        browser.evaluate(
+            "Math.min(...[...document.querySelectorAll('p')].map(p => parseFloat(getComputedStyle(p).fontSize)))"
+        )
+        > 13
+    )
+    assert browser.errors == []
+
+
+def test_demo_finds_what_it_hides(demo: DemoSummary) -> None:
+    found = json.loads((demo.folder / "diagnosis.json").read_text(encoding="utf-8"))
+    assert found["verdict"] == "explained"
+    assert [(f["cause"], f["joint"]) for f in found["findings"]] == [("encoder_eccentricity", 3)]
+    records = Measurements.read(demo.folder / "measured.csv", 6)
+    again = calibrate(Arm.load("sino6"), records, ["geometry", EncoderEccentricity(3)], encoder_noise=8e-6)
+    amplitude = found["findings"][0]["parameters"]["amplitude_rad"]
+    fitted = next(e for e in again.model.effects if isinstance(e, EncoderEccentricity))
+    assert abs(np.hypot(*fitted.values) - amplitude["value"]) < 0.3 * amplitude["u"]
+    assert abs(amplitude["value"] - 1e-4) < 3 * amplitude["u"]
 
 
 def test_demo_page_and_terminal_give_monte_carlo_alike(demo: DemoSummary) -> None:

@@ -7,12 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import calibrate
 from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.measurements import Measurements
 from aacmm_pin.units import DEG, MM
 from aacmm_pin.zero_offset_paper import (
+    assembled_arm,
     comparison,
+    figures,
     iterations,
     printed_postures,
     printed_table1,
@@ -231,3 +236,42 @@ def test_unusable_rounding_is_refused(rounding: float) -> None:
 def test_negative_count_is_refused() -> None:
     with pytest.raises(AacmmError, match="count is -1"):
         iterations(1, count=-1)
+
+
+# The same records, calibrated -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("run", [1, 2, 3])
+def test_three_printed_points_calibrated_from_afar_have_the_chi2_of_their_rounding(run: int) -> None:
+    """40 mm off at first, and nothing left but the printed digits: χ² by hand from the unrounded iteration."""
+    u = 0.0005 * MM / np.sqrt(3)
+    records = Measurements.from_frame(printed_postures().query(f"run == {run}"))
+    result = calibrate(assembled_arm(), records, "zero-offsets", encoder_noise=0.0, reference_noise=u, hold_out=False)
+    last = iterations(run, references="printed", count=6)
+    left = last[ERRORS].to_numpy()[-1] * MM
+    assert result.fit.chi2_stated is not None
+    assert result.fit.chi2_stated[0] == pytest.approx(np.sum((left / u) ** 2), rel=1e-2)
+    assert result.fit.unmodelled == 0.0
+    assert not any("scatter more" in note for note in result.notes)
+    after = np.rad2deg(result.parameters["after"].to_numpy())
+    np.testing.assert_allclose(after, last[OFFSETS].to_numpy()[-1], atol=1e-6)
+    assert (np.abs(after - TRUE_DEG) < 3 * np.rad2deg(result.parameters["u"])).all()
+
+
+def test_the_assembled_arm_is_the_bundled_one_without_its_zeros(zero6: Arm) -> None:
+    assembled, real = assembled_arm().require_dh("this test"), zero6.require_dh("this test")
+    assert not assembled.theta_offset.any()
+    for name in ("a", "d", "alpha"):
+        np.testing.assert_array_equal(getattr(assembled, name), getattr(real, name))
+
+
+def test_figures_show_the_printed_errors_and_the_expected_ones() -> None:
+    axes = Figure().subplots(1, 2)
+    assert figures.draw_iterations(axes[0]) is axes[0]
+    squares = np.concatenate([line.get_ydata() for line in axes[0].lines if line.get_marker() == "s"])
+    printed = [printed_postures().groupby("run")["position_error_mm"].max(), printed_table2()[ERRORS].max(axis=1)]
+    np.testing.assert_array_equal(np.sort(squares), np.sort(np.concatenate(printed)))
+    assert figures.draw_rounding(axes[1]) is axes[1]
+    for ax in axes:
+        assert "[mm]" in ax.get_ylabel()
+        assert ax.get_xlabel()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Literal, get_args
+from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +24,7 @@ from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.observations import KnownLength
+from aacmm_pin.progress import Progress
 from aacmm_pin.units import DEG, MM
 
 FAR = 2e-3
@@ -46,7 +48,7 @@ def calibrate(
     robust: bool = True,
     hold_out: bool = True,
     rng: np.random.Generator | None = None,
-    progress: Callable[[Any], Iterable[int]] | None = None,
+    progress: Progress = True,
 ) -> Calibration:
     """Estimate parameters of the arm from measurements, with their covariance.
 
@@ -69,7 +71,8 @@ def calibrate(
         robust: look for gross errors.
         hold_out: predict records left out of the fit, at random and by seats, sessions or blocks of joint space.
         rng: chooses which; default seed 1.
-        progress: wraps the parts left out in turn, such as ``tqdm``.
+        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as ``tqdm`` that wraps the parts
+            left out in turn.
 
     Raises:
         UnknownNameError: no such set of parameters, frame or target.
@@ -81,6 +84,7 @@ def calibrate(
         raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
     model = ErrorModel.of(model)
     arm = model.arm
+    require_measurements(measurements)
     if measurements.nq != arm.nq:
         raise AacmmError(f"{measurements.source} has angles of {measurements.nq} joints, {arm.name} has {arm.nq}")
     chosen = [parameters] if isinstance(parameters, str) else list(parameters)
@@ -97,6 +101,17 @@ def calibrate(
         return found
     held = left_out(found.before, after, noise, rng or np.random.default_rng(1), progress)
     return replace(found, held_out=tuple(held))
+
+
+def require_measurements(given: object) -> None:
+    """Refuse what is not measurements, such as the name of their file.
+
+    Raises:
+        AacmmError: it is something else.
+    """
+    if not isinstance(given, Measurements):
+        how = f"Measurements.read({str(given)!r}, nq)" if isinstance(given, str | Path) else "see Measurements.read"
+        raise AacmmError(f"measurements is {given!r}, expected Measurements: {how}")
 
 
 def require_scale(problem: Problem) -> None:
@@ -130,7 +145,9 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
     if noise.encoder is None:
         found.append("no encoder noise is stated: its effect is part of the scatter found")
     if not after.stated:
-        found.append(f"the noise is not stated in full: {after.unmodelled / MM:.4f} mm of scatter per coordinate were found")
+        scatter = f"{after.unmodelled / MM:.4f} mm of scatter per coordinate were found beside what is stated"
+        enough = "what is stated of it is enough for these records, and none was added"
+        found.append(f"the noise is not stated in full: {scatter if after.unmodelled > 0 else enough}")
     elif after.unmodelled > 0:
         found.append(
             f"the records scatter more than stated: {after.unmodelled / MM:.4f} mm per coordinate were added, "

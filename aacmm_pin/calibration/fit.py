@@ -227,9 +227,8 @@ class _Fitting:
         if self.stated:
             self._prepare(0.0, point)
             judged = self._best_chi2(point, used)
-            if judged[1] < LEAST_DOF or chi2.sf(judged[0], judged[1]) >= MISFIT:
-                solution = self._solve(point, used)
-                return self._done(solution, used, spoken, _chi2(self.problem, solution))
+            if _may_be(judged):
+                return self._as_stated(point, used, spoken)
             self._prepare(self._scatter_of_median(deviations(self.observations, point), used) or FIRST_SCATTER, point)
         solution = self._solve(point, used)
         for _ in range(MOST_ROUNDS):
@@ -238,7 +237,20 @@ class _Fitting:
             solution = self._solve(solution.point, used)
             if abs(self.unmodelled - before) <= 1e-3 * self.unmodelled:
                 break
+        if self.stated:
+            # From afar one step promises too little: judged again where the search came to rest.
+            found = self.unmodelled
+            self._prepare(0.0, solution.point)
+            judged = self._best_chi2(solution.point, used)
+            if _may_be(judged):
+                return self._as_stated(solution.point, used, spoken)
+            self._prepare(found, solution.point)
         return self._done(solution, used, spoken, judged)
+
+    def _as_stated(self, point: Point, used: NDArray[np.bool_], spoken: NDArray[np.bool_]) -> Fit:
+        """The fit with the stated noise alone."""
+        solution = self._solve(point, used)
+        return self._done(solution, used, spoken, _chi2(self.problem, solution))
 
     def _best_chi2(self, point: Point, used: NDArray[np.bool_]) -> tuple[float, float]:
         """χ² with the noise as stated if one more step were taken: spares the search where that noise cannot be right."""
@@ -302,6 +314,11 @@ def _chi2(problem: Problem, solution: Solution) -> tuple[float, float]:
     determined = float(np.square(system.jacobian @ scaled).sum())
     left_out = 3 * int(np.sum((solution.weights == 0.0) & np.isfinite(system.distance)))
     return float(system.residual @ system.residual), system.free - left_out - determined
+
+
+def _may_be(judged: tuple[float, float]) -> bool:
+    """Whether χ² is no larger than its degrees of freedom allow, or there are none to judge it by."""
+    return judged[1] < LEAST_DOF or float(chi2.sf(*judged)) >= MISFIT
 
 
 def deleted_distances(observations: list[Observation], solution: Solution, noise: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +13,14 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.solver import Point, noise_of_tips, solve
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.progress import Progress, watched
+from aacmm_pin.shown import Shown
 
 FOLDS = 10
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOut(Shown):
     """Residuals of records left out of the fit in turn.
 
     Attributes:
@@ -63,7 +64,7 @@ def folds(labels: Index, rng: np.random.Generator) -> Index:
 
 
 def held_out(
-    before: Fit, after: Fit, noise: StatedNoise, rng: np.random.Generator, progress: object = None
+    before: Fit, after: Fit, noise: StatedNoise, rng: np.random.Generator, progress: Progress = None
 ) -> list[HeldOut]:
     """Leave out records at random, then by their natural groups; excluded records are neither used nor predicted.
 
@@ -72,7 +73,7 @@ def held_out(
         after: fit of everything.
         noise: as stated.
         rng: for the choice of parts.
-        progress: called with an iterable of parts, and returns it; for a progress bar.
+        progress: whether to show a bar, or a function that wraps the parts.
     """
     n = after.problem.measurements.n
     kind, labels = groups_of(after, rng)
@@ -81,13 +82,13 @@ def held_out(
         parts = np.unique(part[after.used])
         if len(parts) < 2:
             continue
-        rows: Iterable[int] = progress(parts) if callable(progress) else parts
         residual = np.full((2, n), np.nan)
-        for number in rows:
-            out = (part == number) & after.used
-            kept = (part != number) & after.used
-            for which, fit in enumerate((before, after)):
-                residual[which, out] = _left_out(fit, noise, kept, out)
+        with watched(parts, progress, f"held-out {name}", "part") as numbers:
+            for number in numbers:
+                out = (part == number) & after.used
+                kept = (part != number) & after.used
+                for which, fit in enumerate((before, after)):
+                    residual[which, out] = _left_out(fit, noise, kept, out)
         found.append(HeldOut(name, len(parts), *residual))
     return found
 

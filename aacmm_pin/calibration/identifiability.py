@@ -8,13 +8,14 @@ import numpy as np
 
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.checks import Array
+from aacmm_pin.shown import Shown
 
 NEGLIGIBLE = 0.02
 """Parts of a combination smaller than this, beside the largest, are not mentioned."""
 
 
 @dataclass(frozen=True)
-class Observability:
+class Observability(Shown):
     """Observability indices of a data set (Sun, Hollerbach 2008), of the directions that the data determine.
 
     From the singular values σ of the tips' sensitivity, each parameter in units of its typical error, n records:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import html
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -21,9 +20,25 @@ from aacmm_pin.calibration.identifiability import Observability, undetermined
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.checks import Array
 from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.shown import Shown, drawn
 from aacmm_pin.units import MM
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 SCHEMA = "aacmm-pin/calibration/1"
+PICTURES = {
+    "sizes": "plot_residual_sizes",
+    "vectors": "plot_residual_vectors",
+    "joints": "plot_residuals_over_joints",
+    "seats": "plot_residuals_by_seat",
+    "noise": "plot_normalised_residuals",
+    "parameters": "plot_parameter_changes",
+    "correlation": "plot_correlation",
+    "all": "plot_calibration",
+}
+"""What can be drawn of a calibration, and the functions of :mod:`aacmm_pin.plots` that do it."""
 HARDLY = 0.1
 """A parameter that nobody stated and whose u is more than this part of what it may be off is hardly known."""
 UNCHANGED = 0.95
@@ -31,7 +46,7 @@ UNCHANGED = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(Shown):
     """A calibrated arm and how far to trust it.
 
     Attributes:
@@ -211,10 +226,22 @@ class Calibration:
             text += f"; {h.rms_after / MM:.4f} mm on held-out {h.kind}"
         return text
 
-    def _repr_html_(self) -> str:
-        unknown = "".join(f"<li>{html.escape(line)}</li>" for line in self.undetermined)
-        untold = f"<p>Not told by these data:</p><ul>{unknown}</ul>" if unknown else ""
-        return f"<p>{html.escape(str(self))}</p>{self.parameters.to_html(index=False)}{untold}"
+    def plot(self, what: str = "sizes", ax: Axes | Any = None) -> Any:
+        """How far off the records are, before and after; or another picture of the calibration.
+
+        Args:
+            what: ``sizes`` of the residuals, their ``vectors`` in space, along the motion of ``joints``, by ``seats``,
+                against the ``noise``; the ``parameters``, their ``correlation``; or ``all`` that matters in one picture.
+            ax: axes; without them a new pyplot figure is made. ``joints`` and ``all`` divide the place of the axes, or take
+                an array of them, and return an array of axes.
+
+        Raises:
+            UnknownNameError: no such picture.
+            AacmmError: by seats, and the records name none.
+        """
+        if what not in PICTURES:
+            raise UnknownNameError("picture", what, list(PICTURES))
+        return drawn(PICTURES[what], self, ax=ax)
 
 
 def _rms(fit: Fit, judge: Fit) -> float:

@@ -8,32 +8,23 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 import typer
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.table import Column, Table
 
 from aacmm_pin import plots
 from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
-from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import load_arm_file
 from aacmm_pin.cli.common import ArmName, EncoderNoise, Force, Json, Output, Plot, Results, command, note, say
-from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.cli.given import FrameName, MaybeArm, RotationHalfWidth, TranslationHalfWidth, Urdf, model_of
+from aacmm_pin.cli.reached import Axis, Count, Point, RollPitchYaw, Tip, ToolAxis, postures_at
+from aacmm_pin.cli.tables import show
 from aacmm_pin.demo import run_demo
-from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.summaries import accuracy_summary, accuracy_table, map_summary
+from aacmm_pin.postures_at_point import PosturesAtPoint
+from aacmm_pin.reaching_postures import ReachingPostures
+from aacmm_pin.summaries import accuracy_summary, accuracy_table, map_summary, map_table
 from aacmm_pin.units import MM
 from aacmm_pin.urdf import urdf_text
 from aacmm_pin.workspace import map_caveats, map_workspace
 
-Point = Annotated[
-    tuple[float, float, float], typer.Option("--point", metavar="X Y Z", help="Working point in the base frame, in mm.")
-]
-Count = Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")]
-Tip = Annotated[bool, typer.Option("--tip", help="The point is for the tip, not for the wrist; give --axis too.")]
-Axis = Annotated[
-    tuple[float, float, float] | None, typer.Option("--axis", metavar="X Y Z", help="With --tip: direction of the stylus.")
-]
 Processes = Annotated[int, typer.Option(min=1, help="Worker processes.")]
 Sectors = Annotated[int, typer.Option(min=1, help="Sectors of the configuration circle.")]
 
@@ -58,30 +49,41 @@ def urdf(arm: ArmName, output: Output = None, force: Force = False) -> None:
 
 @command()
 def configurations(
-    arm: ArmName,
     point: Point,
+    arm: MaybeArm = None,
     count: Count = 360,
     tip: Tip = False,
     axis: Axis = None,
+    tool_axis: ToolAxis = None,
+    rpy_deg: RollPitchYaw = None,
+    urdf: Urdf = None,
+    frame: FrameName = None,
     output: Output = None,
     force: Force = False,
 ) -> None:
     """Every configuration that reaches a point, as CSV."""
     with Results(force, output) as results:
-        circle = _circle(Arm.load(arm), point, tip, axis, count)
+        machine = model_of(arm, urdf, frame).arm
+        circle = postures_at(machine, point, tip or urdf is not None, axis, tool_axis, rpy_deg, count)
         note(str(circle))
         results.text(circle.to_frame().to_csv(index=False), output)
 
 
 @command()
 def accuracy(
-    arm: ArmName,
     point: Point,
+    arm: MaybeArm = None,
     method: Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")] = "zonotope",
     count: Count = 360,
     sectors: Sectors = 12,
     tip: Tip = False,
     axis: Axis = None,
+    tool_axis: ToolAxis = None,
+    rpy_deg: RollPitchYaw = None,
+    urdf: Urdf = None,
+    frame: FrameName = None,
+    translation_half_width_mm: TranslationHalfWidth = None,
+    rotation_half_width_rad: RotationHalfWidth = None,
     encoder_noise_rad: EncoderNoise = None,
     seed: Annotated[int, typer.Option(help="Seed of the Monte Carlo method.")] = 1,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="CSV file: every posture with its accuracy.")] = None,
@@ -91,8 +93,10 @@ def accuracy(
 ) -> None:
     """How accurate the arm is at a point, in which posture, and why."""
     with Results(force, output, plot=plot, json_=json_) as results:
-        model = ErrorModel.load(arm)
-        circle = _circle(model.arm, point, tip, axis, count)
+        model = model_of(arm, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
+        if urdf is not None:
+            _require_uncertainty(translation_half_width_mm, rotation_half_width_rad, encoder_noise_rad)
+        circle = postures_at(model.arm, point, tip or urdf is not None, axis, tool_axis, rpy_deg, count)
         result = circle_accuracy(
             circle, model, method=_method(method), encoder_noise=encoder_noise_rad, rng=np.random.default_rng(seed)
         )
@@ -102,10 +106,10 @@ def accuracy(
         if output is not None:
             results.text(accuracy_table(circle, result).to_csv(index=False), output)
         if plot is not None:
-            results.picture(plots.plot_accuracy_over_swivel(circle, result).figure, plot)
+            results.picture(_drawn(circle, result), plot)
         if json_ is not None:
             results.json(summary, json_)
-    if json_ is None:
+    if json_ != "-":
         _show_accuracy(circle, result, summary)
         if encoder_noise_rad is None and model.arm.encoder_noise is None:
             note("note: nobody states the noise of the encoders; u is of the parameters alone (--encoder-noise-rad adds it)")
@@ -113,7 +117,7 @@ def accuracy(
 
 @command("map")
 def map_(
-    arm: ArmName,
+    arm: MaybeArm = None,
     cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells along x and z.")] = (48, 48),
     sectors: Sectors = 12,
     extent_mm: Annotated[
@@ -122,6 +126,8 @@ def map_(
     ] = None,
     method: Annotated[str, typer.Option(help="One of zonotope, jointwise, ellipsoid.")] = "zonotope",
     processes: Processes = 1,
+    urdf: Urdf = None,
+    frame: FrameName = None,
     output: Output = None,
     plot: Plot = None,
     json_: Json = None,
@@ -130,7 +136,8 @@ def map_(
     """Flexibility and accuracy over the workspace, as netCDF."""
     with Results(force, output, plot=plot, json_=json_) as results:
         extent = None if extent_mm is None else np.array(extent_mm) * MM
-        machine = ErrorModel.load(arm)
+        machine = model_of(arm, urdf, frame)
+        machine.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
         for caveat in map_caveats(machine.arm):
             note(f"note: {caveat}")
         result = map_workspace(machine, cells, sectors, extent=extent, method=_method(method), processes=processes)
@@ -140,20 +147,9 @@ def map_(
             results.picture(plots.plot_comprehensive(result).figure, plot)
         if json_ is not None:
             results.json(map_summary(result), json_)
-    if json_ is None:
+    if json_ != "-":
         say(str(result))
-
-
-def _circle(
-    arm: Arm, point: tuple[float, ...], tip: bool, axis: tuple[float, ...] | None, count: int
-) -> ConfigurationCircle:
-    if tip != (axis is not None):
-        raise typer.BadParameter("--tip and --axis go together")
-    where = np.array(point) * MM
-    circle = configuration_circle(arm, where, tip=tip, axis=axis, count=count)
-    if circle.reason:
-        raise AacmmError(str(circle))
-    return circle
+        show(map_table(result))
 
 
 def _method(name: str) -> Method:
@@ -163,24 +159,44 @@ def _method(name: str) -> Method:
     raise UnknownNameError("method", name, list(METHODS))
 
 
-def _show_accuracy(circle: ConfigurationCircle, result: AccuracyVolume, summary: dict[str, Any]) -> None:
+def _drawn(circle: PosturesAtPoint, result: AccuracyVolume) -> Any:
+    if isinstance(circle, ReachingPostures):
+        return plots.plot_accuracy_of_postures(circle, result).figure
+    return plots.plot_accuracy_over_swivel(circle, result).figure
+
+
+def _require_uncertainty(*stated: float | None) -> None:
+    """A URDF states no uncertainty, so that the command has to."""
+    if not any(stated):
+        raise AacmmError(
+            "a URDF states no uncertainties; expected --translation-half-width-mm and --rotation-half-width-rad (bounds of "
+            "the joint placements), or --encoder-noise-rad with --method ellipsoid"
+        )
+
+
+def _show_accuracy(circle: PosturesAtPoint, result: AccuracyVolume, summary: dict[str, Any]) -> None:
     volume = summary["volume_mm3"]
     say(str(circle))
     say(str(result))
-    say(f"comprehensive accuracy {volume['comprehensive']:.4g} mm³")
+    if volume["comprehensive"] is not None:
+        say(f"comprehensive accuracy {volume['comprehensive']:.4g} mm³")
     postures = {"best": "smallest volume", "worst": "largest volume", "smallest_u": "smallest u", "largest_u": "largest u"}
-    say("postures, angles in degrees, swivel 0 where the elbow is highest:")
-    table = Table(Column("posture", no_wrap=True), "swivel", Column("θ1 … θn", no_wrap=True), "mm³", "u in mm", box=SIMPLE)
-    for which, words in postures.items():
-        row = summary[which]
-        angles = " ".join(f"{theta:.0f}" for theta in row["theta_deg"])
-        table.add_row(words, f"{row['swivel_deg']:.1f}", angles, f"{row['volume_mm3']:.4g}", f"{row['u_mm']:.4f}")
-    Console().print(table)
+    elbow = summary["best"]["swivel_deg"] is not None
+    say("postures, swivel 0 where the elbow is highest:" if elbow else "postures:")
+    rows = [
+        {
+            "posture": words,
+            "swivel [°]": summary[which]["swivel_deg"],
+            "θ1 … θn [°]": " ".join(f"{theta:.0f}" for theta in summary[which]["theta_deg"]),
+            "volume [mm³]": summary[which]["volume_mm3"],
+            "u [mm]": summary[which]["u_mm"],
+        }
+        for which, words in postures.items()
+    ]
+    table = pd.DataFrame(rows) if elbow else pd.DataFrame(rows).drop(columns="swivel [°]")
+    show(table, {"swivel [°]": ".1f", "volume [mm³]": ".4g", "u [mm]": ".4f"})
     if summary["taken_as_exact"]:
         say(f"no uncertainty is stated for, and so taken as exact: {', '.join(summary['taken_as_exact'])}")
-    say("where the uncertainty comes from, mean over the postures:")
-    table = Table("parameter", "joint", "u in mm", "share", box=SIMPLE)
-    for row in result.budget().head(8).itertuples():
-        joint = "" if row.joint is pd.NA else str(row.joint)
-        table.add_row(str(row.parameter), joint, f"{row.u_mm:.4f}", f"{row.share:.1%}")
-    Console().print(table)
+    budget = result.budget().head(8)[["parameter", "joint", "u_mm", "share"]].rename(columns={"u_mm": "u [mm]"})
+    head = "where the uncertainty comes from, mean over the postures:"
+    show(budget, {"u [mm]": ".4f", "share": ".1%"}, head)

@@ -7,26 +7,43 @@ from pathlib import Path
 from typing import Annotated, cast
 
 import numpy as np
+import pandas as pd
 import typer
-from tqdm.auto import tqdm
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, command, note, say
-from aacmm_pin.cli.given import Data, FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_and_data
-from aacmm_pin.diagnosis import Diagnosis, Finding, diagnose
+from aacmm_pin.cli.given import (
+    Data,
+    FrameName,
+    MaybeArm,
+    ProbeNoise,
+    ReferenceNoise,
+    RotationHalfWidth,
+    TranslationHalfWidth,
+    Urdf,
+    in_metres,
+    model_and_data,
+)
+from aacmm_pin.cli.tables import show
+from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.diagnosis_findings import (
     group_in_words,
     line_to_remember,
-    p_in_words,
+    probability,
     unexplained_in_words,
     verdict_in_words,
 )
 from aacmm_pin.diagnosis_page import diagnosis_page
-from aacmm_pin.effects import JointErrorCurve
+from aacmm_pin.diagnosis_tables import OFF_FORMATS, RANKING_FORMATS, curves_in_words, most_off, ranking
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.measurements import Measurements
 
+SHORT = {"at the tip [µm]": "tip [µm]", "probability": "prob.", "retained": "left"}
+"""Heads that leave room for the values at 80 columns."""
+FORMATS = {SHORT[name]: form for name, form in RANKING_FORMATS.items()}
+WORST = 3
+"""So many groups of records that are off most are told."""
 LEAST_SHOWN = 1e-3
 """Look-alikes less probable than this are in the page and the JSON only."""
 
@@ -46,6 +63,8 @@ def diagnose_(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 1,
     urdf: Urdf = None,
     frame: FrameName = None,
+    translation_half_width_mm: TranslationHalfWidth = None,
+    rotation_half_width_rad: RotationHalfWidth = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="HTML page of all that was found.")] = None,
     extended_arm: Annotated[Path | None, typer.Option(help="Arm file for the extended model.")] = None,
     json_: Json = None,
@@ -53,7 +72,7 @@ def diagnose_(
 ) -> None:
     """What the simulation gets wrong, which cause it has, and how much better the arm is once the model knows."""
     with Results(force, output, extended_arm, json_=json_) as results:
-        model, path = model_and_data(arm, data, urdf, frame)
+        model, path = model_and_data(arm, data, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
         if extended_arm is not None and model.arm.dh is None:
             raise UnsupportedArmError(f"{extended_arm}: an arm file needs a DH table, {model.arm.name} came as URDF")
         result = diagnose(
@@ -68,7 +87,6 @@ def diagnose_(
             length_noise=in_metres(length_noise_mm),
             hold_out=not no_held_out,
             rng=np.random.default_rng(seed),
-            progress=lambda parts: tqdm(parts, desc="held out", unit="part", leave=False, disable=None),
         )
         if extended_arm is not None:
             result.model.save(results.file(extended_arm), comment=f"Extended by aacmm-pin diagnose from {path}: {result}")
@@ -86,8 +104,32 @@ def diagnose_(
 def _say(result: Diagnosis) -> None:
     say(f"{result.verdict}. {verdict_in_words(result)}")
     say(line_to_remember(result))
-    for finding in result.findings:
-        _say_finding(finding)
+    labels = [finding.label for finding in result.findings]
+    causes = ranking(result).assign(cause=labels) if labels else pd.DataFrame()
+    show(causes.rename(columns=SHORT), FORMATS, "causes found; left: the part of the effect that recalibration leaves:")
+    for line in curves_in_words(result):
+        say(line)
+    show(_look_alikes(result), {"r": ".2f"}, "or, with the probability of the other cause in its place:")
+    _say_unexplained(result)
+    show(result.excluded, {"residual_mm": ".3f"}, f"{len(result.excluded)} records excluded:")
+    head = "where the simulation is off most, beside what its own stated uncertainties predict there:"
+    show(most_off(result, WORST), OFF_FORMATS, head)
+    say(f"next: {result.next_measurements}")
+
+
+def _look_alikes(result: Diagnosis) -> pd.DataFrame:
+    """Look-alikes with their labels, as commands take them."""
+    return pd.DataFrame(
+        [
+            {"cause": f.label, "looks like": a.label, "r": a.correlation, "probability": probability(a.probability)}
+            for f in result.findings
+            for a in f.aliases
+            if a.probability > LEAST_SHOWN
+        ]
+    )
+
+
+def _say_unexplained(result: Diagnosis) -> None:
     open_ = result.unexplained
     if open_.shapes or open_.groups:
         say(unexplained_in_words(result))
@@ -95,23 +137,3 @@ def _say(result: Diagnosis) -> None:
         say(f"  over {name}: {acts_on}")
     for group in open_.groups:
         say(f"  {group_in_words(group)}")
-    for row in result.excluded.to_dict("records"):
-        say(f"excluded: row {row['row']}, {row['residual_mm']:.3f} mm off: {row['reason']}")
-    say("where the simulation is off most, beside what its own stated uncertainties predict there:")
-    for row in result.simulation_groups.head(3).to_dict("records"):
-        times = f"{row['times_predicted']:.1f} times the predicted {row['predicted_mm']:.4f} mm"
-        say(f"  {row['by']} {row['group']}: {row['rms_mm']:.4f} mm, {times}")
-    say(f"next: {result.next_measurements}")
-
-
-def _say_finding(finding: Finding) -> None:
-    sure = f"probability {finding.probability:.3f}, p {p_in_words(finding.p_value)}"
-    say(f"  {finding.label}: {sure}; recalibration leaves {finding.retained_fraction:.0%} of its effect")
-    if isinstance(finding.effect, JointErrorCurve):
-        waves = ", ".join(f"{order:.3g} ({size:.2g} rad)" for order, size in finding.effect.spectrum())
-        say(f"    {len(finding.parameters)} coefficients; strongest waves per turn: {waves}")
-    else:
-        say("    " + ", ".join(f"{k} {v:.4g} ± {2 * u:.2g}" for k, (v, u) in finding.parameters.items()) + " (k = 2)")
-    alike = ", ".join(f"{a.label} ({a.probability:.2g})" for a in finding.aliases if a.probability > LEAST_SHOWN)
-    if alike:
-        say(f"    or, with the probability in brackets: {alike}")

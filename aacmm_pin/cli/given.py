@@ -27,6 +27,14 @@ Urdf = Annotated[str | None, typer.Option("--urdf", metavar="FILE", help="Any se
 FrameName = Annotated[
     str | None, typer.Option("--frame", metavar="NAME", help="With --urdf: the frame whose origin is the tip.")
 ]
+TranslationHalfWidth = Annotated[
+    float | None,
+    typer.Option("--translation-half-width-mm", help="With --urdf: bound of the shifts of every joint placement, in mm."),
+]
+RotationHalfWidth = Annotated[
+    float | None,
+    typer.Option("--rotation-half-width-rad", help="With --urdf: bound of the turns of every joint placement, in rad."),
+]
 ReferenceNoise = Annotated[
     float | None, typer.Option("--reference-noise-mm", help="Standard uncertainty of a reference coordinate, in mm.")
 ]
@@ -35,8 +43,14 @@ ProbeNoise = Annotated[
 ]
 
 
-def model_of(arm: str | None, urdf: str | None, frame: str | None) -> ErrorModel:
-    """The arm with its effects, from whichever of the arguments names it.
+def model_of(
+    arm: str | None,
+    urdf: str | None,
+    frame: str | None,
+    translation_mm: float | None = None,
+    rotation_rad: float | None = None,
+) -> ErrorModel:
+    """The arm with its effects, from whichever of the arguments names it; half-widths are those of a URDF's placements.
 
     Raises:
         AacmmError: the arm cannot be used.
@@ -46,11 +60,23 @@ def model_of(arm: str | None, urdf: str | None, frame: str | None) -> ErrorModel
     if (urdf is None) != (frame is None):
         raise typer.BadParameter("--urdf and --frame go together")
     if urdf is not None and frame is not None:
-        return ErrorModel(Arm.from_urdf(urdf, frame))
+        half_widths = {"translation_half_width": (translation_mm or 0.0) * MM, "rotation_half_width": rotation_rad or 0.0}
+        return ErrorModel(Arm.from_urdf(urdf, frame, **half_widths))
+    if translation_mm is not None or rotation_rad is not None:
+        raise typer.BadParameter(
+            "--translation-half-width-mm and --rotation-half-width-rad go with --urdf; an arm file has its own"
+        )
     return ErrorModel.load(str(arm))
 
 
-def model_and_data(arm: str | None, data: str | None, urdf: str | None, frame: str | None) -> tuple[ErrorModel, str]:
+def model_and_data(
+    arm: str | None,
+    data: str | None,
+    urdf: str | None,
+    frame: str | None,
+    translation_mm: float | None = None,
+    rotation_rad: float | None = None,
+) -> tuple[ErrorModel, str]:
     """The same with a file of measurements behind; with ``--urdf`` that is the only argument.
 
     Raises:
@@ -60,7 +86,7 @@ def model_and_data(arm: str | None, data: str | None, urdf: str | None, frame: s
         arm, data = None, arm
     if data is None:
         raise typer.BadParameter("expected ARM DATA, or --urdf FILE --frame NAME DATA")
-    return model_of(arm, urdf, frame), data
+    return model_of(arm, urdf, frame, translation_mm, rotation_rad), data
 
 
 def in_metres(noise_mm: float | None) -> float | None:

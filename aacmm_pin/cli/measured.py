@@ -8,9 +8,7 @@ from typing import Annotated, cast
 
 import numpy as np
 import typer
-from tqdm.auto import tqdm
 
-from aacmm_pin import plots
 from aacmm_pin.accuracy import accuracy_volume
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.calibrate import ReferenceFrame
@@ -26,6 +24,8 @@ from aacmm_pin.cli.given import (
     MaybeArm,
     ProbeNoise,
     ReferenceNoise,
+    RotationHalfWidth,
+    TranslationHalfWidth,
     Urdf,
     bar_length,
     in_metres,
@@ -70,6 +70,8 @@ def simulate(
     probe_noise_mm: ProbeNoise = None,
     urdf: Urdf = None,
     frame: FrameName = None,
+    translation_half_width_mm: TranslationHalfWidth = None,
+    rotation_half_width_rad: RotationHalfWidth = None,
     output: Output = None,
     truth: Annotated[Path | None, typer.Option(help="File for the arm that made the data, with its effects.")] = None,
     force: Force = False,
@@ -79,7 +81,8 @@ def simulate(
         raise typer.BadParameter("--unknown goes with --plan seats")
     rng = np.random.default_rng(seed)
     with Results(force, output, truth) as results:
-        model, effects = model_of(arm, urdf, frame), effects_of(effect)
+        model = model_of(arm, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
+        effects = effects_of(effect)
         check_rows(effects, model)
         if perturb:
             model = perturbed_model(model, rng.spawn(1)[0])  # a stream of its own: the plan is the same without it
@@ -116,6 +119,8 @@ def calibrate_(
     seed: Seed = 1,
     urdf: Urdf = None,
     frame: FrameName = None,
+    translation_half_width_mm: TranslationHalfWidth = None,
+    rotation_half_width_rad: RotationHalfWidth = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Arm file for the calibrated arm.")] = None,
     urdf_out: Annotated[Path | None, typer.Option(help="URDF for the calibrated arm.")] = None,
     residuals: Annotated[Path | None, typer.Option(help="CSV file: every record with its residuals.")] = None,
@@ -126,7 +131,7 @@ def calibrate_(
 ) -> None:
     """Parameters of an arm from measurements, with their uncertainty and what the data cannot tell."""
     with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_) as results:
-        model, path = model_and_data(arm, data, urdf, frame)
+        model, path = model_and_data(arm, data, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
         if output is not None and model.arm.dh is None:
             raise UnsupportedArmError(
                 f"{output}: an arm file needs a DH table, {model.arm.name} came as URDF; use --urdf-out"
@@ -146,7 +151,6 @@ def calibrate_(
             length_noise=in_metres(length_noise_mm),
             hold_out=not no_held_out,
             rng=np.random.default_rng(seed),
-            progress=lambda parts: tqdm(parts, desc="held out", unit="part", leave=False, disable=None),
         )
         when = f"{datetime.now(UTC):%Y-%m-%d}"
         if output is not None:
@@ -156,13 +160,13 @@ def calibrate_(
         if residuals is not None:
             results.text(result.residuals.to_csv(index=False), residuals)
         if plot is not None:
-            results.picture(plots.plot_calibration(result), plot)
+            results.picture(result.plot("all")[0].figure, plot)
         summary = calibration_summary(result, path, seed)
         if report is not None:
             results.text(calibration_page(result, summary, when), report)
         if json_ is not None:
             results.json(summary, json_)
-    if json_ is None:
+    if json_ != "-":
         say_calibration(result)
 
 

@@ -7,17 +7,15 @@ from typing import Annotated, cast
 
 import numpy as np
 import typer
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.table import Column, Table
-from tqdm.auto import tqdm
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Output, Results, command, note, say
 from aacmm_pin.cli.given import FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_of
+from aacmm_pin.cli.tables import show
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
+from aacmm_pin.plan_tables import pairs_table, tried_table
 from aacmm_pin.planning import MeasurementPlan, plan_measurements
 from aacmm_pin.planning.plan import POSTURES, Reference
 
@@ -78,7 +76,6 @@ def plan_(
             as_it_stands=as_it_stands,
             postures=postures,
             rng=np.random.default_rng(seed),
-            progress=lambda steps: tqdm(steps, desc="records", unit="record", leave=False, disable=None),
         )
         if output is not None:
             results.text(plan.csv(), output)
@@ -92,7 +89,7 @@ def plan_(
         note(f"note: {text}")
     if plan.changes_arm and set_up_arm is None:
         note("note: this set-up is another arm file, which --set-up-arm FILE writes; diagnose the new records with it")
-    if output is not None and json_ is None:
+    if output is not None and json_ != "-":
         _say(plan, output)
         note(f"note: chosen from {postures} postures, seed {seed}")
 
@@ -102,13 +99,6 @@ def _say(plan: MeasurementPlan, output: Path) -> None:
     for words in plan.set_up:
         say(f"set-up: {words}")
     if len(plan.tried) > 1:
-        table = Table(Column("set-up", ratio=1), "T", Column("told with prob.", no_wrap=True), "", box=SIMPLE)
-        for tried in plan.tried:
-            odds = "" if tried.why_not else f"{tried.power.probability:.2f}"
-            table.add_row(tried.words, f"{tried.power.least:.3g}", odds, tried.why_not)
-        Console().print(table)
-    if plan.pairs is not None:
-        say("told worst, of what these postures can tell:")
-        for row in plan.pairs[plan.pairs["why_not"] == ""].head(MOST_PAIRS).to_dict("records"):
-            say(f"  {row['cause']} from {row['other']}: T = {row['T']:.3g}")
+        show(tried_table(plan), {"T": ".3g"}, "set-ups that were considered:")
+    show(pairs_table(plan).head(MOST_PAIRS), {"T": ".3g"}, "told worst, of what these postures can tell:")
     say(f"{output}: fill in x_mm, y_mm, z_mm; where the hand ends up near a posture, put what the encoders indicate there")

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.table import Column, Table
-
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration_findings import (
     causes_in_words,
@@ -15,12 +9,12 @@ from aacmm_pin.calibration_findings import (
     fit_in_words,
     frame_in_words,
     readable_parameters,
+    sizes_table,
     verdict,
 )
 from aacmm_pin.cli.common import note, say
+from aacmm_pin.cli.tables import show
 
-WIDTH = 118
-"""Columns of a table that goes to a file."""
 MOST_EXCLUDED = 10
 """Excluded records that are told one by one; the residuals' file has all."""
 
@@ -35,6 +29,7 @@ def say_calibration(result: Calibration) -> None:
         say(frame)
     for line in causes_in_words(result):
         say(line)
+    show(sizes_table(result), dict.fromkeys(("before [mm]", "after [mm]"), ".4f"), "RMS distance of tip and target:")
     _say_excluded(result)
     if result.undetermined:
         say("These data do not tell, and leave as it was:")
@@ -47,10 +42,9 @@ def _say_excluded(result: Calibration) -> None:
     excluded = result.excluded
     if not len(excluded):
         return
-    say(f"{len(excluded)} records excluded, {excluded['reason'].iloc[0]}:")
-    for row in excluded.head(MOST_EXCLUDED).to_dict("records"):
-        where = f" ({row['seat']})" if row.get("seat") else ""
-        say(f"  row {row['row']}{where}: {row['residual_mm']:.3f} mm off")
+    head = f"{len(excluded)} records excluded, {excluded['reason'].iloc[0]}:"
+    shown = excluded.head(MOST_EXCLUDED).drop(columns="reason").rename(columns={"residual_mm": "off by [mm]"})
+    show(shown, {"off by [mm]": ".3f"}, head)
     if len(excluded) > MOST_EXCLUDED:
         say(f"  … and {len(excluded) - MOST_EXCLUDED} more")
 
@@ -59,20 +53,10 @@ def _say_parameters(result: Calibration) -> None:
     if not result.fit.problem.parameters:
         say("No parameter was estimated: the arm states all of them to be exact; --no-prior estimates them all the same.")
         return
-    table = Table(
-        Column("parameter", no_wrap=True),
-        Column("value", justify="right", no_wrap=True),
-        *(Column(head, justify="right", no_wrap=True) for head in ("change", "u", "U (k = 2)")),
-        Column("in", no_wrap=True),
-        Column("known", no_wrap=True),
-        box=SIMPLE,
-    )
     rows = readable_parameters(result)
     form = decimals(rows)
-    for row in rows.to_dict("records"):
-        numbers = [f"{row[name]:{form}}" for name in ("change", "u", "U")]
-        numbers[0] = "* " * row["beyond"] + numbers[0]
-        table.add_row(row["parameter"], row["value"], *numbers, row["in"], row["known"])
-    Console(width=None if sys.stdout.isatty() else WIDTH).print(table)
+    shown = rows[["parameter", "value", "change", "u", "U", "in", "known"]].rename(columns={"U": "U (k = 2)"})
+    shown["change"] = [f"{'* ' * b}{change:{form}}" for b, change in zip(rows["beyond"], rows["change"], strict=True)]
+    show(shown, dict.fromkeys(("u", "U (k = 2)"), form), "parameters:")
     if rows["beyond"].any():
         say("* moved farther than its stated and its new uncertainty together allow")

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from aacmm_pin.demo.diagnosed import diagnosed_sections
+from aacmm_pin.demo.hidden import Hidden, hidden_section
 from aacmm_pin.demo.paper import paper_sections, ratio_text
 from aacmm_pin.demo.sections import about_accuracy, about_arm, about_assumptions, about_map, about_postures
 from aacmm_pin.demo.study import SEED, Study, make_study
+from aacmm_pin.diagnosis_findings import in_words, line_to_remember, several_in_words
 from aacmm_pin.outputs import whole_folder
 from aacmm_pin.report import Download, Part, Section, render_report
 from aacmm_pin.summaries import accuracy_summary, map_summary
@@ -60,7 +63,7 @@ def run_demo(
         arm_name: bundled arm or arm file; it needs uncertainties.
         folder: where to write; whole or not at all.
         force: replace files of the same names.
-        progress: show a bar while the map is made.
+        progress: show bars in a notebook, or on stderr at a terminal.
         cells: cells of the map along x and z.
         sectors: sectors of the configuration circle.
 
@@ -81,13 +84,14 @@ def run_demo(
             Section("Postures at the working point", about_postures(study, out)),
             Section("Accuracy at the working point, and why", about_accuracy(study, accuracy, out)),
             Section("Over the workspace", about_map(study, out)),
+            hidden_section(study.hidden, out, f"{datetime.now(UTC):%Y-%m-%d}"),
             *paper_sections(study, out),
             *diagnosed_sections(study, out),
             Section("What is assumed, and what is left out", about_assumptions(study)),
             Section("Files", [_files_text(), *downloads]),
         ]
         page = render_report(
-            f"{study.arm.name}: postures and accuracy", f"Geometry and uncertainties: {study.arm.source}", sections
+            f"{study.arm.name}: postures, accuracy, diagnosis", f"Geometry and uncertainties: {study.arm.source}", sections
         )
         (out / "index.html").write_text(page, encoding="utf-8")
         files = tuple(sorted(path.name for path in out.iterdir()))
@@ -134,7 +138,16 @@ def _findings(study: Study, summary: dict[str, Any]) -> tuple[str, ...]:
         f"map: {counts[study.map.sectors]} of {sum(counts.values())} reachable cells have the full circle, "
         f"mean flexibility {float(study.map.data['flexibility'].mean()):.3f}",
     ]
+    findings += _hidden_findings(study.hidden)
     return tuple(findings + _paper_findings(study) + _diagnosed_findings(study))
+
+
+def _hidden_findings(hidden: Hidden) -> list[str]:
+    return [
+        f"hidden in {hidden.data.n} simulated records: {in_words(hidden.effect)}; "
+        f"found: {several_in_words([f.effect for f in hidden.found.findings]) or 'nothing'} ({hidden.found.verdict}). "
+        f"{line_to_remember(hidden.found)}"
+    ]
 
 
 def _paper_findings(study: Study) -> list[str]:

@@ -15,8 +15,9 @@ from aacmm_pin.checks import Array
 from aacmm_pin.comprehensive import configuration_weights
 from aacmm_pin.demo.picture import new_axes, picture
 from aacmm_pin.demo.study import DRAWS, SEED, Study
+from aacmm_pin.display import circle_scene, map_scene
 from aacmm_pin.reach import reach_of_wrist
-from aacmm_pin.report import Bullets, Paragraph, Part, Picture, Table
+from aacmm_pin.report import Bullets, Paragraph, Part, Picture, SceneView, Table
 from aacmm_pin.units import DEG, MM, MM3, UM
 
 URAD = 1e-6
@@ -102,6 +103,11 @@ def about_postures(study: Study, out: Path) -> list[Part]:
             "circle",
             f"The elbow's path round the working point and {circle.arm.name} in five postures",
             caption,
+        ),
+        SceneView(
+            circle_scene(circle, study.accuracy),
+            "The same to turn and to move: drag to look from elsewhere; the slider takes the arm round the circle. At the "
+            "wrist stands the 95 % coverage ellipsoid of the posture, magnified.",
         ),
     ]
 
@@ -321,6 +327,10 @@ def about_map(study: Study, out: Path) -> list[Part]:
             "uncertainty",
             "Standard uncertainty of the position in the posture where it is smallest, among the centres of the working "
             "sectors; smaller is better. For distances this says more than the volume.",
+        ),
+        SceneView(
+            map_scene(study.map, study.arm),
+            "The half-plane with the arm's wrist in one cell after the other, in the most accurate posture of each.",
         ),
     ]
 

@@ -12,6 +12,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import ArmFile, load_arm_file
 from aacmm_pin.checks import Array
 from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.demo.hidden import Hidden, hide_and_find
 from aacmm_pin.sino6_paper import Table2, Table3, predict_table3, printed_points, reproduce_table2
 from aacmm_pin.table3_diagnosis import Table3Diagnosis, diagnose_table3, expected_of_records
 from aacmm_pin.workspace import WorkspaceMap, map_workspace
@@ -35,6 +36,7 @@ class Study:
         methods: accuracy of these two by every method.
         map: flexibility and accuracy over the half-plane.
         sectors: sectors of the configuration circle.
+        hidden: an effect hidden in simulated measurements, and found.
         table2, table3, table3_tip: the paper's tables beside ours; None for another arm than the paper's.
         diagnosed, of_records: what Table 3 tells, and what its records would; None likewise.
     """
@@ -48,6 +50,7 @@ class Study:
     methods: dict[Method, AccuracyVolume]
     map: WorkspaceMap
     sectors: int
+    hidden: Hidden
     table2: Table2 | None
     table3: Table3 | None
     table3_tip: Table3 | None
@@ -75,15 +78,18 @@ def make_study(arm_name: str, progress: bool, cells: tuple[int, int], sectors: i
     best, worst = int(np.argmin(accuracy.volume)), int(np.argmax(accuracy.volume))
     rng = np.random.default_rng(SEED)
     ends = accuracy.q[[best, worst]]
-    methods = {m: accuracy_volume(arm, ends, at=circle.at, method=m, rng=rng, draws=DRAWS) for m in METHODS}
+    methods = {
+        m: accuracy_volume(arm, ends, at=circle.at, method=m, rng=rng, draws=DRAWS, progress=progress) for m in METHODS
+    }
     map_ = map_workspace(arm, cells, sectors, progress=progress)
+    hidden = hide_and_find(arm, SEED, progress)
     of_paper = arm.name == ARM_OF_THE_PAPER
-    table2 = reproduce_table2() if of_paper else None
+    table2 = reproduce_table2(progress=progress) if of_paper else None
     table3 = predict_table3(np.random.default_rng(SEED), arm=arm) if of_paper else None
-    at_tip = predict_table3(np.random.default_rng(SEED), arm=arm, reading="tip") if of_paper else None
-    diagnosed = diagnose_table3(np.random.default_rng(SEED)) if of_paper else None
+    at_tip = predict_table3(np.random.default_rng(SEED), arm=arm, reading="tip", progress=progress) if of_paper else None
+    diagnosed = diagnose_table3(np.random.default_rng(SEED), progress=progress) if of_paper else None
     of_records = None
     if diagnosed is not None:
         of_records = expected_of_records(diagnosed.seats, diagnosed.tau, np.random.default_rng(SEED))
     tables = (table2, table3, at_tip, diagnosed, of_records)
-    return Study(arm_file, arm, circle, accuracy, best, worst, methods, map_, sectors, *tables)
+    return Study(arm_file, arm, circle, accuracy, best, worst, methods, map_, sectors, hidden, *tables)

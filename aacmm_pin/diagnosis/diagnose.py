@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.blas import one_blas_thread
-from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of
+from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of, require_measurements
 from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.fold import calibrated_model
@@ -33,6 +33,7 @@ from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.planning import advice
+from aacmm_pin.progress import Progress
 
 MUCH_MORE = 1.15
 """Residuals larger by this than the stated noise, beyond chance, are not explained by what was found."""
@@ -61,8 +62,9 @@ def diagnose(
     probe_noise: float | None = None,
     length_noise: float | None = None,
     hold_out: bool = True,
+    extra_causes: Sequence[Effect] = (),
     rng: np.random.Generator | None = None,
-    progress: Callable[[Iterable[int]], Iterable[int]] | None = None,
+    progress: Progress = True,
 ) -> Diagnosis:
     """Show what the simulation gets wrong, name the cause, extend the model, measure the gain.
 
@@ -78,8 +80,12 @@ def diagnose(
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise: see
             :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain.
+        extra_causes: causes to try beside the library's, your own (:func:`aacmm_pin.effects.register`) or others of the
+            package at places, orders or times that are not tried anyway. They compete with the others, by the ``typical``
+            size of their terms; their values do not count.
         rng: for the draws behind p-values and intervals, and the groups left out; default seed 1.
-        progress: wraps the groups left out, such as ``tqdm``.
+        progress: show bars in a notebook, or on stderr at a terminal; or a function such as ``tqdm`` that wraps the groups
+            left out.
 
     Raises:
         AacmmError, UnknownNameError, MissingConditionError: see :func:`aacmm_pin.calibration.calibrate`.
@@ -88,6 +94,7 @@ def diagnose(
     if reference_frame not in get_args(ReferenceFrame):
         raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
     model = ErrorModel.of(model)
+    require_measurements(measurements)
     if measurements.nq != model.arm.nq:
         own, theirs = model.arm.nq, measurements.nq
         raise AacmmError(f"{measurements.source} has angles of {theirs} joints, {model.arm.name} has {own}")
@@ -107,9 +114,9 @@ def diagnose(
     if not np.nanmax(np.abs(recalibrated.solution.system.deviation), initial=0.0) > NOTHING:
         raise AacmmError(f"{measurements.source}: every record agrees with the arm exactly: is the file filled in?")
     kind, parts = parts_of(recalibrated, rng)
-    library = candidates(model, measurements, recalibrated.problem)
+    library = candidates(model, measurements, recalibrated.problem, extra_causes)
     others = covariates(model.arm, measurements)
-    choice = choose(with_causes, noise, recalibrated, library, others, parts)
+    choice = choose(with_causes, noise, recalibrated, library, others, parts, progress is True)
     choice = _surviving(choice, with_causes, noise)
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
@@ -137,6 +144,7 @@ def diagnose(
             reference_noise=reference_noise,
             probe_noise=probe_noise,
             length_noise=length_noise,
+            progress=progress is True,
         )
 
     return Diagnosis(

@@ -14,6 +14,7 @@ from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.products import Gram
 from aacmm_pin.diagnosis.search import Question, conditional
+from aacmm_pin.shown import Shown
 
 DRAWS = 400
 """Draws of records with nothing hidden, for the distribution of the largest evidence."""
@@ -28,7 +29,7 @@ SAME = 0.95
 
 
 @dataclass(frozen=True)
-class Alias:
+class Alias(Shown):
     """A cause that looks like a finding in these records.
 
     Attributes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,8 @@ from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.products import Gram
 from aacmm_pin.diagnosis.search import search
+from aacmm_pin.progress import Progress, watched
+from aacmm_pin.shown import Shown
 
 PARTS = 10
 FEWEST = 5
@@ -24,7 +25,7 @@ SURVIVES = 1.64
 
 
 @dataclass(frozen=True, eq=False)
-class Gain:
+class Gain(Shown):
     """Residuals of records left out in turn, by groups.
 
     Attributes:
@@ -85,7 +86,7 @@ def gain_of(
     before: Fit,
     kind: str,
     rng: np.random.Generator,
-    progress: Callable[[Iterable[int]], Iterable[int]] | None = None,
+    progress: Progress = None,
 ) -> Gain:
     """Leave out every part in turn; choose and fit with the rest; predict it.
 
@@ -94,22 +95,23 @@ def gain_of(
         before: the arm as it was, set-up fitted.
         kind: of the parts, for the record.
         rng: for the interval.
-        progress: wraps the parts.
+        progress: whether to show a bar, or a function that wraps the parts.
     """
     n = choice.fit.problem.measurements.n
     simulation, recalibrated, extended, smooth = np.full((4, n), np.nan)
     chosen: list[tuple[str, ...]] = []
     numbers = choice.held.parts
-    for number in progress(numbers) if progress else numbers:
-        out = choice.fit.used & (choice.parts == number)
-        training = choice.held.without(number)
-        admitted = survivors(choice, search(choice.question, training), training)
-        causes = tuple(k for k in admitted if choice.question.owner(k) < choice.design.causes)
-        chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
-        simulation[out] = _by(before, out)
-        recalibrated[out] = _predicted(choice, training, (), out)
-        extended[out] = _predicted(choice, training, causes, out)
-        smooth[out] = _predicted(choice, training, admitted, out)
+    with watched(numbers, progress, f"held-out {kind}", "part") as parts:
+        for number in parts:
+            out = choice.fit.used & (choice.parts == number)
+            training = choice.held.without(number)
+            admitted = survivors(choice, search(choice.question, training), training)
+            causes = tuple(k for k in admitted if choice.question.owner(k) < choice.design.causes)
+            chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
+            simulation[out] = _by(before, out)
+            recalibrated[out] = _predicted(choice, training, (), out)
+            extended[out] = _predicted(choice, training, causes, out)
+            smooth[out] = _predicted(choice, training, admitted, out)
     interval = _interval(recalibrated, extended, choice.parts, rng)
     return Gain(kind, len(numbers), simulation, recalibrated, extended, smooth, choice.parts, tuple(chosen), interval)
 

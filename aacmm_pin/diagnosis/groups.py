@@ -15,6 +15,7 @@ from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.products import Gram, products_of
 from aacmm_pin.measurements import Measurements
+from aacmm_pin.shown import Shown
 
 FEWEST = 3
 """With fewer groups than this nobody can say which one is the odd one out."""
@@ -23,7 +24,7 @@ ODD = 1e-4
 
 
 @dataclass(frozen=True)
-class OddGroup:
+class OddGroup(Shown):
     """A group whose records are farther off than the others let expect.
 
     Attributes:

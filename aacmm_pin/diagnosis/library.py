@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from aacmm_pin.calibration.problem import OF_KIND, Problem, geometric_parameters
 from aacmm_pin.checks import Array
 from aacmm_pin.conditions import Conditions
 from aacmm_pin.effects import (
+    CAUSES,
     BaseCompliance,
     BearingTilt,
     Counterbalance,
@@ -35,6 +36,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.tube import tubes
 from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 
 ORDERS = (0.5, 1.5, 2.5, *(k / 2 for k in range(6, 21)), *(float(k) for k in range(11, 33)))
@@ -74,13 +76,20 @@ class Candidate:
         return self.variants[0].cause
 
 
-def candidates(model: ErrorModel, measurements: Measurements, problem: Problem) -> list[Candidate]:
+def candidates(
+    model: ErrorModel, measurements: Measurements, problem: Problem, extra: Sequence[Effect] = ()
+) -> list[Candidate]:
     """Every cause of the library that these records could show, one for each place where it can sit.
 
     Args:
         model: the arm; what it is known to have is no candidate.
         measurements: the records.
         problem: what is refitted anyway; geometric values beyond what is stated of them are causes too.
+        extra: causes to try besides; those with one label are variants of one candidate, which may be the library's.
+
+    Raises:
+        UnknownNameError: an extra cause is not registered.
+        AacmmError: an extra cause sits on a row that the arm does not have.
     """
     conditions = measurements.conditions
     arm, known = model.arm, {effect.label for effect in model.effects}
@@ -98,7 +107,19 @@ def candidates(model: ErrorModel, measurements: Measurements, problem: Problem) 
     if len(labels) >= 3 and measurements.known.any():
         found += [(SeatError(label),) for label in labels]
     found += [(effect,) for effect in _of_geometry(arm, measurements, problem)]
-    return [Candidate(variants) for variants in found if variants[0].label not in known]
+    of_label = {variants[0].label: variants for variants in found}
+    for effect in extra:
+        label = _checked(effect, arm).label
+        of_label[label] = tuple(dict.fromkeys((*of_label.get(label, ()), effect.at(()))))
+    return [Candidate(variants) for label, variants in of_label.items() if label not in known]
+
+
+def _checked(effect: Effect, arm: Arm) -> Effect:
+    if CAUSES.get(effect.cause) is not type(effect):
+        raise UnknownNameError("cause", effect.cause, list(CAUSES), "aacmm_pin.effects.register adds one of your own")
+    if effect.row is not None and not 1 <= effect.row <= arm.chain.rows:
+        raise AacmmError(f"{effect.label}: {arm.name} has rows 1 to {arm.chain.rows}")
+    return effect
 
 
 def _of_geometry(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

@@ -21,6 +21,7 @@ from aacmm_pin.diagnosis.products import Gram, products_of
 from aacmm_pin.diagnosis.projection import freedom
 from aacmm_pin.diagnosis.search import Question, conditional, search
 from aacmm_pin.effects import Effect, EncoderSlip, JointErrorCurve, JointPeriodicError, ZeroDrift
+from aacmm_pin.progress import bar
 
 MOST_ROUNDS = 10
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
@@ -49,6 +50,8 @@ NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
 WHOLE = 3.0
 """A whole number of periods per turn is what teeth and gratings have: it is taken unless the log evidence falls by this."""
+LETTERS = 40
+"""Of the causes found so far, a bar shows this much."""
 FINE = 15
 """Steps in which an inner parameter is refined around the one that was tried."""
 
@@ -114,6 +117,7 @@ def choose(
     library: Sequence[Candidate],
     others: Sequence[Covariate],
     parts: Index,
+    progress: bool = False,
 ) -> Choice:
     """Search at the recalibrated arm, refit with what was found, search again there, until the choice stays.
 
@@ -121,12 +125,12 @@ def choose(
     So where records were excluded, the search is tried with the nearer of them put back too; what it finds is taken if it
     makes sense of them.
     """
-    found = _standing(problem_of, noise, first, tuple(library), tuple(others), parts)
+    found = _standing(problem_of, noise, first, tuple(library), tuple(others), parts, progress)
     nearer = _put_back(first)
     if nearer.sum() - first.used.sum() < max(FEWEST, A_FEW * len(nearer)):
         return found
     wider = fit(problem_of([]), noise, used=nearer)
-    again = _standing(problem_of, noise, wider, tuple(library), tuple(others), parts)
+    again = _standing(problem_of, noise, wider, tuple(library), tuple(others), parts, progress)
     return again if _doubtful(again, first) <= _doubtful(found, first) - FEWEST else found
 
 
@@ -161,19 +165,24 @@ def _standing(
     library: tuple[Candidate, ...],
     others: tuple[Covariate, ...],
     parts: Index,
+    progress: bool,
 ) -> Choice:
     """Rounds of search and refit from one start."""
-    found = _chosen(first, library, others, parts, [])
-    for _ in range(MOST_ROUNDS):
-        if not found.causes:
-            return found
-        effects = [_refined(found, k) for k in found.causes]
-        refit = fit(problem_of([free(e) for e in effects]), noise)
-        del found  # its columns are as large as those that come
-        found = _chosen(refit, _with_variants(library, effects), others, parts, effects)
-        if set(map(_inner, found.effects)) == set(map(_inner, effects)):
-            return found
-    return found
+    with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
+        found = _chosen(first, library, others, parts, [])
+        rounds.update()
+        for _ in range(MOST_ROUNDS):
+            if not found.causes:
+                return found
+            effects = [_refined(found, k) for k in found.causes]
+            rounds.set_postfix_str(", ".join(effect.label for effect in effects)[:LETTERS])
+            refit = fit(problem_of([free(e) for e in effects]), noise)
+            del found  # its columns are as large as those that come
+            found = _chosen(refit, _with_variants(library, effects), others, parts, effects)
+            rounds.update()
+            if set(map(_inner, found.effects)) == set(map(_inner, effects)):
+                return found
+        return found
 
 
 def free(effect: Effect) -> Effect:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,11 @@ from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect, JointErrorCurve
 from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.shown import Shown, drawn
 from aacmm_pin.units import MM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SCHEMA = "aacmm-pin/diagnosis/1"
 SETTLED = 0.95
@@ -26,7 +30,7 @@ Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained"]
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class Finding(Shown):
     """A cause that the simulation lacks.
 
     Attributes:
@@ -63,7 +67,7 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Shown):
     """What the simulation gets wrong, why, and how much better it is when it knows.
 
     Attributes:
@@ -162,17 +166,20 @@ class Diagnosis:
             "notes": list(self.notes),
         }
 
-    def _repr_html_(self) -> str:
-        rows = [
-            {
-                "cause": f.label,
-                "probability": f.probability,
-                "p": f.p_value,
-                "look-alikes": ", ".join(a.label for a in f.aliases),
-            }
-            for f in self.findings
-        ]
-        return f"<p>{self}</p>" + (pd.DataFrame(rows).to_html(index=False) if rows else "")
+    def plot(self, what: Finding | int | str | None = None, ax: Axes | Any = None) -> Any:
+        """The strongest cause through what the records say of it; where none was found, what the residuals depend on; where
+        they depend on nothing, their size by the three models.
+
+        Args:
+            what: something else: a finding, or its number from 0; a name in ``unexplained.shapes``; or ``rms``, ``groups``
+                (residuals by all that is known of the records), ``arm`` (the arm with its residuals), ``held_out``.
+            ax: axes; without them a new pyplot figure is made. ``groups`` and ``arm`` divide the place of the axes, or take
+                an array of them, and return an array of axes.
+
+        Raises:
+            UnknownNameError, AacmmError: see :func:`aacmm_pin.plots.plot_diagnosis`.
+        """
+        return drawn("plot_diagnosis", self, what, ax)
 
 
 def _finding(finding: Finding) -> dict[str, Any]:

@@ -89,8 +89,8 @@ def moved_geometry(choice: Choice) -> pd.DataFrame:
     is the one with everything in it that was admitted, covariates included: what they do is not geometry's.
 
     Returns:
-        parameter, cause, joint, before, change, u, stated_u [SI], times (change over its standard deviation), p_value
-        (two-sided, times the number of values that are judged); those that count, strongest first.
+        parameter, cause, joint, unit (SI), before, change, u, stated_u [unit], times (change over its standard deviation),
+        p_value (two-sided, times the number of values that are judged); those that count, strongest first.
     """
     problem = choice.fit.problem
     left = conditional(choice.question, choice.gram, choice.admitted)
@@ -103,6 +103,7 @@ def moved_geometry(choice: Choice) -> pd.DataFrame:
             "parameter": name,
             "cause": effect.cause,
             "joint": effect.row,
+            "unit": effect.terms[0].unit,
             "before": before,
             "change": float(choice.fit.solution.point.x[i] + x[i] - problem.start[i]),
             "u": float(u[i]),
@@ -111,7 +112,7 @@ def moved_geometry(choice: Choice) -> pd.DataFrame:
         for i, effect, name, before in _judged(problem)
         if i in u and u[i] < np.sqrt(1.0 - LEAST_SHARE**2) * problem.widths[i]
     ]
-    table = pd.DataFrame(rows, columns=["parameter", "cause", "joint", "before", "change", "u", "stated_u"])
+    table = pd.DataFrame(rows, columns=["parameter", "cause", "joint", "unit", "before", "change", "u", "stated_u"])
     change, u_, stated = (table[name].to_numpy(dtype=np.float64) for name in ("change", "u", "stated_u"))
     table["times"] = change / np.sqrt(stated**2 - u_**2)
     table["p_value"] = np.minimum(chi2.sf(np.square(change) / (stated**2 - u_**2), 1) * max(len(table), 1), 1.0)

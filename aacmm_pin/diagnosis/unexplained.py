@@ -16,10 +16,11 @@ from aacmm_pin.diagnosis.gain import Gain
 from aacmm_pin.diagnosis.groups import OddGroup, odd_groups
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.search import conditional
+from aacmm_pin.shown import Shown
 
 
 @dataclass(frozen=True, eq=False)
-class Unexplained:
+class Unexplained(Shown):
     """Structure that no cause of the library has.
 
     Attributes:

@@ -15,6 +15,7 @@ from aacmm_pin.chain import axis
 from aacmm_pin.checks import Array
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.parameter import Parameter, Scope
+from aacmm_pin.shown import Shown
 from aacmm_pin.state import State
 
 
@@ -51,7 +52,7 @@ class Displacement:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect(ABC):
+class Effect(Shown, ABC):
     """A physical cause of error with the values of its parameters.
 
     A subclass states its fields (which joint, which order, …), its :attr:`terms` and :meth:`displacements`; that is all

@@ -33,6 +33,7 @@ def advice(
     reference_noise: float | None = None,
     probe_noise: float | None = None,
     length_noise: float | None = None,
+    progress: bool = False,
     rng: np.random.Generator | None = None,
 ) -> str:
     """What to measure next to tell two causes apart, in a sentence with the command that plans it.
@@ -47,7 +48,7 @@ def advice(
         records: how many to plan.
         arm: the arm as a command names it; default its name in small letters.
         options: more options of the command, such as `` --data old.csv``.
-        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise, rng: see
+        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise, progress, rng: see
             :func:`plan_measurements`.
     """
     seat = existing.conditions.seat
@@ -66,6 +67,7 @@ def advice(
             reference_noise=reference_noise,
             probe_noise=probe_noise,
             length_noise=length_noise,
+            progress=progress,
             postures=max(QUICK, 2 * records),
             rng=rng,
         )

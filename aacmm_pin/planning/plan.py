@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -28,6 +28,7 @@ from aacmm_pin.planning.setups import all_conditions, set_ups
 from aacmm_pin.planning.sheet import sheet
 from aacmm_pin.planning.situation import Asked, Situation
 from aacmm_pin.planning.survey import surveyed
+from aacmm_pin.progress import Progress, watched
 from aacmm_pin.units import MM
 
 Reference = Literal["free", "seats"]
@@ -53,7 +54,7 @@ def plan_measurements(
     as_it_stands: bool = False,
     postures: int = POSTURES,
     rng: np.random.Generator | None = None,
-    progress: Callable[[Iterable[int]], Iterable[int]] | None = None,
+    progress: Progress = True,
 ) -> MeasurementPlan:
     """Records that tell two causes apart, or all causes that the arm can have.
 
@@ -80,7 +81,8 @@ def plan_measurements(
         as_it_stands: no load and no other mount.
         postures: how many to choose from; fewer are quicker.
         rng: for all that is drawn; default seed 1.
-        progress: wraps the records to choose, such as ``tqdm``.
+        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as ``tqdm`` that wraps the
+            records to choose.
 
     Raises:
         UnknownNameError: an unknown cause, field, reference or frame.
@@ -119,11 +121,11 @@ def plan_measurements(
         where = Postures.at_seats(model, postures, above, usable, asked.frame, noise, rng)
     if len(where.q) < records:
         raise AacmmError(f"records is {records}, but only {len(where.q)} different postures were found; ask for fewer")
-    steps = range(records) if progress is None else progress(range(records))
-    if split is None:
-        found = _for_all(asked, where, records, rng, steps)
-    else:
-        found = for_two(asked, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
+    with watched(range(records), progress, "plan", "record") as steps:
+        if split is None:
+            found = _for_all(asked, where, records, rng, steps)
+        else:
+            found = for_two(asked, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
     usual = {"--reference": (reference, "free"), "--reference-frame": (reference_frame, "base"), "--target": (target, "tip")}
     options = [f"{name} {value}" for name, (value, default) in usual.items() if value != default]
     options += [words for words, asked_for in (("--no-prior", not prior), ("--as-it-stands", as_it_stands)) if asked_for]

@@ -8,6 +8,7 @@ import numpy as np
 
 from aacmm_pin.checks import Array
 from aacmm_pin.effects import Effect
+from aacmm_pin.shown import Shown
 
 DRAWS = 4000
 """Draws of records behind a probability."""
@@ -42,7 +43,7 @@ class Size:
 
 
 @dataclass(frozen=True)
-class Power:
+class Power(Shown):
     """How well two causes are told apart.
 
     Attributes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from aacmm_pin.measurements import Measurements
 from aacmm_pin.outputs import whole_file
 from aacmm_pin.planning.causes import label_of
 from aacmm_pin.planning.power import Power
+from aacmm_pin.shown import Shown
 from aacmm_pin.units import MM
 
 SCHEMA = "aacmm-pin/plan/1"
@@ -25,7 +25,7 @@ DECIDED = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class Tried(Shown):
     """A set-up that was considered.
 
     Attributes:
@@ -40,7 +40,7 @@ class Tried:
 
 
 @dataclass(frozen=True, eq=False)
-class MeasurementPlan:
+class MeasurementPlan(Shown):
     """What to measure next.
 
     Attributes:
@@ -176,9 +176,6 @@ class MeasurementPlan:
             if t.why_not:
                 text += f"; {t.words}: {t.why_not}"
         return text
-
-    def _repr_html_(self) -> str:
-        return f"<p>{html.escape(str(self))}</p>{self.records.to_html(index=False, max_rows=12, na_rep='')}"
 
 
 def _power(power: Power | None) -> dict[str, Any] | None:

@@ -1,11 +1,19 @@
 """Pictures of configurations, accuracy, maps, calibrations and diagnoses, with matplotlib.
 
-Every function draws on ``ax`` and returns it; ``ax.figure`` is the picture. Without ``ax`` a new pyplot figure is made,
-which a notebook shows by itself and a program should close; axes of your own ``matplotlib.figure.Figure`` leave pyplot
-alone. Lengths are in mm, volumes in mm³, uncertainties in µm, angles in degrees.
+Every function ``plot_…`` draws on ``ax`` and returns it; ``ax.figure`` is the picture. Without ``ax`` a new pyplot figure
+is made, which a notebook shows by itself and a program should close; axes of your own ``matplotlib.figure.Figure`` leave
+pyplot alone. A picture of several panels divides the place of ``ax`` among them, or takes an array of axes, and returns an
+array of axes. Lengths are in mm, volumes in mm³, uncertainties in µm, angles in degrees.
+
+The main picture of a result is its own ``plot`` too: ``circle.plot()``, ``accuracy.plot()``, ``found.plot()``.
 """
 
-from aacmm_pin.plots.accuracy import plot_accuracy_over_swivel, plot_accuracy_over_theta3, plot_budget
+from aacmm_pin.plots.accuracy import (
+    plot_accuracy_of_postures,
+    plot_accuracy_over_swivel,
+    plot_accuracy_over_theta3,
+    plot_budget,
+)
 from aacmm_pin.plots.calibration import plot_calibration, plot_correlation, plot_parameter_changes, plot_residual_sizes
 from aacmm_pin.plots.causes import plot_cause, plot_geometry, plot_seat_error, plot_unexplained
 from aacmm_pin.plots.circle import plot_circle
@@ -15,7 +23,8 @@ from aacmm_pin.plots.diagnosis import (
     plot_rms,
 )
 from aacmm_pin.plots.groups import plot_groups, plot_held_out
-from aacmm_pin.plots.maps import plot_comprehensive, plot_flexibility, plot_uncertainty
+from aacmm_pin.plots.main import plot_diagnosis
+from aacmm_pin.plots.maps import QUANTITIES, plot_comprehensive, plot_flexibility, plot_map, plot_uncertainty
 from aacmm_pin.plots.residuals import (
     plot_normalised_residuals,
     plot_residual_vectors,
@@ -30,7 +39,9 @@ __all__ = [
     "BLUE",
     "GREY",
     "INK",
+    "QUANTITIES",
     "VERMILLION",
+    "plot_accuracy_of_postures",
     "plot_accuracy_over_swivel",
     "plot_accuracy_over_theta3",
     "plot_arm_residual_vectors",
@@ -42,11 +53,13 @@ __all__ = [
     "plot_circle",
     "plot_comprehensive",
     "plot_correlation",
+    "plot_diagnosis",
     "plot_expected_of_records",
     "plot_flexibility",
     "plot_geometry",
     "plot_groups",
     "plot_held_out",
+    "plot_map",
     "plot_normalised_residuals",
     "plot_parameter_changes",
     "plot_part_and_rest",

@@ -15,6 +15,8 @@ from aacmm_pin.configurations import ConfigurationCircle
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.pairing import paired
 from aacmm_pin.plots.style import BLUE, GREY, INK, U_NAME, VERMILLION, VOLUME_COLOURS, VOLUME_LABEL, VOLUME_NAME, axes_of
+from aacmm_pin.postures_at_point import PosturesAtPoint
+from aacmm_pin.reaching_postures import ReachingPostures
 from aacmm_pin.units import DEG, MM, MM3, UM
 
 COMPONENT_MARKERS = "os^DvP*h"
@@ -61,27 +63,55 @@ def _mark_extremes(ax: Axes, theta3: Array, volume: Array) -> None:
     ax.legend(loc="center", fontsize=8, framealpha=0.9, edgecolor="#e6e6e6")
 
 
-def plot_accuracy_over_swivel(circle: ConfigurationCircle, accuracy: AccuracyVolume, ax: Axes | None = None) -> Axes:
+def plot_accuracy_over_swivel(circle: PosturesAtPoint, accuracy: AccuracyVolume, ax: Axes | None = None) -> Axes:
     """Accuracy volume (left scale) and standard uncertainty of the position (right scale) over the swivel angle.
 
-    Where several components have configurations within limits, each has markers of its own shape.
+    Where two to eight components have configurations within limits, each has markers of its own shape.
 
     Raises:
         ShapeError: ``accuracy`` was worked out for other configurations.
     """
     inside = paired(circle, accuracy)
+    ax = _draw_over(circle.swivel[inside] / DEG, circle.component[inside], accuracy, ax, "the swivel angle")
+    ax.set(xlabel="swivel angle of the elbow, 0 = highest [deg]", xlim=(-180, 180), xticks=range(-180, 181, 60))
+    return ax
+
+
+def plot_accuracy_of_postures(postures: ReachingPostures, accuracy: AccuracyVolume, ax: Axes | None = None) -> Axes:
+    """The same over the way along each curve of self-motion, or over the numbers of single postures.
+
+    Raises:
+        ShapeError: ``accuracy`` was worked out for other configurations.
+    """
+    inside = paired(postures, accuracy)
+    component = postures.component[inside]
+    if postures.single:
+        ax = _draw_over(component.astype(np.float64), np.ones_like(component), accuracy, ax, "the postures", size=8.0)
+        last = int(postures.component.max())
+        ax.set(xlabel="number of the posture", xlim=(0.5, last + 0.5), xticks=range(1, last + 1))
+    else:
+        ax = _draw_over(postures.travel[inside], component, accuracy, ax, "the self-motion")
+        ax.set(xlabel="way of all angles along the curve [rad]")
+        ax.set_xlim(left=0.0)
+    return ax
+
+
+def _draw_over(
+    place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes | None, over: str, size: float = 3.5
+) -> Axes:
+    """Volume on the left, u on the right, over ``place`` (n,)."""
     ax = axes_of(ax, (7.5, 4.2))
     right_axes = ax.twinx()
-    swivel, component = circle.swivel[inside] / DEG, circle.component[inside]
     volume, u = accuracy.volume / MM3, accuracy.u / UM
-    if len(np.unique(component)) > 1:
-        legend = _draw_components(ax, right_axes, swivel, component, volume, u)
+    components = len(np.unique(component))
+    size = size if components <= len(COMPONENT_MARKERS) else size / 3
+    if 1 < components <= len(COMPONENT_MARKERS):
+        legend = _draw_components(ax, right_axes, place, component, volume, u)
     else:
         legend = [
-            *ax.plot(swivel, volume, "o", ms=3.5, color=BLUE, label=VOLUME_NAME),
-            *right_axes.plot(swivel, u, "x", ms=3.5, mew=0.9, color=VERMILLION, label=U_NAME),
+            *ax.plot(place, volume, "o", ms=size, color=BLUE, label=VOLUME_NAME),
+            *right_axes.plot(place, u, "x", ms=size, mew=0.9, color=VERMILLION, label=U_NAME),
         ]
-    ax.set(xlabel="swivel angle of the elbow, 0 = highest [deg]", xlim=(-180, 180), xticks=range(-180, 181, 60))
     ax.set_ylabel(VOLUME_LABEL, color=BLUE)
     right_axes.set_ylabel(f"{U_NAME} [µm]", color=VERMILLION)
     for axes in (ax, right_axes):
@@ -90,7 +120,7 @@ def plot_accuracy_over_swivel(circle: ConfigurationCircle, accuracy: AccuracyVol
     ax.grid(alpha=0.3)
     columns = min(len(legend), 4)
     height = 24 + 14 * ((len(legend) - 1) // columns)
-    ax.set_title(f"{circle.arm.name}: accuracy over the swivel angle, {accuracy.method}", fontsize=10, pad=height)
+    ax.set_title(f"{accuracy.sources.arm.name}: accuracy over {over}, {accuracy.method}", fontsize=10, pad=height)
     ax.legend(handles=legend, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize=9, frameon=False)
     return ax
 
@@ -106,7 +136,7 @@ def _draw_components(ax: Axes, right: Axes, swivel: Array, component: Index, vol
         mine = mine[np.argsort(swivel[mine], kind="stable")]
         step = max(1, len(mine) // MARKERS)
         some = mine[place * step // len(numbers) :: step]  # shifted, so that coincident components do not hide each other
-        marker = COMPONENT_MARKERS[place % len(COMPONENT_MARKERS)]
+        marker = COMPONENT_MARKERS[place]
         ax.plot(swivel[some], volume[some], marker, ms=6, color=BLUE)
         right.plot(swivel[some], u[some], marker, ms=6, mfc="none", color=VERMILLION)
         label = f"component {number}"

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration_findings import readable_parameters
 from aacmm_pin.plots.residuals import plot_normalised_residuals, plot_residual_vectors
-from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION, axes_of
+from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION, Panels, axes_of, placed
 from aacmm_pin.units import MM
 
 WITHIN, UNTOLD = "#eef2f5", "#d9d9d9"
@@ -94,14 +93,22 @@ def plot_residual_sizes(result: Calibration, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_calibration(result: Calibration) -> Figure:
-    """Everything in one picture; a figure that pyplot does not know."""
-    parameters = len(result.fit.problem.parameters)
-    figure = Figure(figsize=(15.0, max(9.0, 2.0 + 0.2 * parameters)), layout="constrained")
-    axes = figure.subplot_mosaic([["before", "after", "parameters"], ["sizes", "noise", "parameters"]])
-    for when in ("before", "after"):
-        plot_residual_vectors(result, when, ax=axes[when])
-    plot_parameter_changes(result, axes["parameters"])
-    plot_residual_sizes(result, axes["sizes"])
-    plot_normalised_residuals(result, axes["noise"])
-    return figure
+def plot_calibration(result: Calibration, ax: Axes | Panels | None = None) -> Panels:
+    """Everything in one picture: residuals in space before and after, their sizes, beside the noise, and the parameters.
+
+    Args:
+        result: the calibration.
+        ax: axes whose place is divided, or five axes.
+
+    Returns:
+        axes of the five panels, in this order.
+    """
+    size = (15.0, max(9.0, 2.0 + 0.2 * len(result.fit.problem.parameters)))
+    places = [(0, 0), (0, 1), (1, 0), (1, 1), (slice(0, 2), 2)]
+    panels = placed(ax, size, (2, 3), places)
+    plot_residual_vectors(result, "before", ax=panels[0])
+    plot_residual_vectors(result, "after", ax=panels[1])
+    plot_residual_sizes(result, panels[2])
+    plot_normalised_residuals(result, panels[3])
+    plot_parameter_changes(result, panels[4])
+    return panels

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array, Index
@@ -14,7 +16,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.plots.groups import MODELS
 from aacmm_pin.plots.partial import state_of
 from aacmm_pin.plots.residuals import LONGEST, Plane, scale_bar
-from aacmm_pin.plots.style import BLUE, GREY, VERMILLION, axes_of, round_down
+from aacmm_pin.plots.style import BLUE, GREY, VERMILLION, Panels, axes_of, panels_of, round_down
 from aacmm_pin.units import MM
 
 POSTURES = 3
@@ -58,20 +60,25 @@ def shown_models(result: Diagnosis) -> tuple[str, str]:
     return ("recalibrated", "extended") if more else ("simulation", "recalibrated")
 
 
-def plot_arm_residuals(result: Diagnosis) -> Figure:
+def plot_arm_residuals(result: Diagnosis, ax: Axes | Panels | None = None) -> Panels:
     """Residual vectors on the arm by two models, see :func:`shown_models`, in plan and from the side, all magnified alike.
 
     Lines go from each stated place towards the tip, in the frame of the references; behind them the arm in a few of its
-    postures. A figure that pyplot does not know.
+    postures.
+
+    Args:
+        result: the diagnosis.
+        ax: axes whose place is divided, or four axes.
+
+    Returns:
+        axes of the four panels: in plan without and with, from the side without and with.
     """
-    figure = Figure(figsize=(8.6, 8.0), layout="constrained")
-    axes, names = figure.subplots(2, 2), shown_models(result)
+    panels, names = panels_of(ax, (8.6, 8.0), 4, 2), shown_models(result)
     factor = _magnification(result, names[0])
     planes: tuple[Plane, ...] = ("xy", "xz")
-    for row, plane in enumerate(planes):
-        for column, name in enumerate(names):
-            plot_arm_residual_vectors(result, name, plane, factor, axes[row, column])
-    return figure
+    for panel, (plane, name) in zip(panels, product(planes, names), strict=True):
+        plot_arm_residual_vectors(result, name, plane, factor, panel)
+    return panels
 
 
 def plot_arm_residual_vectors(
@@ -97,10 +104,10 @@ def plot_arm_residual_vectors(
         raise AacmmError(f"plane is {plane!r}, expected 'xy', 'xz' or 'yz'")
     fit, ax = models(result)[name], axes_of(ax, (6.0, 5.6))
     axes, factor = ["xyz".index(axis) for axis in plane], factor or _magnification(result, name)
-    used = _some(np.flatnonzero(result.extended.used))
+    used = some_of(np.flatnonzero(result.extended.used))
     deviation = off_stated(fit)[used] / MM
     target = fit.solution.point.prediction.tips[used] / MM - deviation
-    for posture in _postures(result.recalibrated):
+    for posture in postures_of(result.recalibrated):
         ax.plot(*posture[:, axes].T, "-", color=GREY, lw=3, alpha=0.45, solid_capstyle="round", zorder=1)
         ax.plot(*posture[:, axes].T, "o", color=GREY, ms=4, alpha=0.6, zorder=1)
     lines = np.stack([target, target + factor * deviation], axis=1)[:, :, axes]
@@ -116,7 +123,8 @@ def plot_arm_residual_vectors(
     return ax
 
 
-def _some(records: Index) -> Index:
+def some_of(records: Index) -> Index:
+    """At most ``MOST_VECTORS`` of the records, every so-manieth."""
     return records[:: -(-len(records) // MOST_VECTORS)] if len(records) else records
 
 
@@ -127,15 +135,18 @@ def off_stated(fit: Fit) -> Array:
 
 
 def _magnification(result: Diagnosis, name: str) -> float:
-    """With which the residuals of a model are nearly all shorter than a fixed part of the picture."""
-    fit, used = models(result)[name], result.extended.used
+    return magnification(models(result)[name], result.extended.used)
+
+
+def magnification(fit: Fit, used: NDArray[np.bool_]) -> float:
+    """With which the ``used`` residuals of a fit are nearly all shorter than a fixed part of the picture."""
     deviation = off_stated(fit)[used]
     target = fit.solution.point.prediction.tips[used] - deviation
     size = float(np.ptp(target, axis=0).max()) or 1.0
     return round_down(LONGEST * size / (float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12))
 
 
-def _postures(fit: Fit) -> Array:
+def postures_of(fit: Fit) -> Array:
     """The arm from foot to tip in postures whose tips are far apart, in the frame of the references (k, places, 3) [mm]."""
     tips = fit.solution.point.prediction.tips
     foot = fit.solution.point.frame.shift

@@ -7,14 +7,13 @@ import re
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.diagnosis.show import groups_table
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.plots.residuals import numbers_by_size
-from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION, axes_of
+from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION, Panels, axes_of, panels_of
 from aacmm_pin.units import MM
 
 MODELS = {"simulation": INK, "recalibrated": GREY, "extended": BLUE}
@@ -54,41 +53,50 @@ def residuals_by_group(result: Diagnosis) -> pd.DataFrame:
     return merged
 
 
-def plot_groups(result: Diagnosis) -> Figure:
+def plot_groups(result: Diagnosis, ax: Axes | Panels | None = None) -> Panels:
     """RMS of the residuals in parts of all that is known of the records, by the three models, beside what is predicted.
 
-    A figure that pyplot does not know.
+    Args:
+        result: the diagnosis.
+        ax: axes whose place is divided, or one for each joint and for each other thing that is known of the records.
+
+    Returns:
+        axes of the panels, joints first (n,).
+
+    Raises:
+        AacmmError: there are too few records to compare groups of them.
     """
     table = residuals_by_group(result)
     kinds = sorted(table["by"].unique(), key=lambda kind: (not kind.startswith("joint"), numbers_by_size(kind)))
+    if not kinds:
+        raise AacmmError("there are too few records to compare groups of them")
     columns = min(3, len(kinds))
     rows = -(-len(kinds) // columns)
-    figure = Figure(figsize=(3.1 * columns, 2.2 * rows + 0.5), layout="constrained")
-    axes = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-    for ax, kind in zip(axes, kinds, strict=False):
+    panels = panels_of(ax, (3.1 * columns, 2.2 * rows + 0.5), len(kinds), columns, share_y=True)
+    for panel, kind in zip(panels, kinds, strict=True):
         mine = table[table["by"] == kind]
         mine = mine.iloc[sorted(range(len(mine)), key=lambda k: _in_order(mine["group"].iloc[k]))]
         place = np.arange(len(mine))
-        ax.step(*_stairs(mine["predicted_mm"].to_numpy()), color=VERMILLION, lw=1.2, ls="--", label="predicted for it")
-        ax.step(*_stairs(mine["noise_mm"].to_numpy()), color=VERMILLION, lw=1.2, ls=":", label="noise alone")
+        panel.step(*_stairs(mine["predicted_mm"].to_numpy()), color=VERMILLION, lw=1.2, ls="--", label="predicted for it")
+        panel.step(*_stairs(mine["noise_mm"].to_numpy()), color=VERMILLION, lw=1.2, ls=":", label="noise alone")
         for name, colour in MODELS.items():
             label = "as simulated" if name == "simulation" else name
-            ax.plot(place, mine[f"{name}_mm"], "o-", ms=4, lw=1, color=colour, label=label)
+            panel.plot(place, mine[f"{name}_mm"], "o-", ms=4, lw=1, color=colour, label=label)
         named = [_short(group) for group in mine["group"]]
         names = [name.replace(" to ", "\nto ") for name, _ in named]
         upright = len(mine) > 8 or sum(max(map(len, name.split("\n"))) for name in names) > WIDE
-        ax.set_xticks(place, names, fontsize=7, rotation=90 if upright else 0)
+        panel.set_xticks(place, names, fontsize=7, rotation=90 if upright else 0)
         unit = named[0][1]
-        ax.set_title(f"{kind} [{unit}]" if unit else kind, fontsize=9)
-        ax.grid(axis="y", alpha=0.3)
-    axes[0].set_ylim(0, 1.06 * float(table[["predicted_mm", *(f"{name}_mm" for name in MODELS)]].max().max()))
-    for ax in axes[len(kinds) :]:
-        ax.remove()
-    for ax in axes[: len(kinds) : columns]:
-        ax.set_ylabel("RMS [mm]")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
-    return figure
+        panel.set_title(f"{kind} [{unit}]" if unit else kind, fontsize=9)
+        panel.grid(axis="y", alpha=0.3)
+    top = 1.06 * float(table[["predicted_mm", *(f"{name}_mm" for name in MODELS)]].max().max())
+    for panel in panels:
+        panel.set_ylim(0, top)
+    for panel in panels[::columns]:
+        panel.set_ylabel("RMS [mm]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    panels[0].figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
+    return panels
 
 
 def _ends(group: str) -> tuple[float, float, str] | None:

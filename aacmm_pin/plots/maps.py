@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, ListedColormap, Normalize
@@ -9,6 +11,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from aacmm_pin.checks import Array
+from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.plots.style import U_NAME, VOLUME_COLOURS, axes_of
 from aacmm_pin.units import MM, UM
 from aacmm_pin.workspace import WorkspaceMap
@@ -17,26 +20,65 @@ UNREACHABLE, OUTSIDE_LIMITS = "#d9d9d9", "#cc79a7"
 FLEXIBILITY_COLOURS = "cividis"
 
 
+@dataclass(frozen=True)
+class _Quantity:
+    """How a quantity of a map is drawn: its words with their unit, what of the data's unit makes one, colours, title."""
+
+    label: str
+    title: str
+    scale: float = 1.0
+    colours: str = VOLUME_COLOURS
+    norm: tuple[float, float] | None = None
+
+
+_OF_SECTORS = ", {sectors} sectors"
+QUANTITIES = {
+    "comprehensive_mm3": _Quantity("comprehensive accuracy volume [mm³]", "comprehensive accuracy, {method}"),
+    "best_mm3": _Quantity("smallest accuracy volume [mm³]", "accuracy volume of the best posture, {method}"),
+    "worst_mm3": _Quantity("largest accuracy volume [mm³]", "accuracy volume of the worst posture, {method}"),
+    "smallest_u_mm": _Quantity(f"smallest {U_NAME} [µm]", "standard uncertainty in the best posture", MM / UM),
+    "largest_u_mm": _Quantity(f"largest {U_NAME} [µm]", "standard uncertainty in the worst posture", MM / UM),
+    "flexibility": _Quantity("flexibility ζ [1]", "flexibility" + _OF_SECTORS, 1.0, FLEXIBILITY_COLOURS, (0.0, 1.0)),
+    "arc_fraction": _Quantity("flexibility by arc [1]", "flexibility by arc", 1.0, FLEXIBILITY_COLOURS, (0.0, 1.0)),
+    "working_sectors": _Quantity("working sectors [1]", "working sectors" + _OF_SECTORS, 1.0, FLEXIBILITY_COLOURS),
+}
+"""What a map can show, by the names of its data."""
+
+
+def plot_map(map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
+    """One quantity over the half-plane through joint axis 1; cells out of reach are grey.
+
+    Args:
+        map_: the map.
+        quantity: one of :data:`QUANTITIES`, by its name in the map's data.
+        ax: axes.
+
+    Raises:
+        UnknownNameError: no such quantity.
+    """
+    if quantity not in QUANTITIES:
+        raise UnknownNameError("quantity", quantity, list(QUANTITIES))
+    how, attrs = QUANTITIES[quantity], map_.data.attrs
+    norm = None if how.norm is None else Normalize(*how.norm)
+    ax = _draw_map(map_, quantity, how.colours, how.label, ax, norm, how.scale)
+    title = how.title.format(method=attrs["method"], sectors=map_.sectors)
+    ax.set_title(f"{attrs['arm']}: {title}", fontsize=10)
+    return ax
+
+
 def plot_flexibility(map_: WorkspaceMap, ax: Axes | None = None) -> Axes:
     """Flexibility ζ over the half-plane through joint axis 1; unreachable cells are grey."""
-    ax = _draw_map(map_, "flexibility", FLEXIBILITY_COLOURS, "flexibility ζ [1]", ax, Normalize(0.0, 1.0))
-    ax.set_title(f"{map_.data.attrs['arm']}: flexibility, {map_.sectors} sectors", fontsize=10)
-    return ax
+    return plot_map(map_, "flexibility", ax)
 
 
 def plot_comprehensive(map_: WorkspaceMap, ax: Axes | None = None) -> Axes:
     """Comprehensive accuracy (eq. 15 of Xu You et al. 2019) over the half-plane through joint axis 1."""
-    ax = _draw_map(map_, "comprehensive_mm3", VOLUME_COLOURS, "comprehensive accuracy volume [mm³]", ax, None)
-    ax.set_title(f"{map_.data.attrs['arm']}: comprehensive accuracy, {map_.data.attrs['method']}", fontsize=10)
-    return ax
+    return plot_map(map_, "comprehensive_mm3", ax)
 
 
 def plot_uncertainty(map_: WorkspaceMap, ax: Axes | None = None) -> Axes:
     """Smallest standard uncertainty of the position [µm] that a posture gives, over the half-plane through joint axis 1."""
-    label = f"smallest {U_NAME} [µm]"
-    ax = _draw_map(map_, "smallest_u_mm", VOLUME_COLOURS, label, ax, None, scale=MM / UM)
-    ax.set_title(f"{map_.data.attrs['arm']}: standard uncertainty in the best posture", fontsize=10)
-    return ax
+    return plot_map(map_, "smallest_u_mm", ax)
 
 
 def _draw_map(
@@ -46,7 +88,7 @@ def _draw_map(
     label: str,
     ax: Axes | None,
     norm: Normalize | None,
-    scale: float = 1.0,
+    scale: float,
 ) -> Axes:
     ax = axes_of(ax, (5.4, 6.6))
     x, z = _edges(map_.data["x_mm"].values), _edges(map_.data["z_mm"].values)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +120,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     x, x_label = _covariate(effect, state, found)
     ordered = np.argsort(x[there], kind="stable")
     curve = np.stack([x[there][ordered], found.amount[there][ordered]])
-    if _of_angle(effect):
+    if _of_angle(effect, state):
         curve = _over_angle(effect, state, found, there)
     curve = curve * np.array([[1.0], [1 / MICRO]])
     return PartialResidual(
@@ -171,8 +171,15 @@ def _common_direction(columns: Array) -> Array | None:
     return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
 
 
-def _of_angle(effect: Effect) -> bool:
-    return not effect.elastic and not effect.needs and hasattr(effect, "joint")
+def _of_angle(effect: Effect, state: State) -> bool:
+    """Whether the cause is a function of the angle of its own joint alone."""
+    if effect.elastic or effect.needs or not hasattr(effect, "joint") or effect.row is None:
+        return False
+    number = state.joint(effect.row)
+    alone = np.zeros_like(state.q)
+    alone[:, number] = state.q[:, number]
+    whole, own = effect.displacements(state), effect.displacements(replace(state, q=alone))
+    return len(whole) == 1 and np.array_equal(whole[0].columns, own[0].columns)
 
 
 def _period(effect: Effect) -> float | None:
@@ -189,7 +196,7 @@ def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str
         return conditions.temperature, "temperature [°C]"
     if "approach" in needs and effect.row is not None:
         return conditions.require("approach", effect.label)[:, state.joint(effect.row)], "direction of the last motion [1]"
-    if _of_angle(effect) and effect.row is not None:
+    if _of_angle(effect, state) and effect.row is not None:
         angle, period = state.angle(effect.row), _period(effect)
         if period is None:
             return angle / DEG, f"joint {effect.row} [°]"

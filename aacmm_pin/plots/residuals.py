@@ -9,7 +9,6 @@ from typing import Literal, get_args
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic, chi
 
@@ -17,7 +16,7 @@ from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION, axes_of, round_down
+from aacmm_pin.plots.style import BLUE, GREY, INK, VERMILLION, Panels, axes_of, panels_of, round_down
 from aacmm_pin.units import DEG, MM, UM
 
 When = Literal["before", "after"]
@@ -120,7 +119,8 @@ def scale_bar(ax: Axes, corner: Array, factor: float, length: float) -> None:
 def plot_residuals_over_joint(result: Calibration, joint: int, when: When = "after", ax: Axes | None = None) -> Axes:
     """Residual along the way that a joint moves the tip, over its angle: what an error of that angle would look like.
 
-    Dots are records; the line is their mean in parts of the range, with its standard uncertainty.
+    Dots are records; the line is their mean in parts of the range, with its standard uncertainty. A joint whose axis goes
+    through the tip has none.
 
     Args:
         result: the calibration.
@@ -142,6 +142,9 @@ def plot_residuals_over_joint(result: Calibration, joint: int, when: When = "aft
     ax.plot(angle, along, ".", ms=3, color=COLOURS[when], alpha=0.8)
     if len(angle):
         _draw_means(ax, angle, along)
+    else:  # its axis goes through the tip
+        ax.text(0.5, 0.6, "does not move the tip", transform=ax.transAxes, ha="center", color=INK)
+        ax.set_xticks([])
     sliding = arm.chain.prismatic[joint - 1]
     ax.set(xlabel=f"joint {joint} [{'m' if sliding else '°'}]", ylabel="residual [µm]")
     ax.grid(alpha=0.3)
@@ -168,8 +171,16 @@ def _draw_means(ax: Axes, angle: Array, values: Array) -> None:
     ax.errorbar(middle[full], mean[full], u, color=VERMILLION, lw=1.4, elinewidth=1.0, capsize=2)
 
 
-def plot_residuals_over_joints(result: Calibration, when: When = "after") -> Figure:
-    """:func:`plot_residuals_over_joint` for every joint, side by side on one scale; a figure that pyplot does not know.
+def plot_residuals_over_joints(result: Calibration, when: When = "after", ax: Axes | Panels | None = None) -> Panels:
+    """:func:`plot_residuals_over_joint` for every joint, side by side on one scale.
+
+    Args:
+        result: the calibration.
+        when: by the arm as it was, or calibrated.
+        ax: axes whose place is divided, or one for each joint.
+
+    Returns:
+        axes of the joints (nq,).
 
     Raises:
         AacmmError: ``when`` is neither ``before`` nor ``after``.
@@ -177,17 +188,14 @@ def plot_residuals_over_joints(result: Calibration, when: When = "after") -> Fig
     joints = result.model.arm.nq
     columns = min(joints, 3)
     rows = -(-joints // columns)
-    figure = Figure(figsize=(3.5 * columns, 2.5 * rows + 0.3), layout="constrained")
-    axes = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-    for joint, ax in enumerate(axes, start=1):
-        if joint > joints:
-            ax.remove()
-            continue
-        plot_residuals_over_joint(result, joint, when, ax)
-        if (joint - 1) % columns:
-            ax.set_ylabel("")
-    figure.suptitle(f"{result.model.arm.name}: residual along the motion of each joint, {when} calibration", fontsize=10)
-    return figure
+    panels = panels_of(ax, (3.5 * columns, 2.5 * rows + 0.3), joints, columns, share_y=True)
+    for number, panel in enumerate(panels, start=1):
+        plot_residuals_over_joint(result, number, when, panel)
+        if (number - 1) % columns:
+            panel.set_ylabel("")
+    title = f"{result.model.arm.name}: residual along the motion of each joint, {when} calibration"
+    panels[(columns - 1) // 2].set_title(title, fontsize=10)
+    return panels
 
 
 def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:

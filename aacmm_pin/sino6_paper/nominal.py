@@ -12,12 +12,13 @@ import numpy as np
 
 from aacmm_pin.dh import DHTable, table
 from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.shown import Shown
 from aacmm_pin.sino6_paper.tables import printed_table1
 from aacmm_pin.units import MM
 
 
 @dataclass(frozen=True)
-class NominalArm:
+class NominalArm(Shown):
     """Magnitudes of the lengths of an offset-orthogonal arm.
 
     Attributes:

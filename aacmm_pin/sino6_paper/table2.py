@@ -19,17 +19,23 @@ around one pole of the base axis, where θ2 would have to pass -π, and the fold
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin.checks import Array
+from aacmm_pin.progress import watched
+from aacmm_pin.shown import Shown
 from aacmm_pin.sino6_paper import equations as eq
 from aacmm_pin.sino6_paper.exact_circle import configurations_at_swivel
 from aacmm_pin.sino6_paper.nominal import NominalArm, sino6_nominal
 from aacmm_pin.sino6_paper.tables import printed_table2
 from aacmm_pin.units import DEG, MM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 GRID = 48
 """Cells along each of θ2 and θ4."""
@@ -38,7 +44,7 @@ SECTORS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Table2:
+class Table2(Shown):
     """Table 2 as printed, reproduced, and exact.
 
     Attributes:
@@ -85,17 +91,24 @@ class Table2:
             }
         ).reset_index()
 
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Cells by their working sectors, see :func:`aacmm_pin.sino6_paper.figures.draw_table2`."""
+        from aacmm_pin.sino6_paper.figures import draw_table2  # matplotlib is loaded only to draw
+
+        return draw_table2(self, ax)
+
     def _distance_to_paper(self, column: str) -> float:
         paper, other = self.counts["paper_cells"], self.counts[column]
         return float(0.5 * (paper / paper.sum() - other / other.sum()).abs().sum())
 
 
-def reproduce_table2(arm: NominalArm | None = None, grid: int = GRID) -> Table2:
+def reproduce_table2(arm: NominalArm | None = None, grid: int = GRID, *, progress: bool = True) -> Table2:
     """Table 2 by the assumption in the module's docstring, and by exact geometry on the same cells.
 
     Args:
         arm: the nominal arm; default SINO6.
         grid: cells along each of θ2 and θ4.
+        progress: show a bar in a notebook, or on stderr at a terminal.
     """
     arm = arm or sino6_nominal()
     theta2, theta4, points = generating_grid(arm, grid)
@@ -107,7 +120,7 @@ def reproduce_table2(arm: NominalArm | None = None, grid: int = GRID) -> Table2:
             "x_mm": points[:, 0] / MM,
             "z_mm": points[:, 2] / MM,
             **walk,
-            "exact_sectors": exact_sectors(arm, points),
+            "exact_sectors": _exact_by_rows(arm, points, grid, progress),
             "behind_axis": points[:, 0] < 0.0,  # the elbow is in front of the base axis, P behind it
         }
     )
@@ -150,6 +163,12 @@ def _pair_exists(arm: NominalArm, points: Array, theta2: Array) -> NDArray[np.bo
     """Whether (11) and (13) have a real answer for this θ2 on the printed root: (n,)."""
     theta4 = eq.theta4_roots(arm, points, theta2)[:, 0]
     return np.asarray(np.abs(eq.cosine_theta1(arm, points, theta2, theta4)) <= 1.0)
+
+
+def _exact_by_rows(arm: NominalArm, points: Array, grid: int, progress: bool) -> NDArray[np.int64]:
+    """:func:`exact_sectors` of one θ2 after the other."""
+    with watched(np.split(points, grid), progress, "Table 2, exact", "row") as rows:
+        return np.concatenate([exact_sectors(arm, row) for row in rows])
 
 
 def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:

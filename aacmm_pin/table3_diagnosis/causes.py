@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from aacmm_pin.checks import Array
@@ -18,6 +20,7 @@ from aacmm_pin.effects import (
     ThermalExpansion,
     ZeroDrift,
 )
+from aacmm_pin.progress import watched
 from aacmm_pin.sino6_paper import printed_points
 from aacmm_pin.spread import (
     Pattern,
@@ -62,24 +65,26 @@ JOINTS = range(1, 7)
 TUBES = (3, 5)
 
 
-def patterns(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000) -> dict[str, Pattern]:
+def patterns(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000, progress: bool = False) -> dict[str, Pattern]:
     """Every cause that is weighed, by its name."""
+    with watched(_patterns(seats, rng, draws), progress, "patterns", "cause") as found:
+        return {pattern.name: pattern for pattern in found}
+
+
+def _patterns(seats: TouchedSeats, rng: np.random.Generator, draws: int) -> Iterator[Pattern]:
     noise = of_encoder_noise(seats, NOISE)
     dh = of_stated_uncertainty(seats, DH, rng, draws)
-    found = [
-        dh,
-        noise,
-        of_encoder_noise(seats, "unequal encoder noise", np.exp(UNEQUAL * rng.normal(size=(FEW, len(JOINTS))))),
-        with_stated_uncertainty(dh, noise)[0],
-        *(of_effects(seats, name, effects, rng, draws) for name, effects in systematic().items()),
-        of_effects(seats, "hysteresis", [JointHysteresis(joint=j) for j in JOINTS], rng, FEW, _workshop(seats)),
-        of_effects(seats, "encoders that drift", [ZeroDrift(j, WARM_UP) for j in JOINTS], rng, FEW, _workshop(seats)),
-        of_effects(seats, THERMAL, [ThermalExpansion()], rng, FEW, _workshop(seats)).of_sizes(*WARMTH),
-        of_local_noise(seats, CONTACT, np.ones(len(seats.labels))),
-        mixed(STAND, noise, _beside(seats, noise, yields_with_height()), RATIOS),
-        mixed(ODD, noise, _beside(seats, noise, np.eye(len(seats.labels))), RATIOS),
-    ]
-    return {pattern.name: pattern for pattern in found}
+    yield from (dh, noise)
+    yield of_encoder_noise(seats, "unequal encoder noise", np.exp(UNEQUAL * rng.normal(size=(FEW, len(JOINTS)))))
+    yield with_stated_uncertainty(dh, noise)[0]
+    for name, effects in systematic().items():
+        yield of_effects(seats, name, effects, rng, draws)
+    yield of_effects(seats, "hysteresis", [JointHysteresis(joint=j) for j in JOINTS], rng, FEW, _workshop(seats))
+    yield of_effects(seats, "encoders that drift", [ZeroDrift(j, WARM_UP) for j in JOINTS], rng, FEW, _workshop(seats))
+    yield of_effects(seats, THERMAL, [ThermalExpansion()], rng, FEW, _workshop(seats)).of_sizes(*WARMTH)
+    yield of_local_noise(seats, CONTACT, np.ones(len(seats.labels)))
+    yield mixed(STAND, noise, _beside(seats, noise, yields_with_height()), RATIOS)
+    yield mixed(ODD, noise, _beside(seats, noise, np.eye(len(seats.labels))), RATIOS)
 
 
 def systematic() -> dict[str, list[Effect]]:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from aacmm_pin.accuracy import Method, accuracy_volume
 from aacmm_pin.checks import Array
 from aacmm_pin.parameter_draws import parameter_errors
+from aacmm_pin.shown import Shown
 from aacmm_pin.sino6_paper import implied_counts, printed_table3
 from aacmm_pin.spread import TouchedSeats, part_and_rest
 
@@ -31,7 +32,7 @@ VOLUME: Method = "jointwise"
 
 
 @dataclass(frozen=True, eq=False)
-class Contrast:
+class Contrast(Shown):
     """Part over rest at every seat, as printed and under four hypotheses.
 
     Attributes:

@@ -11,6 +11,8 @@ import pandas as pd
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array
 from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.progress import watched
+from aacmm_pin.shown import Shown
 from aacmm_pin.spread import Evidence, Pattern, left_out
 from aacmm_pin.table3_diagnosis.causes import BOTH, DH, NOISE
 from aacmm_pin.table3_diagnosis.postures import SIXTH
@@ -21,7 +23,7 @@ RESAMPLES = 4000
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOutSeats:
+class HeldOutSeats(Shown):
     """Each seat predicted by models that know the other seats only.
 
     Attributes:
@@ -52,7 +54,12 @@ EXTENDED, BY_SPREADS, ALONE = "extended", "by_spreads", "noise_alone"
 
 
 def held_out_seats(
-    patterns: dict[str, Pattern], measured: Array, tau: float, rng: np.random.Generator, pick: StrictPick
+    patterns: dict[str, Pattern],
+    measured: Array,
+    tau: float,
+    rng: np.random.Generator,
+    pick: StrictPick,
+    progress: bool = False,
 ) -> HeldOutSeats:
     """Leave each seat out in turn.
 
@@ -62,13 +69,15 @@ def held_out_seats(
         tau: model discrepancy.
         rng: for the predictions and the resampling.
         pick: what the contrasts of the seats that are not left out say of DH errors beside noise.
+        progress: show a bar in a notebook, or on stderr at a terminal.
     """
     seats = list(range(len(measured)))
     own = {"recalibrated": DH, EXTENDED: BOTH, BY_SPREADS: BOTH, ALONE: NOISE}
     prior = {EXTENDED: lambda known: by_contrast(patterns, pick, known)}
-    left = {
-        name: left_out(patterns[cause].take(seats), measured, rng, tau, prior=prior.get(name)) for name, cause in own.items()
-    }
+    with watched(own.items(), progress, f"{len(seats)} seats left out in turn", "model") as models:
+        left = {
+            name: left_out(patterns[cause].take(seats), measured, rng, tau, prior=prior.get(name)) for name, cause in models
+        }
     simulation = np.exp(np.median(patterns[DH].take(seats).log_spread, axis=0)) / MM
     table = pd.DataFrame({"seat": left[EXTENDED]["seat"], "measured_mm": measured / MM, "simulation_mm": simulation})
     off = {"simulation": np.log(measured / MM / simulation)}

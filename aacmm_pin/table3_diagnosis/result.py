@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from aacmm_pin.checks import Array
 from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.shown import Shown, drawn
 from aacmm_pin.spread import Evidence, Pattern, TouchedSeats, evidence, probabilities
 from aacmm_pin.spread.evidence import DISCREPANCY
 from aacmm_pin.table3_diagnosis.causes import BOTH, DH, NOISE, OF_SEATS, patterns, with_stated_uncertainty
@@ -22,6 +23,9 @@ from aacmm_pin.table3_diagnosis.sentences import sentences
 from aacmm_pin.table3_diagnosis.strict_pick import StrictPick, strict_pick
 from aacmm_pin.units import ARCSEC, MM
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 SCHEMA = "aacmm-pin/table3-diagnosis/1"
 TAUS = (0.05, 0.15, 0.30)
 """Model discrepancies for which evidence is given."""
@@ -31,7 +35,7 @@ Verdict = Literal["explained", "ambiguous"]
 
 
 @dataclass(frozen=True, eq=False)
-class Table3Diagnosis:
+class Table3Diagnosis(Shown):
     """What six printed spreads tell.
 
     Attributes:
@@ -137,9 +141,13 @@ class Table3Diagnosis:
     def __str__(self) -> str:
         return f"{self.verdict}: " + " ".join(self.sentences)
 
-    def _repr_html_(self) -> str:
-        items = "".join(f"<li>{sentence}</li>" for sentence in self.sentences)
-        return f"<p>Table 3, {self.reading}: {self.verdict}</p><ul>{items}</ul>{self.shown.to_html(index=False)}"
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Measured spreads over what each cause predicts when seats 1 to 5 have given it its size.
+
+        Args:
+            ax: axes; without them a new pyplot figure is made.
+        """
+        return drawn("plot_spreads", self, ax)
 
 
 def diagnose_table3(
@@ -149,6 +157,7 @@ def diagnose_table3(
     draws: int = 6000,
     tau: float = DISCREPANCY,
     seats: TouchedSeats | None = None,
+    progress: bool = True,
 ) -> Table3Diagnosis:
     """Diagnose the printed Table 3.
 
@@ -158,13 +167,14 @@ def diagnose_table3(
         draws: arms with DH errors.
         tau: model discrepancy; one of 0.05, 0.15, 0.3.
         seats: the postures of that reading, where they are known already.
+        progress: show bars in a notebook, or on stderr at a terminal.
 
     Raises:
         UnknownNameError: no such reading.
         KeyError: another τ.
     """
-    seats = seats or touched_seats(reading)
-    all_patterns = patterns(seats, rng, draws)
+    seats = seats or touched_seats(reading, progress=progress)
+    all_patterns = patterns(seats, rng, draws, progress)
     evidences, five = _evidences(all_patterns, tau)
     predicted = {cause: _predicted(all_patterns[cause], known, rng) for cause, known in five.items()}
     noise = five[NOISE].size(rng) * ARCSEC
@@ -196,8 +206,8 @@ def diagnose_table3(
         contrast=contrast(seats, rng),
         strict_pick=pick,
         model=with_encoder_noise(seats.model, float(beside[1])),
-        held_out_five=held_out_seats(all_patterns, MEASURED[:SIXTH], tau, rng, pick),
-        held_out_six=held_out_seats(all_patterns, MEASURED, tau, rng, pick),
+        held_out_five=held_out_seats(all_patterns, MEASURED[:SIXTH], tau, rng, pick, progress),
+        held_out_six=held_out_seats(all_patterns, MEASURED, tau, rng, pick, progress),
     )
 
 

@@ -19,6 +19,7 @@ import pandas as pd
 from aacmm_pin.checks import Array
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.parameter_draws import parameter_errors
+from aacmm_pin.shown import Shown
 from aacmm_pin.sino6_paper import implied_counts, printed_table3
 from aacmm_pin.spread import TouchedSeats, part_and_rest
 from aacmm_pin.table3_diagnosis.causes import DH, NOISE, systematic
@@ -36,7 +37,7 @@ LEAST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class StrictPick:
+class StrictPick(Shown):
     """Smallest possible ratios of part and rest at seats 1 to 5, and how often they reach those printed.
 
     Attributes:

@@ -5,16 +5,25 @@ the arm is the bundled ``zero6``.
 
 - ``tables``: Tables 1 and 2 as printed.
 - ``gauss_newton``: the paper's least squares, with and without its rounding to 1 mrad, and what the rounding leaves.
+- ``figures``: pictures of its iterations and of what rounding leaves.
 - ``comparison``: every number of Table 2, printed against computed.
 """
 
 from aacmm_pin.zero_offset_paper.comparison import comparison
-from aacmm_pin.zero_offset_paper.gauss_newton import KEYING_SLIP, MRAD, iterations, rounding_residuals, simulated_run
+from aacmm_pin.zero_offset_paper.gauss_newton import (
+    KEYING_SLIP,
+    MRAD,
+    assembled_arm,
+    iterations,
+    rounding_residuals,
+    simulated_run,
+)
 from aacmm_pin.zero_offset_paper.tables import printed_postures, printed_table1, printed_table2
 
 __all__ = [
     "KEYING_SLIP",
     "MRAD",
+    "assembled_arm",
     "comparison",
     "iterations",
     "printed_postures",

@@ -19,6 +19,7 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
+from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import load_arm_file
 from aacmm_pin.checks import Array
 from aacmm_pin.dh import DHTable
@@ -109,6 +110,13 @@ def simulated_run(run: int, references: References = "simulated") -> Run:
     dh = load_arm_file("zero6").dh
     nominal = replace(dh, theta_offset=np.zeros(dh.rows))
     return Run(nominal, dh.theta_offset[dh.moving], q, dh.positions(q) if references == "simulated" else printed)
+
+
+def assembled_arm() -> Arm:
+    """The paper's arm before its calibration: ``zero6`` with every zero offset 0."""
+    file = load_arm_file("zero6")
+    rows = [row.model_copy(update={"theta_offset_rad": 0.0}) for row in file.joints]
+    return Arm.from_file(file.model_copy(update={"joints": rows, "name": "zero6 as assembled"}))
 
 
 def iterations(

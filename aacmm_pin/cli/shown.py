@@ -1,0 +1,115 @@
+"""The arm in three dimensions, in the browser or as a page."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from aacmm_pin import display
+from aacmm_pin.accuracy import AccuracyVolume, circle_accuracy
+from aacmm_pin.arm import Arm
+from aacmm_pin.checks import Array
+from aacmm_pin.cli.common import EncoderNoise, Force, Output, Results, command, note, say
+from aacmm_pin.cli.given import FrameName, MaybeArm, RotationHalfWidth, TranslationHalfWidth, Urdf, model_of
+from aacmm_pin.cli.reached import Axis, RollPitchYaw, Tip, ToolAxis, postures_at
+from aacmm_pin.display import Scene
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.postures_at_point import PosturesAtPoint
+from aacmm_pin.units import DEG, MM
+
+MaybePoint = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option("--point", metavar="X Y Z", help="Working point in the base frame, in mm: every posture that reaches it."),
+]
+LOOK = 0.2
+"""How often to look whether the server is still there [s]."""
+
+
+@command()
+def show(
+    arm: MaybeArm = None,
+    point: MaybePoint = None,
+    tip: Tip = False,
+    axis: Axis = None,
+    tool_axis: ToolAxis = None,
+    rpy_deg: RollPitchYaw = None,
+    theta_deg: Annotated[
+        str | None,
+        typer.Option(metavar='"θ1 θ2 …"', help="One posture, in degrees (slides in mm); default all 0, or amid the limits."),
+    ] = None,
+    shape: Annotated[
+        str, typer.Option(help="Accuracy drawn at the point: ellipsoid (95 %), or zonotope (all within the half-widths).")
+    ] = "ellipsoid",
+    encoder_noise_rad: EncoderNoise = None,
+    count: Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")] = 360,
+    urdf: Urdf = None,
+    frame: FrameName = None,
+    translation_half_width_mm: TranslationHalfWidth = None,
+    rotation_half_width_rad: RotationHalfWidth = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
+    output: Output = None,
+    force: Force = False,
+) -> None:
+    """The arm in three dimensions: at a point in every posture that reaches it, or in one posture.
+
+    With -o as a page that needs no network. Else it is served on this computer's loopback address until Ctrl-C, which is
+    how it ends, with exit status 0.
+    """
+    if point is not None and theta_deg is not None:
+        raise typer.BadParameter("--point and --theta-deg exclude each other")
+    if point is None and (tip or axis is not None or rpy_deg is not None):
+        raise typer.BadParameter("--tip, --axis and --rpy-deg go with --point")
+    with Results(force, output) as results:
+        model = model_of(arm, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
+        if point is None:
+            scene = display.arm_scene(model, _posture(model.arm, theta_deg)[None])
+        else:
+            circle = postures_at(model.arm, point, tip or urdf is not None, axis, tool_axis, rpy_deg, count)
+            note(str(circle))
+            accuracy = _accuracy(circle, model, encoder_noise_rad)
+            scene = display.circle_scene(circle, accuracy, shape=display.shape_of(shape))
+        if output is not None:
+            results.text(scene.html(), output)
+            return
+    _serve(scene, browser)
+
+
+def _posture(arm: Arm, text: str | None) -> Array:
+    slides = arm.chain.prismatic
+    if text is None:
+        inside = (arm.limits[:, 0] <= 0) & (arm.limits[:, 1] >= 0)
+        return np.zeros(arm.nq) if inside.all() else arm.limits.mean(axis=1)
+    try:
+        numbers = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        raise AacmmError(
+            f"--theta-deg is {text!r}, expected {arm.nq} numbers such as {' '.join(['0'] * arm.nq)!r}"
+        ) from None
+    if len(numbers) != arm.nq:
+        raise AacmmError(f"--theta-deg has {len(numbers)} numbers, expected {arm.nq}, one for each joint of {arm.name}")
+    return np.array(numbers) * np.where(slides, MM, DEG)
+
+
+def _accuracy(circle: PosturesAtPoint, model: ErrorModel, encoder_noise: float | None) -> AccuracyVolume | None:
+    """Accuracy along the circle; None, and a note why, where there is none to show."""
+    try:
+        return circle_accuracy(circle, model, encoder_noise=encoder_noise)
+    except AacmmError as error:
+        note(f"note: shown without accuracy: {error}")
+        return None
+
+
+def _serve(scene: Scene, browser: bool) -> None:
+    with scene.show(browser=browser) as server:
+        say(server.url)
+        note("Ctrl-C ends it")
+        try:
+            while server.running:
+                time.sleep(LOOK)
+        except KeyboardInterrupt:
+            return
+    raise AacmmError(f"the server at {server.url} has ended by itself")

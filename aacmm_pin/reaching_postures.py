@@ -1,0 +1,247 @@
+"""Every posture with which any serial arm of turning joints holds its tip at a point, and oriented as wanted.
+
+With as many conditions as joints the postures are single ones; with one joint more they lie on closed curves, the
+self-motion of the arm. Point: 3 conditions; point and direction of one axis of the tip: 5; whole pose: 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aacmm_pin.angles import wrapped
+from aacmm_pin.arm import Arm
+from aacmm_pin.checks import Array, Index, vector
+from aacmm_pin.circle import Flexibility
+from aacmm_pin.continuation import Curve
+from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
+from aacmm_pin.isolated import Isolated
+from aacmm_pin.limits import broken_limits, inside_part, into_limits
+from aacmm_pin.pose_conditions import PoseConditions
+from aacmm_pin.postures_at_point import PosturesAtPoint
+from aacmm_pin.self_motion import SelfMotion
+from aacmm_pin.solution_search import MOST_STARTS, Search, search
+from aacmm_pin.swivel import Swivel
+from aacmm_pin.units import DEG
+
+CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
+ELBOW_JOINT = 4
+"""The elbow of an AACMM is on the axis of this joint."""
+ORTHONORMAL = 1e-6
+"""A matrix whose columns are this nearly orthonormal is a rotation, and is made one."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachingPostures(PosturesAtPoint):
+    """Every posture that meets the conditions: single ones, each a component of its own, or closed curves.
+
+    Attributes:
+        conditions: what the tip was asked for.
+        curves: closed curves of self-motion that were sampled; empty where postures are single.
+        search: how they were found, and how sure it is that they are all.
+        notes: what else is to be known, such as singular postures that form families and are not listed.
+    """
+
+    conditions: PoseConditions
+    curves: tuple[Curve, ...]
+    search: Search
+    notes: tuple[str, ...]
+
+    @property
+    def single(self) -> bool:
+        """True where postures are single ones, False where they lie on curves."""
+        return self.conditions.free == 0
+
+    @property
+    def travel(self) -> Array:
+        """Way of all angles together from the first posture of a component to each, (n,) [rad]; zero of single postures."""
+        way = np.zeros(len(self))
+        for mine in self._by_component():
+            way[mine[1:]] = np.cumsum(np.linalg.norm(wrapped(np.diff(self.q[mine], axis=0)), axis=1))
+        return way
+
+    @property
+    def arc_fraction(self) -> float:
+        """Which part of the curves, by the way of the angles, is within limits; nan where postures are single."""
+        if self.single or not len(self):
+            return float("nan")
+        start, way = [], []
+        for number, mine in enumerate(self._by_component()):
+            closed = self.curves[number].closed
+            following = np.roll(mine, -1) if closed else mine[1:]
+            start.append(self.q[mine if closed else mine[:-1]])
+            way.append(wrapped(self.q[following] - start[-1]))
+        begin, moved = np.concatenate(start), np.concatenate(way)
+        first, last = inside_part(begin, begin + moved, self.arm.limits)
+        length = np.linalg.norm(moved, axis=1)
+        return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
+
+    def flexibility(self, sectors: int = 12) -> Flexibility:
+        """Only ``arc_fraction`` exists, of the way along the curves: an arm without an elbow has no sectors."""
+        return Flexibility(float("nan"), (), self.arc_fraction)
+
+    def _by_component(self) -> list[Index]:
+        return [np.flatnonzero(self.component == number) for number in np.unique(self.component)]
+
+    def _row(self, number: int) -> dict[str, Any]:
+        arrivals = {"arrivals": self.search.hits[number - 1]}
+        if self.single:
+            angles = " ".join(f"{angle:.2f}" for angle in self.q[self.component == number][0] / DEG)
+            return super()._row(number) | {"theta_deg": angles} | arrivals
+        mine = self.component == number
+        return super()._row(number) | {"travel_rad": float(self.travel[mine].max())} | arrivals
+
+    def __str__(self) -> str:
+        where = f"{self._where()}, {CONDITIONS[self.conditions.count]}"
+        if self.reason:
+            return f"{where}: no configuration; {self.reason}"
+        inside = f"{self.within_limits.sum()} of them within limits"
+        if self.single:
+            return f"{where}: {len(self)} single postures, {inside}; {self.search}"
+        return (
+            f"{where}: {len(self)} configurations on {len(self.curves)} closed curves, {inside}, "
+            f"{self.arc_fraction:.3f} of arc; {self.search}"
+        )
+
+
+def reaching_postures(
+    arm: Arm,
+    point: ArrayLike,
+    *,
+    axis: ArrayLike | None = None,
+    tool: ArrayLike | None = None,
+    rotation: ArrayLike | None = None,
+    count: int = 360,
+    most_starts: int = MOST_STARTS,
+) -> ReachingPostures:
+    """Enumerate the postures of ``arm`` that bring its tip to ``point``; limits are flags, not conditions.
+
+    Newton's method from evenly spread starts, in rounds, until some hundred arrivals in a row bring nothing new; curves are
+    followed once round. Singular postures that form families of more dimensions than the arm has joints to spare are not
+    sampled but told in ``notes``, or in ``reason`` where there is nothing else.
+
+    Args:
+        arm: serial, all joints turning; as many joints as conditions, or one more.
+        point: place of the tip in the base (3,) [m].
+        axis: direction in the base (3,), any length, along which ``tool`` shall lie: five conditions.
+        tool: direction in the tip's frame (3,); default the axis of the stylus where the arm has one, else z.
+        rotation: orientation of the tip's frame in the base (3, 3): six conditions.
+        count: configurations on each closed curve, evenly spaced by the way that the angles go.
+        most_starts: starts after which the search ends in any case.
+
+    Raises:
+        ShapeError: a vector or matrix of the wrong shape, not finite, or not a rotation.
+        AacmmError: both ``axis`` and ``rotation``, a direction of length zero, ``tool`` without ``axis``, a count below 3.
+        UnsupportedArmError: a joint slides, or the conditions leave another number of joints free than 0 or 1.
+    """
+    if count < 3 or most_starts < 1:
+        raise AacmmError(f"count is {count}, most_starts is {most_starts}; expected at least 3 and 1")
+    conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
+    system = conditions.system()
+    if conditions.free == 0:
+        single = Isolated(system, np.empty((0, arm.nq)))
+        found = search(system, arm.nq, single, most_starts)
+        q, component, curves = single.q, np.arange(len(single.q)), ()
+        return _result(arm, conditions, q, component, curves, found, _families(single, found))
+    motion = SelfMotion(system)
+    found = search(system, arm.nq, motion, most_starts)
+    q, component = motion.spaced(count) if motion.curves else (np.empty((0, arm.nq)), np.empty(0, dtype=np.intp))
+    return _result(arm, conditions, q, component, tuple(motion.curves), found, _families(motion, found))
+
+
+def _conditions(
+    arm: Arm, point: Array, axis: ArrayLike | None, tool: ArrayLike | None, rotation: ArrayLike | None
+) -> PoseConditions:
+    slides = np.flatnonzero(arm.chain.prismatic) + 1
+    if slides.size:
+        raise UnsupportedArmError(
+            f"{arm.name}: joint {', '.join(str(j) for j in slides)} slides; postures are enumerated where all joints turn"
+        )
+    if axis is not None and rotation is not None:
+        raise AacmmError("axis and rotation were given; expected one of them: a rotation holds every axis")
+    if tool is not None and axis is None:
+        raise AacmmError("tool was given without axis, the direction in the base along which it shall lie")
+    if axis is not None:
+        stylus = arm.stylus_axis if arm.stylus_axis is not None else np.array([0.0, 0.0, 1.0])
+        mine = stylus if tool is None else _direction(tool, "tool")
+        conditions = PoseConditions(arm.chain, point, tool=mine, axis=_direction(axis, "axis"))
+    else:
+        turned = None if rotation is None else _rotation(rotation)
+        conditions = PoseConditions(arm.chain, point, rotation=turned)
+    if conditions.free not in (0, 1):
+        raise UnsupportedArmError(_what_fits(arm, conditions))
+    return conditions
+
+
+def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
+    joints, free, asked = arm.nq, conditions.free, CONDITIONS[conditions.count]
+    fitting = [
+        f"{words} ({'single postures' if n == joints else 'closed curves'})"
+        for n, words in CONDITIONS.items()
+        if joints - n in (0, 1)
+    ]
+    expected = f"state {' or '.join(fitting)}" if fitting else "only arms of 3 to 7 joints have conditions that fit"
+    if free < 0:
+        return f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of {asked}; {expected}"
+    return f"{arm.name}: {joints} joints and {asked} leave {free} joints free; {expected}"
+
+
+def _direction(values: ArrayLike, name: str) -> Array:
+    direction = vector(values, 3, name, "1")
+    length = float(np.linalg.norm(direction))
+    if length == 0:
+        raise AacmmError(f"{name} is [0, 0, 0], expected a direction")
+    return direction / length
+
+
+def _rotation(values: ArrayLike) -> Array:
+    matrix = np.asarray(values)
+    if matrix.shape != (3, 3):
+        raise ShapeError(f"rotation has shape {matrix.shape}, expected (3, 3)")
+    matrix = vector(matrix.ravel(), 9, "rotation", "1").reshape(3, 3)
+    off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+    if off > ORTHONORMAL or np.linalg.det(matrix) < 0:
+        what = f"its columns are off by {off:.1e}" if off > ORTHONORMAL else "it is a reflection"
+        raise ShapeError(f"rotation is not one: {what}; expected orthonormal columns, right-handed")
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ right)
+
+
+def _families(finds: Isolated | SelfMotion, found: Search) -> str:
+    if finds.family is None:
+        return ""
+    angles = ", ".join(f"{angle:.1f}" for angle in wrapped(finds.family) / DEG)
+    return f"{finds.families} of {found.arrived} arrivals at singular postures that go on in families, such as ({angles})°"
+
+
+def _result(
+    arm: Arm, conditions: PoseConditions, q: Array, component: Index, curves: tuple[Curve, ...], found: Search, family: str
+) -> ReachingPostures:
+    notes = [f"{family}; they are not listed"] if family else []
+    notes += [f"component {n} could not be followed all the way round" for n, c in enumerate(curves, 1) if not c.closed]
+    reason = "" if len(q) else family or f"{found}: out of reach"
+    q = into_limits(q, arm.limits)
+    return ReachingPostures(
+        arm,
+        conditions.point,
+        arm.tip,
+        q,
+        component + 1,
+        _swivel(arm, q, conditions.point),
+        broken_limits(q, arm.limits),
+        conditions,
+        curves,
+        found,
+        tuple(notes),
+        reason=reason,
+    )
+
+
+def _swivel(arm: Arm, q: Array, point: Array) -> Array:
+    """Swivel angles where the arm has the elbow of an AACMM: a DH table whose first four rows are joints."""
+    if arm.dh is None or arm.dh.rows <= ELBOW_JOINT or not arm.dh.moving[:ELBOW_JOINT].all():
+        return np.full(len(q), np.nan)
+    return Swivel(arm.dh, arm.up).angle(q, np.broadcast_to(point, (len(q), 3)))

@@ -1,0 +1,1 @@
+"""What the documentation makes of the package when it is built: pictures, tables, reference; and what it checks."""

@@ -1,0 +1,79 @@
+"""Text that pages take from the package: ``<!-- generated: WHAT -->`` in a page becomes it before the page is read.
+
+``![words](picture:NAME)`` is a picture that is drawn into the build.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+from aacmm_pin.effects import CAUSES, Effect
+from building import pictures
+from building.causes import causes_table
+
+MARK = re.compile(r"<!-- generated: (\S+)(?: (.*?))? -->")
+PICTURE = re.compile(r"\(picture:([\w.]+)\)")
+ELSEWHERE = {"aacmm_pin": "Effect", "aacmm_pin.errors": "AacmmError"}
+"""Names that are explained on another page."""
+INHERITED = ", ".join(sorted({*dir(Effect), "component", "flexibility", "place", "turns"}))
+"""What all causes have; it is shown once, at their base."""
+
+
+def api(module: str) -> str:
+    """Everything public in a module; nothing where this version has no such module."""
+    if importlib.util.find_spec(module) is None:
+        return f"(`{module}` is not part of this version.)"
+    options = ["members:", "imported-members:", *([f"exclude-members: {ELSEWHERE[module]}"] if module in ELSEWHERE else [])]
+    return _restructured(f".. automodule:: {module}", *(f"   :{option}" for option in options))
+
+
+def effects() -> str:
+    """The base of all causes with all that it has, then each cause with what only it has."""
+    lines = [".. currentmodule:: aacmm_pin.effects", "", ".. autofunction:: register", ""]
+    for name in ("Effect", "Term", "Displacement"):
+        lines += [f".. autoclass:: {name}", "   :members:", ""]
+    for cause in CAUSES.values():
+        lines += [f".. autoclass:: {cause.__name__}", "   :members:", f"   :exclude-members: {INHERITED}", ""]
+    return _restructured(*lines)
+
+
+def _restructured(*lines: str) -> str:
+    return "\n".join(["```{eval-rst}", *lines, "```"])
+
+
+def commands() -> str:
+    """What typer itself writes about the command, without the title; the list of commands with their whole sentences."""
+    words = [sys.executable, "-m", "typer", "aacmm_pin.cli", "utils", "docs", "--name", "aacmm-pin"]
+    text = subprocess.run(words, capture_output=True, text=True, check=True).stdout.partition("\n")[2]
+    sentences = dict(re.findall(r"^## `aacmm-pin (\S+)`\n\n(.+)$", text, re.MULTILINE))
+    return re.sub(r"^\* `(\w+)`: .+$", lambda line: f"* `{line[1]}`: {sentences[line[1]]}", text, flags=re.MULTILINE)
+
+
+GENERATED: dict[str, Callable[..., str]] = {"api": api, "effects": effects, "commands": commands, "causes": causes_table}
+
+
+def _read(app: Sphinx, docname: str, content: list[str]) -> None:
+    folder = Path(app.env.doc2path(docname)).parent
+    drawn = os.path.relpath(_folder(app), folder)
+    text = MARK.sub(lambda mark: GENERATED[mark[1]](*filter(None, [mark[2]])), content[0])
+    content[0] = PICTURE.sub(lambda name: f"({drawn}/{name[1]})", text)
+
+
+def _folder(app: Sphinx) -> Path:
+    return Path(app.doctreedir) / "pictures"
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Draw first, so that pages find their pictures."""
+    app.connect("builder-inited", lambda app: pictures.draw(_folder(app)))
+    app.connect("source-read", _read)
+    return {"parallel_read_safe": True}

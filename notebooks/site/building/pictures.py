@@ -1,0 +1,66 @@
+"""The pictures of the documentation, drawn by the package itself from measurements of a virtual arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aacmm_pin import (
+    AccuracyVolume,
+    Arm,
+    ConfigurationCircle,
+    Diagnosis,
+    ErrorModel,
+    circle_accuracy,
+    configuration_circle,
+    diagnose,
+    map_workspace,
+    plots,
+    simulate_measurements,
+)
+from aacmm_pin.effects import EncoderEccentricity, LinkBending
+
+POINT = np.array([400.0, 0.0, 300.0]) * 1e-3
+NOISE = 8e-6
+
+
+@cache
+def _at_the_point() -> tuple[ConfigurationCircle, AccuracyVolume]:
+    circle = configuration_circle(Arm.load("sino6"), POINT)
+    return circle, circle_accuracy(circle)
+
+
+@cache
+def _diagnosed() -> Diagnosis:
+    arm = Arm.load("sino6")
+    hidden = (EncoderEccentricity(4, values=(1.1e-4, 1.0e-4)), LinkBending(3, values=(6e-5,)))
+    data = simulate_measurements(ErrorModel(arm, hidden), "free", 200, rng=np.random.default_rng(4))
+    return diagnose(arm, data, encoder_noise=NOISE)
+
+
+PICTURES: dict[str, Callable[[], Axes | Figure]] = {
+    "circle.png": lambda: plots.plot_circle(*_at_the_point()),
+    "swivel.png": lambda: plots.plot_accuracy_over_swivel(*_at_the_point()),
+    "budget.png": lambda: plots.plot_budget(_at_the_point()[1]),
+    "map.png": lambda: plots.plot_comprehensive(map_workspace(Arm.load("sino6"), (24, 24), 12, progress=False)),
+    "groups.png": lambda: plots.plot_groups(_diagnosed()),
+    "cause.png": lambda: plots.plot_cause(_diagnosed(), _diagnosed().findings[1]),
+    "held_out.png": lambda: plots.plot_held_out(_diagnosed()),
+}
+
+
+def draw(folder: Path) -> None:
+    """Every picture that ``folder`` does not have yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context({"backend": "Agg", "figure.max_open_warning": 0}):
+        for name, drawn in PICTURES.items():
+            if not (folder / name).exists():
+                picture = drawn()
+                figure = picture if isinstance(picture, Figure) else picture.figure
+                figure.savefig(folder / name, dpi=130, bbox_inches="tight")

@@ -1,0 +1,673 @@
+"""Scenes without a browser: what is sent to meshcat is where Pinocchio has it, in the right size and colour."""
+
+from __future__ import annotations
+
+import base64
+import html as markup
+import json
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pinocchio as pin
+import pytest
+import umsgpack
+from matplotlib import colormaps
+from matplotlib.colors import to_hex, to_rgb
+from meshcat.geometry import Box
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from aacmm_pin import (
+    AacmmError,
+    Arm,
+    ErrorModel,
+    calibrate,
+    circle_accuracy,
+    configuration_circle,
+    diagnose,
+    display,
+    map_workspace,
+    simulate_measurements,
+    zonotope,
+)
+from aacmm_pin.arm_file import ArmFile
+from aacmm_pin.checks import Array
+from aacmm_pin.display import Scene
+from aacmm_pin.display.accuracy_set import AccuracySet
+from aacmm_pin.display.frames import Frames
+from aacmm_pin.display.page import viewer_script
+from aacmm_pin.effects import EncoderEccentricity
+from aacmm_pin.errors import OutputError, ShapeError, UnknownNameError
+from aacmm_pin.limits import broken_limits
+from aacmm_pin.units import DEG, MM, MM3
+
+POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
+SINGLE = 2e-7
+"""What single precision costs over a metre [m]."""
+
+
+def commands(scene: Scene, kind: str) -> dict[str, dict[str, Any]]:
+    """The last command of a kind for every path."""
+    unpacked = [umsgpack.unpackb(command) for command in scene.commands]
+    return {c["path"].removeprefix("/meshcat/"): c for c in unpacked if c["type"] == kind}
+
+
+def transform(scene: Scene, path: str) -> Array:
+    """A placement as it was sent: column by column."""
+    return np.array(commands(scene, "set_transform")[path]["matrix"]).reshape(4, 4).T
+
+
+def mesh(scene: Scene, path: str) -> tuple[Array, Array, Array | None]:
+    """Vertices (v, 3), triangles (f, 3) and colours (v, 3) of an object as they were sent."""
+    data = commands(scene, "set_object")[path]["object"]["geometries"][0]["data"]
+
+    def numbers(packed: dict[str, Any], kind: str) -> Array:
+        return np.frombuffer(packed["array"].data, dtype=kind).reshape(-1, 3)
+
+    attributes = data["attributes"]
+    colours = numbers(attributes["color"], "<f4") if "color" in attributes else None
+    return numbers(attributes["position"], "<f4").astype(float), numbers(data["index"], "<u4"), colours
+
+
+def decoded(scene: Scene, path: str) -> Array:
+    """Placements of a moving body, out of what the page gets: position, quaternion, scale."""
+    assert scene.frames is not None
+    encoded = scene.frames.encoded()
+    parts = np.frombuffer(base64.b64decode(encoded["moving"][path]), dtype="<f4").reshape(encoded["count"], -1).astype(float)
+    placements = np.tile(np.eye(4), (len(parts), 1, 1))
+    shown = np.isfinite(parts[:, 0])
+    placements[~shown] = np.nan
+    scale = parts[shown, 7:] if parts.shape[1] == 10 else np.ones((shown.sum(), 3))
+    placements[shown, :3, :3] = Rotation.from_quat(parts[shown, 3:7]).as_matrix() * scale[:, None]
+    placements[shown, :3, 3] = parts[shown, :3]
+    return placements
+
+
+def frame_placements(arm: Arm, q: Array, name: str) -> Array:
+    """Pinocchio's placements of a frame."""
+    data, found = arm.model.createData(), []
+    for row in q:
+        pin.framesForwardKinematics(arm.model, data, row)
+        found.append(data.oMf[arm.model.getFrameId(name)].homogeneous.copy())
+    return np.array(found)
+
+
+def random_q(arm: Arm, rng: np.random.Generator, n: int = 7) -> Array:
+    return rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (n, arm.nq))
+
+
+# --- the arm
+
+
+def test_bodies_are_where_pinocchio_has_them(arm_file: ArmFile, rng: np.random.Generator) -> None:
+    arm = Arm.from_file(arm_file)
+    dh, q = arm.require_dh("this test"), random_q(arm, rng)
+    scene = display.arm_scene(arm, q)
+    for row in range(1, dh.rows + 1):
+        expected = frame_placements(arm, q, f"link{row}")
+        if not dh.standard:  # the axis of modified DH has d before it
+            expected[:, :3, 3] += dh.d[row - 1] * expected[:, :3, 2]
+        np.testing.assert_allclose(decoded(scene, f"arm/body {row}"), expected, atol=SINGLE)
+        np.testing.assert_allclose(transform(scene, f"arm/body {row}"), expected[0], atol=1e-12)
+
+
+def test_the_drawn_tip_is_the_tip(arm_file: ArmFile, rng: np.random.Generator) -> None:
+    arm = Arm.from_file(arm_file)
+    q = random_q(arm, rng)
+    scene = display.arm_scene(ErrorModel(arm), q)
+    last = f"arm/body {arm.require_dh('this test').rows}"
+    tip = decoded(scene, last) @ transform(scene, f"{last}/tip")
+    np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, "tip")[:, :3, 3], atol=SINGLE)
+
+
+@pytest.mark.parametrize(("file", "frame"), [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand")])
+def test_an_arm_that_came_as_urdf(
+    robot_file: Callable[[str], Path], file: str, frame: str, rng: np.random.Generator
+) -> None:
+    arm = Arm.from_urdf(robot_file(file), frame)
+    q = random_q(arm, rng)
+    scene, data = display.arm_scene(arm, q), arm.model.createData()
+    tip = decoded(scene, f"arm/body {arm.nq}") @ transform(scene, f"arm/body {arm.nq}/tip")
+    np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, frame)[:, :3, 3], atol=SINGLE)
+    for number, row in enumerate(q):
+        pin.forwardKinematics(arm.model, data, row)
+        for joint in range(1, arm.nq + 1):
+            placement = decoded(scene, f"arm/body {joint}")[number]
+            np.testing.assert_allclose(placement[:3, 3], data.oMi[joint].translation, atol=SINGLE)
+            jacobian = pin.computeJointJacobian(arm.model, data, row, joint)[3:, joint - 1]
+            axis = data.oMi[joint].rotation @ jacobian
+            np.testing.assert_allclose(placement[:3, 2], axis, atol=1e-6)  # drawn joints lie along z
+
+
+def test_a_sliding_joint(rng: np.random.Generator) -> None:
+    model = pin.Model()
+    limits = (np.ones(1), np.ones(1), -np.ones(1), np.ones(1))
+    rail = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "rail", *limits)
+    above = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.3]))
+    swing = model.addJoint(rail, pin.JointModelRY(), above, "swing", *limits)
+    model.addFrame(pin.Frame("hand", swing, pin.SE3(np.eye(3), np.array([0.5, 0, 0])), pin.FrameType.OP_FRAME))
+    arm = Arm.from_model(model, "hand")
+    q = rng.uniform(-1, 1, (5, 2))
+    scene = display.arm_scene(arm, q)
+    tip = decoded(scene, "arm/body 2") @ transform(scene, "arm/body 2/tip")
+    np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, "hand")[:, :3, 3], atol=SINGLE)
+    assert scene.frames is not None
+    assert f"{q[0, 0] / MM:.2f} mm" in scene.frames.readings[0]
+
+
+def test_tubes_lie_along_d_and_then_along_a(sino6: Arm, rng: np.random.Generator) -> None:
+    """From the frame of the row before, along its joint's axis, by d; to the row's own frame, along its x, by a."""
+    q = random_q(sino6, rng, 1)
+    scene, dh = display.arm_scene(sino6, q), sino6.require_dh("this test")
+    expected = []
+    for row in range(1, 7):
+        before, after = (frame_placements(sino6, q, name)[0] for name in (f"link{row}", f"frame{row}"))
+        corner = before[:3, 3] + dh.d[row - 1] * before[:3, 2]
+        np.testing.assert_allclose(corner, after[:3, 3] - dh.a[row - 1] * after[:3, 0], atol=1e-12)
+        expected += [(before[:3, 3], corner), (corner, after[:3, 3])]
+    expected = [pair for pair in expected if np.linalg.norm(pair[1] - pair[0]) > 0.008]  # shorter ones are inside a joint
+    drawn = [path for path in commands(scene, "set_object") if re.fullmatch(r"arm/body \d+/tube \d+", path)]
+    assert len(drawn) == len(expected)
+    for path, ends in zip(sorted(drawn), expected, strict=True):
+        at = transform(scene, path.rsplit("/", 1)[0]) @ transform(scene, path)
+        half = commands(scene, "set_object")[path]["object"]["geometries"][0]["height"] / 2 * at[:3, 1]
+        np.testing.assert_allclose((at[:3, 3] - half, at[:3, 3] + half), ends, atol=1e-9)
+
+
+def test_readings_and_refusals(sino6: Arm) -> None:
+    q = np.zeros((2, 6))
+    q[1, 1] = 0.5  # joint 2 stays below 0
+    scene = display.arm_scene(sino6, q)
+    assert scene.frames is not None
+    assert scene.frames.readings[0][-1] == "within"
+    assert scene.frames.readings[1][-1] == "outside: joint 2"
+    assert scene.frames.readings[1][2] == f"{0.5 / DEG:.2f}°"
+    for bad in (np.zeros(6), np.zeros((1, 5)), np.full((1, 6), np.nan), np.zeros((0, 6))):
+        with pytest.raises(ShapeError):
+            display.arm_scene(sino6, bad)
+
+
+# --- the circle
+
+
+@cache
+def sino6_circle() -> Any:
+    return configuration_circle(Arm.load("sino6"), POINT, count=90)
+
+
+@cache
+def circle_of(shape: str) -> Scene:
+    circle = sino6_circle()
+    return display.circle_scene(circle, circle_accuracy(circle), shape=display.shape_of(shape), most_frames=24)
+
+
+def shown_rows(scene: Scene) -> Array:
+    """Numbers, in the circle, of the postures on the slider, found by their angles."""
+    assert scene.frames is not None
+    angles = np.array([[float(t.removesuffix("°")) for t in row[2:8]] for row in scene.frames.readings])
+    distance = np.abs(angles[:, None] - sino6_circle().q[None] / DEG).max(axis=2)
+    assert (distance.min(axis=1) < 0.006).all()
+    return distance.argmin(axis=1)
+
+
+def factor_of(scene: Scene) -> float:
+    """The magnification that the legend states."""
+    (said,) = [m for note in scene.legend.notes if (m := re.search(r"magnified ([\d.e+]+) times", note))]
+    return float(said[1])
+
+
+def test_the_slider_holds_the_postures_within_limits() -> None:
+    circle, scene = sino6_circle(), circle_of("ellipsoid")
+    rows = shown_rows(scene)
+    assert circle.within_limits[rows].all()
+    assert len(rows) == len(set(rows)) <= 24
+    assert set(circle.component[rows]) == set(circle.component[circle.within_limits])
+    wrist = frame_placements(circle.arm, circle.q[rows], "frame5")[:, :3, 3]
+    np.testing.assert_allclose(wrist, np.tile(POINT, (len(rows), 1)), atol=1e-9)
+    np.testing.assert_allclose(transform(scene, "point")[:3, 3], POINT)
+    expected = frame_placements(circle.arm, circle.q[rows], "link6")
+    np.testing.assert_allclose(decoded(scene, "arm/body 6"), expected, atol=SINGLE)
+
+
+def test_postures_outside_the_limits_when_asked_for() -> None:
+    circle = sino6_circle()
+    scene = display.circle_scene(circle, circle_accuracy(circle), outside=True)
+    assert scene.frames is not None
+    assert len(scene.frames) == len(circle.q)
+    for within, broken, row, colour in zip(
+        circle.within_limits, circle.broken, scene.frames.readings, scene.frames.colours, strict=True
+    ):
+        said = "within" if within else f"outside: joint {', '.join(str(j + 1) for j in np.flatnonzero(broken))}"
+        assert said in row
+        assert ("–" in row) == (colour == "#9a9a9a") == (not within)
+    np.testing.assert_array_equal(np.isfinite(decoded(scene, "accuracy")[:, 0, 0]), circle.within_limits)
+
+
+def test_the_line_is_the_path_of_the_elbow() -> None:
+    circle, scene = sino6_circle(), circle_of("ellipsoid")
+    elbow = frame_placements(circle.arm, circle.q, "frame3")[:, :3, 3]
+    parts = [path for path in commands(scene, "set_object") if path.startswith("path/")]
+    found = {"within": [], "outside": []}
+    for path in parts:
+        vertices, _, colours = mesh(scene, path)
+        kind = path.removeprefix("path/").split()[0]
+        found[kind].append(vertices.reshape(-1, 6, 3).mean(axis=1))
+        assert (colours is None) == (kind == "outside")
+    for kind, expected in (("within", elbow[circle.within_limits]), ("outside", elbow[~circle.within_limits])):
+        drawn = np.vstack(found[kind])
+        distance = np.linalg.norm(drawn[:, None] - expected[None], axis=2)
+        assert distance.min(axis=0).max() < 1e-6  # every posture is on the line
+    on = np.linalg.norm(np.vstack(found["within"])[:, None] - elbow[None], axis=2).min(axis=1)
+    assert on.max() < 1e-6
+
+
+def test_the_line_has_the_colours_of_the_accuracy() -> None:
+    circle, scene = sino6_circle(), circle_of("ellipsoid")
+    accuracy = circle_accuracy(circle)
+    volume = accuracy.volume / MM3
+    low, high = volume.min(), volume.max()
+    expected = colormaps["viridis"]((volume - low) / (high - low))[:, :3]
+    elbow = frame_placements(circle.arm, accuracy.q, "frame3")[:, :3, 3]
+    vertices, _, colours = mesh(scene, "path/within 1")
+    assert colours is not None
+    centre = vertices.reshape(-1, 6, 3).mean(axis=1)
+    nearest = np.linalg.norm(centre[:, None] - elbow[None], axis=2).argmin(axis=1)
+    np.testing.assert_allclose(colours[::6], expected[nearest], atol=1e-6)
+    (bar,) = scene.legend.bars
+    assert (bar.low, bar.high) == (low, high)
+    assert "mm³" in bar.label
+    assert scene.frames is not None
+    place = {int(i): k for k, i in enumerate(np.flatnonzero(circle.within_limits))}
+    for row, colour, texts in zip(shown_rows(scene), scene.frames.colours, scene.frames.readings, strict=True):
+        assert colour == to_hex(expected[place[int(row)]])
+        assert f"{volume[place[int(row)]]:.4g} mm³" in texts
+        assert f"{accuracy.u[place[int(row)]] * 1e6:.1f} µm" in texts
+
+
+def test_the_ellipsoid_holds_95_percent() -> None:
+    """Its axes are those of S diag(u²) Sᵀ by Pinocchio's regressor, times k and the stated magnification."""
+    circle, scene = sino6_circle(), circle_of("ellipsoid")
+    rows = shown_rows(scene)
+    u = np.array([p.u for p in circle.arm.parameters])
+    sensitivity = circle.arm.poses(circle.q[rows], "frame5").dh_sensitivity() * u
+    covariance = sensitivity @ sensitivity.transpose(0, 2, 1)
+    placements, factor = decoded(scene, "accuracy"), factor_of(scene)
+    size = placements[:, :3, :3] @ placements[:, :3, :3].transpose(0, 2, 1)
+    expected = chi2.ppf(0.95, 3) * factor**2 * covariance
+    np.testing.assert_allclose(size, expected, atol=1e-5 * np.abs(expected).max())
+    np.testing.assert_allclose(placements[:, :3, 3], np.tile(POINT, (len(rows), 1)), atol=SINGLE)
+    assert (np.linalg.det(placements[:, :3, :3]) > 0).all()
+    axes = np.sort(np.linalg.norm(placements[:, :3, :3], axis=1), axis=1)
+    np.testing.assert_allclose(axes, np.sqrt(np.linalg.eigvalsh(expected)), rtol=1e-3)
+
+
+def test_the_zonotope_has_the_accuracy_volume() -> None:
+    circle, scene = sino6_circle(), circle_of("zonotope")
+    accuracy, factor = circle_accuracy(circle), factor_of(scene)
+    place = {int(i): k for k, i in enumerate(np.flatnonzero(circle.within_limits))}
+    assert scene.frames is not None
+    (changing,) = scene.frames.meshes
+    for row, found in zip(shown_rows(scene), changing.meshes, strict=True):
+        assert found is not None
+        vertices, faces = found
+        expected = accuracy.volume[place[int(row)]] * factor**3
+        corners = vertices[faces]
+        assert np.linalg.det(corners).sum() / 6 == pytest.approx(expected, rel=1e-9)  # closed, and every face looks outwards
+        assert ConvexHull(vertices).volume == pytest.approx(expected, rel=1e-9)
+        farthest = accuracy.largest_deviation[place[int(row)]] * factor
+        assert np.linalg.norm(vertices, axis=1).max() == pytest.approx(farthest, rel=1e-9)
+    np.testing.assert_allclose(transform(scene, "accuracy")[:3, 3], POINT)
+
+
+def test_a_zonotope_without_thickness_is_still_drawn(sino6: Arm) -> None:
+    accuracy = circle_accuracy(sino6_circle())
+    flat = np.zeros((1, 3, 4))
+    flat[0, :2] = [[1e-5, 0.0, 1e-5, 2e-5], [0.0, 1e-5, 1e-5, -1e-5]]
+
+    @dataclass
+    class Flat:
+        q = accuracy.q
+        conditions = None
+
+        @property
+        def sources(self) -> Any:
+            return self
+
+        def generators(self, q: Array, conditions: None) -> Array:
+            return flat
+
+    vertices, faces = AccuracySet(Flat(), "zonotope", 1000.0, POINT).zonotope(0)  # type: ignore[arg-type]
+    assert len(faces) >= 4
+    area = 4 * sum(abs(np.linalg.det(flat[0, :2][:, [i, j]])) for i in range(4) for j in range(i)) * 1000.0**2
+    assert ConvexHull(vertices[:, :2]).volume == pytest.approx(area, rel=1e-3)
+    assert np.ptp(vertices[:, 2]) < 1e-2 * np.ptp(vertices[:, 0])
+
+
+@pytest.mark.parametrize("kind", ["general", "parallel", "coplanar", "zero"])
+def test_corners_are_the_vertices(kind: str, rng: np.random.Generator) -> None:
+    """Against all 2^p corners of the box."""
+    g = rng.normal(size=(3, 7))
+    if kind == "parallel":
+        g[:, 3] = -2.0 * g[:, 0]
+    elif kind == "coplanar":
+        g[:, 4], g[:, 5] = g[:, 0] + g[:, 1], g[:, 0] - 2.0 * g[:, 1]
+    elif kind == "zero":
+        g[:, 2] = 0.0
+    every = np.array(list(product([-1.0, 1.0], repeat=7))) @ g.T
+    vertices = every[ConvexHull(every).vertices]
+    found = zonotope.corners(g[None])[0]
+    assert np.linalg.norm(vertices[:, None] - found[None], axis=2).min(axis=1).max() < 1e-12
+    assert ConvexHull(found).volume == pytest.approx(ConvexHull(every).volume, rel=1e-12)
+
+
+def test_the_ghosts_are_other_postures() -> None:
+    circle, scene = sino6_circle(), circle_of("ellipsoid")
+    ghosts = [path for path in commands(scene, "set_object") if path.startswith("ghosts/")]
+    assert len(ghosts) == 5
+    tips = frame_placements(circle.arm, circle.q[circle.within_limits], "tip")[:, :3, 3]
+    for path in ghosts:
+        end = mesh(scene, path)[0].reshape(-1, 6, 3).mean(axis=1)[-1]
+        assert np.linalg.norm(tips - end, axis=1).min() < 1e-6
+
+
+def test_an_arm_without_uncertainties_has_no_accuracy(zero6: Arm) -> None:
+    circle = configuration_circle(zero6, np.array([0.4, 0.0, 0.1]), count=12)
+    scene = display.circle_scene(circle)
+    assert scene.legend.bars == []
+    assert "accuracy" not in commands(scene, "set_object")
+    assert scene.frames is not None
+    assert "volume" not in scene.frames.labels
+
+
+@dataclass
+class Reached:
+    """What stands for a circle where there is no DH table."""
+
+    arm: Arm
+    point: Array
+    at: str
+    q: Array
+    component: Any
+    broken: Any
+
+    @property
+    def within_limits(self) -> Any:
+        return ~self.broken.any(axis=1)
+
+
+def test_an_enumeration_without_a_dh_table(robot_file: Callable[[str], Path]) -> None:
+    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5, rotation_half_width=1e-4)
+    turn = np.linspace(0, 2 * np.pi, 30, endpoint=False)
+    q = np.array([0.3, -1.2, 1.4, -1.6, -1.5, 0.4]) + 0.3 * np.column_stack([np.sin(turn + k) for k in range(6)])
+    q[3, 2] = 9.0
+    found = Reached(arm, arm.positions(q[:1])[0], "tool0", q, np.ones(30, dtype=np.intp), broken_limits(q, arm.limits))
+    scene = display.circle_scene(found)
+    origins, data = np.zeros((30, 6, 3)), arm.model.createData()
+    for k, row in enumerate(q):
+        pin.forwardKinematics(arm.model, data, row)
+        origins[k] = [data.oMi[j].translation for j in range(1, 7)]
+    widest = int(np.linalg.norm(np.ptp(origins, axis=0), axis=1).argmax())
+    runs = [mesh(scene, p)[0] for p in commands(scene, "set_object") if p.startswith("path/")]
+    drawn = np.vstack([vertices.reshape(-1, 6, 3).mean(axis=1) for vertices in runs])
+    assert np.linalg.norm(drawn[:, None] - origins[None, :, widest], axis=2).min(axis=1).max() < 1e-6
+    assert any(f"joint {widest + 1}" in swatch.text for swatch in scene.legend.swatches)
+    accuracy = circle_accuracy(found)  # type: ignore[arg-type]
+    assert len(display.circle_scene(found, accuracy).frames or ()) == 29
+
+
+def test_what_a_circle_refuses(sino6: Arm) -> None:
+    circle = sino6_circle()
+    with pytest.raises(AacmmError, match="no configuration"):
+        display.circle_scene(configuration_circle(sino6, [0.0, 5.0, 0.0]))
+    other = circle_accuracy(configuration_circle(sino6, POINT, count=30))
+    with pytest.raises(ShapeError, match="within limits"):
+        display.circle_scene(circle, other)
+    with pytest.raises(UnknownNameError, match="ellipsoid, zonotope"):
+        display.circle_scene(circle, circle_accuracy(circle), shape="cube")  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match="volume, u"):
+        display.circle_scene(circle, quantity="mass")  # type: ignore[arg-type]
+    with pytest.raises(AacmmError, match="most_frames is 2"):
+        display.circle_scene(circle, most_frames=2)
+
+
+# --- map, diagnosis, calibration
+
+
+@cache
+def small_map() -> Any:
+    return map_workspace(Arm.load("sino6"), (7, 9), 6, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "colours", "scale"), [("comprehensive_mm3", "viridis", 1.0), ("smallest_u_mm", "viridis", 1e3)]
+)
+def test_the_cells_of_a_map(sino6: Arm, quantity: str, colours: str, scale: float) -> None:
+    found = small_map()
+    scene = display.map_scene(found, sino6, quantity)
+    values = np.where(found.data["reachable"].values == 1, found.data[quantity].values, np.nan)
+    low, high = np.nanmin(values), np.nanmax(values)
+    (bar,) = scene.legend.bars
+    assert (bar.low, bar.high) == pytest.approx((low * scale, high * scale))
+    vertices, faces, painted = mesh(scene, "map/cells")
+    assert painted is not None
+    assert len(vertices) == 4 * np.isfinite(values).sum()
+    centres = vertices.reshape(-1, 4, 3).mean(axis=1) / MM
+    assert np.abs(centres[:, 1]).max() == 0.0
+    for centre, colour in zip(centres, painted[::4], strict=True):
+        here = found.data[quantity].sel(x_mm=centre[0], z_mm=centre[2], method="nearest")
+        assert abs(float(here["x_mm"]) - centre[0]) < 1e-3
+        assert abs(float(here["z_mm"]) - centre[2]) < 1e-3
+        np.testing.assert_allclose(colour, colormaps[colours]((float(here) - low) / (high - low))[:3], atol=1e-6)
+    area = 0.5 * np.linalg.norm(
+        np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]), axis=1
+    )
+    x0, x1, z0, z1 = np.array(found.data.attrs["extent_mm"]) * MM
+    assert area.sum() == pytest.approx(np.isfinite(values).sum() * (x1 - x0) * (z1 - z0) / 63, rel=1e-5)
+
+
+def test_the_arm_reaches_into_the_cells(sino6: Arm) -> None:
+    found = small_map()
+    scene = display.map_scene(found, sino6)
+    assert scene.frames is not None
+    point = decoded(scene, "point")[:, :3, 3]
+    labels = scene.frames.labels
+    q = np.array([[float(row[labels.index(f"joint {j}")][:-1]) for j in range(1, 7)] for row in scene.frames.readings])
+    wrist = frame_placements(sino6, q * DEG, "frame5")[:, :3, 3]
+    np.testing.assert_allclose(wrist, point, atol=5e-4)  # the angles are read out to 0.01°
+    expected = decoded(scene, "arm/body 6") @ np.append(np.zeros(3), 1.0)
+    np.testing.assert_allclose(expected[:, :3], frame_placements(sino6, q * DEG, "link6")[:, :3, 3], atol=5e-4)
+    assert len(q) == np.isfinite(found.data["best_mm3"].values).sum()
+
+
+def test_what_a_map_refuses(sino6: Arm, zero6: Arm) -> None:
+    with pytest.raises(UnknownNameError, match="comprehensive_mm3"):
+        display.map_scene(small_map(), sino6, "colour")
+    with pytest.raises(AacmmError, match="the map is of SINO6"):
+        display.map_scene(small_map(), zero6)
+
+
+@cache
+def measured() -> Any:
+    arm = Arm.load("sino6")
+    hidden = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(1e-4, 0.0)),))
+    return simulate_measurements(hidden, "free", 60, rng=np.random.default_rng(1))
+
+
+@cache
+def diagnosed() -> Any:
+    return diagnose(Arm.load("sino6"), measured(), encoder_noise=8e-6)
+
+
+def spikes_of(scene: Scene) -> tuple[Array, Array, Array]:
+    """Middle of the foot, end, and colour of each spike."""
+    vertices, _, colours = mesh(scene, "residuals")
+    assert colours is not None
+    one = vertices.reshape(-1, 7, 3)
+    return one[:, :6].mean(axis=1), one[:, 6], colours.reshape(-1, 7, 3)[:, 6]
+
+
+def test_residuals_of_the_simulation_by_pinocchio(sino6: Arm) -> None:
+    data = measured()
+    scene = display.diagnosis_scene(diagnosed(), "simulation")
+    foot, end, colour = spikes_of(scene)
+    assert scene.frames is not None
+    rows = np.array([int(row[0]) for row in scene.frames.readings])
+    records = np.array([int(np.flatnonzero(data.row == row)[0]) for row in rows])
+    tips = frame_placements(sino6, data.q[records], "tip")[:, :3, 3]
+    factor = factor_of(scene)
+    np.testing.assert_allclose(foot, data.reference[records], atol=1e-6)
+    np.testing.assert_allclose((end - foot) / factor, tips - data.reference[records], atol=1e-6 / factor + 1e-9)
+    off = np.linalg.norm(tips - data.reference[records], axis=1)
+    assert (np.diff(off) <= 1e-12).all()  # the largest first
+    shade = (off - off.min()) / (off.max() - off.min())
+    np.testing.assert_allclose(colour, colormaps["plasma"](shade)[:, :3], atol=0.01)
+    np.testing.assert_allclose(decoded(scene, "record")[:, :3, 3], data.reference[records], atol=SINGLE)
+    assert f"{off[0] / MM:.4f} mm" in scene.frames.readings[0]
+
+
+def test_the_extended_model_leaves_less() -> None:
+    sizes = {}
+    for name in ("simulation", "recalibrated", "extended"):
+        scene = display.diagnosis_scene(diagnosed(), name)
+        foot, end, _ = spikes_of(scene)
+        sizes[name] = np.sqrt(np.square((end - foot) / factor_of(scene)).sum(axis=1).mean()) / MM
+    for name, size in sizes.items():
+        assert size == pytest.approx(diagnosed().rms[name] / MM, rel=0.01)
+    with pytest.raises(UnknownNameError, match="simulation, recalibrated, extended"):
+        display.diagnosis_scene(diagnosed(), "best")
+
+
+def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> None:
+    """References of a tracker: the scene is that of the base frame, whatever the frame of the references."""
+    data = measured()
+    turn = Rotation.from_rotvec([0.3, -0.8, 1.9]).as_matrix()
+    shift = np.array([1.5, -2.0, 0.7])
+    table = data.to_frame()
+    table[["x_mm", "y_mm", "z_mm"]] = (data.reference @ turn.T + shift) / MM
+    moved = type(data).from_frame(pd.DataFrame(table))
+    result = calibrate(sino6, moved, ["geometry"], reference_frame="external", encoder_noise=8e-6)
+    scene = display.calibration_scene(result, "after")
+    assert scene.frames is not None
+    foot, end, _ = spikes_of(scene)
+    rows = np.array([int(row[0]) for row in scene.frames.readings])
+    records = np.array([int(np.flatnonzero(moved.row == row)[0]) for row in rows])
+    frame = result.fit.solution.point.frame
+    np.testing.assert_allclose(foot, (moved.reference[records] - frame.shift) @ frame.rotation, atol=1e-6)
+    np.testing.assert_allclose(foot, data.reference[records], atol=2e-4)  # the frame is known that well
+    tips = result.model.correct(moved.q[records])
+    np.testing.assert_allclose(foot + (end - foot) / factor_of(scene), tips, atol=1e-6)
+    with pytest.raises(UnknownNameError, match="before, after"):
+        display.calibration_scene(result, "during")
+
+
+# --- scene and page
+
+
+def test_commands_are_kept_as_a_server_keeps_them() -> None:
+    scene = Scene("boxes")
+    scene["a/b"].set_object(Box([1, 1, 1]))
+    scene["a/b"].set_property("visible", False)
+    scene["a/c"].set_object(Box([2, 2, 2]))
+    scene["a/c"].set_transform(np.diag([1.0, 1.0, 1.0, 1.0]))
+    assert set(commands(scene, "set_object")) == {"a/b", "a/c"}
+    assert set(commands(scene, "set_property")) == {"a/b"}
+    scene["a/b"].set_object(Box([3, 3, 3]))  # a new object has no old properties
+    assert commands(scene, "set_property") == {}
+    assert commands(scene, "set_object")["a/b"]["object"]["geometries"][0]["width"] == 3
+    scene["a/c"].delete()
+    assert set(commands(scene, "set_object")) == {"a/b"}
+    scene.meshcat.delete()
+    assert scene.commands == []
+
+
+def outside_viewer(html: str) -> str:
+    assert viewer_script() in html
+    return html.replace(viewer_script(), "")
+
+
+def test_a_page_stands_alone() -> None:
+    html = circle_of("zonotope").html()
+    assert len(html.encode()) < 2_000_000
+    rest = outside_viewer(html)
+    assert not re.search(r"https?:|src=|@import|url\(", rest)
+    assert html.count("</script>") == 3
+
+
+def test_text_is_text() -> None:
+    scene = Scene("<b>1 & 2</b>", "</script><script>alert(1)</script>", legend=display.Legend(notes=["<i>"]))
+    frames = Frames({"arm": np.eye(4)[None]}, ["</script>"], [["<!--"]], ["red"])
+    scene.frames = frames
+    rest = outside_viewer(scene.html())
+    assert "<b>1" not in rest
+    assert "alert(1)</script>" not in rest
+    assert "<!--" not in rest.replace("<!-- viewer -->", "")
+    data = re.search(r'<script type="application/json" id="scene-data">(.*?)</script>', rest)
+    assert data is not None
+    assert json.loads(data[1])["frames"]["labels"] == ["</script>"]
+
+
+def test_several_scenes_hold_the_viewer_once() -> None:
+    parts = [circle_of(shape).embedded(400) for shape in ("ellipsoid", "zonotope")]
+    page = "<!DOCTYPE html><title>two</title>" + display.shared_script() + "".join(parts)
+    assert page.count(viewer_script()) == 1
+    for part in parts:
+        assert part.count("<script") == 1
+        inner = json.loads(re.search(r'<script type="application/json">(.*)</script>', part)[1])  # type: ignore[index]
+        assert inner.count("<!-- viewer -->") == 1
+
+
+def test_files_are_written_whole_and_not_over_others(tmp_path: Path) -> None:
+    target = tmp_path / "scene.html"
+    scene = Scene("one")
+    scene.save(target)
+    assert target.read_text(encoding="utf-8") == scene.html()
+    with pytest.raises(OutputError, match="exists already"):
+        scene.save(target)
+    scene.save(target, force=True)
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_notebook_shows_the_page() -> None:
+    scene = Scene('the "arm"')
+    shown = scene._repr_html_()
+    inner = re.search(r'srcdoc="([^"]*)"', shown)
+    assert inner is not None
+    assert markup.unescape(inner[1]) == scene.html()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"colours": ["red"]}, "colours: 1 frames, expected 2"),
+        ({"placements": {"arm": np.eye(4)[None]}}, "placements of arm: 1 frames"),
+        ({"start": 2}, "expected a frame from 0 to 1"),
+    ],
+)
+def test_frames_that_do_not_fit(change: dict[str, Any], said: str) -> None:
+    whole: dict[str, Any] = {
+        "placements": {"arm": np.tile(np.eye(4), (2, 1, 1))},
+        "labels": ["x"],
+        "readings": [["1"], ["2"]],
+        "colours": ["red", "blue"],
+    }
+    with pytest.raises(ShapeError, match=said):
+        Frames(**(whole | change))
+
+
+def swatches(scene: Scene) -> Iterator[str]:
+    return (swatch.text for swatch in scene.legend.swatches)
+
+
+def test_sizes_are_written_out() -> None:
+    scene = circle_of("ellipsoid")
+    assert any("one cell 100 mm" in text for text in swatches(scene))
+    assert any("k = 2.80" in note for note in scene.legend.notes)
+    assert to_rgb("#d55e00") in [to_rgb(s.colour) for s in scene.legend.swatches if s.text == "working point"]

@@ -1,0 +1,282 @@
+"""Scenes in a real browser: pages from a file and from the server draw, move, read out, fit, and say when they cannot."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import Page, page
+from meshcat.geometry import Box
+from scipy.spatial import ConvexHull
+
+from aacmm_pin import Arm, circle_accuracy, configuration_circle, display
+from aacmm_pin.checks import Array
+from aacmm_pin.display import Scene
+from aacmm_pin.units import MM
+
+__all__ = ["page"]
+
+POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
+DESK, PHONE, STRIP = (1200, 800), (390, 800), (300, 1000)
+NAMES = """
+(() => {
+  const paths = [];
+  const walk = (node, path) => {
+    for (const [name, child] of Object.entries(node.children)) {
+      paths.push(path + name);
+      walk(child, path + name + "/");
+    }
+  };
+  walk(page.viewer.scene_tree.children["meshcat"], "");
+  return paths;
+})()
+"""
+PLACE = """
+((path) => {
+  page.viewer.scene.updateMatrixWorld(true);
+  const node = page.viewer.scene_tree.find(["meshcat", ...path.split("/")]).object;
+  const at = node.getWorldPosition(new MeshCat.THREE.Vector3());
+  return [at.x, -at.z, at.y];
+})
+"""
+"""Place of a node in the base: three.js has y up."""
+SEEN = """
+((points) => {
+  const { Vector3 } = MeshCat.THREE;
+  page.viewer.render();
+  page.viewer.camera.updateMatrixWorld(true);
+  return points.map(([x, y, z]) => new Vector3(x, z, -y).project(page.viewer.camera).toArray());
+})
+"""
+
+
+@cache
+def circle_scene(shape: str = "ellipsoid") -> Scene:
+    circle = configuration_circle(Arm.load("sino6"), POINT, count=60)
+    return display.circle_scene(circle, circle_accuracy(circle), shape=display.shape_of(shape), most_frames=20)
+
+
+def opened(page: Page, where: Path | str, size: tuple[int, int] = DESK) -> None:
+    """Open a scene that holds still."""
+    page.open(f"{where.as_uri() if isinstance(where, Path) else where}#still", size, touch=size != DESK)
+    page.wait_for("window.page !== undefined")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    target = tmp_path_factory.mktemp("scenes") / "circle.html"
+    circle_scene().save(target)
+    return target
+
+
+def place(page: Page, path: str) -> Array:
+    return np.array(page.evaluate(f"{PLACE}({path!r})"))
+
+
+def stage(picture: Array) -> Array:
+    """The part of a picture that the scene is drawn in."""
+    return picture[40:-80, :880] if picture.shape[1] > 700 else picture[40:440]
+
+
+def colours(picture: Array) -> int:
+    return len(np.unique(picture.reshape(-1, 3), axis=0))
+
+
+def test_a_file_draws_without_a_network(page: Page, file: Path) -> None:
+    opened(page, file)
+    assert page.errors == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+    names = page.evaluate(NAMES)
+    for wanted in ("arm/body 0", "arm/body 6/tip", "arm/body 3/joint", "point", "accuracy", "path/within 1", "ghosts/5"):
+        assert wanted in names
+    picture = stage(page.screenshot())
+    assert colours(picture) > 500
+    assert np.ptp(picture.astype(int).mean(axis=2)) > 150  # dark joints on a light ground
+
+
+def test_the_slider_moves_the_arm_where_the_arm_goes(page: Page, file: Path) -> None:
+    opened(page, file)
+    frames = circle_scene().frames
+    assert frames is not None
+    arm, pictures = Arm.load("sino6"), []
+    for number in (2, 13):
+        page.evaluate(
+            f"slider.value = {number}; slider.dispatchEvent(new Event('input', {{bubbles: true}}))",
+        )
+        assert page.evaluate("page.current") == number
+        texts = page.evaluate("[...document.querySelectorAll('#readings dd')].map((cell) => cell.textContent)")
+        assert texts == list(frames.readings[number])
+        q = np.radians([float(text.removesuffix("°")) for text in texts[2:8]])
+        np.testing.assert_allclose(place(page, "arm/body 6/tip"), arm.poses(q[None]).position[0], atol=5e-4)
+        np.testing.assert_allclose(place(page, "accuracy"), POINT, atol=1e-6)
+        pictures.append(stage(page.screenshot()))
+    changed = (pictures[0] != pictures[1]).any(axis=2).mean()
+    assert 0.02 < changed < 0.6
+    assert page.errors == []
+
+
+def test_the_keyboard_and_play(page: Page, file: Path) -> None:
+    opened(page, file)
+    page.evaluate("page.show(5)")
+    for key, expected in (
+        ("ArrowRight", 6),
+        ("ArrowLeft", 5),
+        ("End", 19),
+        ("ArrowRight", 0),
+        ("ArrowLeft", 19),
+        ("Home", 0),
+    ):
+        page.key(key)
+        assert page.evaluate("page.current") == expected
+    page.key(" ")
+    page.wait_for("page.current > 3")
+    assert page.evaluate("play.getAttribute('aria-label')") == "pause"
+    page.evaluate("play.click()")
+    still = page.evaluate("page.current")
+    page.screenshot()
+    assert page.evaluate("page.current") == still
+    assert page.evaluate("slider.getAttribute('aria-valuetext')").startswith("component ")
+
+
+def test_the_page_moves_by_itself_unless_that_is_not_wanted(page: Page, file: Path) -> None:
+    page.open(file)
+    page.wait_for("page.current > 2")
+    opened(page, file)
+    page.screenshot()
+    assert page.evaluate("page.current") == 0
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE, STRIP], ids=["desk", "phone", "strip"])
+def test_all_of_the_arm_is_seen_and_nothing_covers_it(page: Page, file: Path, size: tuple[int, int]) -> None:
+    opened(page, file, size)
+    corners = []
+    for number in range(0, 20, 3):
+        page.evaluate(f"page.show({number})")
+        corners += [place(page, f"arm/body {body}").tolist() for body in range(1, 7)]
+        corners.append(place(page, "arm/body 6/tip").tolist())
+    seen = np.array(page.evaluate(f"{SEEN}({corners})"))
+    assert np.abs(seen[:, :2]).max() < 1.0
+    assert np.ptp(seen[:, :2], axis=0).max() > 1.2  # and fills the picture
+    pane, panel, controls = (
+        page.evaluate(
+            f"(() => {{ const r = {name}.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; }})()"
+        )
+        for name in ("pane", "panel", "controls")
+    )
+    for other in (panel, controls):
+        assert pane[2] <= other[0] + 1 or pane[3] <= other[1] + 1
+    assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+    assert controls[3] <= size[1]  # the slider is in sight without scrolling
+    assert (pane[2] - pane[0]) * (pane[3] - pane[1]) > 0.45 * size[0] * size[1]
+
+
+def test_turning_the_view_by_hand_is_kept(page: Page, file: Path) -> None:
+    opened(page, file)
+    before = page.evaluate("page.viewer.camera.position.toArray()")
+    page.drag((300, 300), (420, 360))
+    after = page.evaluate("page.viewer.camera.position.toArray()")
+    assert np.linalg.norm(np.subtract(before, after)) > 0.05
+    page.resize((1000, 700))
+    page.screenshot()
+    np.testing.assert_allclose(page.evaluate("page.viewer.camera.position.toArray()"), after, atol=1e-9)
+
+
+def test_a_shape_that_changes(page: Page, tmp_path: Path) -> None:
+    scene = circle_scene("zonotope")
+    scene.save(tmp_path / "zonotope.html")
+    opened(page, tmp_path / "zonotope.html")
+    assert scene.frames is not None
+    for number in (1, len(scene.frames) - 2):
+        page.evaluate(f"page.show({number})")
+        points = page.evaluate(
+            """[...page.viewer.scene_tree.find(["meshcat", "accuracy"]).object.children
+                 .find((child) => child.isMesh).geometry.getAttribute("position").array]"""
+        )
+        found = scene.frames.meshes[0].meshes[number]
+        assert found is not None
+        drawn = ConvexHull(np.reshape(points, (-1, 3))).volume
+        assert drawn == pytest.approx(ConvexHull(found[0]).volume, rel=1e-5)
+    assert page.errors == []
+
+
+def test_one_posture_has_no_slider(page: Page, tmp_path: Path) -> None:
+    display.arm_scene(Arm.load("zero6"), np.zeros((1, 6))).save(tmp_path / "one.html")
+    opened(page, tmp_path / "one.html")
+    assert page.evaluate("document.getElementById('slider')") is None
+    assert page.evaluate("document.querySelectorAll('#readings dd').length") == 8
+    assert page.errors == []
+    assert colours(stage(page.screenshot())) > 300
+
+
+def test_several_scenes_on_a_page(page: Page, tmp_path: Path) -> None:
+    scenes = [circle_scene(), circle_scene("zonotope"), display.arm_scene(Arm.load("zero6"), np.zeros((1, 6)))]
+    parts = "<p style='height: 3000px'></p>".join(scene.embedded(500) for scene in scenes)
+    report = tmp_path / "report.html"
+    report.write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{parts}{display.shared_script()}", encoding="utf-8")
+    page.open(report)
+    drawn = "[...document.querySelectorAll('iframe')].map((f) => Boolean(f.contentWindow.page))"
+    page.wait_for(f"{drawn}[0]")
+    assert page.evaluate(drawn) == [True, False, False]  # what is far down costs nothing yet
+    for number in (1, 2):
+        page.evaluate(f"document.querySelectorAll('iframe')[{number}].scrollIntoView()")
+        page.wait_for(f"{drawn}[{number}]")
+    inner = "document.querySelectorAll('iframe')[1].contentWindow"
+    assert page.evaluate(f"{inner}.page.current") == 0  # several at once do not play by themselves
+    page.evaluate(f"{inner}.page.show(4)")
+    assert page.evaluate(f"{inner}.document.querySelectorAll('#readings dd')[0].textContent") == "1"
+    assert colours(page.screenshot()) > 300
+    assert page.errors == []
+
+
+def test_a_notebook_cell(page: Page, tmp_path: Path) -> None:
+    cell = tmp_path / "cell.html"
+    cell.write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{circle_scene()._repr_html_()}", encoding="utf-8")
+    page.open(cell, (900, 700))
+    page.wait_for("document.querySelector('iframe').contentWindow.page !== undefined")
+    assert colours(page.screenshot()) > 500
+    assert page.errors == []
+
+
+def test_without_webgl_the_page_says_so(file: Path) -> None:
+    with Page("--disable-3d-apis") as blind:
+        blind.open(file)
+        assert blind.evaluate("document.getElementById('no-webgl').checkVisibility()")
+        assert "WebGL" in blind.evaluate("document.body.innerText")
+        assert not blind.evaluate("document.getElementById('controls').checkVisibility({visibilityProperty: true})")
+        assert blind.errors == []
+
+
+# --- the server
+
+
+def test_a_live_scene_draws_and_changes(page: Page) -> None:
+    scene = circle_scene()
+    with scene.show(browser=False) as server:
+        opened(page, server.url)
+        page.wait_for("page.viewer.scene_tree.children.meshcat?.children.accuracy !== undefined")
+        page.evaluate("page.show(7)")
+        frames = scene.frames
+        assert frames is not None
+        np.testing.assert_allclose(place(page, "arm/body 4"), frames.placements["arm/body 4"][7, :3, 3], atol=1e-6)
+        assert colours(stage(page.screenshot())) > 500
+        scene["extra/box"].set_object(Box([0.2, 0.2, 0.2]))
+        page.wait_for("page.viewer.scene_tree.children.meshcat.children.extra !== undefined")
+        scene["extra"].delete()
+        page.wait_for("page.viewer.scene_tree.children.meshcat.children.extra === undefined")
+        assert page.evaluate("document.getElementById('gone').hidden")
+        assert all(url.startswith((server.url, "data:")) for url in page.requests)
+        assert page.errors == []
+    page.wait_for("!document.getElementById('gone').hidden")
+
+
+def test_what_is_put_on_later_is_there_after_a_reload(page: Page) -> None:
+    scene: Any = Scene("empty")
+    with scene.show(browser=False) as server:
+        scene["box"].set_object(Box([0.2, 0.2, 0.2]))
+        for _ in range(2):
+            opened(page, server.url)
+            page.wait_for("page.viewer.scene_tree.children.meshcat !== undefined")
+            assert page.evaluate(NAMES) == ["box", "box/<object>"]

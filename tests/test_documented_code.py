@@ -1,0 +1,231 @@
+"""Every code block of the README and of the documentation runs, and says what the page says that it says.
+
+The blocks of a page build on each other: they run in order, in one folder, the Python ones in one module. A ``python`` block
+is run statement by statement, a ``sh`` block line by line, by the ``aacmm-pin`` of this environment. Then
+
+- a ``text`` block is the output of the block before it; ``…`` stands for anything;
+- a number with a decimal point in a comment behind a statement is among the numbers that this statement printed;
+- ``toml``, ``csv`` and ``json`` behind ``<!-- file: NAME -->`` are files that later blocks use, otherwise they are read.
+
+Only commands that ``.ci/run`` takes from the README and runs itself are left out, behind the mark that it looks for.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import csv
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+import tokenize
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import pytest
+from markdown_it import MarkdownIt
+
+ROOT = Path(__file__).parents[1]
+SITE = ROOT / "notebooks" / "site"
+PAGES = [ROOT / "README.md", *sorted(SITE.rglob("*.md"))]
+RUN_BY_CI = ("demo-command", "test-command", "docs-command")
+DIRECTIVES = ("{include}", "{toctree}", "{eval-rst}", "{figure}")
+DATA = {"toml": tomllib.loads, "json": json.loads, "csv": lambda text: list(csv.reader(io.StringIO(text), strict=True))}
+NUMBER = re.compile(r"(?<![\w.])-?\d+\.\d+(?:e[+-]?\d+)?(?![\w.]*\d)")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block, its first line in the page, and the comment that stands directly before it."""
+
+    language: str
+    text: str
+    line: int
+    mark: str
+
+
+def blocks(page: str) -> list[Block]:
+    found, mark = [], ""
+    for token in MarkdownIt().parse(page):
+        if token.type == "fence":
+            assert token.map is not None
+            found.append(Block(token.info.partition(" ")[0], token.content, token.map[0] + 2, mark))
+        comment = re.fullmatch(r"<!-- (.*) -->\s*", token.content) if token.type == "html_block" else None
+        mark = comment[1] if comment else ""
+    return found
+
+
+class Page:
+    """A page as it runs, in the current folder."""
+
+    def __init__(self, module: ModuleType) -> None:
+        self.module, self.said = module, ""
+
+    def run_all(self, found: list[Block]) -> None:
+        for block in found:
+            self.run(block)
+
+    def run(self, block: Block) -> None:
+        if block.mark in RUN_BY_CI:
+            self.said = ""
+        elif block.language == "python":
+            self.said = "".join(self.python(block))
+        elif block.language == "sh":
+            self.said = "".join(map(shell, lines(block.text)))
+        elif block.language == "text":
+            assert says(self.said, block.text), f"said:\n{self.said}\nclaimed:\n{block.text}"
+        elif block.language in DATA:
+            assert DATA[block.language](block.text)
+            if block.mark.startswith("file: "):
+                Path(block.mark.removeprefix("file: ")).write_text(block.text, encoding="utf-8")
+        else:
+            assert block.language in DIRECTIVES, (
+                f"a block of {block.language!r}, expected python, sh, text, toml, csv or json"
+            )
+            assert "```" not in block.text, "a directive with code inside is not looked into; use :::"
+
+    def python(self, block: Block) -> list[str]:
+        said, comments = [], comments_of(block.text)
+        for statement in ast.parse(block.text).body:
+            code = compile(ast.Module([statement], []), f"<line {block.line} on>", "exec")
+            with contextlib.redirect_stdout(io.StringIO()) as out:
+                exec(code, self.module.__dict__)
+            said.append(out.getvalue())
+            for line in range(statement.lineno, (statement.end_lineno or 0) + 1):
+                if said[-1] and not isinstance(statement, ast.FunctionDef | ast.ClassDef):
+                    missing = not_said(comments.get(line, ""), said[-1])
+                    assert not missing, f"{missing} claimed in line {block.line + line - 1}, said: {said[-1]}"
+        return said
+
+
+def comments_of(code: str) -> dict[int, str]:
+    tokens = tokenize.generate_tokens(io.StringIO(code).readline)
+    return {token.start[0]: token.string for token in tokens if token.type == tokenize.COMMENT}
+
+
+def lines(text: str) -> list[str]:
+    return [line for line in text.replace("\\\n", " ").splitlines() if line.strip() and not line.startswith("#")]
+
+
+def shell(line: str) -> str:
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    environment = os.environ | {"PATH": path, "COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", line],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, f"{line}: exit status {done.returncode}\n{done.stdout}"
+    return done.stdout
+
+
+def says(said: str, claimed: str) -> bool:
+    """Whether an output is the claimed one, ``…`` being anything; blanks at the ends of lines do not count."""
+    said, claimed = ("\n".join(map(str.rstrip, text.strip("\n").splitlines())) for text in (said, claimed))
+    return re.fullmatch(".*?".join(map(re.escape, claimed.split("…"))), said, re.DOTALL) is not None
+
+
+def not_said(comment: str, said: str) -> list[str]:
+    """Numbers of a comment that no number of the output rounds to."""
+    printed = [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e[+-]?\d+)?", said)]
+
+    def rounded(value: float, like: str) -> str:
+        mantissa, _, exponent = like.partition("e")
+        digits = len(mantissa.partition(".")[2])
+        return f"{value:.{digits}e}" if exponent else f"{value:.{digits}f}"
+
+    return [n for n in NUMBER.findall(comment) if not any(rounded(p, n) == rounded(float(n), n) for p in printed)]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_block_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    module = ModuleType("documented")
+    monkeypatch.setitem(sys.modules, "documented", module)
+    page = Page(module)
+    with mpl.rc_context({"backend": "Agg"}):
+        for block in blocks(path.read_text(encoding="utf-8")):
+            try:
+                page.run(block)
+            except BaseException as error:
+                error.add_note(f"{path.relative_to(ROOT)}, the {block.language} block at line {block.line}")
+                raise
+        plt.close("all")
+
+
+def test_what_is_left_out_is_run_by_ci() -> None:
+    script, readme = (ROOT / ".ci" / "run").read_text(encoding="utf-8"), blocks(PAGES[0].read_text(encoding="utf-8"))
+    for mark in RUN_BY_CI:
+        assert f"readme_command {mark})" in script
+        (command,) = [block for block in readme if block.mark == mark]
+        assert command.language == "sh"
+        assert len(lines(command.text)) == 1
+
+
+def test_no_page_is_of_another_kind() -> None:
+    """Pages that are no Markdown would not be looked at."""
+    assert len(PAGES) > 5
+    assert {path.suffix for path in SITE.rglob("*") if path.is_file() and "__pycache__" not in path.parts} <= {
+        ".md",
+        ".py",
+        ".css",
+    }
+
+
+PAGE = """
+```python
+x = 0.25
+print(x)  # {claim}, a quarter
+```
+
+```text
+{output}
+```
+
+<!-- file: data.csv -->
+```csv
+a,b
+```
+
+```sh
+cat data.csv  # the file
+{command}
+```
+"""
+
+
+@pytest.mark.parametrize(
+    ("claim", "output", "command", "complaint"),
+    [
+        ("0.25", "0.25", "true", None),
+        ("0.2", "0.…5", "true", None),
+        ("0.26", "0.25", "true", r"\['0.26'\] claimed in line 4"),
+        ("0.25", "0.26", "true", "claimed"),
+        ("0.25", "0.25", "false", "exit status 1"),
+        ("0.25", "0.25", "aacmm-pin accuracy nobody --point 0 0 0", "unknown arm 'nobody'"),
+        ("0.25", "0.25", "true\n```\n\n```ruby\nputs 1", "a block of 'ruby'"),
+        ("0.25", "0.25\n```\n\n```python\n1/0", "true", "division by zero"),
+    ],
+)
+def test_what_is_wrong_is_seen(
+    claim: str, output: str, command: str, complaint: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = blocks(PAGE.format(claim=claim, output=output, command=command))
+    page = Page(ModuleType("documented"))
+    if complaint is None:
+        page.run_all(found)
+        assert page.said == "a,b\n"
+        return
+    with pytest.raises((AssertionError, ZeroDivisionError), match=complaint):
+        page.run_all(found)

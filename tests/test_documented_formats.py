@@ -1,0 +1,155 @@
+"""The keys of files and JSON that the documentation explains are those that are read and written."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+from typer.testing import CliRunner
+
+import aacmm_pin
+from aacmm_pin import arm_file, measurement_columns
+from aacmm_pin.cli import app
+from aacmm_pin.effects import CAUSES
+
+PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
+SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
+NAMED = ("parameters", "acts_on", "working_sectors")
+"""Objects whose keys are names or numbers that vary."""
+NOT_OF_A_COMMAND = ("aacmm-pin/arm/1", "aacmm-pin/table3-diagnosis/1")
+
+
+def documented(section: str) -> dict[str, str]:
+    """Keys in the first column of a section's table, and what is said of each."""
+    rows = re.findall(r"^\| (`.+?) \| (.+) \|$", SECTIONS[section], re.MULTILINE)
+    return {key: words for keys, words in rows for key in re.findall("`(.+?)`", keys)}
+
+
+def keys(value: Any, at: str = "") -> Iterator[str]:
+    """Paths of all that is in a JSON value; empty lists and null are as they stand."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            name = "*" if at.rpartition(".")[2] in NAMED else key
+            yield from keys(inner, f"{at}.{name}" if at else name)
+    elif isinstance(value, list) and value:
+        for inner in value:
+            yield from keys(inner, f"{at}[]")
+    else:
+        yield at
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
+    """Keys that commands wrote, by schema; each of several small outputs adds some."""
+    folder = tmp_path_factory.mktemp("json")
+    data, external, hidden = (str(folder / name) for name in ("data.csv", "external.csv", "hidden.csv"))
+    simulate = ["simulate", "sino6", "--encoder-noise-rad", "8e-6", "-o"]
+    run(
+        [
+            *simulate,
+            data,
+            "--plan",
+            "free",
+            "--records",
+            "60",
+            "--effect",
+            "joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4",
+        ]
+    )
+    run([*simulate, hidden, "--plan", "seats", "--records", "60", "--effect", "base_compliance:compliance_rad_per_nm=3e-5"])
+    lines = Path(data).read_text(encoding="utf-8").splitlines()
+    cells = lines[9].split(",")
+    cells[lines[0].split(",").index("x_mm")] = "999.0"
+    lines[9] = ",".join(cells)
+    Path(external).write_text("\n".join(lines), encoding="utf-8")
+    noise = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
+    found: dict[str, set[str]] = {}
+    for arguments in (
+        ["accuracy", "sino6", "--point", "400", "0", "300", "--count", "12"],
+        ["accuracy", "sino6", "--point", "400", "0", "300", "--count", "12", "--method", "ellipsoid"],
+        ["map", "sino6", "--cells", "3", "3"],
+        ["calibrate", "sino6", data, *noise],
+        ["calibrate", "sino6", external, "--reference-frame", "external", *noise],
+        ["diagnose", "sino6", external, *noise],
+        ["diagnose", "sino6", hidden, "--no-held-out", *noise],
+        [
+            "plan",
+            "sino6",
+            "--split",
+            "encoder_eccentricity:2",
+            "joint_compliance:2",
+            "--data",
+            data,
+            "--records",
+            "4",
+            "--postures",
+            "30",
+        ],
+        ["plan", "sino6", "--records", "4", "--postures", "30"],
+    ):
+        content = json.loads(run([*arguments, "--json", "-"]))
+        found.setdefault(content["schema"], set()).update(keys(content))
+    return found
+
+
+def run(arguments: list[str]) -> str:
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def test_every_schema_has_a_section() -> None:
+    source = "".join(path.read_text(encoding="utf-8") for path in Path(aacmm_pin.__file__).parent.rglob("*.py"))
+    schemas = set(re.findall(r'"(aacmm-pin/[\w-]+/\d+)"', source)) - set(NOT_OF_A_COMMAND)
+    assert {f"`{schema}`" for schema in schemas} <= set(SECTIONS), "explain its keys in notebooks/site/formats.md"
+
+
+@pytest.mark.parametrize("schema", ["accuracy", "map", "calibration", "diagnosis", "plan"])
+def test_json_keys_are_those_that_are_written(schema: str, written: dict[str, set[str]]) -> None:
+    name = f"aacmm-pin/{schema}/1"
+    explained, came = documented(f"`{name}`"), written[name]
+    unexplained = {key for key in came if not known(key, explained)}
+    fields = {f"findings[].{field}" for cause in CAUSES.values() for field in cause.structure()}
+    assert unexplained - (fields if schema == "diagnosis" else set()) == set()
+    never = {
+        key for key, words in explained.items() if not arrived(key, came) and "only" not in words and "null" not in words
+    }
+    assert never == set(), "explained, but never written"
+
+
+def known(key: str, explained: dict[str, str]) -> bool:
+    """Whether a key is explained, or is an empty list or null in place of what is."""
+    return key in explained or any(other.startswith((f"{key}.", f"{key}[")) for other in explained)
+
+
+def arrived(key: str, came: set[str]) -> bool:
+    """Whether a key came, or an empty list or null in its place."""
+    return key in came or any(re.match(re.escape(other) + r"[.\[]", key) for other in came)
+
+
+def fields_of(model: type[BaseModel], at: str = "") -> Iterator[str]:
+    parts = {"joints": arm_file.Row, "uncertainty": arm_file.Uncertainty, "stylus": arm_file.Stylus}
+    parts |= {"effects": arm_file.EffectEntry, "covariance": arm_file.Covariance}
+    for name, field in model.model_fields.items():
+        key = f"{at}{field.alias or name}"
+        if model is arm_file.EffectEntry and name in ("parameters", "uncertainty"):
+            yield f"{key}.*"
+        elif name in parts:
+            yield from fields_of(parts[name], f"{key}[]." if name in ("joints", "effects") else f"{key}.")
+        else:
+            yield key
+
+
+def test_keys_of_the_arm_file() -> None:
+    assert set(documented("Arm file (TOML)")) - {"effects[].joint"} == set(fields_of(arm_file.ArmFile))
+
+
+def test_columns_of_the_measurement_file() -> None:
+    names = {key.removesuffix(" …") for key in documented("Measurement file (CSV)")}
+    numbered = {form.replace("#", "1") for form in measurement_columns.NUMBERED}
+    assert names | {"theta1_rad", "temperature1_c"} == {*measurement_columns.SINGLE, *numbered}

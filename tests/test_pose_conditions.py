@@ -1,0 +1,135 @@
+"""Equations of a pose: derivatives by differences, angles by SciPy, none zero half a turn away; what cannot be asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aacmm_pin import reaching_postures
+from aacmm_pin.angles import wrapped
+from aacmm_pin.arm import Arm
+from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
+from aacmm_pin.limits import into_limits
+from aacmm_pin.pose_conditions import PoseConditions, pointed_off, turned_off
+
+H = 1e-6
+ANGLES = [0.0, 1e-13, 1e-7, 9e-4, 1.1e-3, 0.5, 2.0, 3.1, np.pi - 1e-5]
+SLIDING = """\
+<robot name="slide"> <link name="base"/> <link name="tool"/>
+  <joint name="rail" type="prismatic"> <parent link="base"/> <child link="tool"/> <axis xyz="1 0 0"/>
+    <limit lower="0" upper="1" effort="1" velocity="1"/> </joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_turns_are_the_logarithm(rng: np.random.Generator, angle: float) -> None:
+    axis = rng.normal(size=(20, 3))
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    m = Rotation.from_rotvec(angle * axis).as_matrix()
+    phi, derivative = turned_off(m)
+    np.testing.assert_allclose(phi, angle * axis, rtol=0, atol=1e-15 + 1e-9 * angle)
+    for k, step in enumerate(H * np.eye(3)):
+        ahead, behind = (turned_off(Rotation.from_rotvec(sign * step).as_matrix() @ m)[0] for sign in (1, -1))
+        if angle < 3.14:
+            np.testing.assert_allclose(derivative[:, :, k], (ahead - behind) / (2 * H), rtol=0, atol=2e-7)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_pointing_is_an_angle(rng: np.random.Generator, angle: float) -> None:
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    normals = np.linalg.svd(axis[None, :])[2][1:]
+    away = rng.normal(size=(20, 2)) @ normals
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    direction = np.cos(angle) * axis + np.sin(angle) * away
+    f, slope = pointed_off(direction, axis, normals)
+    np.testing.assert_allclose(f, angle * away @ normals.T, rtol=0, atol=1e-15 + 1e-9 * angle)
+    for turn in H * np.eye(3):  # the derivative holds on the sphere
+        ahead, behind = (direction @ Rotation.from_rotvec(sign * turn).as_matrix().T for sign in (1, -1))
+        by_differences = (pointed_off(ahead, axis, normals)[0] - pointed_off(behind, axis, normals)[0]) / (2 * H)
+        if angle < 3.14:
+            along = np.einsum("nij,nj->ni", slope, (ahead - behind) / (2 * H))
+            np.testing.assert_allclose(along, by_differences, rtol=0, atol=2e-7)
+
+
+def test_half_a_turn_away_is_not_there() -> None:
+    assert np.linalg.norm(turned_off(np.diag([-1.0, -1.0, 1.0])[None])[0]) == pytest.approx(np.pi)
+    axis, normals = np.array([0.0, 0.0, 1.0]), np.eye(3)[:2]
+    assert np.linalg.norm(pointed_off(-axis[None], axis, normals)[0]) == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize("kind", ["point", "axis", "rotation"])
+def test_derivative_by_the_joints(sino6: Arm, rng: np.random.Generator, kind: str) -> None:
+    pose = sino6.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
+    given: dict[str, Any] = {
+        "point": {},
+        "axis": {"tool": sino6.stylus_axis, "axis": pose[:3, 1]},
+        "rotation": {"rotation": pose[:3, :3]},
+    }[kind]
+    conditions = PoseConditions(sino6.chain, pose[:3, 3], **given)
+    system, none = conditions.system(), np.zeros(1, dtype=np.intp)
+    for q in rng.uniform(-np.pi, np.pi, (10, 1, 6)):
+        columns = [(system(q + h, none)[0] - system(q - h, none)[0])[0] / (2 * H) for h in H * np.eye(6)]
+        np.testing.assert_allclose(system(q, none)[1][0], np.column_stack(columns), rtol=0, atol=1e-7)
+    assert system(np.zeros((2, 6)), np.zeros(2, dtype=np.intp))[0].shape == (2, conditions.count)
+
+
+def test_wide_limits_take_the_angle_nearest_to_their_middle(rng: np.random.Generator) -> None:
+    turn = 2 * np.pi
+    limits = np.array([[-turn, turn], [-np.pi, np.pi], [0.0, turn], [-1.0, 3 * turn], [-np.inf, np.inf], [0.5, 1.0]])
+    q = rng.uniform(-20, 20, (500, 6))
+    into = into_limits(q, limits)
+    np.testing.assert_allclose(wrapped(into - q), 0.0, atol=1e-12)
+    images = wrapped(q)[:, :, None] + turn * np.arange(-6, 7)
+    for joint, (lower, upper) in enumerate(limits):
+        middle = 0.0 if np.isinf(lower) else (lower + upper) / 2
+        inside = (images[:, joint] >= lower) & (images[:, joint] <= upper)
+        best = np.where(inside, np.abs(images[:, joint] - middle), np.inf).min(axis=1)
+        there = np.isfinite(best)
+        np.testing.assert_allclose(np.abs(into[there, joint] - middle), best[there], atol=1e-9)
+    assert (np.abs(into[:, [0, 4]]) <= np.pi).all()
+
+
+# --- what is refused
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "said"),
+    [
+        ({}, UnsupportedArmError, "6 joints and a point leave 3 joints free; state a point and an axis .* or a full pose"),
+        ({"axis": [0, 0, 0]}, AacmmError, r"axis is \[0, 0, 0\], expected a direction"),
+        ({"axis": [0, 0]}, ShapeError, r"axis has shape \(2,\)"),
+        ({"axis": [0, 0, 1], "tool": [0, 0, 0]}, AacmmError, r"tool is \[0, 0, 0\]"),
+        ({"tool": [0, 0, 1]}, AacmmError, "tool was given without axis"),
+        ({"axis": [0, 0, 1], "rotation": np.eye(3)}, AacmmError, "expected one of them"),
+        ({"rotation": np.eye(4)}, ShapeError, r"rotation has shape \(4, 4\), expected \(3, 3\)"),
+        ({"rotation": 1.1 * np.eye(3)}, ShapeError, "its columns are off by 2.1e-01"),
+        ({"rotation": -np.eye(3)}, ShapeError, "it is a reflection"),
+        ({"rotation": np.full((3, 3), np.nan)}, ShapeError, "is nan"),
+        ({"rotation": np.eye(3), "count": 2}, AacmmError, "count is 2"),
+    ],
+)
+def test_unusable_conditions(sino6: Arm, given: dict[str, Any], error: type[AacmmError], said: str) -> None:
+    with pytest.raises(error, match=said):
+        reaching_postures(sino6, [0.3, 0.2, 0.1], **given)
+
+
+def test_a_sliding_joint_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "slide.urdf").write_text(SLIDING, encoding="utf-8")
+    with pytest.raises(UnsupportedArmError, match="slide: joint 1 slides"):
+        reaching_postures(Arm.from_urdf(tmp_path / "slide.urdf", "tool"), [0, 0, 0])
+
+
+def test_what_would_fit_is_said(robot_file: Callable[[str], Path]) -> None:
+    five = Arm.from_urdf(robot_file("so101.urdf"), "gripper_frame_link")
+    with pytest.raises(
+        UnsupportedArmError, match=r"5 joints cannot meet the 6 conditions of a full pose; state a point and"
+    ):
+        reaching_postures(five, [0.1, 0, 0.1], rotation=np.eye(3))
+    with pytest.raises(UnsupportedArmError, match=r"state a point and an axis \(single postures\)$"):
+        reaching_postures(five, [0.1, 0, 0.1])

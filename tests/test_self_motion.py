@@ -1,0 +1,166 @@
+"""Self-motion curves: Panda against Newton's method and Jacobians by Pinocchio, SINO6 against the configuration circle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from by_newton import by_newton, gaps, off_polylines
+
+from aacmm_pin import ReachingPostures, configuration_circle, reaching_postures
+from aacmm_pin.angles import wrapped
+from aacmm_pin.arm import Arm
+from aacmm_pin.checks import Array
+
+TURN = 2 * np.pi
+KEPT = Path(__file__).parents[1] / "urdf"
+
+
+@pytest.fixture(scope="module")
+def panda(robot_file: Callable[[str], Path]) -> Arm:
+    return Arm.from_urdf(robot_file("panda.urdf"), "panda_hand_tcp")
+
+
+@pytest.fixture(scope="module")
+def poses(panda: Arm) -> Array:
+    q = np.random.default_rng(5).uniform(*panda.limits.T, (3, 7))
+    return panda.poses(q).placement
+
+
+@pytest.fixture(scope="module")
+def motions(panda: Arm, poses: Array) -> list[ReachingPostures]:
+    return [reaching_postures(panda, pose[:3, 3], rotation=pose[:3, :3], count=720) for pose in poses]
+
+
+def test_every_posture_holds_the_pose(panda: Arm, poses: Array, motions: list[ReachingPostures]) -> None:
+    for pose, motion in zip(poses, motions, strict=True):
+        assert not motion.notes
+        assert motion.search.unseen < 0.011
+        np.testing.assert_allclose(panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9)
+
+
+def test_curves_are_closed_even_and_along_the_null_space(panda: Arm, motions: list[ReachingPostures]) -> None:
+    """Neighbours are equally far apart; the chord between the neighbours of a posture is in the Jacobian's null space."""
+    for motion in motions:
+        for number in np.unique(motion.component):
+            q = motion.q[motion.component == number]
+            way = np.diagonal(gaps(np.roll(q, -1, axis=0), q)).T
+            step = np.linalg.norm(way, axis=1)
+            assert step.max() < 1.02 * step.min()
+            chord = way + np.roll(way, 1, axis=0)
+            chord /= np.linalg.norm(chord, axis=1)[:, None]
+            moved = np.einsum("nij,nj->ni", panda.poses(q).jacobian, chord)
+            assert np.abs(moved).max() < 5 * step.max() ** 2  # of second order in the step
+
+
+def test_newton_by_pinocchio_finds_nothing_beside_the_curves(
+    panda: Arm, poses: Array, motions: list[ReachingPostures], rng: np.random.Generator
+) -> None:
+    for pose, motion in zip(poses, motions, strict=True):
+        brute = by_newton(panda, pose, rng.uniform(-np.pi, np.pi, (300, 7)))
+        assert len(brute) > 100
+        assert off_polylines(brute, motion.component, motion.q).max() < 3e-4
+
+
+def test_limits_are_flags(panda: Arm, motions: list[ReachingPostures]) -> None:
+    """A posture is within limits when every joint is, whole turns apart; the fraction of arc is counted on many postures."""
+    turns = TURN * np.array([-1, 0, 1])
+    for motion in motions:
+        images = motion.q[:, :, None] + turns
+        inside = ((images >= panda.limits[:, :1]) & (images <= panda.limits[:, 1:])).any(axis=2)
+        np.testing.assert_array_equal(motion.broken, ~inside)
+        weights = [motion.travel[motion.component == n].max() for n in np.unique(motion.component)]
+        shares = [motion.within_limits[motion.component == n].mean() for n in np.unique(motion.component)]
+        assert motion.arc_fraction == pytest.approx(np.average(shares, weights=weights), abs=3e-3)
+        assert 0 <= motion.arc_fraction < 1
+
+
+def test_table_and_words(motions: list[ReachingPostures]) -> None:
+    motion = motions[0]
+    table = motion.to_frame()
+    assert list(table)[:3] == ["component", "swivel_deg", "theta1_deg"]
+    assert list(table)[-5:] == ["within_limits", "broken_limits", "x_mm", "y_mm", "z_mm"]
+    assert table["swivel_deg"].isna().all()
+    np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]], np.tile(motion.point * 1e3, (len(table), 1)), atol=1e-6)
+    assert f"{len(motion.curves)} closed curves" in str(motion)
+    assert len(motion.summary()) == len(motion.curves)
+    assert str(motion) in motion._repr_html_()
+
+
+def partner_of(q: Array, motion: ReachingPostures) -> int:
+    """The one component of ``motion`` on which all ``q`` (n, nq) lie."""
+    numbers = np.unique(motion.component)
+    there = [
+        n for n in numbers if off_polylines(q, motion.component[mine := motion.component == n], motion.q[mine]).max() < 5e-3
+    ]
+    assert len(there) == 1
+    return int(there[0])
+
+
+@pytest.mark.parametrize("as_urdf", [False, True])
+def test_sino6_agrees_with_the_configuration_circle(sino6: Arm, rng: np.random.Generator, as_urdf: bool) -> None:
+    """Seeds from closed forms there, spread starts here; DH there, the exported URDF here."""
+    arm = Arm.from_urdf(KEPT / "sino6.urdf", "tip") if as_urdf else sino6
+    for q in rng.uniform(-np.pi, np.pi, (2, 1, 6)):
+        pose = sino6.poses(q).placement[0]
+        axis = pose[:3, :3] @ sino6.stylus_axis
+        circle = configuration_circle(sino6, pose[:3, 3], tip=True, axis=axis, count=24)
+        motion = reaching_postures(arm, pose[:3, 3], axis=axis, tool=sino6.stylus_axis, count=720)
+        assert motion.component.max() == circle.component.max()
+        partners = {partner_of(circle.q[circle.component == n], motion) for n in np.unique(circle.component)}
+        assert len(partners) == motion.component.max()
+        assert np.isnan(motion.swivel).all() == as_urdf
+        if not as_urdf:
+            nearest = np.linalg.norm(gaps(circle.q, motion.q), axis=2).argmin(axis=1)
+            assert np.median(np.abs(wrapped(motion.swivel[nearest] - circle.swivel))) < 0.02
+
+
+def test_a_last_axis_along_the_tool_turns_by_itself(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+    """UR5 with the axis of its last joint held: nothing but that joint moves, all the way round."""
+    ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    pose = ur5.poses(rng.uniform(-np.pi, np.pi, (1, 6))).placement[0]
+    motion = reaching_postures(ur5, pose[:3, 3], axis=pose[:3, 2], count=90)
+    single = reaching_postures(ur5, pose[:3, 3], rotation=pose[:3, :3])
+    assert motion.component.max() == len(single)
+    for number in range(1, len(single) + 1):
+        q = motion.q[motion.component == number]
+        assert np.ptp(q[:, :5], axis=0).max() < 1e-9
+        assert np.diff(np.sort(q[:, 5])) == pytest.approx(TURN / 90)
+
+
+def test_a_singular_pose_is_told(panda: Arm) -> None:
+    """All of Panda's turning axes upright, elbow straight: many joints turn one thing. What is not a curve is said."""
+    pose = panda.poses(np.zeros((1, 7))).placement[0]
+    motion = reaching_postures(panda, pose[:3, 3], rotation=pose[:3, :3], count=30)
+    assert "families" in motion.notes[0]
+    np.testing.assert_allclose(panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("tool", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+def test_curves_that_cross_are_followed_straight_on(
+    robot_file: Callable[[str], Path], rng: np.random.Generator, tool: tuple[float, ...]
+) -> None:
+    """With the tool upright UR5's last axis is level, at times parallel to axes 2 to 4: there J loses rank, curves cross."""
+    ur5 = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    motion = reaching_postures(ur5, [0.4, 0.1, 0.3], axis=[0, 0, -1], tool=tool, count=360)
+    assert not motion.notes
+    assert motion.component.max() == 16
+    assert motion.travel.max() < 9.5  # wrong turns at crossings make longer ones
+    crossings = np.linalg.svd(ur5.poses(motion.q).jacobian, compute_uv=False)[:, -1] < 1e-2
+    assert crossings.any()
+    poses = ur5.poses(motion.q).placement
+    np.testing.assert_allclose(poses[:, :3, 3], np.tile([0.4, 0.1, 0.3], (len(poses), 1)), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(poses[:, :3, :3] @ tool, np.tile([0, 0, -1], (len(poses), 1)), rtol=0, atol=1e-9)
+    turn = rng.uniform(-np.pi, np.pi)  # the whole pose, at random about the tool's axis
+    pose = poses[0].copy()
+    pose[:3, :3] = rotation_about([0, 0, -1], turn) @ pose[:3, :3]
+    brute = by_newton(ur5, pose, rng.uniform(-np.pi, np.pi, (150, 6)))
+    assert len(brute) > 50
+    assert off_polylines(brute, motion.component, motion.q).max() < 1e-3
+
+
+def rotation_about(axis: list[float], angle: float) -> Array:
+    return np.asarray(pin.exp3(angle * np.array(axis, dtype=float)))
