@@ -23,7 +23,10 @@ CARDS, PICTURES = "aacmm_pin.cards", "aacmm_pin.plots"
 
 
 class Shown:
-    """A value that shows itself in Jupyter."""
+    """A value that shows itself: as a card in Jupyter, as a line in IPython."""
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        printer.text(str(self))
 
     def _repr_html_(self) -> str:
         return str(import_module(CARDS).html_of(self))

@@ -164,12 +164,12 @@ def test_records_without_seats_have_no_strip(with_wave: Calibration) -> None:
 
 
 def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave: Calibration) -> None:
-    figure = plot_residuals_over_joints(with_wave)
-    drawn(figure)
-    assert [ax.get_xlabel() for ax in figure.axes] == [f"joint {j} [°]" for j in range(1, 7)]
-    assert figure.axes[0].get_ylabel() == "residual [µm]"
+    panels = plot_residuals_over_joints(with_wave)
+    drawn(panels[0].figure)
+    assert [ax.get_xlabel() for ax in panels] == [f"joint {j} [°]" for j in range(1, 7)]
+    assert panels[0].get_ylabel() == "residual [µm]"
     heights = []
-    for ax in figure.axes:
+    for ax in panels:
         (means,) = (c[0] for c in ax.containers)
         x, y = np.deg2rad(means.get_xdata()), means.get_ydata()
         columns = np.column_stack([np.cos(x), np.sin(x), np.ones_like(x)])
@@ -270,11 +270,36 @@ def test_correlation_hides_what_is_not_told(of_robot: Calibration, at_seats: Cal
     np.testing.assert_allclose(np.diag(whole), 1.0)
 
 
-def test_everything_in_one_figure_that_pyplot_does_not_know(at_seats: Calibration) -> None:
-    figure = plot_calibration(at_seats)
-    drawn(figure)
-    assert isinstance(figure, Figure)
-    assert len(figure.axes) == 5
+def test_everything_in_one_picture(at_seats: Calibration) -> None:
+    panels = plot_calibration(at_seats)
+    drawn(panels[0].figure)
+    assert list(panels[0].figure.axes) == list(panels)
+    assert [ax.get_xlabel() for ax in panels] == [
+        "x [mm]",
+        "x [mm]",
+        "distance of tip and target [mm]",
+        "normalised residual [1]",
+        "change / stated ± [1]; bars: U (k = 2)",
+    ]
+
+
+def test_panels_take_the_place_of_axes_or_an_array_of_them(at_seats: Calibration) -> None:
+    figure = Figure(layout="constrained")
+    left, right = figure.subplots(1, 2)
+    panels = plot_residuals_over_joints(at_seats, ax=right)
+    figure.canvas.draw()
+    assert right not in figure.axes
+    assert list(figure.axes) == [left, *panels]
+    assert min(ax.get_position().x0 for ax in panels) > left.get_position().x1  # in its place, and nowhere else
+    for limits in (ax.get_ylim() for ax in panels):  # one scale
+        assert limits == panels[0].get_ylim()
+
+    own = Figure().subplots(2, 4)
+    assert list(plot_residuals_over_joints(at_seats, ax=own)) == list(own.ravel()[:6])
+    with pytest.raises(AacmmError, match="ax holds 4 axes, expected 6"):
+        plot_residuals_over_joints(at_seats, ax=Figure().subplots(2, 2))
+    with pytest.raises(AacmmError, match="no place in a grid"):
+        plot_calibration(at_seats, Figure().add_axes((0.1, 0.1, 0.8, 0.8)))
     assert plt.get_fignums() == []
 
 

@@ -13,7 +13,6 @@ import pytest
 from blind import draw
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.evidence import StatedNoise
@@ -59,6 +58,7 @@ from aacmm_pin.plots import (
 )
 from aacmm_pin.plots.groups import held_out_parts, residuals_by_group
 from aacmm_pin.plots.partial import partial_residual
+from aacmm_pin.report import blank_axes
 from aacmm_pin.units import DEG, MM
 
 mpl.use("Agg")
@@ -272,9 +272,11 @@ def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> No
     predicted = np.average(joint["predicted_mm"] ** 2, weights=joint["records"])
     noise = np.average(joint["noise_mm"] ** 2, weights=joint["records"])
     assert predicted - noise == pytest.approx(spread / MM**2, rel=1e-3)
-    figure = plot_groups(sound)
-    figure.canvas.draw()
-    assert {ax.get_title() for ax in figure.axes} >= {
+    panels = plot_groups(sound, blank_axes(9.0, 7.0))
+    panels[0].figure.canvas.draw()
+    assert list(panels) == list(panels[0].figure.axes)
+    assert panels[0].get_ylabel() == "RMS [mm]"
+    assert {ax.get_title() for ax in panels} >= {
         "joint 1 [°]",
         "joint 6 [°]",
         "time [s]",
@@ -299,13 +301,13 @@ def test_vectors_on_the_arm_are_as_long_as_the_title_says(sound: Diagnosis, plan
 
 
 def test_the_arm_is_shown_before_and_after_what_helped(sound: Diagnosis, sino6: Arm) -> None:
-    titles = [ax.get_title().split(",")[0] for ax in plot_arm_residuals(sound).axes]
+    titles = [ax.get_title().split(",")[0] for ax in plot_arm_residuals(sound)]
     assert titles == ["simulation", "recalibrated"] * 2
     result, _ = knowing(sound, sino6, CASES[0][0])
-    figure = plot_arm_residuals(result)
-    assert isinstance(figure, Figure)
-    assert [ax.get_title().split(",")[0] for ax in figure.axes] == ["recalibrated", "extended"] * 2
-    assert len({ax.get_title().rpartition(" ")[2] for ax in figure.axes}) == 1
+    panels = plot_arm_residuals(result)
+    assert list(panels) == list(panels[0].figure.axes)
+    assert [ax.get_title().split(",")[0] for ax in panels] == ["recalibrated", "extended"] * 2
+    assert len({ax.get_title().rpartition(" ")[2] for ax in panels}) == 1
 
 
 def test_parts_left_out(sound: Diagnosis) -> None:

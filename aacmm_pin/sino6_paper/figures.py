@@ -28,8 +28,8 @@ def draw_table2(result: Table2, ax: Axes | None = None) -> Axes:
     ax.set_yticks([0, 10, 100, 1000], ["0", "10", "100", "1000"])
     ax.set_yticks([], minor=True)
     ax.set_xticks(place)
-    ax.set_xlabel("working sectors of 12")
-    ax.set_ylabel("cells of 48 × 48 (linear below 10)")
+    ax.set_xlabel("working sectors of 12 [1]")
+    ax.set_ylabel("cells of the joint-space grid, linear below 10 [1]")
     distance = 100 * result.total_variation
     ax.set_title(f"Table 2: total variation distance of printed and reproduced counts {distance:.1f} %", fontsize=10)
     ax.legend(frameon=False, fontsize=8, loc="upper left", ncols=3)

@@ -1,0 +1,192 @@
+"""Bars: on a terminal's stderr and nowhere else, in a notebook as widgets; gone before an interrupt is told."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tqdm.auto import tqdm
+
+from aacmm_pin import Arm, calibrate, circle_accuracy, configuration_circle, diagnose, plan_measurements, progress
+from aacmm_pin import simulate_measurements as simulated
+from aacmm_pin.progress import bar, watched
+
+WORK = """
+import time
+from aacmm_pin import progress
+progress.DELAY = 0.0
+with progress.watched(range(5), True, "counting", "step") as steps:
+    for _ in steps:
+        time.sleep(0.15)
+print("done")
+"""
+
+
+def on_a_terminal(code: str, interrupt_after: float | None = None) -> tuple[str, str, int]:
+    """stdout, what stderr shows on a terminal of its own, and the exit status."""
+    ours, theirs = pty.openpty()
+    words = [sys.executable, "-c", textwrap.dedent(code)]
+    child = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=theirs, text=True, start_new_session=True)
+    os.close(theirs)
+    shown = b""
+    started = time.monotonic()
+    interrupted = False
+    while True:
+        try:
+            part = os.read(ours, 4096)
+        except OSError:  # the child has closed its end
+            break
+        if not part:
+            break
+        shown += part
+        if interrupt_after is not None and not interrupted and b"counting" in shown:
+            time.sleep(interrupt_after)
+            child.send_signal(signal.SIGINT)
+            interrupted = True
+        assert time.monotonic() - started < 120
+    os.close(ours)
+    out = child.communicate(timeout=60)[0]
+    return out, shown.decode(), child.returncode
+
+
+def test_a_terminal_shows_a_bar_on_stderr_that_is_gone_in_the_end() -> None:
+    out, err, status = on_a_terminal(WORK)
+    assert (out, status) == ("done\n", 0)
+    assert re.search(r"counting: +\d+%", err)
+    assert "5/5" in err or "4/5" in err
+    assert err.rpartition("\r")[0].rpartition("\r")[2].strip() == ""  # wiped out
+
+
+def test_a_pipe_shows_nothing() -> None:
+    done = subprocess.run([sys.executable, "-c", WORK], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("done\n", "")
+
+
+def test_an_interrupt_is_told_on_a_clean_line() -> None:
+    code = """
+    import sys, time
+    from aacmm_pin import progress
+    progress.DELAY = 0.0
+    try:
+        with progress.watched(range(500), True, "counting", "step") as steps:
+            for _ in steps:
+                time.sleep(0.05)
+    except KeyboardInterrupt:
+        sys.stderr.write("stopped\\n")
+        sys.exit(130)
+    """
+    _, err, status = on_a_terminal(code, interrupt_after=0.3)
+    assert status == 130
+    last = err.replace("\r\n", "\n").rstrip("\n").rpartition("\r")[2]
+    assert last == "stopped"
+
+
+def test_short_work_shows_no_bar() -> None:
+    out, err, _ = on_a_terminal(
+        "from aacmm_pin.progress import watched\nwith watched(range(3), True, 'x', 'y') as s: list(s)"
+    )
+    assert (out, err) == ("", "")
+
+
+class Recorder(tqdm):  # type: ignore[type-arg]
+    """A bar that writes down what it was for."""
+
+    seen: list[tuple[str, bool, int]]
+
+    def close(self) -> None:
+        if not getattr(self, "written", False):
+            self.written = True
+            Recorder.seen.append((str(getattr(self, "title", "")), self.disable, getattr(self, "total", 0) or 0))
+        super().close()
+
+    def __init__(self, *args: Any, **named: Any) -> None:
+        self.title = named.get("desc")
+        super().__init__(*args, **named)
+
+
+@pytest.fixture
+def bars(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool, int]]]:
+    Recorder.seen = []
+    monkeypatch.setattr(progress, "tqdm", Recorder)
+    return Recorder.seen
+
+
+def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(bars: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    for notebook, asked, disabled in ((True, True, False), (False, True, True), (True, False, True), (False, None, True)):
+        monkeypatch.setattr(progress, "IN_NOTEBOOK", notebook)
+        with bar(asked, "x", "y", total=1):
+            pass
+        assert bars.pop()[1] is disabled
+
+
+def test_a_function_is_given_the_steps() -> None:
+    given: list[list[int]] = []
+
+    def mine(steps: Iterable[int]) -> Iterable[int]:
+        given.append(list(steps))
+        return reversed(given[0])
+
+    with watched(range(3), mine, "x", "y") as steps:
+        assert list(steps) == [2, 1, 0]
+    assert given == [[0, 1, 2]]
+
+
+def test_long_work_has_bars(bars: list[tuple[str, bool, int]], sino6: Arm) -> None:
+    data = simulated(sino6, "free", 60, rng=np.random.default_rng(1))
+    diagnose(sino6, data, encoder_noise=8e-6)
+    names = [name for name, *_ in bars]
+    assert names[0] == "search for causes"
+    assert "held-out blocks" in names
+    bars.clear()
+    calibrate(sino6, data, encoder_noise=8e-6)
+    assert [(name, total) for name, _, total in bars] == [("held-out records", 10), ("held-out blocks", 10)]
+    bars.clear()
+    plan_measurements(sino6, ("joint_compliance:2", "encoder_eccentricity:2"), 3, postures=40)
+    assert [(name, total) for name, _, total in bars] == [("plan", 3)]
+    bars.clear()
+    circle = configuration_circle(sino6, [0.03, -0.67, 0.18], count=5)
+    circle_accuracy(circle, method="monte-carlo", rng=np.random.default_rng(1), draws=100)
+    circle_accuracy(circle)
+    assert [(name, total) for name, _, total in bars] == [("Monte Carlo", 5)]
+
+
+def test_a_function_of_a_caller_wraps_what_is_left_out(sino6: Arm) -> None:
+    data = simulated(sino6, "free", 60, rng=np.random.default_rng(1))
+    lengths: list[int] = []
+
+    def mine(steps: Iterable[int]) -> Iterable[int]:
+        lengths.append(len(list(steps)))
+        return steps
+
+    diagnose(sino6, data, encoder_noise=8e-6, progress=mine)
+    assert lengths == [10]
+
+
+def test_a_diagnosis_at_a_terminal(tmp_path: Path, sino6: Arm) -> None:
+    """The bars of a command are on stderr; stdout has the findings alone."""
+    simulated(sino6, "free", 80, rng=np.random.default_rng(1)).save(tmp_path / "d.csv")
+    code = f"""
+    import sys
+    from aacmm_pin import progress
+    progress.DELAY = 0.0
+    from aacmm_pin.cli import app
+    sys.argv = ["aacmm-pin", "diagnose", "sino6", {str(tmp_path / "d.csv")!r}, "--encoder-noise-rad", "8e-6", "--json", "-"]
+    app()
+    """
+    out, err, status = on_a_terminal(code)
+    assert status == 0
+    assert out.startswith("{\n")
+    assert out.endswith("}\n")
+    assert "search for causes" in err
+    assert re.search(r"held-out blocks: +\d+%", err)

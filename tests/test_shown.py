@@ -1,0 +1,453 @@
+"""Cards and pictures as a user meets them: whatever a name of the package gives shows itself, and draws itself."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import aacmm_pin
+from aacmm_pin import (
+    Arm,
+    Calibration,
+    Conditions,
+    Diagnosis,
+    ErrorModel,
+    accuracy_volume,
+    calibrate,
+    cards,
+    circle_accuracy,
+    configuration_circle,
+    diagnose,
+    map_workspace,
+    plan_measurements,
+    plots,
+    simulate_measurements,
+    single_point_statistics,
+    sino6_paper,
+)
+from aacmm_pin.calibration.result import PICTURES
+from aacmm_pin.cards.card import html_of
+from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError, StylusOffset
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.monte_carlo import length_uncertainty, point_uncertainty
+from aacmm_pin.noise import Noise
+from aacmm_pin.parameter import Parameter
+from aacmm_pin.shown import Shown
+from aacmm_pin.table3_diagnosis import Table3Diagnosis
+from aacmm_pin.table3_diagnosis.contrast import Contrast
+from aacmm_pin.table3_diagnosis.extended import HeldOutSeats
+from aacmm_pin.table3_diagnosis.strict_pick import StrictPick
+
+mpl.use("Agg")
+
+ROOT = Path(aacmm_pin.__file__).parent
+POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
+READINGS = 8e-6
+NASTY = "<script>alert('1 & 2')</script>"
+VOID = {"br", "hr", "img", "input", "meta", "link", "path", "use"}
+
+
+@pytest.fixture(autouse=True)
+def _close_figures() -> Iterator[None]:
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def arm(sino6: Arm) -> Arm:
+    return replace(sino6, name=NASTY)
+
+
+@pytest.fixture(scope="module")
+def hidden() -> tuple[EncoderEccentricity, JointCompliance]:
+    return EncoderEccentricity(3, values=(1e-4, 0.0)), JointCompliance(2, values=(2e-5,))
+
+
+@pytest.fixture(scope="module")
+def calibration(arm: Arm, hidden: Any) -> Calibration:
+    data = simulate_measurements(ErrorModel(arm, hidden), "free", 60, rng=np.random.default_rng(1))
+    return calibrate(arm, data, ["geometry", EncoderEccentricity(3)], encoder_noise=READINGS)
+
+
+@pytest.fixture(scope="module")
+def found(arm: Arm, hidden: Any) -> Diagnosis:
+    data = simulate_measurements(ErrorModel(arm, hidden), "free", 80, rng=np.random.default_rng(1))
+    return diagnose(arm, data, encoder_noise=READINGS)
+
+
+@pytest.fixture(scope="module")
+def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, robot_file: Any) -> dict[str, Any]:
+    """One of everything that shows itself, of an arm with a nasty name."""
+    circle = configuration_circle(arm, POINT, count=24)
+    accuracy = circle_accuracy(circle)
+    rng, noise = np.random.default_rng(2), Noise.of(6, encoder=READINGS)
+    q = circle.q[circle.within_limits]
+    plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
+    table2 = sino6_paper.reproduce_table2(grid=6)
+    return {
+        "Arm": arm,
+        "Arm of a URDF": Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5),
+        "DHTable": arm.dh,
+        "Parameter": arm.parameters[0],
+        "Effect": hidden[0],
+        "ErrorModel": found.model,
+        "Poses": arm.poses(q),
+        "Conditions": Conditions(3, temperature=np.array([19.0, 20.0, 22.5])),
+        "Noise": noise,
+        "Measurements": replace(calibration.fit.problem.measurements, source=NASTY),
+        "ConfigurationCircle": circle,
+        "Flexibility": circle.flexibility(),
+        "AccuracyVolume": accuracy,
+        "ErrorSources": accuracy.sources,
+        "WorkspaceMap": map_workspace(arm, (3, 3), 4, progress=False),
+        "SinglePoint": single_point_statistics(rng.normal(size=(9, 3)) * 1e-5, np.arange(9) < 4),
+        "PointUncertainty": point_uncertainty(arm, q[:1], noise=noise, rng=rng, draws=200),
+        "LengthUncertainty": length_uncertainty(arm, q[:1], q[3:4], noise=noise, rng=rng, draws=200),
+        "Calibration": calibration,
+        "HeldOut": calibration.held_out[0],
+        "Observability": calibration.observability,
+        "Diagnosis": found,
+        "Finding": found.findings[0],
+        "Alias": found.findings[0].aliases[0],
+        "Gain": found.held_out,
+        "Unexplained": found.unexplained,
+        "OddGroup": aacmm_pin.diagnosis.OddGroup(f"bar {NASTY}", 7, 3.25, 1e-9),
+        "MeasurementPlan": plan,
+        "Tried": plan.tried[-1],
+        "Power": plan.after,
+        "Table2": table2,
+        "Table3": sino6_paper.predict_table3(rng, 20),
+        "NominalArm": sino6_paper.sino6_nominal(),
+    }
+
+
+class Parser(HTMLParser):
+    """The text of HTML whose tags close in their order, and of each kind of tag how many there are."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.words: list[str] = []
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data.strip())
+
+    @property
+    def text(self) -> str:
+        return " ".join(filter(None, self.words))
+
+
+OF_TABLE_3 = {Table3Diagnosis, Contrast, HeldOutSeats, StrictPick}
+"""These take long; ``test_table3_diagnosis`` shows them."""
+
+
+def test_every_class_that_a_user_meets_shows_itself(values: dict[str, Any]) -> None:
+    classes = [c for c in (getattr(aacmm_pin, name) for name in aacmm_pin.__all__) if isinstance(c, type)]
+    silent = {c.__name__ for c in classes if not issubclass(c, Shown | Exception)}
+    assert silent == set()
+    shown = {type(value) for value in values.values()}
+    for kind in html_of.registry:
+        if kind not in (object, *OF_TABLE_3):
+            assert any(issubclass(one, kind) for one in shown), kind
+    assert {c for c in Shown.__subclasses__() if html_of.dispatch(c) is html_of.dispatch(object)} == set()
+
+
+def test_a_card_is_well_formed_and_escaped(values: dict[str, Any]) -> None:
+    for name, value in values.items():
+        html = value._repr_html_()
+        card = Parser(html)
+        assert "script" not in card.tags, name
+        assert "<script" not in html.lower(), name
+        if name != "WorkspaceMap":  # xarray brings a style sheet of its own
+            assert "nan" not in re.findall(r"[a-z]+", card.text), name
+            assert "style" not in card.tags, name
+            assert "color" not in html, name
+    for name in ("Arm", "ErrorModel", "Calibration", "Diagnosis", "AccuracyVolume", "OddGroup", "Measurements"):
+        assert NASTY in Parser(values[name]._repr_html_()).text
+
+
+def text_of(value: Any) -> str:
+    return Parser(value._repr_html_()).text
+
+
+def test_an_arm_shows_its_table(values: dict[str, Any], sino6: Arm) -> None:
+    card = text_of(sino6)
+    file = sino6.file
+    assert file is not None
+    for row in file.joints:
+        assert row.uncertainty is not None
+        assert f"{row.a_mm:.5f} ± {row.uncertainty.a_mm:.5f}" in card
+        low, high = np.rad2deg(row.limits_rad or ())
+        assert f"{low:.5g} to {high:.5g}" in card
+        assert f"{row.mass_kg:g}" in card
+        if row.uncertainty.alpha_rad:
+            assert f"{np.rad2deg(row.alpha_rad):.5f} ± {np.rad2deg(row.uncertainty.alpha_rad):.5f}" in card
+    assert file.source in card
+    assert "encoder u" not in card
+    noisy = text_of(replace(sino6, encoder_noise=np.full(6, 7.5e-6)))
+    assert "encoder u [µrad]" in noisy
+    assert "7.5" in noisy
+    assert "no accuracy" in text_of(Arm.load("zero6"))
+
+
+def test_an_arm_of_a_urdf_shows_names_axes_and_limits(values: dict[str, Any]) -> None:
+    ur5 = values["Arm of a URDF"]
+    card = text_of(ur5)
+    for name in ur5.model.names[1:]:
+        assert name in card
+    assert ur5.joint_axes.shape == (6, 3)
+    assert "(0, 1, 0)" in card  # the shoulder lifts about y, by the URDF
+    assert "-360 to 360" in card
+    assert "0.05, 0.05, 0.05" in card
+
+
+def test_a_calibration_shows_its_numbers(calibration: Calibration) -> None:
+    card = text_of(calibration)
+    for rms in (calibration.rms_before, calibration.rms, *(h.rms_after for h in calibration.held_out)):
+        assert f"{rms * 1e3:.4f}" in card
+    for row in calibration.parameters.to_dict("records"):
+        assert str(row["parameter"]) in card
+        form = ".5f" if row["unit"] == "mm" else ".7f"
+        assert f"{row['after']:{form}} {row['unit']}" in card
+    for note in calibration.notes:
+        assert note in card
+
+
+def test_a_diagnosis_shows_verdict_causes_and_sizes(found: Diagnosis) -> None:
+    card = text_of(found)
+    assert card.startswith(f"{found.verdict.capitalize()}.")
+    assert {f.label for f in found.findings} == {"encoder_eccentricity:3", "joint_compliance:2"}
+    for size in found.rms.values():
+        assert f"{size * 1e3:.4f}" in card
+    for finding in found.findings:
+        assert f"joint {finding.joint}" in card
+        for key, (value, u) in finding.parameters.items():
+            shown = np.rad2deg(value) if key == "phase_rad" else value * 1e6
+            wide = 2 * (np.rad2deg(u) if key == "phase_rad" else u * 1e6)
+            numbers = [float(n) for n in re.findall(r"-?\d+\.?\d*(?= ±)", card)]
+            assert min(abs(n - shown) for n in numbers) < 0.06 * wide
+    assert found.held_out is not None
+    assert f"{100 * found.held_out.gain:.0f} % less" in card
+    assert f"{int(found.extended.used.sum())} records used" in card
+    assert found.next_measurements in card
+    assert text_of(found.held_out).count(f"{found.held_out.gain:.2f}")
+
+
+def test_parameters_stand_in_units_that_people_read() -> None:
+    length = text_of(Parameter.bounded("d3", "d", 3, "m", 0.70095, 3e-5))
+    assert "700.95000 mm 30 µm 17.32 µm" in length
+    angle = text_of(Parameter("x", "theta_offset", None, "rad", 0.01, None, 4e-6))
+    assert "0.0100000 rad – 4 µrad" in angle
+    assert "100 ± 20 µrad" in text_of(EncoderEccentricity(3, values=(1e-4, 0.0), u=(1e-5, 1e-5)))
+    assert "µm" in text_of(SeatError("S1", values=(1e-5, 0.0, 0.0)))
+    assert "stylus offset" in text_of(StylusOffset(values=(1e-4, 0.0, 0.0)))
+
+
+def test_accuracy_and_single_point_show_theirs(values: dict[str, Any]) -> None:
+    accuracy, point = values["AccuracyVolume"], values["SinglePoint"]
+    card = text_of(accuracy)
+    for size in (accuracy.u.min(), np.median(accuracy.u), accuracy.u.max()):
+        assert f"{size * 1e6:.2f}" in card
+    assert str(accuracy.budget()["parameter"][0]) in card
+    for size in (point.sigma, point.part, point.rest):
+        assert f"{size * 1e6:.2f}" in text_of(point)
+    sectors = values["Flexibility"].sectors
+    assert text_of(values["Flexibility"]).count("works") == sum(sectors)
+
+
+def test_long_text_is_not_cut(values: dict[str, Any]) -> None:
+    """pandas would cut a cell after fifty letters."""
+    source = "a" * 70
+    aliased = text_of(replace(values["MeasurementPlan"].tried[0], words=source, why_not=source))
+    assert aliased.count(source) == 2
+    labels = np.array([source, source, ""], dtype=object)
+    assert source in text_of(Conditions(3, session=labels))
+
+
+def test_in_a_console_a_value_is_a_line(found: Diagnosis) -> None:
+    written: list[str] = []
+
+    class Printer:
+        def text(self, text: str) -> None:
+            written.append(text)
+
+    found._repr_pretty_(Printer(), False)
+    assert written == [str(found)]
+
+
+# Pictures ---------------------------------------------------------------------------------------------------------------
+
+
+def drawings(values: dict[str, Any]) -> list[tuple[str, Callable[..., Any]]]:
+    calibration, found = values["Calibration"], values["Diagnosis"]
+    circle, map_ = values["ConfigurationCircle"], values["WorkspaceMap"]
+    accuracy = values["AccuracyVolume"]
+    single = [
+        ("accuracy", accuracy.plot),
+        ("accuracy by joint", lambda ax=None: accuracy.plot("joint", ax=ax)),
+        ("map", map_.plot),
+        *((q, lambda ax=None, q=q: map_.plot(q, ax)) for q in plots.QUANTITIES),
+        *((f"calibration {w}", lambda ax=None, w=w: calibration.plot(w, ax)) for w in PICTURES if w != "seats"),
+        ("diagnosis", found.plot),
+        ("second cause", lambda ax=None: found.plot(1, ax)),
+        ("a cause", lambda ax=None: found.plot(found.findings[0], ax)),
+        *((f"diagnosis {w}", lambda ax=None, w=w: found.plot(w, ax)) for w in ("rms", "groups", "arm", "held_out")),
+        ("Table 2", values["Table2"].plot),
+        ("Table 3", values["Table3"].plot),
+    ]
+    return [*single, ("circle", circle.plot), ("circle, accuracy", lambda ax=None: circle.plot(accuracy, 3, ax))]
+
+
+def test_plot_draws_on_given_axes_and_every_axis_has_a_unit(values: dict[str, Any]) -> None:
+    for name, draw in drawings(values):
+        kind = {"projection": "3d"} if name.startswith("circle") else {}
+        ax = Figure(layout="constrained").add_subplot(**kind)
+        whole = ax.figure
+        axes = draw(ax=ax)
+        assert plt.get_fignums() == [], name
+        if isinstance(axes, np.ndarray):  # panels, in the place of the axes
+            assert all(isinstance(one, Axes) and one.figure is whole for one in axes), name
+        else:
+            assert axes is ax, name
+        whole.canvas.draw()
+        for one in whole.axes:  # colour bars too
+            check_units(name, one)
+
+
+def check_units(name: str, ax: Axes) -> None:
+    """Every axis of numbers has a label with a unit; names of things need none; panels share that of the first."""
+    labels = {"x": ax.get_xlabel(), "y": ax.get_ylabel()} | ({"z": ax.get_zlabel()} if hasattr(ax, "get_zlabel") else {})
+    for axis, label in labels.items():
+        ticks = [tick.get_text() for tick in getattr(ax, f"get_{axis}ticklabels")() if tick.get_text()]
+        numbers = [t for t in ticks if re.fullmatch(r"[−-]?[\d.]+", t)]
+        if len(numbers) < len(ticks) or not ticks or label in ("seat", "point", "block of joint space left out"):
+            continue
+        assert re.search(r"\[.+\]", label), (name, axis, label, ticks)
+
+
+def test_plot_without_axes_makes_a_pyplot_figure(values: dict[str, Any]) -> None:
+    ax = values["AccuracyVolume"].plot()
+    assert plt.get_fignums() == [ax.figure.number]
+    panels = values["Calibration"].plot("joints")
+    assert len(plt.get_fignums()) == 2
+    assert len(panels) == 6
+
+
+def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(found: Diagnosis) -> None:
+    assert "compliance under gravity of joint 2" in found.plot().get_title()
+    assert "encoder eccentricity of joint 3" in found.plot(1).get_title()
+    nothing = replace(found, findings=())
+    assert nothing.plot().get_xlabel() == "RMS distance of tip and target [mm]"
+    with pytest.raises(AacmmError, match="finding 2 was asked for, this diagnosis has 2"):
+        found.plot(2)
+    with pytest.raises(UnknownNameError, match=r"unknown picture 'size'; known: rms, groups, arm, held_out"):
+        found.plot("size")
+    with pytest.raises(AacmmError, match="expected axes: this picture has one panel"):
+        found.plot(0, np.empty(2, dtype=object))
+
+
+def test_unknown_pictures_are_refused(values: dict[str, Any]) -> None:
+    with pytest.raises(UnknownNameError, match="unknown picture 'residuals'; known: sizes, vectors"):
+        values["Calibration"].plot("residuals")
+    with pytest.raises(UnknownNameError, match="unknown quantity 'u'; known: comprehensive_mm3"):
+        values["WorkspaceMap"].plot("u")
+
+
+# The door ---------------------------------------------------------------------------------------------------------------
+
+
+def names_asked_for() -> Iterator[str]:
+    """Names of functions of ``plots`` that modules ask the door for."""
+    for path in ROOT.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            asks = isinstance(node, ast.Call) and getattr(node.func, "id", "") == "drawn"
+            if asks and isinstance(node.args[0], ast.Constant):
+                yield str(node.args[0].value)
+
+
+def test_every_name_behind_the_door_is_there() -> None:
+    asked = list(names_asked_for())
+    assert len(asked) >= 5
+    for name in (*asked, *PICTURES.values()):
+        assert name in plots.__all__
+        assert callable(getattr(plots, name))
+
+
+def test_no_other_module_finds_modules_by_name() -> None:
+    found = []
+    for path in ROOT.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if "import_module" in text or "__import__" in text:
+            found.append(path.relative_to(ROOT).as_posix())
+    assert found == ["shown.py"]
+
+
+def test_importing_the_package_loads_neither_matplotlib_nor_the_cards() -> None:
+    code = "import aacmm_pin, sys; print(*(n for n in sys.modules if n in ('matplotlib', 'aacmm_pin.cards', 'jinja2')))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+def test_every_plot_function_takes_axes() -> None:
+    for name in plots.__all__:
+        if name.startswith("plot_"):
+            assert "ax" in getattr(plots, name).__annotations__, name
+    assert cards.html_of is html_of
+
+
+# Names in the place of arms ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda m, data: diagnose(m, data),
+        lambda m, data: calibrate(m, data),
+        lambda m, data: accuracy_volume(m, np.zeros((1, 6))),
+        lambda m, data: configuration_circle(m, POINT),
+        lambda m, data: map_workspace(m, (1, 1)),
+        lambda m, data: plan_measurements(m),
+        lambda m, data: simulate_measurements(m, "free", 3, rng=np.random.default_rng(1)),
+    ],
+)
+def test_the_name_of_an_arm_is_answered_with_how_to_load_it(call: Any, calibration: Calibration) -> None:
+    data = calibration.fit.problem.measurements
+    with pytest.raises(AacmmError, match=r"is 'sino6', expected an arm: Arm\.load\('sino6'\)"):
+        call("sino6", data)
+    with pytest.raises(AacmmError, match="of type int, expected an Arm"):
+        call(3, data)
+
+
+def test_other_mix_ups_are_named(sino6: Arm) -> None:
+    with pytest.raises(AacmmError, match=r"type ErrorModel, expected an Arm of the model: its \.arm"):
+        configuration_circle(ErrorModel(sino6), POINT)  # type: ignore[arg-type]
+    for function in (diagnose, calibrate):
+        with pytest.raises(AacmmError, match=r"expected Measurements: Measurements\.read\('data\.csv', nq\)"):
+            function(sino6, "data.csv")  # type: ignore[arg-type]
