@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import re
 import signal
+import struct
 import subprocess
 import sys
+import termios
 import textwrap
 import time
 from collections.abc import Iterable, Iterator
@@ -36,6 +39,7 @@ print("done")
 def on_a_terminal(code: str, interrupt_after: float | None = None) -> tuple[str, str, int]:
     """stdout, what stderr shows on a terminal of its own, and the exit status."""
     ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 100, 0, 0))  # rows, columns
     words = [sys.executable, "-c", textwrap.dedent(code)]
     child = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=theirs, text=True, start_new_session=True)
     os.close(theirs)
@@ -93,9 +97,8 @@ def test_an_interrupt_is_told_on_a_clean_line() -> None:
 
 
 def test_short_work_shows_no_bar() -> None:
-    out, err, _ = on_a_terminal(
-        "from aacmm_pin.progress import watched\nwith watched(range(3), True, 'x', 'y') as s: list(s)"
-    )
+    code = "from aacmm_pin.progress import watched\nwith watched(range(3), True, 'x', 'y') as steps: list(steps)"
+    out, err, _ = on_a_terminal(code)
     assert (out, err) == ("", "")
 
 

@@ -39,6 +39,7 @@ from aacmm_pin import (
     single_point_statistics,
     sino6_paper,
 )
+from aacmm_pin.arm_file import load_arm_file
 from aacmm_pin.calibration.result import PICTURES
 from aacmm_pin.cards.card import html_of
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError, StylusOffset
@@ -68,8 +69,8 @@ def _close_figures() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def arm(sino6: Arm) -> Arm:
-    return replace(sino6, name=NASTY)
+def arm() -> Arm:
+    return Arm.from_file(load_arm_file("sino6").model_copy(update={"name": NASTY}))
 
 
 @pytest.fixture(scope="module")

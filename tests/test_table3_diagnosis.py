@@ -7,6 +7,7 @@ within what that and its draws may change.
 
 from __future__ import annotations
 
+import html
 import json
 from pathlib import Path
 
@@ -464,3 +465,19 @@ def test_figures_draw_on_given_axes(found: Table3Diagnosis, seats: TouchedSeats)
     assert [label.get_text() for label in c.get_yticklabels()][-1] == ODD
     table = expected_of_records(seats, found.tau, np.random.default_rng(15))
     assert plots.plot_expected_of_records(table, d) is d
+
+
+def test_it_shows_and_draws_itself(found: Table3Diagnosis):
+    mpl.use("Agg")
+    ax = Figure().add_subplot()
+    assert found.plot(ax) is ax
+    card = html.unescape(found._repr_html_())
+    for sentence in found.sentences:
+        assert sentence in card
+    for value in found.shown["measured_mm"]:
+        assert f"<td>{value:.4g}</td>" in card
+    parts = {"contrast": found.contrast, "strict": found.strict_pick, "held out": found.held_out_five}
+    for name, part in parts.items():
+        assert "<table" in part._repr_html_(), name
+    assert f"{found.held_out_five.gain['extended']:z.2f}" in found.held_out_five._repr_html_()
+    assert f"{found.strict_pick.least_random_share:.0%}" in found.strict_pick._repr_html_()

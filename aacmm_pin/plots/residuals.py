@@ -190,7 +190,7 @@ def plot_residuals_over_joints(result: Calibration, when: When = "after", ax: Ax
         if (number - 1) % columns:
             panel.set_ylabel("")
     title = f"{result.model.arm.name}: residual along the motion of each joint, {when} calibration"
-    panels[0].set_title(title, fontsize=10, loc="left")
+    panels[(columns - 1) // 2].set_title(title, fontsize=10)
     return panels
 
 

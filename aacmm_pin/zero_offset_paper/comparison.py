@@ -34,7 +34,7 @@ def comparison(*, keying_slip: bool = True) -> pd.DataFrame:
     Columns:
         run, iteration; kind: ``coordinate``, ``first error``, ``error`` or ``offset``; quantity: ``x1_mm`` (of point 1),
         ``error1_mm`` (of point 1), ``theta_offset1_deg`` (of joint 1), ...;
-        printed, reproduced, difference (reproduced - printed): in the unit that the quantity's name ends with;
+        unit: ``mm`` or ``deg``; printed, reproduced, difference (reproduced - printed): in that unit;
         verdict: ``reproduced`` where all printed digits agree; ``not derivable`` for offsets that are no whole number of
         milliradians and for errors beside such offsets; ``not reproduced`` elsewhere;
         note: a remark, or "".
@@ -48,6 +48,7 @@ def comparison(*, keying_slip: bool = True) -> pd.DataFrame:
     table["verdict"] = _verdicts(table)
     table["note"] = [NOTES.get(key, "") for key in zip(*(table[name] for name in [*KEYS, "quantity"]), strict=True)]
     kind = table["quantity"].str.extract(r"^([a-z_]+)\d_", expand=False).map(KINDS)
+    table.insert(3, "unit", table["quantity"].str.rpartition("_")[2])
     table.insert(2, "kind", kind.mask((kind == "error") & (table["iteration"] == 0), "first error"))
     return table
 
