@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -387,16 +388,17 @@ def test_causes_are_said_as_people_say_them(sino6: Arm) -> None:
     wanted = ["zero-offsets", EncoderEccentricity(3), ThermalExpansion()]
     result = calibrate(sino6, data, wanted, encoder_noise=READINGS, hold_out=False)
     wave, expansion = causes_in_words(result)
-    words = wave.replace(",", "").split()
-    assert words[0] == "encoder_eccentricity:3:"
-    assert float(words[2]) == pytest.approx(2e-4, abs=2 * float(words[4]))
-    assert float(words[6]) == pytest.approx(np.arctan2(1.2, 1.6), abs=2 * float(words[8]))
+    said = re.fullmatch(r"encoder eccentricity of joint 3: amplitude (\S+) ± (\S+) µrad, phase (\S+) ± (\S+)°", wave)
+    assert said is not None
+    size, of_size, phase, of_phase = map(float, said.groups())
+    assert size == pytest.approx(200.0, abs=2 * of_size)
+    assert phase == pytest.approx(np.rad2deg(np.arctan2(1.2, 1.6)), abs=2 * of_phase)
     own = result.covariance[-3:-1, -3:-1]
     cos, sin = result.fit.solution.point.x[-3:-1]
     amplitude = np.hypot(cos, sin)
     gradient = np.array([cos, sin]) / amplitude
-    assert float(words[4]) == pytest.approx(2 * np.sqrt(gradient @ own @ gradient), rel=0.05)
-    assert expansion.startswith("thermal_expansion: expansion_per_k ")
+    assert of_size == pytest.approx(2e6 * np.sqrt(gradient @ own @ gradient), rel=0.05)
+    assert re.match(r"thermal expansion of the arm: expansion [\d.]+ ± [\d.]+ µm/\(m·K\)", expansion)
 
 
 def test_small_units() -> None:

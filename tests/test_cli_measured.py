@@ -381,7 +381,7 @@ def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_pat
     effects = ["--effect", "encoder_eccentricity:joint=3", "--effect", "thermal_expansion"]
     out, err = done("calibrate", "sino6", folder / "warm.csv", *QUICK, *effects, "-o", tmp_path / "c.toml")
     (line,) = (line for line in out.splitlines() if line.startswith("encoder eccentricity of joint 3: amplitude "))
-    assert re.search(r"amplitude \d+ ± \d+ µrad, phase \d+ ± \d+°", line)
+    assert re.search(r"amplitude [\d.]+ ± [\d.]+ µrad, phase [\d.]+ ± [\d.]+°", line)
     assert "10⁻⁶/K" in out
     assert "nobody states how far off" in err
     eccentricity, expansion = ErrorModel.load(tmp_path / "c.toml").effects

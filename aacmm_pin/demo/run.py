@@ -60,7 +60,7 @@ def run_demo(
         arm_name: bundled arm or arm file; it needs uncertainties.
         folder: where to write; whole or not at all.
         force: replace files of the same names.
-        progress: show a bar while the map is made.
+        progress: show bars in a notebook, or on stderr at a terminal.
         cells: cells of the map along x and z.
         sectors: sectors of the configuration circle.
 

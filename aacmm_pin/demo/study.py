@@ -75,13 +75,15 @@ def make_study(arm_name: str, progress: bool, cells: tuple[int, int], sectors: i
     best, worst = int(np.argmin(accuracy.volume)), int(np.argmax(accuracy.volume))
     rng = np.random.default_rng(SEED)
     ends = accuracy.q[[best, worst]]
-    methods = {m: accuracy_volume(arm, ends, at=circle.at, method=m, rng=rng, draws=DRAWS) for m in METHODS}
+    methods = {
+        m: accuracy_volume(arm, ends, at=circle.at, method=m, rng=rng, draws=DRAWS, progress=progress) for m in METHODS
+    }
     map_ = map_workspace(arm, cells, sectors, progress=progress)
     of_paper = arm.name == ARM_OF_THE_PAPER
-    table2 = reproduce_table2() if of_paper else None
+    table2 = reproduce_table2(progress=progress) if of_paper else None
     table3 = predict_table3(np.random.default_rng(SEED), arm=arm) if of_paper else None
-    at_tip = predict_table3(np.random.default_rng(SEED), arm=arm, reading="tip") if of_paper else None
-    diagnosed = diagnose_table3(np.random.default_rng(SEED)) if of_paper else None
+    at_tip = predict_table3(np.random.default_rng(SEED), arm=arm, reading="tip", progress=progress) if of_paper else None
+    diagnosed = diagnose_table3(np.random.default_rng(SEED), progress=progress) if of_paper else None
     of_records = None
     if diagnosed is not None:
         of_records = expected_of_records(diagnosed.seats, diagnosed.tau, np.random.default_rng(SEED))

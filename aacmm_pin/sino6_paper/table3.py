@@ -26,6 +26,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array
 from aacmm_pin.configurations import configuration_circle
 from aacmm_pin.dh import DHTable
+from aacmm_pin.progress import watched
 from aacmm_pin.shown import Shown
 from aacmm_pin.sino6_paper.nominal import sino6_nominal
 from aacmm_pin.sino6_paper.seat_configurations import WORKING_ROW, seat_configurations
@@ -79,7 +80,12 @@ class Table3(Shown):
 
 
 def predict_table3(
-    rng: np.random.Generator, draws: int = 2000, arm: Arm | None = None, reading: Reading = "wrist"
+    rng: np.random.Generator,
+    draws: int = 2000,
+    arm: Arm | None = None,
+    reading: Reading = "wrist",
+    *,
+    progress: bool = True,
 ) -> Table3:
     """The measured spreads beside those that the calibration's half-widths and white angle noise predict.
 
@@ -88,13 +94,14 @@ def predict_table3(
         draws: number of arms.
         arm: the arm; default the bundled SINO6.
         reading: what is at the printed coordinates.
+        progress: show a bar in a notebook, or on stderr at a terminal.
     """
     arm = arm or Arm.load("sino6")
     dh = arm.require_dh("the prediction of Table 3")
     if reading == "wrist":
         q, row = seat_configurations(sino6_nominal(), dh, printed_points(), RECORDS), WORKING_ROW
     else:
-        q, row = _with_the_tip_in_the_seat(arm), dh.rows
+        q, row = _with_the_tip_in_the_seat(arm, progress), dh.rows
     half_widths = np.array([parameter.half_width or 0.0 for parameter in arm.parameters])
     spreads = dh_spreads(dh, q, half_widths.reshape(dh.rows, 4) * rng.uniform(-1.0, 1.0, (draws, dh.rows, 4)), row)
     measured = printed_table3()["single_point_std_mm"].to_numpy() * MM
@@ -115,16 +122,17 @@ def predict_table3(
     return Table3(points, np.corrcoef(np.log(spreads).T), spreads, share, ratio, implied_counts(), reading)
 
 
-def _with_the_tip_in_the_seat(arm: Arm) -> Array:
+def _with_the_tip_in_the_seat(arm: Arm, progress: bool) -> Array:
     """Configurations of every seat with the stylus pointing down, the elbow evenly round its circle: (6, records, nq) [rad].
 
     Of the components the one with the most configurations within limits is taken.
     """
     postures = []
-    for point in printed_points():
-        circle = configuration_circle(arm, point, tip=True, axis=DOWN, count=RECORDS)
-        usable = np.bincount(circle.component, weights=circle.within_limits)
-        postures.append(circle.q[circle.component == np.argmax(usable)])
+    with watched(list(printed_points()), progress, "postures", "seat") as points:
+        for point in points:
+            circle = configuration_circle(arm, point, tip=True, axis=DOWN, count=RECORDS)
+            usable = np.bincount(circle.component, weights=circle.within_limits)
+            postures.append(circle.q[circle.component == np.argmax(usable)])
     return np.stack(postures)
 
 
