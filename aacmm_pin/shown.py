@@ -22,14 +22,25 @@ if TYPE_CHECKING:
 CARDS, PICTURES = "aacmm_pin.cards", "aacmm_pin.plots"
 
 
+LETTERS = 1000
+"""A line in a console is at most this long; a dataclass would print all its arrays."""
+
+
 class Shown:
     """A value that shows itself: as a card in Jupyter, as a line in IPython."""
 
-    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
-        printer.text(str(self))
+    def __init_subclass__(cls, **named: Any) -> None:
+        super().__init_subclass__(**named)
+        # IPython asks the classes of a value in turn for this or for __repr__, which every dataclass has of its own.
+        cls._repr_pretty_ = _line  # type: ignore[attr-defined]
 
     def _repr_html_(self) -> str:
         return str(import_module(CARDS).html_of(self))
+
+
+def _line(value: Shown, printer: Any, cycle: bool) -> None:
+    text = str(value)
+    printer.text(text if len(text) <= LETTERS else f"{text[:LETTERS]} …")
 
 
 def drawn(function: str, *what: Any, **how: Any) -> Axes:

@@ -292,15 +292,12 @@ def test_long_text_is_not_cut(values: dict[str, Any]) -> None:
     assert source in text_of(Conditions(3, session=labels))
 
 
-def test_in_a_console_a_value_is_a_line(found: Diagnosis) -> None:
-    written: list[str] = []
-
-    class Printer:
-        def text(self, text: str) -> None:
-            written.append(text)
-
-    found._repr_pretty_(Printer(), False)
-    assert written == [str(found)]
+def test_in_a_console_a_value_is_a_line(values: dict[str, Any]) -> None:
+    pretty = pytest.importorskip("IPython.lib.pretty").pretty
+    for name in ("Diagnosis", "Calibration", "AccuracyVolume", "ConfigurationCircle", "MeasurementPlan", "WorkspaceMap"):
+        assert pretty(values[name]) == str(values[name])
+    for name, value in values.items():
+        assert len(pretty(value)) <= 1002, name
 
 
 # Pictures ---------------------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from aacmm_pin.cards.card import bullets, html_of, paragraph, table
+from aacmm_pin.cards.card import bullets, details, html_of, paragraph, table
 from aacmm_pin.diagnosis import Diagnosis, Finding, OddGroup
 from aacmm_pin.diagnosis.findings import Alias
 from aacmm_pin.diagnosis.gain import Gain, rms
@@ -64,7 +64,7 @@ def _diagnosis(result: Diagnosis) -> str:
         + table(most_off(result, WORST), OFF_FORMATS, "Where the simulation is off most, beside what it predicts itself:")
         + paragraph(f"{int(result.extended.used.sum())} records used, {len(excluded)} excluded.")
         + table(excluded, {"residual_mm": ".3f"}, "", MOST)
-        + bullets(same, "Whatever the residuals are, these records cannot tell apart:")
+        + (details(f"{len(same)} groups of causes that these records cannot tell apart", bullets(same)) if same else "")
         + paragraph(result.next_measurements, "Next:")
         + bullets(result.notes, "Notes:")
     )
