@@ -102,7 +102,7 @@ def test_the_verdict_comes_first_and_the_numbers_agree(page: Page, result: Calib
         assert f"{value / MM:.4f}" in text
     assert "whole seats" in text
     assert "records at random" in text
-    assert "encoder_eccentricity:3: amplitude_rad" in text
+    assert "encoder eccentricity of joint 3: amplitude " in text
     assert "Every parameter is told by these data" in text
 
 

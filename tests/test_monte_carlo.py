@@ -240,7 +240,7 @@ def test_results_are_reproducible_and_say_what_they_are(sino6: Arm) -> None:
     table = first.to_frame()
     assert table["coordinate"].tolist() == ["x", "y", "z"]
     np.testing.assert_allclose(table["u_mm"], 1e3 * first.u)
-    assert "u_mm" in first._repr_html_()
+    assert "u [mm]" in first._repr_html_()
     length = length_uncertainty(sino6, Q, FAR, noise=NOISE, rng=np.random.default_rng(4), draws=500)
     assert "shortest 95 % interval" in str(length)
 
