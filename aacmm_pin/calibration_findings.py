@@ -50,7 +50,7 @@ def fit_in_words(result: Calibration) -> str:
         if result.fit.stated:
             return "There are no more numbers than parameters, so nothing can be said about the fit."
         why = "The noise was not stated in full, so χ² cannot judge the model"
-        if not result.fit.unmodelled:
+        if not result.fit.scatters:
             return f"{why}; what was stated of it is enough for these residuals."
         return (
             f"{why}: beyond what was stated the residuals show {result.fit.unmodelled / MM:.4f} mm per coordinate, noise "

@@ -185,12 +185,12 @@ def unexplained_in_words(result: Diagnosis) -> str:
 def _left(result: Diagnosis) -> str:
     """What is left of the residuals."""
     fit = result.extended
-    if not fit.stated and fit.unmodelled > 0:
+    if not fit.stated and fit.scatters:
         return (
             f"the residuals scatter by {fit.unmodelled / MM:.4f} mm per coordinate beyond what was stated, "
             "noise and what is still missing together"
         )
-    if fit.unmodelled > 0:
+    if fit.scatters:
         return f"the residuals are still larger than the stated noise, by {fit.unmodelled / MM:.4f} mm per coordinate"
     return "the arm agrees with the records to within their noise"
 

@@ -426,6 +426,10 @@ def test_noise_that_nobody_states_is_found_and_said(folder: Path, tmp_path: Path
     out, err = done("calibrate", "sino6", tmp_path / "d.csv", "--no-held-out")
     assert "The noise was not stated in full" in out
     assert "no encoder noise is stated" in err
+    out, err = done("calibrate", "sino6", tmp_path / "d.csv", "--no-held-out", "--encoder-noise-rad", "1e-3")
+    assert "what was stated of it is enough for these residuals" in out
+    assert "what is stated of it is enough for these records" in err
+    assert "0.0000 mm" not in out + err
 
 
 def test_a_robot_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator) -> None:

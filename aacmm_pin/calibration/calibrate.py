@@ -147,7 +147,7 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
     if not after.stated:
         scatter = f"{after.unmodelled / MM:.4f} mm of scatter per coordinate were found beside what is stated"
         enough = "what is stated of it is enough for these records, and none was added"
-        found.append(f"the noise is not stated in full: {scatter if after.unmodelled > 0 else enough}")
+        found.append(f"the noise is not stated in full: {scatter if after.scatters else enough}")
     elif after.unmodelled > 0:
         found.append(
             f"the records scatter more than stated: {after.unmodelled / MM:.4f} mm per coordinate were added, "

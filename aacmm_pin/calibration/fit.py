@@ -30,6 +30,8 @@ LEAST_DOF = 0.5
 MISFIT = 1e-3
 """χ² beyond its stated noise with less chance than this means that something scatters which nobody stated."""
 MOST_ROUNDS = 12
+NO_SCATTER = 5e-8
+"""Scatter below this is none: the search for it ends just above zero, and nobody measures so well [m]."""
 FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
 
@@ -60,6 +62,11 @@ class Fit:
     excluded: NDArray[np.bool_]
     chi2_stated: tuple[float, float] | None
     dof: float
+
+    @property
+    def scatters(self) -> bool:
+        """Whether there is scatter beyond the stated noise that is worth a word."""
+        return self.unmodelled > NO_SCATTER
 
     @property
     def residual_noise(self) -> Array:
