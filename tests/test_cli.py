@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -248,20 +249,29 @@ def test_a_picture_of_an_unknown_kind_leaves_nothing(tmp_path: Path) -> None:
 def test_interrupting_a_map_leaves_nothing(tmp_path: Path, processes: str) -> None:
     words = ["map", "sino6", "--cells", "200", "200", "--processes", processes, "-o", str(tmp_path / "m.nc")]
     command = [sys.executable, "-m", "aacmm_pin.cli", *words]
-    with subprocess.Popen(
-        command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
-    ) as process:
-        assert process.stderr is not None
-        while "cell" not in process.stderr.read(1) + process.stderr.readline(200):
-            time.sleep(0.05)
+    screen, terminal = pty.openpty()  # the bar, by which the work is seen to be under way, is for terminals
+    with subprocess.Popen(command, stderr=terminal, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+        os.close(terminal)
+        err = _read_until(screen, "cell")
         time.sleep(1.0)
         os.killpg(process.pid, signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        err += _read_until(screen, "interrupted")
+        out, _ = process.communicate(timeout=60)
+    os.close(screen)
     assert process.returncode == 130
     assert out == ""
     assert "interrupted" in err
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+def _read_until(screen: int, words: str) -> str:
+    """What a terminal shows until these words have come; an end before that is a failure."""
+    said, end = "", time.monotonic() + 120
+    while words not in said:
+        assert time.monotonic() < end, said
+        said += os.read(screen, 4096).decode(errors="replace")
+    return said
 
 
 def test_demo_writes_the_page(tmp_path: Path) -> None:
