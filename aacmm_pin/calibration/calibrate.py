@@ -170,5 +170,5 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
         found.append(f"nobody states how well the bars' lengths are known: taken as {LENGTH / MM:g} mm")
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
-        found.append(f"{silent} records have no coordinates and no seat, and say nothing")
+        found.append(f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place")
     return found

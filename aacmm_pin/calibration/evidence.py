@@ -40,20 +40,21 @@ class StatedNoise:
         """Whether the scatter of every kind of record is stated, so that χ² can be judged."""
         seats = measurements.conditions.seat
         touched = np.zeros(measurements.n, dtype=bool) if seats is None else np.asarray(seats != "", dtype=bool)
-        unseen = touched & ~measurements.known
+        placed = [measurements.known[records].any() for records in measurements.seats().values()]
         stated = np.asarray(np.isfinite(measurements.reference_u).all(axis=1))
         if self.reference is None and not stated[measurements.known].all():
             return False
         if touched.any() and self.probe is None and self.encoder is None:
             return False  # a seat touched again would have to give the very same tip
-        return self.probe is not None or not unseen.any()
+        return self.probe is not None or all(placed)
 
 
 def observations_of(measurements: Measurements, noise: StatedNoise, unmodelled: float) -> list[Observation]:
     """What the records say.
 
-    A seat whose records all state the same coordinates was measured once; one without coordinates is an unknown point. A
-    record whose coordinates are its own stands for itself, even at a seat. Records that say nothing are in none.
+    A seat whose records state the same coordinates, if they state any, was measured once, and a record of it without
+    coordinates was there too; a seat without coordinates is an unknown point. A record whose coordinates are its own stands
+    for itself, even at a seat. Records that say nothing are in none.
 
     Args:
         measurements: the records.
@@ -70,7 +71,8 @@ def observations_of(measurements: Measurements, noise: StatedNoise, unmodelled: 
         if reference is None and measurements.known[records].any():
             continue
         alone[records] = False
-        seats[label] = SamePoint(records, label, contact, reference, None if reference is None else u[records].max(axis=0))
+        stating = records[measurements.known[records]]
+        seats[label] = SamePoint(records, label, contact, reference, None if reference is None else u[stating].max(axis=0))
     found: list[Observation] = []
     free = np.flatnonzero(alone)
     if free.size:
@@ -92,9 +94,10 @@ LEAST = 1e-12
 
 
 def _common(references: Array, rounding: float) -> Array | None:
-    """The coordinates that all records of a seat state, or None where they have none or differ by more than rounding."""
-    same = np.isfinite(references).all() and np.ptp(references, axis=0).max() <= rounding
-    return references.mean(axis=0) if same else None
+    """The coordinates that the records of a seat state, or None where none does or they differ by more than rounding."""
+    stated = references[np.isfinite(references).all(axis=1)]
+    same = len(stated) > 0 and np.ptp(stated, axis=0).max() <= rounding
+    return stated.mean(axis=0) if same else None
 
 
 def _rounding(measurements: Measurements, noise: StatedNoise, records: Index) -> float:
