@@ -221,7 +221,11 @@ def _undetermined(result: Calibration) -> list[Part]:
 def _excluded(result: Calibration) -> list[Part]:
     excluded = result.excluded
     silent = int((~result.fit.used & ~result.fit.excluded).sum())
-    parts: list[Part] = [f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place."] if silent else []
+    parts: list[Part] = (
+        [f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place."]
+        if silent
+        else []
+    )
     if not len(excluded):
         return ["No record was excluded.", *parts]
     caption = f"{len(excluded)} records that cannot belong" + (

@@ -11,7 +11,7 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis_findings import in_words, label_in_words, p_in_words, parameters_in_words, probability
 from aacmm_pin.effects import Effect, JointErrorCurve
 from aacmm_pin.plots.diagnosis import models
-from aacmm_pin.plots.groups import place_in_words
+from aacmm_pin.plots.groups import place_in_words, residuals_by_group
 from aacmm_pin.plots.partial import state_of
 from aacmm_pin.units import MM, UM
 
@@ -75,12 +75,12 @@ def rms_table(result: Diagnosis) -> pd.DataFrame:
 
 def most_off(result: Diagnosis, most: int) -> pd.DataFrame:
     """Groups of records where the simulation is off most, in times what its own uncertainties predict there."""
-    table = result.simulation_groups.head(most)
+    table = residuals_by_group(result).sort_values("times_predicted", ascending=False).head(most)
     return pd.DataFrame(
         {
             "where": [place_in_words(by, group) for by, group in zip(table["by"], table["group"], strict=True)],
             "records": table["records"],
-            "RMS [mm]": table["rms_mm"],
+            "RMS [mm]": table["simulation_mm"],
             "predicted [mm]": table["predicted_mm"],
             "times predicted": table["times_predicted"],
         }

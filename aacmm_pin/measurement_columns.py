@@ -140,6 +140,8 @@ def _number(name: str, form: str) -> str | None:
 
 def _near_miss(name: str, present: Sequence[str]) -> str | None:
     """The known name that was meant: one of the same letters, or a missing one that is similar or has another unit."""
+    if f"{name.lower()}_mm" in REFERENCE and f"{name.lower()}_mm" not in present:
+        return f"{name.lower()}_mm"  # a reference that would be lost in silence
     digits = re.search("[0-9]+", name)
     known = [form.replace("#", str(int(digits[0]))) for form in NUMBERED] if digits else list(SINGLE)
     letters = {_letters(k): k for k in known}
