@@ -19,6 +19,9 @@ ASIDE = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
 ALONG = np.array([0.02, 0.04, 0.08])
 """Steps along a family, each of which has to arrive about there [rad]."""
 
+MOST_BESIDE = 4
+"""So many finds in a row are looked for beside one another; next to a singular pose an almost-family has no end."""
+
 
 @dataclass(eq=False)
 class Isolated:
@@ -78,7 +81,7 @@ class Isolated:
                 return int(number)
         return None
 
-    def _look_beside(self, q: Array) -> None:
+    def _look_beside(self, q: Array, farther: int = MOST_BESIDE) -> None:
         direction = flattest(self.system, q[None, :])[1][0, -1]
         starts = q + np.concatenate([-ASIDE, ASIDE])[:, None] * direction
         found, good = polish(self.system, starts, np.zeros(len(starts), dtype=np.intp))
@@ -86,7 +89,8 @@ class Isolated:
         for other in found[self._single(found)]:
             if self._number(other) is None:
                 self._add(other)
-                self._look_beside(other)
+                if farther:
+                    self._look_beside(other, farther - 1)
 
     def _single(self, q: Array) -> NDArray[np.bool_]:
         """Which solutions (n, k) do not go on beside themselves, in one of their two flattest directions: (n,)."""

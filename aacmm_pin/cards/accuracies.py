@@ -30,6 +30,8 @@ def _circle(circle: PosturesAtPoint) -> str:
 @html_of.register
 def _flexibility(flexibility: Flexibility) -> str:
     count = len(flexibility.sectors)
+    if not count:  # an arm without an elbow that goes round
+        return paragraph(f"{flexibility.arc_fraction:.3f} of arc", "Flexibility:")
     centres = sector_centres(count) / DEG
     works = {f"{centre:.4g}°": ["works" if yes else "–"] for centre, yes in zip(centres, flexibility.sectors, strict=True)}
     words = f"{flexibility.zeta:.3f} by {count} sectors, {flexibility.arc_fraction:.3f} of arc"

@@ -121,7 +121,7 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
         "The slider goes from the largest residual to the smallest.",
         TO_SCALE.replace("Lengths are", "The arm is"),
     ]
-    scene.legend = Legend([*marks, *ARM_SWATCHES, *stage], [bar], notes)
+    scene.legend = Legend(marks, [bar], notes)
     scene.view = view_of(bodies, points, target.mean(axis=0))
     return scene
 
