@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from aacmm_pin import measurement_columns
 from aacmm_pin.conditions import Conditions
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError, ShapeError, UnknownNameError
 from aacmm_pin.measurements import Bar, Measurements
@@ -365,10 +366,16 @@ def test_a_slip_beside_the_known_column(tmp_path: Path) -> None:
 
 
 UNRELATED = """
-    humidity theta q1 x y z Δx_mm dx_mm nominal_x_mm x_mm_nominal pressure_hpa comment seat_id seat2 marker1 time date
+    humidity theta q1 Δx_mm dx_mm nominal_x_mm x_mm_nominal pressure_hpa comment seat_id seat2 marker1 time date
     timestamp load_kg wrist_load_nm rpm1 theta1_deg_raw q1_deg torque_limit_nm room_temperature_c bar_pressure encoder1
     operator_age probe force_n 1 温度
 """
+
+
+@pytest.mark.parametrize("name", ["x", "y", "Z"])
+def test_a_coordinate_without_a_unit_is_refused(name: str) -> None:
+    assert measurement_columns._near_miss(name, ["theta1_deg"]) == f"{name.lower()}_mm"
+    assert measurement_columns._near_miss(name, ["x_mm", "y_mm", "z_mm"]) is None
 
 
 @pytest.mark.parametrize("name", UNRELATED.split())
