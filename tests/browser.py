@@ -92,17 +92,19 @@ class Page:
 
     def open(self, where: str | Path, size: tuple[int, int] = (1200, 800), *, touch: bool = False) -> None:
         """Load a file or a URL in a window of that size, and wait until it is loaded."""
+        self._load("about:blank")  # so that another place of the same page is loaded anew too
         self.resize(size, touch=touch)
         self.errors.clear()
         self.requests.clear()
+        self._load(where.resolve().as_uri() if isinstance(where, Path) else where)
+
+    def _load(self, url: str) -> None:
         self._events.discard("Page.loadEventFired")
-        url = where.resolve().as_uri() if isinstance(where, Path) else where
         said = self._ask("Page.navigate", url=url)
         if "errorText" in said:
             raise AssertionError(f"{url}: {said['errorText']}")
-        if "loaderId" not in said:  # another place of the same page
-            self._ask("Page.reload")
-        self._until(lambda: "Page.loadEventFired" in self._events, f"{url} to load")
+        if "loaderId" in said:  # else there is nothing to load: it is open
+            self._until(lambda: "Page.loadEventFired" in self._events, f"{url} to load")
 
     def resize(self, size: tuple[int, int], *, touch: bool = False) -> None:
         """Give the window another size [px]; ``touch`` makes it that of a phone."""
