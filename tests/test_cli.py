@@ -249,21 +249,29 @@ def test_a_picture_of_an_unknown_kind_leaves_nothing(tmp_path: Path) -> None:
 def test_interrupting_a_map_leaves_nothing(tmp_path: Path, processes: str) -> None:
     words = ["map", "sino6", "--cells", "200", "200", "--processes", processes, "-o", str(tmp_path / "m.nc")]
     command = [sys.executable, "-m", "aacmm_pin.cli", *words]
-    with subprocess.Popen(
-        command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
-    ) as process:
-        end = time.monotonic() + 120
-        while _cpu_seconds(process.pid) < 6.0:  # imports take some two of them
-            assert process.poll() is None
-            assert time.monotonic() < end
-            time.sleep(0.05)
-        os.killpg(process.pid, signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+    pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes, start_new_session=True, preexec_fn=_heed_interrupts) as process:
+        try:
+            end = time.monotonic() + 120
+            while _cpu_seconds(process.pid) < 6.0:  # imports take some two of them
+                assert process.poll() is None
+                assert time.monotonic() < end
+                time.sleep(0.05)
+            os.killpg(process.pid, signal.SIGINT)
+            out, err = process.communicate(timeout=60)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
     assert process.returncode == 130
     assert out == ""
     assert "interrupted" in err
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+def _heed_interrupts() -> None:
+    """As at a terminal, also where the tests run in the background of a shell, whose children ignore them."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _cpu_seconds(session: int) -> float:
