@@ -15,6 +15,7 @@ from aacmm_pin.blas import one_blas_thread
 from aacmm_pin.calibration.evidence import LENGTH, StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit, redundant
 from aacmm_pin.calibration.held_out import held_out as left_out
+from aacmm_pin.calibration.likeness import require_likeness
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.unknowns import ASSEMBLED, Target, problem_of
@@ -78,7 +79,7 @@ def calibrate(
         UnknownNameError: no such set of parameters, frame or target.
         MissingConditionError: an effect needs a column that the records lack.
         AacmmError: no record says anything; the noise is not stated and there are too few records to find it; the search
-            does not settle.
+            does not settle; the records have nothing to do with this arm.
     """
     if reference_frame not in get_args(ReferenceFrame):
         raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
@@ -95,6 +96,7 @@ def calibrate(
     problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
     require_scale(problem)
     after = fit(problem, noise, robust=robust)
+    require_likeness(after)
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
     found = Calibration(after, setup, noise, (), tuple(notes_of(after, noise)))
     if not hold_out:
