@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,6 +16,9 @@ import pytest
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import ArmFile, load_arm_file
 from tests.browser import Page
+
+# Started in the background of a shell the tests would ignore interrupts, and so would what they start to interrupt it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # bundled arm, convention, rows (from 1) that are made rigid
 VARIANTS = [

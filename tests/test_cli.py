@@ -250,7 +250,7 @@ def test_interrupting_a_map_leaves_nothing(tmp_path: Path, processes: str) -> No
     words = ["map", "sino6", "--cells", "200", "200", "--processes", processes, "-o", str(tmp_path / "m.nc")]
     command = [sys.executable, "-m", "aacmm_pin.cli", *words]
     pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, **pipes, start_new_session=True, preexec_fn=_heed_interrupts) as process:
+    with subprocess.Popen(command, **pipes, start_new_session=True) as process:
         try:
             end = time.monotonic() + 120
             while _cpu_seconds(process.pid) < 6.0:  # imports take some two of them
@@ -267,11 +267,6 @@ def test_interrupting_a_map_leaves_nothing(tmp_path: Path, processes: str) -> No
     assert "interrupted" in err
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
-
-
-def _heed_interrupts() -> None:
-    """As at a terminal, also where the tests run in the background of a shell, whose children ignore them."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _cpu_seconds(session: int) -> float:
