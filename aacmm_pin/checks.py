@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import operator
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin.errors import ShapeError
+from aacmm_pin.errors import AacmmError, ShapeError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -40,6 +42,36 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
         raise ShapeError(f"{name} has shape {array.shape}, expected ({length},) [{unit}]")
     _finite(array, name)
     return array
+
+
+def unit_vector(values: ArrayLike, name: str) -> Array:
+    """Return ``values`` (3,) as a direction of length 1.
+
+    Raises:
+        ShapeError: another shape, not numbers, or not finite.
+        AacmmError: of length zero.
+    """
+    direction = vector(values, 3, name, "1")
+    largest = float(np.abs(direction).max())
+    if largest == 0:
+        raise AacmmError(f"{name} is [0, 0, 0], expected a direction")
+    direction = direction / largest  # the square of a tiny length would be zero
+    return np.asarray(direction / np.linalg.norm(direction))
+
+
+def whole(value: object, least: int, name: str) -> int:
+    """Return ``value`` as an int.
+
+    Raises:
+        AacmmError: it is no whole number, or below ``least``.
+    """
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise AacmmError(f"{name} is {value!r}, expected a whole number") from None
+    if number < least:
+        raise AacmmError(f"{name} is {number}, expected at least {least}")
+    return number
 
 
 def _floats(values: ArrayLike, name: str) -> Array:

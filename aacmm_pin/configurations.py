@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin.angles import wrapped
 from aacmm_pin.arm import Arm, require_arm
-from aacmm_pin.checks import Array, vector
+from aacmm_pin.checks import Array, unit_vector, vector, whole
 from aacmm_pin.circle import Components, Flexibility, flexibility, resample
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.limits import broken_limits, into_limits
@@ -145,8 +145,7 @@ def configuration_circle(
     """
     dh = require_arm(arm).require_dh("a configuration circle")
     point = vector(point, 3, "point", "m")
-    if count < 3 or seeds_per_turn < 2:
-        raise AacmmError(f"count is {count}, seeds_per_turn is {seeds_per_turn}; expected at least 3 and 2")
+    count, seeds_per_turn = whole(count, 3, "count"), whole(seeds_per_turn, 2, "seeds_per_turn")
     swivel = Swivel(dh, arm.up)
     if tip:
         if rest is not None:
@@ -199,8 +198,4 @@ def _stylus(arm: Arm) -> Array:
 def _direction(axis: ArrayLike | None) -> Array:
     if axis is None:
         raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
-    direction = vector(axis, 3, "axis", "1")
-    length = float(np.linalg.norm(direction))
-    if length == 0:
-        raise AacmmError("axis is [0, 0, 0], expected a direction")
-    return direction / length
+    return unit_vector(axis, "axis")

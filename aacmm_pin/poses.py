@@ -21,7 +21,7 @@ class Poses(Shown):
 
     Attributes:
         model: the Pinocchio model.
-        q: configurations (n, nq) [rad].
+        q: configurations (n, nq) [rad; m where a joint slides].
         frame_id: Pinocchio's number of the frame looked at.
         dh: the arm's DH table, or None.
         row: the DH row whose frame is looked at, or None where the table does not know the frame.

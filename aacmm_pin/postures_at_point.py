@@ -77,4 +77,4 @@ class PosturesAtPoint(Shown):
 
     def _where(self) -> str:
         x, y, z = self.point / MM
-        return f"{self.arm.name}, {self.at} at ({x:.4f}, {y:.4f}, {z:.4f}) mm"
+        return f"{self.arm.name}, {self.at} at ({x:z.4f}, {y:z.4f}, {z:z.4f}) mm"

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin.angles import wrapped
 from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array, Index, vector
+from aacmm_pin.checks import Array, Index, unit_vector, vector, whole
 from aacmm_pin.circle import Flexibility
 from aacmm_pin.continuation import Curve
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
@@ -91,8 +91,13 @@ class ReachingPostures(PosturesAtPoint):
         if self.single:
             angles = " ".join(f"{angle:.2f}" for angle in self.q[self.component == number][0] / DEG)
             return super()._row(number) | {"theta_deg": angles} | arrivals
-        mine = self.component == number
-        return super()._row(number) | {"travel_rad": float(self.travel[mine].max())} | arrivals
+        return super()._row(number) | {"travel_rad": self._way_round(number)} | arrivals
+
+    def _way_round(self, number: int) -> float:
+        """Way of all angles along a whole curve [rad]."""
+        mine = np.flatnonzero(self.component == number)
+        back = wrapped(self.q[mine[0]] - self.q[mine[-1]]) if self.curves[number - 1].closed else np.zeros(self.arm.nq)
+        return float(self.travel[mine[-1]] + np.linalg.norm(back))
 
     def __str__(self) -> str:
         where = f"{self._where()}, {CONDITIONS[self.conditions.count]}"
@@ -137,8 +142,7 @@ def reaching_postures(
         AacmmError: both ``axis`` and ``rotation``, a direction of length zero, ``tool`` without ``axis``, a count below 3.
         UnsupportedArmError: a joint slides, or the conditions leave another number of joints free than 0 or 1.
     """
-    if count < 3 or most_starts < 1:
-        raise AacmmError(f"count is {count}, most_starts is {most_starts}; expected at least 3 and 1")
+    count, most_starts = whole(count, 3, "count"), whole(most_starts, 1, "most_starts")
     conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
     system = conditions.system()
     if conditions.free == 0:
@@ -166,8 +170,8 @@ def _conditions(
         raise AacmmError("tool was given without axis, the direction in the base along which it shall lie")
     if axis is not None:
         stylus = arm.stylus_axis if arm.stylus_axis is not None else np.array([0.0, 0.0, 1.0])
-        mine = stylus if tool is None else _direction(tool, "tool")
-        conditions = PoseConditions(arm.chain, point, tool=mine, axis=_direction(axis, "axis"))
+        mine = stylus if tool is None else unit_vector(tool, "tool")
+        conditions = PoseConditions(arm.chain, point, tool=mine, axis=unit_vector(axis, "axis"))
     else:
         turned = None if rotation is None else _rotation(rotation)
         conditions = PoseConditions(arm.chain, point, rotation=turned)
@@ -187,14 +191,6 @@ def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
     if free < 0:
         return f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of {asked}; {expected}"
     return f"{arm.name}: {joints} joints and {asked} leave {free} joints free; {expected}"
-
-
-def _direction(values: ArrayLike, name: str) -> Array:
-    direction = vector(values, 3, name, "1")
-    length = float(np.linalg.norm(direction))
-    if length == 0:
-        raise AacmmError(f"{name} is [0, 0, 0], expected a direction")
-    return direction / length
 
 
 def _rotation(values: ArrayLike) -> Array:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin.angles import wrapped
 from aacmm_pin.checks import Array
 from aacmm_pin.continuation import Curve, System, on_curves, trace, without_known
 from aacmm_pin.even_spacing import evenly
@@ -69,9 +68,3 @@ class SelfMotion:
     def spaced(self, count: int) -> tuple[Array, NDArray[np.intp]]:
         """``count`` solutions on each curve, evenly spaced by the way that the angles go, and the number of its curve."""
         return evenly(self.system, self.curves, count, lambda q: q)
-
-
-def lengths(curves: list[Curve]) -> Array:
-    """Way that the angles go once round each curve, along its vertices (curves,) [rad]."""
-    ways = [wrapped(np.roll(c.q, -1, axis=0) - c.q)[: None if c.closed else -1] for c in curves]
-    return np.array([np.linalg.norm(way, axis=1).sum() for way in ways])

@@ -526,6 +526,7 @@ def test_reach_is_what_brute_force_reaches(arm: Arm) -> None:
         ({"point": SEAT, "rest": [0.0]}, ShapeError, r"rest has shape \(1,\), expected \(2,\)"),
         ({"point": SEAT, "rest": [0.0, np.nan]}, ShapeError, "finite"),
         ({"point": SEAT, "count": 2}, AacmmError, "count is 2"),
+        ({"point": SEAT, "count": 10.5}, AacmmError, "count is 10.5, expected a whole number"),
         ({"point": SEAT, "seeds_per_turn": 1}, AacmmError, "seeds_per_turn is 1"),
     ],
 )

@@ -35,6 +35,7 @@ from aacmm_pin import (
     diagnose,
     display,
     map_workspace,
+    reaching_postures,
     simulate_measurements,
     zonotope,
 )
@@ -161,6 +162,10 @@ def test_a_sliding_joint(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, "hand")[:, :3, 3], atol=SINGLE)
     assert scene.frames is not None
     assert f"{q[0, 0] / MM:.2f} mm" in scene.frames.readings[0]
+    card = arm.poses(q)._repr_html_()
+    assert "joint 1 [mm]" in card
+    assert "θ2 [°]" in card
+    assert f"{q[0, 0] / MM:.3f}" in card
 
 
 def test_tubes_lie_along_d_and_then_along_a(sino6: Arm, rng: np.random.Generator) -> None:
@@ -421,6 +426,15 @@ def test_an_enumeration_without_a_dh_table(robot_file: Callable[[str], Path]) ->
     assert any(f"joint {widest + 1}" in swatch.text for swatch in scene.legend.swatches)
     accuracy = circle_accuracy(found)  # type: ignore[arg-type]
     assert len(display.circle_scene(found, accuracy).frames or ()) == 29
+
+
+def test_single_postures_have_no_path(robot_file: Callable[[str], Path]) -> None:
+    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5, rotation_half_width=1e-4)
+    pose = arm.poses(np.array([[0.3, -1.2, 1.4, -1.6, -1.5, 0.4]])).placement[0]
+    found = reaching_postures(arm, pose[:3, 3], rotation=pose[:3, :3])
+    scene = display.circle_scene(found, circle_accuracy(found))
+    assert not any(path.startswith("path") for path in commands(scene, "set_object"))
+    assert "path of" not in " ".join([*scene.legend.notes, *(swatch.text for swatch in scene.legend.swatches)])
 
 
 def test_what_a_circle_refuses(sino6: Arm) -> None:

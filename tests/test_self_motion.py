@@ -49,6 +49,7 @@ def test_curves_are_closed_even_and_along_the_null_space(panda: Arm, motions: li
             q = motion.q[motion.component == number]
             way = np.diagonal(gaps(np.roll(q, -1, axis=0), q)).T
             step = np.linalg.norm(way, axis=1)
+            assert motion.summary()["travel_rad"][number - 1] == pytest.approx(step.sum())
             assert step.max() < 1.02 * step.min()
             chord = way + np.roll(way, 1, axis=0)
             chord /= np.linalg.norm(chord, axis=1)[:, None]

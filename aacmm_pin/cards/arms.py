@@ -175,7 +175,10 @@ def _error_model(model: ErrorModel) -> str:
 def _poses(poses: Poses) -> str:
     some = replace(poses, q=poses.q[:FEW])  # all of them may be a million
     frame = poses.model.frames[poses.frame_id].name
-    found = {f"θ{j + 1} [°]": some.q[:, j] / DEG for j in range(some.q.shape[1])}
+    found = {}
+    for j, values in enumerate(some.q.T):
+        slides = poses.model.joints[j + 1].shortname().startswith("JointModelP")  # prismatic; planar ones are refused
+        found[f"joint {j + 1} [mm]" if slides else f"θ{j + 1} [°]"] = values / (MM if slides else DEG)
     found |= {f"{axis} [mm]": some.position[:, k] / MM for k, axis in enumerate("xyz")}
     formats = {name: "z.3f" if "°" in name else "z.4f" for name in found}
     more = paragraph(f"… and {len(poses.q) - FEW} more") if len(poses.q) > FEW else ""

@@ -19,6 +19,8 @@ from aacmm_pin.display.meshes import rod, solid
 from aacmm_pin.display.scene import Scene
 
 TUBE, JOINT, STYLUS, TIP, BASE = "#8d99a6", "#22395c", "#b8bec6", "#a3123a", "#4a4a4f"
+GHOST = "#7f9cc0"
+"""The arm in postures other than the one that is shown."""
 THICKNESS = 0.014
 """Radius of a tube, in lengths of the arm."""
 DRAWN = 0.3

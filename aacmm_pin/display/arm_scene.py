@@ -38,7 +38,7 @@ def arm_scene(model: Arm | ErrorModel, q: ArrayLike) -> Scene:
     Raises:
         ShapeError: ``q`` is not a finite (n, nq) array, or has no row.
     """
-    arm = model if isinstance(model, Arm) else model.arm
+    arm = ErrorModel.arm_of(model)
     q = batch(q, arm.nq, "q", "rad")
     if not len(q):
         raise ShapeError("q has no row, expected at least one posture")
@@ -48,9 +48,7 @@ def arm_scene(model: Arm | ErrorModel, q: ArrayLike) -> Scene:
     scene = Scene(arm.name, _caption(arm, tips))
     bodies.draw(scene)
     swatches = set_stage(scene, points)
-    scene.legend = Legend(
-        [*ARM_SWATCHES, *swatches], notes=["Lengths are true to scale; tubes and joints are not as thick as drawn."]
-    )
+    scene.legend = Legend([*ARM_SWATCHES, *swatches], notes=[TO_SCALE])
     scene.frames = Frames(
         moving(bodies, q, scene),
         ["tip x, y, z", *angle_labels(arm), "limits"],

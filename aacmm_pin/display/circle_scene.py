@@ -13,7 +13,7 @@ from aacmm_pin.accuracy import AccuracyVolume
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.configurations import WRIST, ConfigurationCircle
 from aacmm_pin.display.accuracy_set import AccuracySet, Shape
-from aacmm_pin.display.arm_parts import Bodies
+from aacmm_pin.display.arm_parts import GHOST, Bodies
 from aacmm_pin.display.arm_scene import (
     ARM_SWATCHES,
     TO_SCALE,
@@ -38,7 +38,7 @@ from aacmm_pin.postures_at_point import PosturesAtPoint
 from aacmm_pin.units import DEG, MM3, UM
 
 Quantity = Literal["volume", "u"]
-GHOST, SET = "#7f9cc0", "#cc79a7"
+SET = "#cc79a7"
 MOST_FRAMES = 360
 """Postures on the slider; of more, every so-manieth."""
 PATH_POINTS = 720
@@ -100,7 +100,7 @@ def circle_scene(
     scene["point"].set_transform(placed_at(circle.point[None])[0])
     bar, colours = _colours(circle, accuracy, inside, quantity)
     path, name = path_of(circle)
-    _draw_path(scene, circle, path, colours, 0.4 * bodies.radius)
+    name = name if _draw_path(scene, circle, path, colours, 0.4 * bodies.radius) else ""
     more, meshes = ({}, []) if shown is None else _accuracy_frames(scene, shown, members, inside)
     scene.frames = Frames(
         moving(bodies, circle.q[members], scene) | more,
@@ -157,14 +157,17 @@ def _colours(
     return bar, colours
 
 
-def _draw_path(scene: Scene, circle: PosturesAtPoint, path: Array, colours: Array, radius: float) -> None:
+def _draw_path(scene: Scene, circle: PosturesAtPoint, path: Array, colours: Array, radius: float) -> bool:
+    """Draw it; False where there is none, because the postures are single ones."""
     members = thinned(circle.component, np.arange(len(circle.q)), PATH_POINTS)
-    for number, run in enumerate(runs(circle, members, path), start=1):
+    stretches = runs(circle, members, path)
+    for number, run in enumerate(stretches, start=1):
         if run.works:
             line = tube(path[run.members], radius, colours[run.members])
             scene[f"path/within {number}"].set_object(line, flat(by_vertex=True))
         else:
             scene[f"path/outside {number}"].set_object(tube(path[run.members], 0.4 * radius), flat(GREY))
+    return bool(stretches)
 
 
 def _accuracy_frames(
@@ -217,11 +220,11 @@ def _legend(
     on_slider: str,
 ) -> Legend:
     works, all_work = bool(circle.within_limits.any()), bool(circle.within_limits.all())
-    swatches = [Swatch(BLUE, f"path of {name}, within limits", "line")] if works and bar is None else []
-    if not all_work:
+    swatches = [Swatch(BLUE, f"path of {name}, within limits", "line")] if name and works and bar is None else []
+    if name and not all_work:
         swatches.append(Swatch(GREY, f"path of {name}, outside limits", "line"))
     swatches.append(Swatch(VERMILLION, "working point"))
-    notes = [f"The path of {name} has the colour of the bar where it is within limits."] if bar is not None else []
+    notes = [f"{f'The path of {name}' if name else 'The slider'} has the colours of the bar within limits."] if bar else []
     if shown is not None:
         swatches.append(Swatch(SET, f"accuracy of this posture ({shown.shape})", "area"))
         notes.append(f"The body at the point is {shown.words}.")

@@ -99,7 +99,7 @@ def map_scene(
         raise UnknownNameError("quantity", quantity, list(QUANTITIES))
     if most_frames < 1:
         raise AacmmError(f"most_frames is {most_frames}, expected at least 1")
-    arm, shown, data = model if isinstance(model, Arm) else model.arm, QUANTITIES[quantity], workspace_map.data
+    arm, shown, data = ErrorModel.arm_of(model), QUANTITIES[quantity], workspace_map.data
     if data.attrs["arm"] != arm.name or data.sizes["joint"] != arm.nq:
         raise AacmmError(f"the map is of {data.attrs['arm']} with {data.sizes['joint']} joints, the arm is {arm}")
     reachable = data["reachable"].values.astype(bool)

@@ -13,7 +13,7 @@ from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.display.arm_parts import Bodies
+from aacmm_pin.display.arm_parts import GHOST, Bodies
 from aacmm_pin.display.arm_scene import (
     ARM_SWATCHES,
     TO_SCALE,
@@ -35,7 +35,6 @@ from aacmm_pin.plots.diagnosis import magnification, models, off_stated, posture
 from aacmm_pin.plots.style import VERMILLION
 from aacmm_pin.units import MM
 
-GHOST = "#7f9cc0"
 SIZE_COLOURS = "plasma"
 CORNERS = 6
 """Corners of the foot of a residual's spike."""
