@@ -44,41 +44,53 @@ def effect_values(effect: Effect) -> dict[str, tuple[float, float]]:
 
 def verdict_in_words(result: Diagnosis) -> str:
     """One sentence: what the simulation lacks, or that it lacks nothing, or that nobody can say."""
-    name, left = result.model.arm.name, _left(result)
-    causes = [f for f in result.findings if not geometric(result, f)]
-    moved = [f for f in result.findings if geometric(result, f)]
-    number = "one cause" if len(causes) == 1 else f"{len(causes)} causes"
-    lacks = f"{number}, {several_in_words([f.effect for f in causes])}"
-    off = f"its geometry is off beyond what was stated: {several_in_words([f.effect for f in moved])}" if moved else ""
+    name, left, wrong = result.model.arm.name, _left(result), _wrong(result)
     if result.verdict == "unexplained":
-        beside = f" Beside it, the simulation lacks {lacks}." if causes else ""
-        depends = listed(list(result.unexplained.depends_on))
-        if not depends:
-            more = f"{result.rms['extended'] / result.noise:.1f} times the stated noise"
-            return f"{name}: the residuals stay {more}, and nothing in the file tells on what that depends.{beside}"
-        odd = [group.name for group in result.unexplained.groups if group.name in result.unexplained.depends_on]
-        if odd:
-            return f"{name}: {listed(odd)} does not agree with the other records.{beside}"
-        return f"{name}: something in these records depends on {depends}, and no known cause has its shape.{beside}"
+        return f"{name}: {_not_explained(result)}{f' Beside it, {wrong}.' if wrong else ''}"
     if result.verdict == "no-discrepancy":
         seen, of = result.visible
         if seen < of / 2:
             return f"{name}: too few records to say: of {of} causes of usual size they would show {seen}, and show none."
         return f"{name}: no cause is missing in the simulation. Once the arm is recalibrated, {left}."
     if result.verdict == "ambiguous":
-        doubtful = [f for f in result.findings if f.probability < SURE]
-        rivals = "; ".join(_doubt(f) for f in doubtful)
+        rivals = "; ".join(_doubt(f) for f in result.findings if f.probability < SURE)
         which = "which" if len(result.findings) == 1 else "all of them"
-        if not causes:
-            return f"{name}: {off}, but these records do not settle {which}: {rivals}."
-        return f"{name}: the simulation lacks {lacks}, but these records do not settle {which}: {rivals}."
-    if not causes:
-        return f"{name}: no cause is missing in the simulation, but {off}. Recalibrated, {left}."
-    return f"{name}: the simulation lacks {lacks}{f', and {off}' if off else ''}. With {_it(result)}, {left}."
+        return f"{name}: {wrong}, but these records do not settle {which}: {rivals}."
+    none = "" if _causes(result) else "no cause is missing in the simulation, but "
+    return f"{name}: {none}{wrong}. With {'it' if len(result.findings) == 1 else 'these'}, {left}."
 
 
-def _it(result: Diagnosis) -> str:
-    return "it" if len(result.findings) == 1 else "these"
+def _not_explained(result: Diagnosis) -> str:
+    depends = listed(list(result.unexplained.depends_on))
+    if not depends:
+        more = f"{result.rms['extended'] / result.noise:.1f} times the stated noise"
+        return f"the residuals stay {more}, and nothing in the file tells on what that depends."
+    odd = [group.name for group in result.unexplained.groups if group.name in result.unexplained.depends_on]
+    if odd:
+        return f"{listed(odd)} does not agree with the other records."
+    return f"something in these records depends on {depends}, and no known cause has its shape."
+
+
+def _causes(result: Diagnosis) -> list[Effect]:
+    """Findings that are causes of their own, and no value that the simulation has but has wrong."""
+    return [f.effect for f in result.findings if not (geometric(result, f) or isinstance(f.effect, SeatError))]
+
+
+def _wrong(result: Diagnosis) -> str:
+    """What the simulation lacks, and which values it has wrong: of the geometry, of the places of seats."""
+    causes = _causes(result)
+    moved = [f.effect for f in result.findings if geometric(result, f)]
+    seats = sorted(f.effect.seat for f in result.findings if isinstance(f.effect, SeatError))
+    found = []
+    if causes:
+        number = "one cause" if len(causes) == 1 else f"{len(causes)} causes"
+        found.append(f"the simulation lacks {number}, {several_in_words(causes)}")
+    if moved:
+        found.append(f"its geometry is off beyond what was stated: {several_in_words(moved)}")
+    if seats:
+        one = len(seats) == 1
+        found.append(f"the stated place{'' if one else 's'} of {listed(seats)} {'is' if one else 'are'} off")
+    return ", and ".join(found)
 
 
 def _doubt(finding: Finding) -> str:
@@ -169,7 +181,10 @@ def unexplained_in_words(result: Diagnosis) -> str:
     if not covariates and open_.p_value < CHANCE:
         return f"Something is left beyond chance (p {p}), but no single column over which it holds. {left_in_words(result)}"
     if not covariates:
-        return f"Nothing that depends on a joint's angle, time or any other column is left (p {p}). {left_in_words(result)}"
+        return (
+            "Nothing that depends on a joint's angle, time or any other column is left beyond chance "
+            f"(p {p}, where less than {CHANCE:g} would be). {left_in_words(result)}"
+        )
     worth = (
         ""
         if open_.gain is None

@@ -121,7 +121,8 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
     extra = [name for name in dict.fromkeys(texts) if name not in SINGLE and not any(_number(name, f) for f in NUMBERED)]
     for name in extra:
         if meant := _near_miss(name, texts):
-            problems.add(name, f"is not a known name; expected {meant}, or a name less like it if something else is meant")
+            other = "if something else is meant, a name that cannot be taken for it"
+            problems.add(name, f"is not a known name; expected {meant}, or {other}")
     problems.stop()
     unit, theta = _theta(texts, nq, problems)
     approach, torque, link_temperature = (_numbered(texts, f, problems) for f in (APPROACH, TORQUE, LINK_TEMPERATURE))

@@ -334,7 +334,10 @@ def _read_csv(path: str) -> tuple[pd.DataFrame, Index]:
     header = rows[0]
     for mark, called in ((";", "semicolons"), ("\t", "tabulators")):
         if len(header) == 1 and mark in header[0]:
-            message = f"{called} between the names; expected commas between cells, and decimal points in numbers"
+            message = (
+                f"{called} between the names; expected commas between cells, and decimal points in numbers: "
+                f"pandas.read_csv({path!r}, sep={mark!r}, decimal=',').to_csv('new.csv', index=False) makes them"
+            )
             raise MeasurementFileError(path, lines[0], "", message)
     problems = Problems(path, np.array(lines, dtype=np.intp))
     cells_of = np.array([len(cells) for cells in rows])
@@ -357,7 +360,7 @@ def _text(path: str) -> str:
         raise MeasurementFileError(path, None, "", f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        message = f"not UTF-8 text (byte {error.start}); expected a CSV file in UTF-8"
+        message = f"not UTF-8 text (byte {error.start}); expected CSV in UTF-8, as spreadsheets can save it"
         raise MeasurementFileError(path, line, "", message) from None
     if "\0" in text:
         raise MeasurementFileError(path, None, "", "not text, or in UTF-16; expected a CSV file in UTF-8")

@@ -425,7 +425,7 @@ def test_noise_that_nobody_states_is_found_and_said(folder: Path, tmp_path: Path
     table.to_csv(tmp_path / "d.csv", index=False)
     out, err = done("calibrate", "sino6", tmp_path / "d.csv", "--no-held-out")
     assert "The noise was not stated in full" in out
-    assert "no encoder noise is stated" in err
+    assert "nobody states the noise of the encoders" in err
     out, err = done("calibrate", "sino6", tmp_path / "d.csv", "--no-held-out", "--encoder-noise-rad", "1e-3")
     assert "what was stated of it is enough for these residuals" in out
     assert "what is stated of it is enough for these records" in err

@@ -145,11 +145,12 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
     """What was assumed, or found instead of stated."""
     found = []
     if noise.encoder is None:
-        found.append("no encoder noise is stated: its effect is part of the scatter found")
+        found.append("nobody states the noise of the encoders: its effect is part of the scatter found")
     if not after.stated:
+        what = " and ".join(noise.missing(after.problem.measurements))
         scatter = f"{after.unmodelled / MM:.4f} mm of scatter per coordinate were found beside what is stated"
         enough = "what is stated of it is enough for these records, and none was added"
-        found.append(f"the noise is not stated in full: {scatter if after.scatters else enough}")
+        found.append(f"nobody states the noise {what}: {scatter if after.scatters else enough}")
     elif after.unmodelled > 0:
         found.append(
             f"the records scatter more than stated: {after.unmodelled / MM:.4f} mm per coordinate were added, "

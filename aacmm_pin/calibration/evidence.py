@@ -38,15 +38,21 @@ class StatedNoise:
 
     def suffices(self, measurements: Measurements) -> bool:
         """Whether the scatter of every kind of record is stated, so that χ² can be judged."""
+        return not self.missing(measurements)
+
+    def missing(self, measurements: Measurements) -> list[str]:
+        """In words, whose noise nobody states although χ² needs it."""
         seats = measurements.conditions.seat
         touched = np.zeros(measurements.n, dtype=bool) if seats is None else np.asarray(seats != "", dtype=bool)
         placed = [measurements.known[records].any() for records in measurements.seats().values()]
         stated = np.asarray(np.isfinite(measurements.reference_u).all(axis=1))
+        found = []
         if self.reference is None and not stated[measurements.known].all():
-            return False
-        if touched.any() and self.probe is None and self.encoder is None:
-            return False  # a seat touched again would have to give the very same tip
-        return self.probe is not None or all(placed)
+            found.append("of the reference coordinates")
+        # Without these a seat touched again would have to give the very same tip.
+        if touched.any() and self.probe is None and (self.encoder is None or not all(placed)):
+            found.append("of a contact in its seat")
+        return found
 
 
 def observations_of(measurements: Measurements, noise: StatedNoise, unmodelled: float) -> list[Observation]:

@@ -11,6 +11,8 @@ from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import CAUSES
 
+PLACE, SCALE = ("x", "y", "z"), "scale"
+"""Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
 GEOMETRIC = frozenset(cause.cause for cause in OF_KIND.values()) | {"stylus_offset", "reference_frame"}
 """What a plan refits anyway, so that it cannot split it from another."""
 
@@ -44,8 +46,7 @@ def next_measurements(
             "check columns, units and reference frame, and note what else changes"
         )
     if verdict == "unexplained":
-        on = ", ".join(unexplained.depends_on)
-        return f"repeat some postures with other values of {on} and everything else alike, and some with all alike"
+        return f"{_otherwise(unexplained.depends_on)}, and repeat some records with all alike"
     doubtful = [finding for finding in findings if finding.probability < SETTLED]
     for finding in doubtful:
         alike = [a for a in finding.aliases if a.label.split(":")[0] in CAUSES]
@@ -63,7 +64,24 @@ def next_measurements(
         first = doubtful[0]
         on = first.aliases[0].label if first.aliases else "all that was recorded"
         return (
-            f"to tell {first.label} from anything else that depends on {on}, repeat some postures with other values of "
-            f"{on} and everything else alike, and some with all alike"
+            f"to tell {first.label} from anything else that depends on {on}, {_otherwise((on,))}, and repeat some records "
+            "with all alike"
         )
     return "nothing is open; check the extended model on new records"
+
+
+def _otherwise(depends_on: Sequence[str]) -> str:
+    """What to do differently, so that what the residuals depend on is not tied to all the rest."""
+    joints = [name for name in depends_on if name.startswith("joint ")]
+    places = [name for name in depends_on if name in PLACE]
+    others = [name for name in depends_on if name not in (*joints, *places, SCALE)]
+    found = []
+    if joints:
+        found.append(f"touch the same places in postures with other angles of {', '.join(joints)}")
+    if places:
+        found.append("measure the same postures with the stand of the arm elsewhere, which tells the room from the arm")
+    if SCALE in depends_on:
+        found.append("measure a length that is known from elsewhere, which tells whether the references or the arm are off")
+    if others:
+        found.append(f"repeat some postures with other values of {', '.join(others)} and everything else alike")
+    return ", ".join(found)
