@@ -360,7 +360,8 @@ def _text(path: str) -> str:
         raise MeasurementFileError(path, None, "", f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        message = f"not UTF-8 text (byte {error.start}); expected CSV in UTF-8, as spreadsheets can save it"
+        expected = "expected a CSV file in UTF-8, as every spreadsheet can save it"
+        message = f"not UTF-8 text (byte {error.start}); {expected}"
         raise MeasurementFileError(path, line, "", message) from None
     if "\0" in text:
         raise MeasurementFileError(path, None, "", "not text, or in UTF-16; expected a CSV file in UTF-8")

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 from pydantic import BaseModel
 from typer.testing import CliRunner
@@ -147,6 +148,20 @@ def fields_of(model: type[BaseModel], at: str = "") -> Iterator[str]:
 
 def test_keys_of_the_arm_file() -> None:
     assert set(documented("Arm file (TOML)")) - {"effects[].joint"} == set(fields_of(arm_file.ArmFile))
+
+
+def test_columns_of_what_commands_write(tmp_path: Path) -> None:
+    data, *tables = (str(tmp_path / f"{name}.csv") for name in ("data", "circle", "accuracy", "residuals", "corrected"))
+    point = ["--point", "33.6", "-671.9", "182.9", "--count", "6", "-o"]
+    run(["simulate", "sino6", "--plan", "seats", "--records", "40", "--seats", "5", "-o", data])
+    run(["configurations", "sino6", *point, tables[0]])
+    run(["accuracy", "sino6", *point, tables[1]])
+    run(["calibrate", "sino6", data, "--no-held-out", "--residuals", tables[2]])
+    run(["correct", "sino6", data, "-o", tables[3]])
+    came = [name for path in tables for name in pd.read_csv(path, nrows=1) if not re.fullmatch(r"theta[2-6]_deg", name)]
+    of_records = {*measurement_columns.SINGLE, *(f"approach{j}" for j in range(1, 7))}
+    explained = {key.removesuffix(" …") for key in documented("CSV that commands write")}
+    assert explained == set(came) - (of_records - {"x_mm", "y_mm", "z_mm"})
 
 
 def test_columns_of_the_measurement_file() -> None:
