@@ -23,7 +23,7 @@ from aacmm_pin.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.pose_conditions import PoseConditions
 from aacmm_pin.postures_at_point import PosturesAtPoint
 from aacmm_pin.self_motion import SelfMotion
-from aacmm_pin.solution_search import MOST_STARTS, Search, search
+from aacmm_pin.solution_search import FLAT, MOST_STARTS, Search, flattest, search
 from aacmm_pin.swivel import Swivel
 from aacmm_pin.units import DEG
 
@@ -148,12 +148,15 @@ def reaching_postures(
     if conditions.free == 0:
         single = Isolated(system, np.empty((0, arm.nq)))
         found = search(system, arm.nq, single, most_starts)
-        q, component, curves = single.q, np.arange(len(single.q)), ()
-        return _result(arm, conditions, q, component, curves, found, _families(single, found))
+        notes = (*_families(single, found), *_next_to_singular(single, found))
+        return _result(arm, conditions, single.q, np.arange(len(single.q)), (), found, notes)
     motion = SelfMotion(system)
     found = search(system, arm.nq, motion, most_starts)
     q, component = motion.spaced(count) if motion.curves else (np.empty((0, arm.nq)), np.empty(0, dtype=np.intp))
-    return _result(arm, conditions, q, component, tuple(motion.curves), found, _families(motion, found))
+    curves = tuple(motion.curves)
+    unfinished = [n for n, curve in enumerate(curves, start=1) if not curve.closed]
+    more = [f"component {n} could not be followed all the way round" for n in unfinished]
+    return _result(arm, conditions, q, component, curves, found, (*_families(motion, found), *more))
 
 
 def _conditions(
@@ -206,19 +209,39 @@ def _rotation(values: ArrayLike) -> Array:
     return np.asarray(left @ right)
 
 
-def _families(finds: Isolated | SelfMotion, found: Search) -> str:
+def _families(finds: Isolated | SelfMotion, found: Search) -> tuple[str, ...]:
+    """That there are singular postures in families, which are not listed."""
     if finds.family is None:
-        return ""
+        return ()
     angles = ", ".join(f"{angle:.1f}" for angle in wrapped(finds.family) / DEG)
-    return f"{finds.families} of {found.arrived} arrivals at singular postures that go on in families, such as ({angles})°"
+    where = f"{finds.families} of {found.arrived} arrivals at singular postures"
+    return (f"{where} that go on in families, such as ({angles})°; they are not listed",)
+
+
+def _next_to_singular(single: Isolated, found: Search) -> tuple[str, ...]:
+    """That some postures are so flat that rounding decides whether a neighbour is found, and whether it is another one."""
+    near = np.flatnonzero(flattest(single.system, single.q)[0] < FLAT) if len(single.q) else np.empty(0)
+    notes = []
+    if near.size:
+        which = f"posture{'s' * (near.size > 1)} {', '.join(str(n + 1) for n in near)}"
+        notes.append(f"{which} next to a singular one: a neighbour may be missed there, or one posture be listed twice")
+    if found.stalled:
+        notes.append(
+            f"{found.stalled} of {found.starts} starts came to a stand next to singular postures: some there may be missed"
+        )
+    return tuple(notes)
 
 
 def _result(
-    arm: Arm, conditions: PoseConditions, q: Array, component: Index, curves: tuple[Curve, ...], found: Search, family: str
+    arm: Arm,
+    conditions: PoseConditions,
+    q: Array,
+    component: Index,
+    curves: tuple[Curve, ...],
+    found: Search,
+    notes: tuple[str, ...],
 ) -> ReachingPostures:
-    notes = [f"{family}; they are not listed"] if family else []
-    notes += [f"component {n} could not be followed all the way round" for n, c in enumerate(curves, 1) if not c.closed]
-    reason = "" if len(q) else family or f"{found}: out of reach"
+    reason = "" if len(q) else "; ".join(notes) or f"{found}: out of reach"
     q = into_limits(q, arm.limits)
     return ReachingPostures(
         arm,
@@ -231,7 +254,7 @@ def _result(
         conditions,
         curves,
         found,
-        tuple(notes),
+        notes,
         reason=reason,
     )
 

@@ -18,8 +18,12 @@ ENOUGH = 300
 NOTHING = 1024
 """Starts of which none arrives end it too."""
 MOST_STARTS = 16384
+BESIDE = 1e-5
+"""A start that did not arrive but whose equations are off by less than this stalled next to a solution [m, rad]."""
 SINGULAR = 1e-6
 """A solution is singular where the smallest singular value of the equations' derivative is this part of the largest."""
+FLAT = 1e-4
+"""With this part of it, it is next to a singular one: rounding decides what is found there."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +33,14 @@ class Search:
     Attributes:
         starts: evenly spread starts of Newton's method.
         arrived: how many of them ended in a solution.
+        stalled: how many came to a stand beside a solution next to a singular one.
         hits: how many arrived at each find, in the order of the components.
         since_new: arrivals after the last one that brought something new.
     """
 
     starts: int
     arrived: int
+    stalled: int
     hits: tuple[int, ...]
     since_new: int
 
@@ -76,16 +82,24 @@ def search(system: System, joints: int, finds: Finds, most_starts: int = MOST_ST
         finds: gathers them.
         most_starts: the search ends there in any case.
     """
-    starts = arrived = since_new = 0
+    starts = arrived = stalled = since_new = 0
     spread = spread_angles(most_starts, joints)
     while starts < most_starts and since_new < ENOUGH and (arrived or starts < NOTHING):
         some = spread[starts : starts + ROUND]
         q, good = polish(system, some, np.zeros(len(some), dtype=np.intp))
+        stalled += _stalled(system, q[~good])
         q = q[good]
         newest = finds.absorb(q) if len(q) else 0
         since_new = len(q) - newest + (0 if newest else since_new)
         starts, arrived = starts + len(some), arrived + len(q)
-    return Search(starts, arrived, tuple(finds.hits), since_new)
+    return Search(starts, arrived, stalled, tuple(finds.hits), since_new)
+
+
+def _stalled(system: System, q: Array) -> int:
+    """How many of some that did not arrive (n, k) stand beside a solution that is nearly singular."""
+    off = np.abs(system(q, np.zeros(len(q), dtype=np.intp))[0]).max(axis=1, initial=0.0)
+    beside = q[off < BESIDE]  # others of these would have arrived with more steps
+    return int((flattest(system, beside)[0] < FLAT).sum()) if len(beside) else 0
 
 
 def flattest(system: System, q: Array) -> tuple[Array, Array]:

@@ -6,13 +6,12 @@ The arm turns about joint axis 1, so the half-plane y = 0, x ≥ 0 of the base s
 from __future__ import annotations
 
 import signal
-import threading
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -189,7 +188,7 @@ def _run(jobs: list[_Job], processes: int) -> Iterator[tuple[int, dict[str, Arra
         return
     pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
     try:
-        with _interrupts_ignored():  # the workers inherit this: an interrupt is the parent's to answer
+        with _interrupts_held():  # the workers inherit this: an interrupt is the parent's to answer
             futures = {pool.submit(_work, job): number for number, job in enumerate(jobs)}
         for future in as_completed(futures):
             yield futures[future], future.result()
@@ -198,15 +197,14 @@ def _run(jobs: list[_Job], processes: int) -> Iterator[tuple[int, dict[str, Arra
 
 
 @contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():  # only the main thread may change signals
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _interrupts_held() -> Iterator[None]:
+    """Keep an interrupt until the end, and processes that are started meanwhile from being interrupted at all."""
+    resource_tracker.ensure_running()  # it would let interrupts through when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _work(job: _Job) -> dict[str, Array]:

@@ -52,8 +52,8 @@ def get(url: str, path: str = "/static/", **headers: str) -> tuple[int, str]:
         every = {"Host": f"{host}:{port}", "Connection": "close"} | headers
         lines = "".join(f"{name.replace('_', '-')}: {value}\r\n" for name, value in every.items())
         connection.sendall(f"GET {path} HTTP/1.1\r\n{lines}\r\n".encode())
-        connection.shutdown(socket.SHUT_WR)
-        answer = b""
+        answer = connection.recv(1 << 16)
+        connection.shutdown(socket.SHUT_WR)  # a WebSocket would stay open
         while part := connection.recv(1 << 16):
             answer += part
     return int(answer.split()[1]), answer.decode(errors="replace")

@@ -19,6 +19,7 @@ import io
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import tokenize
@@ -115,11 +116,11 @@ def lines(text: str) -> list[str]:
 
 
 def shell(line: str) -> str:
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    environment = os.environ | {"PATH": path, "COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "OMP_NUM_THREADS": "1"}
+    if line.startswith("aacmm-pin show ") and " -o " not in line:
+        return served(line)
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", line],
-        env=environment,
+        env=environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -127,6 +128,23 @@ def shell(line: str) -> str:
     )
     assert done.returncode == 0, f"{line}: exit status {done.returncode}\n{done.stdout}"
     return done.stdout
+
+
+def served(line: str) -> str:
+    """A command that serves until it is interrupted; it is interrupted once it says where."""
+    line = line.replace(" show ", " show --no-browser ", 1)
+    with subprocess.Popen(["bash", "-c", f"exec {line}"], env=environment(), stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        url = process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0, line
+        assert url.startswith("http://127.0.0.1:")
+        return url
+
+
+def environment() -> dict[str, str]:
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    return os.environ | {"PATH": path, "COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "OMP_NUM_THREADS": "1"}
 
 
 def says(said: str, claimed: str) -> bool:

@@ -164,6 +164,14 @@ def test_a_stretched_elbow_gives_one_posture_for_two(ur5: Arm, by_hand: ByHand) 
     assert not found.notes
 
 
+@pytest.mark.parametrize(("bend", "told"), [(0.4, False), (1e-3, False), (1e-5, True), (1e-7, True), (1e-9, True)])
+def test_next_to_a_straight_wrist_doubts_are_told(ur5: Arm, bend: float, told: bool) -> None:
+    pose = ur5.poses(np.array([[0.3, -1.2, 1.4, -1.6, bend, 0.4]])).placement[0]
+    found = reaching_postures(ur5, pose[:3, 3], rotation=pose[:3, :3])
+    assert any("singular" in note for note in found.notes) == told
+    assert told or len(found) == 8
+
+
 def test_a_straight_wrist_is_told_not_sampled(ur5: Arm, by_hand: ByHand) -> None:
     """With θ5 = 0 axes 2, 3, 4 and 6 are parallel, and the elbow sweeps: that is a family. The other postures are single."""
     q = np.array([[0.4, -1.1, 1.3, 0.5, 0.0, -0.7]])

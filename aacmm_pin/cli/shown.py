@@ -105,9 +105,9 @@ def _accuracy(circle: PosturesAtPoint, model: ErrorModel, encoder_noise: float |
 
 def _serve(scene: Scene, browser: bool) -> None:
     with scene.show(browser=browser) as server:
-        say(server.url)
-        note("Ctrl-C ends it")
         try:
+            say(server.url)
+            note("Ctrl-C ends it")
             while server.running:
                 time.sleep(LOOK)
         except KeyboardInterrupt:

@@ -11,6 +11,7 @@ from typing import Any
 
 from aacmm_pin.demo.diagnosed import diagnosed_sections
 from aacmm_pin.demo.hidden import Hidden, hidden_section
+from aacmm_pin.demo.in_short import in_short
 from aacmm_pin.demo.paper import paper_sections, ratio_text
 from aacmm_pin.demo.sections import about_accuracy, about_arm, about_assumptions, about_map, about_postures
 from aacmm_pin.demo.study import SEED, Study, make_study
@@ -80,6 +81,7 @@ def run_demo(
         over_map = map_summary(study.map)
         downloads = _write_data(study, accuracy, over_map, out)
         sections = [
+            Section("In short", in_short(study, accuracy)),
             Section("What this arm is", about_arm(study)),
             Section("Postures at the working point", about_postures(study, out)),
             Section("Accuracy at the working point, and why", about_accuracy(study, accuracy, out)),
