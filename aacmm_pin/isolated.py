@@ -18,9 +18,10 @@ ASIDE = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
 """How far beside a solution its neighbour is looked for, in the direction in which it is most easily left [rad]."""
 ALONG = np.array([0.02, 0.04, 0.08])
 """Steps along a family, each of which has to arrive about there [rad]."""
-
-MOST_BESIDE = 4
-"""So many finds in a row are looked for beside one another; next to a singular pose an almost-family has no end."""
+MOST_SINGLE = 16
+"""Six turning joints have at most so many single postures for a pose (Primrose 1986); more are a family in disguise."""
+MOST_BESIDE = 8
+"""So many finds are looked for beside one another; next to a singular pose an almost-family of them has no end."""
 
 
 @dataclass(eq=False)
@@ -54,13 +55,16 @@ class Isolated:
             self.family = q[newest - 1]
         for place in np.flatnonzero(single):
             number = self._number(q[place])
-            if number is None:
+            if number is not None:
+                self.hits[number] += 1
+            elif len(self.q) >= MOST_SINGLE:
+                self.families += 1
+                self.family = q[place] if self.family is None else self.family
+            else:
                 self._add(q[place])
                 self.hits[-1] += 1
                 newest = max(newest, int(place) + 1)
                 self._look_beside(q[place])
-            else:
-                self.hits[number] += 1
         return newest
 
     def _add(self, q: Array) -> None:
@@ -81,16 +85,26 @@ class Isolated:
                 return int(number)
         return None
 
-    def _look_beside(self, q: Array, farther: int = MOST_BESIDE) -> None:
+    def _look_beside(self, q: Array) -> None:
+        """Look for neighbours of a find (k,), for neighbours of these, and so on."""
+        left = [q]
+        for _ in range(MOST_BESIDE):
+            if not left:
+                return
+            left += self._neighbours(left.pop(0))
+
+    def _neighbours(self, q: Array) -> list[Array]:
+        """Finds not known before, in the flattest direction from one (k,); they are known then."""
         direction = flattest(self.system, q[None, :])[1][0, -1]
         starts = q + np.concatenate([-ASIDE, ASIDE])[:, None] * direction
         found, good = polish(self.system, starts, np.zeros(len(starts), dtype=np.intp))
         found = found[good]
+        new = []
         for other in found[self._single(found)]:
-            if self._number(other) is None:
+            if len(self.q) < MOST_SINGLE and self._number(other) is None:
                 self._add(other)
-                if farther:
-                    self._look_beside(other, farther - 1)
+                new.append(other)
+        return new
 
     def _single(self, q: Array) -> NDArray[np.bool_]:
         """Which solutions (n, k) do not go on beside themselves, in one of their two flattest directions: (n,)."""

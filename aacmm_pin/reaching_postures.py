@@ -223,8 +223,8 @@ def _next_to_singular(single: Isolated, found: Search) -> tuple[str, ...]:
     near = np.flatnonzero(flattest(single.system, single.q)[0] < FLAT) if len(single.q) else np.empty(0)
     notes = []
     if near.size:
-        which = f"posture{'s' * (near.size > 1)} {', '.join(str(n + 1) for n in near)}"
-        notes.append(f"{which} next to a singular one: a neighbour may be missed there, or one posture be listed twice")
+        which = f"posture {near[0] + 1} is" if near.size == 1 else f"postures {', '.join(str(n + 1) for n in near)} are"
+        notes.append(f"{which} singular or nearly so: a neighbour may be missed there, or one posture be listed twice")
     if found.stalled:
         notes.append(
             f"{found.stalled} of {found.starts} starts came to a stand next to singular postures: some there may be missed"

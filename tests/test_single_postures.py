@@ -161,7 +161,7 @@ def test_a_stretched_elbow_gives_one_posture_for_two(ur5: Arm, by_hand: ByHand) 
     assert distances(q, found.q).min() < 1e-5
     apart = distances(found.q, found.q) + 9 * np.eye(len(found))
     assert apart.min() > 0.1
-    assert not found.notes
+    assert "singular or nearly so" in found.notes[0]
 
 
 @pytest.mark.parametrize(("bend", "told"), [(0.4, False), (1e-3, False), (1e-5, True), (1e-7, True), (1e-9, True)])
@@ -177,8 +177,7 @@ def test_a_straight_wrist_is_told_not_sampled(ur5: Arm, by_hand: ByHand) -> None
     q = np.array([[0.4, -1.1, 1.3, 0.5, 0.0, -0.7]])
     pose = ur5.poses(q).placement[0]
     found = at(ur5, pose)
-    (note,) = found.notes
-    assert "families" in note
+    assert "families" in found.notes[0]
     with np.errstate(invalid="ignore", divide="ignore"):
         expected = by_hand.solutions(pose)
     expected = expected[np.isfinite(expected).all(axis=1) & (np.abs(np.sin(expected[:, 4])) > 1e-3)]
