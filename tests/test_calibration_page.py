@@ -157,5 +157,5 @@ def test_an_unknown_frame_and_what_was_assumed_are_told(sino6: Arm) -> None:
     text = Page(written(result)).text.replace("\u00a0", " ")
     assert "What was found or assumed beside:" in text
     assert "The base stands at (" in text
-    assert "o encoder noise is stated" in text
+    assert "obody states the noise of the encoders" in text
     assert "χ² cannot judge the model" in text
