@@ -135,13 +135,10 @@ def evidence_of(information: Array, gradient: Array) -> Array:
     """
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 0.0)
-    drawn = gradient.ndim == 3
-    along = np.einsum("bij,bi...->bj...", vectors, gradient)
-    total = None
-    for magnitude in MAGNITUDES**2:
-        shrink = magnitude / (1.0 + magnitude * values)
-        penalty = np.log1p(magnitude * values).sum(axis=1)
-        gain = 0.5 * (np.einsum("bj...,bj->b...", along**2, shrink) - (penalty[:, None] if drawn else penalty))
-        total = gain if total is None else np.logaddexp(total, gain)
-    assert total is not None
-    return np.asarray(total - np.log(len(MAGNITUDES)))
+    scaled = MAGNITUDES[:, None, None] ** 2 * values  # (magnitudes, b, q)
+    shrink, penalty = MAGNITUDES[:, None, None] ** 2 / (1.0 + scaled), np.log1p(scaled).sum(axis=2)
+    # As products of matrices, which BLAS does: (b, magnitudes, q) @ (b, q, draws)
+    along = vectors.transpose(0, 2, 1) @ (gradient if gradient.ndim == 3 else gradient[:, :, None])
+    gain = 0.5 * (shrink.transpose(1, 0, 2) @ np.square(along) - penalty.T[:, :, None])
+    total = np.logaddexp.reduce(gain, axis=1) - np.log(len(MAGNITUDES))
+    return np.asarray(total if gradient.ndim == 3 else total[:, 0])
