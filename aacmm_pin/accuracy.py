@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
 
 from aacmm_pin import zonotope
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, batch, vector
 from aacmm_pin.conditions import Conditions
 from aacmm_pin.dh import chunks
+from aacmm_pin.distributions import chi2_isf
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.error_sources import ErrorSources
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
@@ -37,7 +37,7 @@ Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 COVERAGE = 0.95
-COVERAGE_FACTOR = float(np.sqrt(chi2.ppf(COVERAGE, 3)))
+COVERAGE_FACTOR = float(np.sqrt(chi2_isf(1.0 - COVERAGE, 3)))
 """k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM 102:2011, table 1)."""
 ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
 

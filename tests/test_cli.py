@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 import aacmm_pin
 from aacmm_pin import Arm
-from aacmm_pin.cli import app, before
+from aacmm_pin.cli import app
 from aacmm_pin.demo import run_demo
 from aacmm_pin.units import DEG, MM
 from aacmm_pin.workspace import WorkspaceMap
@@ -286,7 +286,7 @@ def test_demo_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     folder, mine = tmp_path / "out", tmp_path / "mine.toml"
     arm = (Path(aacmm_pin.__file__).parent / "arms" / "sino6.toml").read_text(encoding="utf-8")
     mine.write_text(arm.replace('name = "SINO6"', 'name = "MINE"'), encoding="utf-8")
-    monkeypatch.setattr(before, "run_demo", partial(run_demo, str(mine)))
+    monkeypatch.setattr("aacmm_pin.demo.run_demo", partial(run_demo, str(mine)))
     status, out, _ = run("demo", "-o", folder, "--cells", "8", "8")
     assert status == 0
     assert "MINE" in out

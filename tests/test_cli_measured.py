@@ -354,7 +354,7 @@ def test_a_failure_on_the_way_leaves_none(data: Path, tmp_path: Path, monkeypatc
         assert any(tmp_path.iterdir())  # the others are on their way
         raise AacmmError("no page today")
 
-    monkeypatch.setattr("aacmm_pin.cli.measured.calibration_page", fail)
+    monkeypatch.setattr("aacmm_pin.calibration_page.calibration_page", fail)
     files = ["-o", tmp_path / "c.toml", "--residuals", tmp_path / "r.csv", "--report", tmp_path / "r.html", "--json", "-"]
     assert "no page today" in refused("calibrate", "sino6", data, *QUICK, *files)
     assert list(tmp_path.iterdir()) == []

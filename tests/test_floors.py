@@ -16,6 +16,7 @@ FLOORS = {
     "shown": 0,
     "cells": 1,
     "checks": 1,
+    "distributions": 2,
     "outputs": 1,
     "parameter": 1,
     "progress": 1,

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth
 from scipy.optimize import brentq
-from scipy.stats import chi2, f
 
 from aacmm_pin.calibration.evidence import StatedNoise, observations_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.solver import MEDIAN, Point, Solution, begin, deviations, noise_of_tips, solve, standing
 from aacmm_pin.checks import Array, Index
+from aacmm_pin.distributions import chi2_isf, chi2_sf, f_isf
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.observations import Observation
 
@@ -189,7 +189,7 @@ class _Fitting:
         self._prepare(self._scatter_of_median(solution.system.deviation, spoken, min(1.0, dof / (3 * count))), point)
         # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
         chance = FALSE_EXCLUSION / count
-        limit = 3 * f.isf(chance, 3, EFFICIENCY * dof) if self.unmodelled > 0 else chi2.isf(chance, 3)
+        limit = 3 * f_isf(chance, 3, EFFICIENCY * dof) if self.unmodelled > 0 else chi2_isf(chance, 3)
         limit *= 1.0 if self.stated else UNEQUAL**2
         used = spoken.copy()
         solution = standing(self.problem, self.observations, self.tips, point, solution.weights)
@@ -325,7 +325,7 @@ def _chi2(problem: Problem, solution: Solution) -> tuple[float, float]:
 
 def _may_be(judged: tuple[float, float]) -> bool:
     """Whether χ² is no larger than its degrees of freedom allow, or there are none to judge it by."""
-    return judged[1] < LEAST_DOF or float(chi2.sf(*judged)) >= MISFIT
+    return judged[1] < LEAST_DOF or float(chi2_sf(*judged)) >= MISFIT
 
 
 def deleted_distances(observations: list[Observation], solution: Solution, noise: Array) -> Array:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
 
 from aacmm_pin.arm_file import COVERAGE_FACTOR
 from aacmm_pin.calibration.evidence import StatedNoise
@@ -19,6 +18,7 @@ from aacmm_pin.calibration.held_out import HeldOut
 from aacmm_pin.calibration.identifiability import Observability, undetermined
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.checks import Array
+from aacmm_pin.distributions import chi2_sf
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.shown import Shown, drawn
@@ -92,7 +92,7 @@ class Calibration(Shown):
     def p_value(self) -> float | None:
         """Chance of a χ² this large if the model and the stated noise are right; None where the noise was not stated."""
         judged = self.fit.chi2_stated
-        return None if judged is None or judged[1] < LEAST_DOF else float(chi2.sf(*judged))
+        return None if judged is None or judged[1] < LEAST_DOF else float(chi2_sf(*judged))
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:

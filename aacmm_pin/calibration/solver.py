@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
 from aacmm_pin.calibration.system import System, assemble
 from aacmm_pin.checks import Array
+from aacmm_pin.distributions import chi2_isf
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.observations import KnownLength, Observation
 
@@ -32,7 +32,7 @@ LEAST_KNOWN = 0.1
 """A direction about which data and stated uncertainties together say less than this, one over its width, is not known."""
 WILD = 2.0
 """Records this many standard deviations off have half weight in the robust search (Cauchy's weight function)."""
-MEDIAN = float(chi2.ppf(0.5, 3))
+MEDIAN = float(chi2_isf(0.5, 3))
 
 
 @dataclass(frozen=True, eq=False)

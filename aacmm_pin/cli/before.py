@@ -9,14 +9,12 @@ import numpy as np
 import pandas as pd
 import typer
 
-from aacmm_pin import plots
 from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.arm_file import load_arm_file
 from aacmm_pin.cli.common import ArmName, EncoderNoise, Force, Json, Output, Plot, Results, command, note, say
 from aacmm_pin.cli.given import FrameName, MaybeArm, RotationHalfWidth, TranslationHalfWidth, Urdf, model_of
 from aacmm_pin.cli.reached import Axis, Count, Point, RollPitchYaw, Tip, ToolAxis, postures_at
 from aacmm_pin.cli.tables import show
-from aacmm_pin.demo import run_demo
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.postures_at_point import PosturesAtPoint
 from aacmm_pin.reaching_postures import ReachingPostures
@@ -36,6 +34,8 @@ def demo(
     force: Force = False,
 ) -> None:
     """The whole tour on bundled input: SINO6 at a point and over its workspace, as one HTML page."""
+    from aacmm_pin.demo import run_demo  # here and below: what draws is loaded only where it is drawn
+
     summary = run_demo(folder=output, cells=cells, force=force)
     say(str(summary))
 
@@ -144,7 +144,7 @@ def map_(
         if output is not None:
             result.save(results.file(output))
         if plot is not None:
-            results.picture(plots.plot_comprehensive(result).figure, plot)
+            results.picture(result.plot().figure, plot)
         if json_ is not None:
             results.json(map_summary(result), json_)
     if json_ != "-":
@@ -160,6 +160,8 @@ def _method(name: str) -> Method:
 
 
 def _drawn(circle: PosturesAtPoint, result: AccuracyVolume) -> Any:
+    from aacmm_pin import plots
+
     if isinstance(circle, ReachingPostures):
         return plots.plot_accuracy_of_postures(circle, result).figure
     return plots.plot_accuracy_over_swivel(circle, result).figure

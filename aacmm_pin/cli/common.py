@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import os
 import sys
 import tempfile
 from collections.abc import Callable
@@ -13,7 +14,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, ParamSpec, Self
 
-import matplotlib
 import typer
 
 from aacmm_pin.arm_file import bundled_arms
@@ -29,7 +29,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-matplotlib.use("Agg")  # the command writes files and never opens a window
+os.environ["MPLBACKEND"] = "Agg"  # the command writes files and never opens a window; matplotlib is loaded to draw only
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated, cast
 
 import numpy as np
-import pandas as pd
 import typer
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
-from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, command, note, say
+from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, command, note
 from aacmm_pin.cli.given import (
     Data,
     FrameName,
@@ -25,27 +24,9 @@ from aacmm_pin.cli.given import (
     in_metres,
     model_and_data,
 )
-from aacmm_pin.cli.tables import show
-from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.diagnosis_findings import (
-    group_in_words,
-    line_to_remember,
-    probability,
-    unexplained_in_words,
-    verdict_in_words,
-)
-from aacmm_pin.diagnosis_page import diagnosis_page
-from aacmm_pin.diagnosis_tables import OFF_FORMATS, RANKING_FORMATS, curves_in_words, most_off, ranking
+from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.measurements import Measurements
-
-SHORT = {"at the tip [µm]": "tip [µm]", "probability": "prob.", "retained": "left"}
-"""Heads that leave room for the values at 80 columns."""
-FORMATS = {SHORT[name]: form for name, form in RANKING_FORMATS.items()}
-WORST = 3
-"""So many groups of records that are off most are told."""
-LEAST_SHOWN = 1e-3
-"""Look-alikes less probable than this are in the page and the JSON only."""
 
 
 @command("diagnose")
@@ -92,48 +73,14 @@ def diagnose_(
             result.model.save(results.file(extended_arm), comment=f"Extended by aacmm-pin diagnose from {path}: {result}")
         summary = result.summary() | {"source": path, "seed": seed}
         if output is not None:
+            from aacmm_pin.diagnosis_page import diagnosis_page  # here and below: loads what draws
+
             results.text(diagnosis_page(result, summary, f"{datetime.now(UTC):%Y-%m-%d}"), output)
         if json_ is not None:
             results.json(summary, json_)
     for text in result.notes:
         note(f"note: {text}")
     if json_ != "-":
-        _say(result)
+        from aacmm_pin.cli.said_diagnosis import say_diagnosis
 
-
-def _say(result: Diagnosis) -> None:
-    say(f"{result.verdict}. {verdict_in_words(result)}")
-    say(line_to_remember(result))
-    labels = [finding.label for finding in result.findings]
-    causes = ranking(result).assign(cause=labels) if labels else pd.DataFrame()
-    show(causes.rename(columns=SHORT), FORMATS, "causes found; left: the part of the effect that recalibration leaves:")
-    for line in curves_in_words(result):
-        say(line)
-    show(_look_alikes(result), {"r": ".2f"}, "or, with the probability of the other cause in its place:")
-    _say_unexplained(result)
-    show(result.excluded, {"residual_mm": ".3f"}, f"{len(result.excluded)} records excluded:")
-    head = "where the simulation is off most, beside what its own stated uncertainties predict there:"
-    show(most_off(result, WORST), OFF_FORMATS, head)
-    say(f"next: {result.next_measurements}")
-
-
-def _look_alikes(result: Diagnosis) -> pd.DataFrame:
-    """Look-alikes with their labels, as commands take them."""
-    return pd.DataFrame(
-        [
-            {"cause": f.label, "looks like": a.label, "r": a.correlation, "probability": probability(a.probability)}
-            for f in result.findings
-            for a in f.aliases
-            if a.probability > LEAST_SHOWN
-        ]
-    )
-
-
-def _say_unexplained(result: Diagnosis) -> None:
-    open_ = result.unexplained
-    if open_.shapes or open_.groups:
-        say(unexplained_in_words(result))
-    for name, acts_on in open_.acts_on.items():
-        say(f"  over {name}: {acts_on}")
-    for group in open_.groups:
-        say(f"  {group_in_words(group)}")
+        say_diagnosis(result)

@@ -14,7 +14,6 @@ from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
 from aacmm_pin.calibration_findings import calibration_summary, comment, not_in_urdf
-from aacmm_pin.calibration_page import calibration_page
 from aacmm_pin.checks import Array
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Output, Plot, Results, command, note
 from aacmm_pin.cli.effect_option import EffectTexts, check_rows, effects_of, known_effects
@@ -163,6 +162,8 @@ def calibrate_(
             results.picture(result.plot("all")[0].figure, plot)
         summary = calibration_summary(result, path, seed)
         if report is not None:
+            from aacmm_pin.calibration_page import calibration_page  # loads what draws
+
             results.text(calibration_page(result, summary, when), report)
         if json_ is not None:
             results.json(summary, json_)

@@ -8,7 +8,6 @@ from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.blas import one_blas_thread
@@ -29,6 +28,7 @@ from aacmm_pin.diagnosis.next_measurements import next_measurements
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, Verdict, described
 from aacmm_pin.diagnosis.show import groups_table, moved_geometry, predicted_covariance
 from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by
+from aacmm_pin.distributions import chi2_cdf, chi2_sf
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -179,7 +179,7 @@ def _clock(measurements: Measurements) -> list[str]:
 
 def _too_good(extended: Fit) -> list[str]:
     """Residuals far smaller than the stated noise."""
-    if extended.chi2_stated is None or chi2.cdf(*extended.chi2_stated) > TOO_GOOD:
+    if extended.chi2_stated is None or chi2_cdf(*extended.chi2_stated) > TOO_GOOD:
         return []
     found, dof = extended.chi2_stated
     return [f"the residuals are far smaller than the stated noise (χ² {found:.0f} of {dof:.0f}): is it stated too large?"]
@@ -240,7 +240,7 @@ def _changed(model: ErrorModel, choice: Choice) -> list[Finding]:
         old = before[effect.label]
         change = np.array(effect.values) - np.array(old.values)
         misfit = float(change @ np.linalg.pinv(covariance + np.diag(np.square(old.u))) @ change)
-        p_value = min(1.0, len(before) * float(chi2.sf(misfit, len(change))))
+        p_value = min(1.0, len(before) * float(chi2_sf(misfit, len(change))))
         if p_value < CHANGED:
             values = described(effect, covariance)
             found.append(Finding(effect.cause, effect.row, effect, values, 1.0 - p_value, p_value, 1.0, ()))

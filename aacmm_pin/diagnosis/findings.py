@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import chi2
 
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.design import Block
@@ -14,6 +13,7 @@ from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.products import Gram
 from aacmm_pin.diagnosis.search import Question, conditional
+from aacmm_pin.distributions import chi2_sf
 from aacmm_pin.shown import Shown
 
 DRAWS = 400
@@ -123,7 +123,7 @@ def family_wise(question: Question, left: Conditional, observed: float, block: i
     the gradients of residuals that are noise alone.
     """
     b = question.blocks[block]
-    bound = len(question.blocks) * float(chi2.sf(score(left, b), b.size))
+    bound = len(question.blocks) * float(chi2_sf(score(left, b), b.size))
     if bound < 1 / DRAWS:
         return bound
     drawn = left.gradients(left.gram.products.drawn(DRAWS, rng)) * np.sqrt(left.variance)

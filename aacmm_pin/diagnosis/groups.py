@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f
 
 from aacmm_pin.checks import Index
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.products import Gram, products_of
+from aacmm_pin.distributions import f_sf
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.shown import Shown
 
@@ -56,7 +56,7 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
             if more < 1.0 or left < 1.0 or others <= 0.0:
                 continue
             ratio = max((chi2 - others) / more, 0.0) / (others / left)
-            p_value = min(1.0, len(names) * float(f.sf(ratio, more, left)))
+            p_value = min(1.0, len(names) * float(f_sf(ratio, more, left)))
             if p_value < ODD:
                 records = int(np.sum(choice.fit.used & (part == number)))
                 found.append(OddGroup(f"{what} {name}", records, float(np.sqrt(ratio)), p_value))

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
@@ -20,6 +19,7 @@ from aacmm_pin.diagnosis.library import PER_COEFFICIENT, Candidate
 from aacmm_pin.diagnosis.products import Gram, products_of
 from aacmm_pin.diagnosis.projection import freedom
 from aacmm_pin.diagnosis.search import Question, conditional, search
+from aacmm_pin.distributions import chi2_isf
 from aacmm_pin.effects import Effect, EncoderSlip, JointErrorCurve, JointPeriodicError, ZeroDrift
 from aacmm_pin.progress import bar
 
@@ -150,7 +150,7 @@ def _put_back(first: Fit) -> NDArray[np.bool_]:
 def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:
     """Distance of each record's tip from its target, over what a good one may have by the scatter of ``judge`` (n,)."""
     found = np.zeros(len(tips))
-    limit = chi2.isf(FALSE_EXCLUSION / len(tips), 3)
+    limit = chi2_isf(FALSE_EXCLUSION / len(tips), 3)
     for observation, own, values in zip(at.observations, judge.observations, at.solution.point.nuisances, strict=True):
         off = tips[observation.records] - observation.targets(values)[0]
         covariance = judge.noise[observation.records] + own.covariance()

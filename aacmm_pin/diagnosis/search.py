@@ -8,12 +8,12 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import chi2
 
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.design import Block
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.products import Gram
+from aacmm_pin.distributions import chi2_sf
 
 MOST = 24
 """No more than so many causes are admitted; a set of records that seems to need more is not explained."""
@@ -101,7 +101,7 @@ def conditional(question: Question, gram: Gram, admitted: tuple[int, ...]) -> Co
     if dof <= 0:
         return bare
     ratio = bare.chi2 / dof
-    scatters = ratio > 1.0 and chi2.sf(bare.chi2, dof) < SCATTER
+    scatters = ratio > 1.0 and chi2_sf(bare.chi2, dof) < SCATTER
     if question.stated and not scatters:
         return bare
     return bare.scattering(max(ratio, 1.0) if question.stated else ratio)

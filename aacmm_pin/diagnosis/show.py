@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.fold import origins
@@ -16,6 +15,7 @@ from aacmm_pin.calibration.problem import Problem, geometric_parameters
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.search import conditional
+from aacmm_pin.distributions import chi2_sf
 from aacmm_pin.effects import Effect
 from aacmm_pin.units import DEG, MM
 
@@ -115,7 +115,7 @@ def moved_geometry(choice: Choice) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["parameter", "cause", "joint", "unit", "before", "change", "u", "stated_u"])
     change, u_, stated = (table[name].to_numpy(dtype=np.float64) for name in ("change", "u", "stated_u"))
     table["times"] = change / np.sqrt(stated**2 - u_**2)
-    table["p_value"] = np.minimum(chi2.sf(np.square(change) / (stated**2 - u_**2), 1) * max(len(table), 1), 1.0)
+    table["p_value"] = np.minimum(chi2_sf(np.square(change) / (stated**2 - u_**2), 1) * max(len(table), 1), 1.0)
     table = table[table["p_value"] < MOVED]
     return table.sort_values("p_value", ignore_index=True)
 

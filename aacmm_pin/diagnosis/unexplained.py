@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
 
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.covariates import Carried
@@ -16,6 +15,7 @@ from aacmm_pin.diagnosis.gain import Gain
 from aacmm_pin.diagnosis.groups import OddGroup, odd_groups
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.search import conditional
+from aacmm_pin.distributions import chi2_sf
 from aacmm_pin.shown import Shown
 
 
@@ -62,7 +62,7 @@ def _any_structure(choice: Choice) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
     left = conditional(choice.question, choice.gram, choice.admitted)
     blocks = [b for b in choice.design.blocks if b.candidate >= choice.design.causes]
-    each = [float(chi2.sf(score(left, b), b.size)) for b in blocks]
+    each = [float(chi2_sf(score(left, b), b.size)) for b in blocks]
     return min(1.0, len(each) * min(each, default=1.0))
 
 

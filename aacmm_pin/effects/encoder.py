@@ -11,7 +11,6 @@ from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.signal import find_peaks, periodogram
 
 from aacmm_pin.checks import Array
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
@@ -199,6 +198,8 @@ class JointErrorCurve(Effect):
         Peaks of the periodogram over the covered range (Hann window): waves closer than two periods over that range are
         one peak, and what makes less than one period is not told.
         """
+        from scipy.signal import find_peaks, periodogram  # takes a second to import, and few need it
+
         angle = np.linspace(self.lower_rad, self.upper_rad, SAMPLES)
         turns = (self.upper_rad - self.lower_rad) / (2 * np.pi)
         curve = BSpline(self._knots, np.array(self.values), 3)(angle)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
 
 from aacmm_pin.checks import Array
+from aacmm_pin.distributions import chi2_cdf
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.shown import Shown, drawn
 from aacmm_pin.spread import Evidence, Pattern, TouchedSeats, evidence, probabilities
@@ -257,7 +257,7 @@ def _closeness(noise: Pattern) -> tuple[float, float]:
     residual = np.log(MEASURED[:SIXTH]) - noise.log_spread[0, :SIXTH]
     sd = noise.log_sd[0, :SIXTH]
     off = residual - np.average(residual, weights=1.0 / sd**2)
-    p_value = chi2.cdf(np.square(off / sd).sum(), SIXTH - 1)
+    p_value = chi2_cdf(np.square(off / sd).sum(), SIXTH - 1)
     return float(100 * np.sqrt(np.square(off).mean())), float(p_value)
 
 

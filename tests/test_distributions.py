@@ -1,0 +1,39 @@
+"""χ² and F beside scipy.stats, far into their tails; and the package starts without it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from aacmm_pin.distributions import chi2_cdf, chi2_isf, chi2_sf, f_isf, f_sf
+
+DOF = np.array([1.0, 2.0, 3.0, 7.5, 120.0, 4500.0])
+P = np.array([0.9, 0.5, 1e-3, 1e-9, 1e-30])[:, None]
+
+
+def test_chi_squared() -> None:
+    value = stats.chi2.isf(P, DOF)
+    np.testing.assert_allclose(chi2_isf(P, DOF), value, rtol=1e-9)
+    np.testing.assert_allclose(chi2_sf(value, DOF), P * np.ones(len(DOF)), rtol=1e-9)
+    np.testing.assert_allclose(chi2_cdf(value, DOF), stats.chi2.cdf(value, DOF), rtol=1e-12)
+    assert chi2_sf(2000.0, 3) == pytest.approx(stats.chi2.sf(2000.0, 3), rel=1e-9)
+
+
+@pytest.mark.parametrize("other", [4.0, 33.3, 2000.0])
+def test_f(other: float) -> None:
+    value = stats.f.isf(P[:3], DOF, other)
+    np.testing.assert_allclose(f_isf(P[:3], DOF, other), value, rtol=1e-9)
+    np.testing.assert_allclose(f_sf(value, DOF, other), P[:3] * np.ones(len(DOF)), rtol=1e-9)
+    np.testing.assert_allclose(f_sf(f_isf(P, DOF, other), DOF, other), P * np.ones(len(DOF)), rtol=1e-9)  # stats: infinite
+
+
+@pytest.mark.parametrize("module", ["aacmm_pin", "aacmm_pin.cli"])
+def test_a_command_starts_without_what_it_may_not_need(module: str) -> None:
+    heavy = ("scipy.stats", "matplotlib", "meshcat", "IPython")
+    code = f"import sys, {module}; print([name for name in {heavy!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
