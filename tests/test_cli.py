@@ -271,6 +271,22 @@ def test_interrupting_a_map_leaves_nothing(tmp_path: Path, processes: str) -> No
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_demo_that_is_terminated_leaves_nothing(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "aacmm_pin.cli", "demo", "-o", str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        end = time.monotonic() + 120
+        while not list(tmp_path.iterdir()):  # until it has a folder to write to
+            assert process.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        process.terminate()
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 143
+    assert "interrupted" in err
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
 def _cpu_seconds(session: int) -> float:
     """What all processes of a session have worked together [s]."""
     ticks = 0

@@ -5,13 +5,15 @@ from __future__ import annotations
 import functools
 import json
 import os
+import signal
 import sys
 import tempfile
-from collections.abc import Callable
-from contextlib import ExitStack
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Annotated, Any, ParamSpec, Self
 
 import typer
@@ -43,18 +45,40 @@ def command(name: str | None = None) -> Callable[[Callable[P, None]], Callable[P
         @functools.wraps(function)
         def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
             try:
-                function(*args, **kwargs)
+                with _terminated_in_order():
+                    function(*args, **kwargs)
             except AacmmError as error:
                 note(f"aacmm-pin: {error}")
                 raise typer.Exit(1) from None
-            except KeyboardInterrupt:
+            except KeyboardInterrupt as interrupt:
                 note("aacmm-pin: interrupted; no output was left half-written")
-                raise typer.Exit(130) from None
+                raise typer.Exit(143 if isinstance(interrupt, Terminated) else 130) from None
 
         app.command(name)(guarded)
         return function
 
     return register
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM came, as ``timeout`` and batch systems send it."""
+
+
+@contextmanager
+def _terminated_in_order() -> Iterator[None]:
+    """SIGTERM as an exception, so that what is half-written is taken away."""
+
+    def terminate(number: int, frame: FrameType | None) -> None:
+        raise Terminated
+
+    if threading.current_thread() is not threading.main_thread():  # only that one may
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 ArmName = Annotated[
