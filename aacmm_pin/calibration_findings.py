@@ -58,7 +58,8 @@ def fit_in_words(result: Calibration) -> str:
         )
     numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, p = {p:.2g}"
     if p < MISFIT:
-        return f"The residuals are larger than the stated noise explains: {numbers}. Something is not in this model."
+        what = "Something is not in this model; diagnose looks for what it is."
+        return f"The residuals are larger than the stated noise explains: {numbers}. {what}"
     if p > 1.0 - MISFIT:
         return f"The residuals are smaller than the stated noise: {numbers}. The noise is stated too large."
     return f"The residuals are what the stated noise explains: {numbers}."

@@ -42,8 +42,8 @@ def other_angles(table: pd.DataFrame) -> None:
 
 
 MISTAKES = [
-    (scaled(1e-3), "base", "its coordinates look as if given in metres, in columns of mm"),
-    (scaled(1e-3), "external", "its coordinates look as if given in metres, in columns of mm"),
+    (scaled(1e-3), "base", "its coordinates look as if given in metres, in columns of mm; convert them"),
+    (scaled(1e-3), "external", "its coordinates look as if given in metres, in columns of mm; convert them"),
     (scaled(1 / 25.4), "external", "its coordinates look as if given in inches"),
     (exchanged, "external", "two columns exchanged, or one with the other sign?"),
     (other_sign, "base", "two columns exchanged, or one with the other sign?"),

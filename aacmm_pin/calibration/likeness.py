@@ -30,14 +30,12 @@ def require_likeness(after: Fit) -> None:
     travel = float(np.sqrt(tips.var(axis=0).mean()))
     if after.unmodelled <= UNLIKE * travel:
         return
-    guess = _guess(tips[records.known], records.reference[records.known])
+    guess = _guess(tips[records.known], records.reference[records.known]) or (
+        "are the columns of angles and coordinates, their units and signs, the arm and the reference frame right?"
+    )
     raise AacmmError(
-        f"{records.source} does not fit this arm: with the best parameters its records still scatter by "
-        f"{after.unmodelled / MM:.0f} mm in each coordinate, and the tips at these angles by {travel / MM:.0f} mm; "
-        + (
-            guess
-            or "are the columns of angles and coordinates, their units and signs, the arm and the reference frame right?"
-        )
+        f"{records.source} does not fit this arm: {guess} (With the best parameters its records still scatter by "
+        f"{after.unmodelled / MM:.0f} mm in each coordinate; the tips at these angles are spread over {travel / MM:.0f} mm.)"
     )
 
 
@@ -55,7 +53,7 @@ def _guess(tips: Array, reference: Array) -> str:
         return ""
     factor, name = min(UNITS.items(), key=lambda unit: abs(np.log(unit[0] * scale)))
     mirrored = np.linalg.det(turn) < 0
-    said = [f"its coordinates look as if given {name}"] if abs(factor * scale - 1.0) < ALIKE else []
+    said = [f"its coordinates look as if given {name}; convert them"] if abs(factor * scale - 1.0) < ALIKE else []
     if mirrored:
         said.append("its coordinates are a mirror image of the tips: two columns exchanged, or one with the other sign?")
     if not said and abs(scale - 1.0) < ALIKE:

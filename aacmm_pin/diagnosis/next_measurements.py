@@ -9,7 +9,7 @@ from aacmm_pin.diagnosis.findings import Alias
 from aacmm_pin.diagnosis.model import OF_ANGLE
 from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
 from aacmm_pin.diagnosis.unexplained import Unexplained
-from aacmm_pin.effects import CAUSES
+from aacmm_pin.effects import CAUSES, SeatError
 
 PLACE, SCALE = ("x", "y", "z"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
@@ -67,7 +67,17 @@ def next_measurements(
             f"to tell {first.label} from anything else that depends on {on}, {_otherwise((on,))}, and repeat some records "
             "with all alike"
         )
+    seats = [finding for finding in findings if isinstance(finding.effect, SeatError)]
+    if seats:
+        return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
     return "nothing is open; check the extended model on new records"
+
+
+def _off(finding: Finding) -> str:
+    """Where the records put a seat."""
+    values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
+    seat = getattr(finding.effect, "seat", "")
+    return f"{seat} is, which these records put at its stated place + ({values}) mm"
 
 
 def _otherwise(depends_on: Sequence[str]) -> str:
