@@ -243,7 +243,7 @@ def _not_the_same(study: Study, result: Table3) -> str:
     """Why the predicted u and the measured spreads are two things."""
     u, measured = study.accuracy.u / UM, result.points["measured_mm"] * MM / UM
     return (
-        f"The predicted u of section 3 ({u.min():.0f} µm to {u.max():.0f} µm, at seat 1) and the measured spreads "
+        f"The predicted u of section 4 ({u.min():.0f} µm to {u.max():.0f} µm, at seat 1) and the measured spreads "
         f"({measured.min():.0f} µm to {measured.max():.0f} µm) are not the same thing, near as the numbers are. u is how "
         "far one position may be off the true one when the DH values are off; these errors are systematic, shared by all "
         "records of one arm. What they do alike in every posture at a seat moves the mean of the fifty and leaves the "

@@ -32,7 +32,7 @@ def about_arm(study: Study) -> list[Part]:
         f"{arm.name} is a passive measuring arm with {arm.nq} joints. Its longest pieces measure {longest[0]:.0f} mm and "
         f"{longest[1]:.0f} mm. The table holds its {dh.convention} values; every value marked ± is taken to lie within that "
         "half-width according to the calibration, and these half-widths are the only causes of error in the predictions of "
-        "sections 2 to 4.",
+        "sections 3 to 5.",
         Table(
             _dh_table(study),
             f"Denavit–Hartenberg values of {arm.name} with the half-widths of their calibration: mm for lengths, µrad for "
@@ -374,7 +374,7 @@ def about_assumptions(study: Study) -> list[Part]:
             [
                 "The errors of the parameters are taken as independent and, for u, as uniform within their half-widths. A "
                 "half-width from repeated calibrations is read as a bound; correlations between parameters are not known.",
-                "Only the geometry is uncertain in sections 2 to 4. Encoder noise, eccentricity, bending under gravity, "
+                "Only the geometry is uncertain in sections 3 to 5. Encoder noise, eccentricity, bending under gravity, "
                 "temperature and the contact with the part are not in those numbers; a real arm is worse.",
                 "Joints behind the fourth are held at zero. On SINO6 row 5 has a length of 0.04 mm, so the circle of the "
                 "wrist depends a little on θ5.",
