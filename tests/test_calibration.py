@@ -352,5 +352,5 @@ def test_too_few_records_say_what_they_cannot_tell(zero6: Arm, rng: np.random.Ge
 
 def test_degrees_taken_for_radians_are_bad_news(sino6: Arm, rng: np.random.Generator) -> None:
     data, _ = free_points(sino6, rng, 60)
-    with pytest.raises(AacmmError, match=r"does not fit this arm: .* are the columns of angles"):
+    with pytest.raises(AacmmError, match="does not fit this arm: are the columns of angles"):
         quick(sino6, replace(data, q=np.rad2deg(data.q)))
