@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -29,6 +30,19 @@ VARIANTS = [
     ("zero6", "standard-dh", ()),
     ("zero6", "modified-dh", ()),
 ]
+
+
+@pytest.fixture(autouse=True)
+def _no_figures_of_other_tests() -> Iterator[None]:
+    """Each test starts without pyplot figures and leaves none, whatever ran before it in this process."""
+    _close_figures()
+    yield
+    _close_figures()
+
+
+def _close_figures() -> None:
+    if pyplot := sys.modules.get("matplotlib.pyplot"):  # most tests draw nothing, and need not import it
+        pyplot.close("all")
 
 
 @pytest.fixture(scope="module")

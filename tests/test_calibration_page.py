@@ -92,7 +92,6 @@ def test_the_page_is_whole_and_fetches_nothing(html: str, page: Page) -> None:
 
 
 def test_pyplot_keeps_no_figure(result: Calibration) -> None:
-    plt.close("all")
     written(result)
     assert plt.get_fignums() == []
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -55,13 +55,6 @@ mpl.use("Agg")
 
 WAVE = EncoderEccentricity(joint=3, values=(2e-4, 0.0))
 READINGS = 8e-6
-
-
-@pytest.fixture(autouse=True)
-def _close_figures() -> Iterator[None]:
-    plt.close("all")
-    yield
-    plt.close("all")
 
 
 def with_slips(data: Measurements, rows: list[int]) -> Measurements:

@@ -141,7 +141,6 @@ def test_the_page_is_whole_and_fetches_nothing(html: str, page: Page) -> None:
 
 
 def test_pyplot_keeps_no_figure(eccentric: Diagnosis) -> None:
-    plt.close("all")
     written(eccentric)
     assert plt.get_fignums() == []
 

@@ -29,7 +29,6 @@ from pathlib import Path
 from types import ModuleType
 
 import matplotlib as mpl
-import matplotlib.pyplot as plt
 import pytest
 from markdown_it import MarkdownIt
 
@@ -178,7 +177,6 @@ def test_every_block_runs(path: Path, tmp_path: Path, monkeypatch: pytest.Monkey
             except BaseException as error:
                 error.add_note(f"{path.relative_to(ROOT)}, the {block.language} block at line {block.line}")
                 raise
-        plt.close("all")
 
 
 def test_what_is_left_out_is_run_by_ci() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import matplotlib as mpl
@@ -38,12 +38,6 @@ mpl.use("Agg")
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 HALF_IN_LIMITS = np.array([0.30, 0.0, 1.12])
 UNREACHABLE = np.array([5.0, 5.0, 5.0])
-
-
-@pytest.fixture(autouse=True)
-def _close_figures() -> Iterator[None]:
-    yield
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

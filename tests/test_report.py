@@ -162,8 +162,16 @@ def test_sections_are_linked() -> None:
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> DemoSummary:
-    return run_demo(folder=tmp_path_factory.mktemp("demo") / "out", progress=False, cells=(6, 8), sectors=4)
+def figures_left_by_demo() -> list[int]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory, figures_left_by_demo: list[int]) -> DemoSummary:
+    plt.close("all")
+    summary = run_demo(folder=tmp_path_factory.mktemp("demo") / "out", progress=False, cells=(6, 8), sectors=4)
+    figures_left_by_demo += plt.get_fignums()
+    return summary
 
 
 def test_demo_writes_the_whole_tour(demo: DemoSummary) -> None:
@@ -179,9 +187,9 @@ def test_demo_writes_the_whole_tour(demo: DemoSummary) -> None:
         assert (demo.folder / f"{name}.png").read_bytes().startswith(PNG)
 
 
-def test_demo_leaves_no_figure_open(demo: DemoSummary) -> None:
+def test_demo_leaves_no_figure_open(demo: DemoSummary, figures_left_by_demo: list[int]) -> None:
     assert demo.files
-    assert plt.get_fignums() == []
+    assert figures_left_by_demo == []
 
 
 def test_demo_page_is_self_contained(demo: DemoSummary) -> None:

@@ -62,12 +62,6 @@ NASTY = "<script>alert('1 & 2')</script>"
 VOID = {"br", "hr", "img", "input", "meta", "link", "path", "use"}
 
 
-@pytest.fixture(autouse=True)
-def _close_figures() -> Iterator[None]:
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def arm() -> Arm:
     return Arm.from_file(load_arm_file("sino6").model_copy(update={"name": NASTY}))
