@@ -6,7 +6,7 @@ from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.circle import Flexibility
 from aacmm_pin.comprehensive import comprehensive_accuracy, configuration_weights
 from aacmm_pin.conditions import Conditions
-from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.configurations import ConfigurationCircle, configuration_circle, configuration_circles
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
@@ -45,6 +45,7 @@ __all__ = [
     "circle_accuracy",
     "comprehensive_accuracy",
     "configuration_circle",
+    "configuration_circles",
     "configuration_weights",
     "diagnose",
     "map_workspace",

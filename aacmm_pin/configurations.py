@@ -7,7 +7,7 @@ the enumeration here for the calibrated one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin.angles import wrapped
 from aacmm_pin.arm import Arm, require_arm
-from aacmm_pin.checks import Array, unit_vector, vector, whole
+from aacmm_pin.checks import Array, batch, unit_vector, vector, whole
 from aacmm_pin.circle import Components, Flexibility, flexibility, resample
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.limits import broken_limits, into_limits
@@ -143,24 +143,47 @@ def configuration_circle(
         AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count below 3.
         UnsupportedArmError: no DH table, or one without the joints that this needs.
     """
+    points = vector(point, 3, "point", "m")[None, :]
+    (circle,) = configuration_circles(arm, points, tip=tip, axis=axis, rest=rest, count=count, seeds_per_turn=seeds_per_turn)
+    return circle
+
+
+def configuration_circles(
+    arm: Arm,
+    points: ArrayLike,
+    *,
+    tip: bool = False,
+    axis: ArrayLike | None = None,
+    rest: ArrayLike | None = None,
+    count: int = 360,
+    seeds_per_turn: int = SEEDS_PER_TURN,
+) -> list[ConfigurationCircle]:
+    """The circles of many ``points`` (m, 3) [m], each as by :func:`configuration_circle`, in a fraction of the time.
+
+    Raises:
+        ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.
+    """
     dh = require_arm(arm).require_dh("a configuration circle")
-    point = vector(point, 3, "point", "m")
+    points = batch(points, 3, "points", "m")
     count, seeds_per_turn = whole(count, 3, "count"), whole(seeds_per_turn, 2, "seeds_per_turn")
-    swivel = Swivel(dh, arm.up)
     if tip:
         if rest is not None:
             raise AacmmError("rest was given, but with tip=True every joint moves")
-        stylus, direction = _stylus(arm), _direction(axis)
-        curves = tip_curves(dh, point, stylus, direction, seeds_per_turn)
-        system = tip_system(dh, point, stylus, direction)
-        components = Components(swivel, system, point[None, :], curves, None)
+        wrist, stylus, direction = None, _stylus(arm), _direction(axis)
+        curves = tip_curves(dh, points, stylus, direction, seeds_per_turn)
+        systems = [tip_system(dh, point[None, :], stylus, direction) for point in points]
     else:
         if axis is not None:
             raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
         wrist = Wrist.of(dh, rest)
-        curves = wrist_curves(wrist, point[None, :], seeds_per_turn)
-        components = Components(swivel, wrist_system(wrist, point[None, :]), point[None, :], curves, wrist)
-    return _sampled(arm, point, arm.tip if tip else WRIST, components, count)
+        curves = wrist_curves(wrist, points, seeds_per_turn)
+        systems = [wrist_system(wrist, point[None, :]) for point in points]
+    swivel, circles = Swivel(dh, arm.up), []
+    for number, (point, system) in enumerate(zip(points, systems, strict=True)):
+        mine = [replace(curve, problem=0) for curve in curves if curve.problem == number]
+        components = Components(swivel, system, point[None, :], mine, wrist)
+        circles.append(_sampled(arm, point, arm.tip if tip else WRIST, components, count))
+    return circles
 
 
 def _sampled(arm: Arm, point: Array, at: str, components: Components, count: int) -> ConfigurationCircle:

@@ -17,7 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin.checks import Array, batch
+from aacmm_pin.checks import Array, Index, batch
 from aacmm_pin.errors import ShapeError, UnknownNameError
 from aacmm_pin.shown import Shown
 
@@ -110,9 +110,8 @@ class DHTable(Shown):
         """Origin of the last frame and its derivative, for already checked ``q`` (n, nq): (n, 3) [m], (n, 3, nq) [m/rad]."""
         _, _, z, o = self.axes(q)
         jacobian = np.empty((self.nq, 3, q.shape[0]))
-        for joint, i in enumerate(np.flatnonzero(self.moving)):
-            frame = i if self.standard else i + 1
-            _cross(z[frame], o[-1] - o[frame], jacobian[joint])
+        for joint, frame in enumerate(self.joint_frames):
+            cross(z[frame], o[-1] - o[frame], jacobian[joint])
         return np.ascontiguousarray(o[-1].T), np.ascontiguousarray(jacobian.transpose(2, 1, 0))
 
     def jacobian(self, q: Array, row: int | None = None) -> Array:
@@ -140,8 +139,8 @@ class DHTable(Shown):
             z_frame, x_frame = (i, i + 1) if self.standard else (i + 1, i)
             out[:, 4 * i] = x[x_frame]
             out[:, 4 * i + 1] = z[z_frame]
-            _cross(x[x_frame], o[row] - o[x_frame], out[:, 4 * i + 2])
-            _cross(z[z_frame], o[row] - o[z_frame], out[:, 4 * i + 3])
+            cross(x[x_frame], o[row] - o[x_frame], out[:, 4 * i + 2])
+            cross(z[z_frame], o[row] - o[z_frame], out[:, 4 * i + 3])
 
     def axes(self, q: Array, errors: Array | None = None, row: int | None = None) -> tuple[Array, Array, Array, Array]:
         """Axes and origins of the frames 0..row in the base, for already checked ``q`` (n, nq).
@@ -163,6 +162,12 @@ class DHTable(Shown):
             angle = q[:, joint_of_row[i]] + theta if self.moving[i] else theta
             step(x, y, z, o, i, a, d, alpha, angle)
         return x, y, z, o
+
+    @property
+    def joint_frames(self) -> Index:
+        """Number of the frame about whose z each joint turns (nq,)."""
+        rows = np.flatnonzero(self.moving)
+        return rows if self.standard else rows + 1
 
 
 Values = float | Array
@@ -214,11 +219,14 @@ def _row_constants(dh: DHTable, i: int) -> tuple[Array, Array]:
     return (np.eye(4), turn @ tilt) if dh.standard else (tilt, turn)
 
 
-def _cross(u: Array, v: Array, out: Array) -> None:
-    """u × v for component-first arrays (3, n); numpy.cross copies and is several times slower here."""
-    out[0] = u[1] * v[2] - u[2] * v[1]
-    out[1] = u[2] * v[0] - u[0] * v[2]
-    out[2] = u[0] * v[1] - u[1] * v[0]
+def cross(u: Array, v: Array, out: Array | None = None) -> Array:
+    """u × v of components along the last axis but one (..., 3, n); numpy.cross copies and is several times slower here."""
+    if out is None:
+        out = np.empty(np.broadcast_shapes(u.shape, v.shape))
+    out[..., 0, :] = u[..., 1, :] * v[..., 2, :] - u[..., 2, :] * v[..., 1, :]
+    out[..., 1, :] = u[..., 2, :] * v[..., 0, :] - u[..., 0, :] * v[..., 2, :]
+    out[..., 2, :] = u[..., 0, :] * v[..., 1, :] - u[..., 1, :] * v[..., 0, :]
+    return out
 
 
 def chunks(n: int, size: int = CHUNK) -> list[slice]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import COVERAGE_FACTOR
@@ -131,7 +131,7 @@ class ErrorSources(Shown):
         if self.correlation is None:
             return None
         axes = np.eye(len(self.parameters))
-        count, group = connected_components(self.correlation != 0, directed=False)
+        count, group = scipy.sparse.csgraph.connected_components(self.correlation != 0, directed=False)
         for number in range(count):
             mine = np.flatnonzero(group == number)
             values, vectors = np.linalg.eigh(self.correlation[np.ix_(mine, mine)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy
 
 from aacmm_pin.checks import Array
 from aacmm_pin.conditions import Conditions
@@ -41,8 +41,8 @@ def exact_volume(
         for k in postures:
             record = None if conditions is None else conditions.take([k])
             corners = exact_positions(sources, q[k : k + 1], record, _corners(sources, generators[k], rng, draws))
-            volume[k] = ConvexHull(corners).volume
-            error[k] = volume[k] - ConvexHull(corners[: draws // 2]).volume
+            volume[k] = scipy.spatial.ConvexHull(corners).volume
+            error[k] = volume[k] - scipy.spatial.ConvexHull(corners[: draws // 2]).volume
             covariance[k] = np.cov(exact_positions(sources, q[k : k + 1], record, _errors(sources, rng, draws)).T)
     return volume, error, covariance
 

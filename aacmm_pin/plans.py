@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, Index
@@ -56,7 +56,7 @@ class Pool:
     state_of: StateOf
     q: Array
     tips: Array
-    tree: cKDTree
+    tree: scipy.spatial.cKDTree
 
     @staticmethod
     def draw(room: Room, state_of: StateOf, each: int, rng: np.random.Generator) -> Pool:
@@ -66,7 +66,7 @@ class Pool:
             AacmmError: see :meth:`Room.postures`.
         """
         q, tips = room.postures(max(POOL, 10 * GUESSES * each), rng)
-        return Pool(room, state_of, q, tips, cKDTree(tips))
+        return Pool(room, state_of, q, tips, scipy.spatial.cKDTree(tips))
 
     @property
     def arm(self) -> Arm:

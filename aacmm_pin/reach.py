@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from aacmm_pin.checks import Array
 from aacmm_pin.reaching import POSITIONING, Wrist
@@ -24,7 +24,7 @@ def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
     values = distance(grid)
     extremes = []
     for sign, start in ((1.0, grid[np.argmin(values)]), (-1.0, grid[np.argmax(values)])):
-        best = minimize(
+        best = scipy.optimize.minimize(
             lambda q, s=sign: s * distance(q)[0], start, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12}
         )
         extremes.append(sign * float(best.fun))

@@ -10,7 +10,7 @@ import numpy as np
 
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.continuation import Curve, System, all_curves, polish
-from aacmm_pin.dh import DHTable
+from aacmm_pin.dh import DHTable, cross
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.reaching import POSITIONING, Wrist, spread_angles, turns_about_z, wrist_curves
 
@@ -18,65 +18,73 @@ SPREAD = 600
 """Evenly spread starts."""
 
 
-def tip_curves(dh: DHTable, point: Array, stylus: Array, axis: Array, per_turn: int, directions: int = 48) -> list[Curve]:
-    """Curves of six joints on which the tip is at ``point`` and the stylus points along ``axis``.
+def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int, directions: int = 48) -> list[Curve]:
+    """Curves of six joints on which the tip is at one of ``points`` and the stylus points along ``axis``.
 
     The body behind joint 6 may still turn about the stylus. For each of many such turns the wrist's place is known; where
     along its circle joint axis 5 makes the angle with joint axis 6 that row 5 demands, there is a seed.
 
     Args:
         dh: table with exactly six joints, the first six rows.
-        point: (3,) [m].
+        points: (m, 3) [m]; many together take much less time than one after the other.
         stylus: unit direction of the stylus in the last frame (3,).
         axis: unit direction that it shall have in the base (3,).
         per_turn: see :func:`wrist_curves`.
         directions: number of turns about the stylus that are tried.
+
+    Returns:
+        The curves, sorted by the number of their point.
 
     Raises:
         UnsupportedArmError: the arm has not six joints in its first six rows.
     """
     if dh.nq != 6 or not dh.moving[:6].all():
         raise UnsupportedArmError("configurations of the tip need an arm with six joints in its first six DH rows")
-    system = tip_system(dh, point, stylus, axis)
-    seeds = np.concatenate([_tip_seeds(dh, point, stylus, axis, per_turn, directions), spread_angles(SPREAD, dh.nq)])
-    problem = np.zeros(len(seeds), dtype=np.intp)
+    system = tip_system(dh, points, stylus, axis)
+    seeds, problem = _tip_seeds(dh, points, stylus, axis, per_turn, directions)
+    seeds = np.concatenate([seeds, np.tile(spread_angles(SPREAD, dh.nq), (len(points), 1))])
+    problem = np.concatenate([problem, np.repeat(np.arange(len(points)), SPREAD)])
     seeds, good = polish(system, seeds, problem)
     towards = np.einsum("nij,j,i->n", dh.placements(seeds)[:, -1, :3, :3], stylus, axis) > 0
     return all_curves(system, seeds[good & towards], problem[good & towards])
 
 
-def tip_system(dh: DHTable, point: Array, stylus: Array, axis: Array) -> System:
-    """Residual (n, 5): the tip's place [m] and the stylus across two directions normal to ``axis`` [1]."""
+def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System:
+    """Residual (n, 5): the tip's place from its point among ``points`` (m, 3) [m], and the stylus across two directions
+    normal to ``axis`` [1].
+    """
     normals = np.linalg.svd(axis[None, :])[2][1:]
-    joints = np.flatnonzero(dh.moving)
 
     def system(q: Array, problem: Index) -> tuple[Array, Array]:
         x, y, z, o = dh.axes(q)
         direction = stylus[0] * x[-1] + stylus[1] * y[-1] + stylus[2] * z[-1]
-        f = np.concatenate([o[-1] - point[:, None], normals @ direction]).T
-        jacobian = np.empty((len(q), 5, len(joints)))
-        for column, i in enumerate(joints):
-            frame = i if dh.standard else i + 1
-            jacobian[:, :3, column] = np.cross(z[frame], o[-1] - o[frame], axis=0).T
-            jacobian[:, 3:, column] = (normals @ np.cross(z[frame], direction, axis=0)).T
-        return f, jacobian
+        f = np.concatenate([o[-1] - points[problem].T, normals @ direction]).T
+        about = z[dh.joint_frames]
+        moved, turned = cross(about, o[-1] - o[dh.joint_frames]), cross(about, direction)
+        jacobian = np.concatenate([moved, normals @ turned], axis=1)  # (joints, 5, n)
+        return f, np.ascontiguousarray(jacobian.transpose(2, 1, 0))
 
     return system
 
 
-def _tip_seeds(dh: DHTable, point: Array, stylus: Array, axis: Array, per_turn: int, directions: int) -> Array:
-    """Starting values (n, 6) [rad], near solutions."""
+def _tip_seeds(
+    dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int, directions: int
+) -> tuple[Array, Index]:
+    """Starting values (n, 6) [rad], near solutions, and the number of their point (n,)."""
     links = dh.links()
     behind = links[6]  # from joint 6 to the tip
     stylus_in_6 = behind[:3, :3] @ stylus
     bodies = _bodies_about(axis, stylus_in_6, directions)
-    places = point - bodies @ behind[:3, 3]  # origin of frame 5 lies where the axes of joint 6 start
+    # The origin of frame 5 lies where the axes of joint 6 start.
+    back = bodies @ behind[:3, 3] + np.einsum("nij,j->ni", bodies, _wrist_in_6(dh, links))
     wrist = Wrist.of(dh)
-    places = places - np.einsum("nij,j->ni", bodies, _wrist_in_6(dh, links))
-    seeds = []
+    places = (points[:, None, :] - back).reshape(-1, 3)
+    seeds, problem = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
     for curve in wrist_curves(wrist, places, per_turn):
-        seeds.append(_wrist_angles(wrist.full(curve.q), bodies[curve.problem], links))
-    return np.concatenate(seeds) if seeds else np.empty((0, 6))
+        point, body = divmod(curve.problem, directions)
+        seeds.append(_wrist_angles(wrist.full(curve.q), bodies[body], links))
+        problem.append(np.full(len(seeds[-1]), point))
+    return np.concatenate(seeds), np.concatenate(problem)
 
 
 def _wrist_in_6(dh: DHTable, links: Array) -> Array:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from aacmm_pin.accuracy import METHODS, Method, accuracy_volume
@@ -38,6 +37,7 @@ from aacmm_pin.swivel import Swivel
 from aacmm_pin.units import DEG, MM, MM3
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
 
 CELLS_AT_ONCE = 576
@@ -88,6 +88,8 @@ class WorkspaceMap(Shown):
     @staticmethod
     def load(path: str | Path) -> WorkspaceMap:
         """Read a map that :meth:`save` wrote."""
+        import xarray as xr  # loaded where a map is made or read: commands without one start sooner
+
         with xr.open_dataset(path, engine="scipy") as data:
             return WorkspaceMap(data.load(), float(data.attrs["seconds"]))
 
@@ -352,4 +354,6 @@ def _dataset(
         "caveats": "; ".join(map_caveats(arm)),
         "seconds": seconds,
     }
+    import xarray as xr
+
     return xr.Dataset(variables, coordinates, attributes)

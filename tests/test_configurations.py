@@ -112,7 +112,8 @@ def at_wrist(dh: DHTable, points: Array, theta5: float = 0.0) -> System:
     def system(q: Array, which: Index) -> tuple[Array, Array]:
         placement, axes = frames(dh, np.column_stack([q, np.full(len(q), theta5)]), 5)
         place = placement[:, :3, 3]
-        return place - points[which], np.stack([np.cross(z, place - o) for z, o in axes[:4]], axis=2)
+        z, o = (np.stack(each, axis=1) for each in zip(*axes[:4], strict=True))  # (n, joints, 3)
+        return place - points[which], np.cross(z, place[:, None] - o).transpose(0, 2, 1)
 
     return system
 
@@ -123,8 +124,9 @@ def at_tip(dh: DHTable, point: Array, stylus: Array, axis: Array) -> System:
     def system(q: Array, which: Index) -> tuple[Array, Array]:
         placement, axes = frames(dh, q, dh.rows)
         place, direction = placement[:, :3, 3], placement[:, :3, :3] @ stylus
-        moved = [np.hstack([np.cross(z, place - o), np.cross(z, direction)]) for z, o in axes]
-        return np.hstack([place - point, direction - axis]), np.stack(moved, axis=2)
+        z, o = (np.stack(each, axis=1) for each in zip(*axes, strict=True))  # (n, joints, 3)
+        moved = np.concatenate([np.cross(z, place[:, None] - o), np.cross(z, direction[:, None])], axis=2)
+        return np.hstack([place - point, direction - axis]), moved.transpose(0, 2, 1)
 
     return system
 
@@ -140,11 +142,16 @@ def solve(system: System, q: Array, which: Index, iterations: int = 60) -> tuple
         going, f, jacobian = going[~done], f[~done], jacobian[~done]
         if not going.size:
             break
-        square = jacobian.transpose(0, 2, 1) @ jacobian  # least squares, damped a trifle: the equations have a null space
-        damping = 1e-13 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(square.shape[1])
-        step = -np.linalg.solve(square + damping, jacobian.transpose(0, 2, 1) @ f[:, :, None])[:, :, 0]
+        step = -least_squares(jacobian, f)
         q[going] += step * np.minimum(1.0, 0.7 / np.maximum(np.linalg.norm(step, axis=1), 1e-30))[:, None]
     return q[arrived], which[arrived]
+
+
+def least_squares(matrix: Array, right: Array) -> Array:
+    """By the normal equations, damped a trifle: they may have a null space."""
+    square = matrix.transpose(0, 2, 1) @ matrix
+    damping = 1e-13 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(square.shape[1])
+    return np.asarray(np.linalg.solve(square + damping, matrix.transpose(0, 2, 1) @ right[:, :, None])[:, :, 0])
 
 
 def wrapped(angles: Array) -> Array:
@@ -180,7 +187,7 @@ def missed(system: System, curves: list[Curve], q: Array, which: Index) -> Array
             f, jacobian = system(x, which)
             bordered = np.concatenate([jacobian, tangent[:, None]], axis=1)
             right = np.concatenate([-f, ((q - x) * tangent).sum(axis=1)[:, None]], axis=1)
-            x = x + (np.linalg.pinv(bordered) @ right[:, :, None])[:, :, 0]
+            x = x + least_squares(bordered, right)
         close = (np.linalg.norm(guess - q, axis=1) < 0.05) & (np.linalg.norm(x - guess, axis=1) < 3e-3)
         found |= (of[column] == which) & close & (np.linalg.norm(x - q, axis=1) < 1e-6)
     return ~found
@@ -189,9 +196,10 @@ def missed(system: System, curves: list[Curve], q: Array, which: Index) -> Array
 def twice(system: System, curves: list[Curve]) -> int:
     """Number of pairs of curves of which one starts on the other."""
     pairs = 0
-    for one, other in product(curves, curves):
-        if one is not other and one.problem == other.problem:
-            pairs += int(not missed(system, [one], other.q[:1], np.array([other.problem]))[0])
+    for one in curves:
+        starts = [other.q[0] for other in curves if other is not one and other.problem == one.problem]
+        if starts:
+            pairs += int((~missed(system, [one], np.array(starts), np.full(len(starts), one.problem))).sum())
     return pairs
 
 

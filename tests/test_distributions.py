@@ -33,7 +33,16 @@ def test_f(other: float) -> None:
 
 @pytest.mark.parametrize("module", ["aacmm_pin", "aacmm_pin.cli"])
 def test_a_command_starts_without_what_it_may_not_need(module: str) -> None:
-    heavy = ("scipy.stats", "matplotlib", "meshcat", "IPython")
+    heavy = (
+        "scipy.stats",
+        "scipy.optimize",
+        "scipy.interpolate",
+        "scipy.spatial",
+        "xarray",
+        "matplotlib",
+        "meshcat",
+        "IPython",
+    )
     code = f"import sys, {module}; print([name for name in {heavy!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

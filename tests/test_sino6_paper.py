@@ -379,7 +379,8 @@ def test_with_the_tip_in_the_seat_the_conclusions_stay():
 
 def test_the_tip_is_in_the_seat_with_the_stylus_down():
     arm = Arm.load("sino6")
-    for q, point in zip(table3._with_the_tip_in_the_seat(arm, progress=False), printed_points(), strict=True):
+    postures = seat_configurations.tip_configurations(arm, printed_points(), table3.DOWN, 50)
+    for q, point in zip(postures, printed_points(), strict=True):
         placement = arm.poses(q).placement
         np.testing.assert_allclose(placement[:, :3, 3], np.broadcast_to(point, (50, 3)), atol=1e-12)
         np.testing.assert_allclose(placement[:, :3, 0], np.broadcast_to([0, 0, -1], (50, 3)), atol=1e-11)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.errors import AacmmError
@@ -121,8 +120,8 @@ def _barred(measurements: Measurements, seats: dict[str, SamePoint], noise: Stat
     bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
     ends = [(number[b.seat_a], number[b.seat_b]) for b in bars]
     rows, columns = (np.array([e[k] for e in ends], dtype=np.intp) for k in (0, 1))
-    graph = coo_array((np.ones(len(bars)), (rows, columns)), shape=(len(labels), len(labels)))
-    _, part = connected_components(graph, directed=False) if labels else (0, np.empty(0))
+    graph = scipy.sparse.coo_array((np.ones(len(bars)), (rows, columns)), shape=(len(labels), len(labels)))
+    _, part = scipy.sparse.csgraph.connected_components(graph, directed=False) if labels else (0, np.empty(0))
     found: list[Observation] = []
     for component in np.unique(part):
         members = [int(i) for i in np.flatnonzero(part == component)]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth
-from scipy.optimize import brentq
 
 from aacmm_pin.calibration.evidence import StatedNoise, observations_of
 from aacmm_pin.calibration.problem import Problem
@@ -373,7 +373,7 @@ def _root(excess: Callable[[float], float], deviation: Array) -> float:
     low, high = LEAST_SCATTER**2, 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
     if excess(low) <= 0:
         return low
-    return high if excess(high) > 0 else float(brentq(excess, low, high, xtol=1e-24, rtol=1e-10))
+    return high if excess(high) > 0 else float(scipy.optimize.brentq(excess, low, high, xtol=1e-24, rtol=1e-10))
 
 
 LEAST_SCATTER = 1e-10

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.cluster.vq import kmeans2
+import scipy
 
 from aacmm_pin.calibration.evidence import StatedNoise, observations_of
 from aacmm_pin.calibration.fit import Fit
@@ -53,7 +53,8 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
         if labels is not None and len(set(labels[fit.used]) - {""}) >= 3:
             return kind, np.unique(labels.astype(str), return_inverse=True)[1]
     turns = np.hstack([np.cos(records.q), np.sin(records.q)])
-    return "blocks", np.asarray(kmeans2(turns, min(FOLDS, records.n), minit="++", rng=rng)[1], dtype=np.intp)
+    clusters = scipy.cluster.vq.kmeans2(turns, min(FOLDS, records.n), minit="++", rng=rng)[1]
+    return "blocks", np.asarray(clusters, dtype=np.intp)
 
 
 def folds(labels: Index, rng: np.random.Generator) -> Index:

@@ -86,7 +86,7 @@ def make_study(arm_name: str, progress: bool, cells: tuple[int, int], sectors: i
     of_paper = arm.name == ARM_OF_THE_PAPER
     table2 = reproduce_table2(progress=progress) if of_paper else None
     table3 = predict_table3(np.random.default_rng(SEED), arm=arm) if of_paper else None
-    at_tip = predict_table3(np.random.default_rng(SEED), arm=arm, reading="tip", progress=progress) if of_paper else None
+    at_tip = predict_table3(np.random.default_rng(SEED), arm=arm, reading="tip") if of_paper else None
     diagnosed = diagnose_table3(np.random.default_rng(SEED), progress=progress) if of_paper else None
     of_records = None
     if diagnosed is not None:

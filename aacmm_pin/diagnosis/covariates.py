@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy.cluster.vq import kmeans2
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array
@@ -180,7 +180,7 @@ def _place(arm: Arm, measurements: Measurements) -> Covariate:
     tip = arm.chain.walk(measurements.q)[1][-1]
     apart = len(np.unique(np.round(tip / NARROWEST), axis=0))
     count = int(np.clip(apart // 2, 1, CENTRES))
-    centres, nearest = kmeans2(tip, count, minit="++", rng=np.random.default_rng(count))
+    centres, nearest = scipy.cluster.vq.kmeans2(tip, count, minit="++", rng=np.random.default_rng(count))
     width = max(1.5 * float(np.sqrt(np.square(tip - centres[nearest]).sum(axis=1).mean())), NARROWEST)
     distance = np.linalg.norm(tip[:, None] - centres, axis=2)
     values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.cluster.vq import kmeans2
+import scipy
 
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array, Index
@@ -76,7 +76,7 @@ def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
             part[units[number]] = place % PARTS
         return "seats", part
     turns = np.hstack([np.cos(records.q), np.sin(records.q)])
-    clusters = kmeans2(turns, min(PARTS, max(2, records.n // 5)), minit="++", rng=rng)[1]
+    clusters = scipy.cluster.vq.kmeans2(turns, min(PARTS, max(2, records.n // 5)), minit="++", rng=rng)[1]
     part = np.unique(clusters, return_inverse=True)[1].astype(np.intp)
     return "blocks", part
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import BSpline
+import scipy
 
 from aacmm_pin.checks import Array
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
@@ -185,7 +185,7 @@ class JointErrorCurve(Effect):
             )
         if not state.n:  # SciPy wants at least one point
             return [about_axis(state, self.joint, np.zeros((0, self.coefficients)))]
-        return [about_axis(state, self.joint, BSpline.design_matrix(angle, self._knots, 3).toarray())]
+        return [about_axis(state, self.joint, scipy.interpolate.BSpline.design_matrix(angle, self._knots, 3).toarray())]
 
     @property
     def _knots(self) -> Array:
@@ -198,13 +198,13 @@ class JointErrorCurve(Effect):
         Peaks of the periodogram over the covered range (Hann window): waves closer than two periods over that range are
         one peak, and what makes less than one period is not told.
         """
-        from scipy.signal import find_peaks, periodogram  # takes a second to import, and few need it
-
         angle = np.linspace(self.lower_rad, self.upper_rad, SAMPLES)
         turns = (self.upper_rad - self.lower_rad) / (2 * np.pi)
-        curve = BSpline(self._knots, np.array(self.values), 3)(angle)
-        order, power = periodogram(curve, SAMPLES / turns, "hann", nfft=8 * SAMPLES, detrend="linear", scaling="spectrum")
-        tops = [k for k in find_peaks(power, height=1e-2 * power.max())[0] if order[k] * turns >= 1.0]
+        curve = scipy.interpolate.BSpline(self._knots, np.array(self.values), 3)(angle)
+        order, power = scipy.signal.periodogram(
+            curve, SAMPLES / turns, "hann", nfft=8 * SAMPLES, detrend="linear", scaling="spectrum"
+        )
+        tops = [k for k in scipy.signal.find_peaks(power, height=1e-2 * power.max())[0] if order[k] * turns >= 1.0]
         strongest = sorted(tops, key=lambda k: -power[k])[:peaks]
         return [(float(order[k]), float(np.sqrt(2 * power[k]))) for k in strongest]
 

@@ -1,14 +1,17 @@
-"""Configurations of an offset-orthogonal arm that hold its working point at a seat while θ3 goes round the full circle.
+"""Configurations that hold the working point at a seat while θ3, or with the tip in the seat the elbow, goes round.
 
-The nominal arm has two closed steps: ``A cos t4 + B sin t4 = C`` from |OP|, then θ2 from the height and θ1 from the azimuth
-of P. A few Newton steps on the calibrated table, shortest in θ1 to θ4, bring its working point to the seat as well.
+With the wrist there the nominal arm has two closed steps: ``A cos t4 + B sin t4 = C`` from |OP|, then θ2 from the height
+and θ1 from the azimuth of P. A few Newton steps on the calibrated table, shortest in θ1 to θ4, bring its working point to
+the seat as well. With the tip there the postures are those of the configuration circle.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array, batch
+from aacmm_pin.configurations import ConfigurationCircle, configuration_circles
 from aacmm_pin.dh import DHTable
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.sino6_paper.nominal import NominalArm
@@ -68,6 +71,32 @@ def seat_configurations(arm: NominalArm, dh: DHTable, points: Array, count: int)
     q[..., :4] = start
     flat, goal = q.reshape(-1, dh.nq), np.repeat(batch(points, 3, "points", "m"), count, axis=0)
     return polished(dh, flat, goal).reshape(q.shape)
+
+
+def tip_configurations(arm: Arm, points: Array, axis: Array, count: int) -> Array:
+    """``count`` configurations with the tip in every seat, the elbow evenly round its circle: (n, count, nq) [rad].
+
+    Of the closed components of a circle the one with the most configurations within limits is taken.
+
+    Args:
+        arm: an arm with a DH table and a stylus.
+        points: seats (n, 3) [m].
+        axis: direction of the stylus in the base (3,).
+        count: configurations at each seat.
+
+    Raises:
+        UnsupportedArmError: a seat cannot be reached with that axis.
+    """
+    circles = configuration_circles(arm, points, tip=True, axis=axis, count=count)
+    for number, circle in enumerate(circles):
+        if not len(circle):
+            raise UnsupportedArmError(f"points[{number}]: {circle.reason}; expected seats that the tip reaches")
+    return np.stack([_most_usable(circle) for circle in circles])
+
+
+def _most_usable(circle: ConfigurationCircle) -> Array:
+    usable = np.bincount(circle.component, weights=circle.within_limits)
+    return np.asarray(circle.q[circle.component == np.argmax(usable)])
 
 
 def polished(dh: DHTable, q: Array, goal: Array) -> Array:

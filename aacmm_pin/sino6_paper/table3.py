@@ -24,12 +24,10 @@ import pandas as pd
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.checks import Array
-from aacmm_pin.configurations import configuration_circle
 from aacmm_pin.dh import DHTable
-from aacmm_pin.progress import watched
 from aacmm_pin.shown import Shown
 from aacmm_pin.sino6_paper.nominal import sino6_nominal
-from aacmm_pin.sino6_paper.seat_configurations import WORKING_ROW, seat_configurations
+from aacmm_pin.sino6_paper.seat_configurations import WORKING_ROW, seat_configurations, tip_configurations
 from aacmm_pin.sino6_paper.tables import printed_points, printed_table3
 from aacmm_pin.units import ARCSEC, MM
 
@@ -84,8 +82,6 @@ def predict_table3(
     draws: int = 2000,
     arm: Arm | None = None,
     reading: Reading = "wrist",
-    *,
-    progress: bool = True,
 ) -> Table3:
     """The measured spreads beside those that the calibration's half-widths and white angle noise predict.
 
@@ -94,14 +90,13 @@ def predict_table3(
         draws: number of arms.
         arm: the arm; default the bundled SINO6.
         reading: what is at the printed coordinates.
-        progress: show a bar in a notebook, or on stderr at a terminal.
     """
     arm = arm or Arm.load("sino6")
     dh = arm.require_dh("the prediction of Table 3")
     if reading == "wrist":
         q, row = seat_configurations(sino6_nominal(), dh, printed_points(), RECORDS), WORKING_ROW
     else:
-        q, row = _with_the_tip_in_the_seat(arm, progress), dh.rows
+        q, row = tip_configurations(arm, printed_points(), DOWN, RECORDS), dh.rows
     half_widths = np.array([parameter.half_width or 0.0 for parameter in arm.parameters])
     spreads = dh_spreads(dh, q, half_widths.reshape(dh.rows, 4) * rng.uniform(-1.0, 1.0, (draws, dh.rows, 4)), row)
     measured = printed_table3()["single_point_std_mm"].to_numpy() * MM
@@ -120,20 +115,6 @@ def predict_table3(
     ratio = float(measured[5] / measured[4])
     share = float((spreads[:, 5] >= ratio * spreads[:, 4]).mean())
     return Table3(points, np.corrcoef(np.log(spreads).T), spreads, share, ratio, implied_counts(), reading)
-
-
-def _with_the_tip_in_the_seat(arm: Arm, progress: bool) -> Array:
-    """Configurations of every seat with the stylus pointing down, the elbow evenly round its circle: (6, records, nq) [rad].
-
-    Of the components the one with the most configurations within limits is taken.
-    """
-    postures = []
-    with watched(list(printed_points()), progress, "postures", "seat") as points:
-        for point in points:
-            circle = configuration_circle(arm, point, tip=True, axis=DOWN, count=RECORDS)
-            usable = np.bincount(circle.component, weights=circle.within_limits)
-            postures.append(circle.q[circle.component == np.argmax(usable)])
-    return np.stack(postures)
 
 
 def dh_spreads(dh: DHTable, q: Array, errors: Array, row: int = WORKING_ROW) -> Array:

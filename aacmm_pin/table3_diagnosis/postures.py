@@ -7,12 +7,11 @@ from typing import Literal, get_args
 import numpy as np
 
 from aacmm_pin.checks import Array
-from aacmm_pin.configurations import WRIST, configuration_circle
+from aacmm_pin.configurations import WRIST
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.progress import watched
 from aacmm_pin.sino6_paper import printed_points, printed_table3, sino6_nominal
-from aacmm_pin.sino6_paper.seat_configurations import seat_configurations
+from aacmm_pin.sino6_paper.seat_configurations import seat_configurations, tip_configurations
 from aacmm_pin.spread import TouchedSeats
 from aacmm_pin.units import MM
 
@@ -27,9 +26,7 @@ MEASURED = np.array(printed_table3()["single_point_std_mm"], dtype=np.float64) *
 """The printed spreads (6,) [m]."""
 
 
-def touched_seats(
-    reading: Reading = "stylus down", *, arc: float = 1.0, start: float = 0.0, progress: bool = True
-) -> TouchedSeats:
+def touched_seats(reading: Reading = "stylus down", *, arc: float = 1.0, start: float = 0.0) -> TouchedSeats:
     """The seats with the bundled SINO6.
 
     With the tip in the seat the elbow goes evenly round its circle, on the closed component that has most postures within
@@ -40,7 +37,6 @@ def touched_seats(
         reading: what is at the printed coordinates.
         arc: part of the circle that the fifty postures cover, above 0 and at most 1.
         start: where it starts, as a part of the circle; with the wrist at the coordinates 0 is θ3 = 0.
-        progress: show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
         UnknownNameError: no such reading.
@@ -57,15 +53,8 @@ def touched_seats(
     labels = tuple(str(point) for point in printed_table3()["point"])
     if reading == "wrist":
         q = seat_configurations(sino6_nominal(), model.arm.require_dh("Table 3"), printed_points(), whole)
-        return TouchedSeats(model, tuple(on_arc(each) for each in q), labels, WRIST)
+        return TouchedSeats(model, tuple(map(on_arc, q)), labels, WRIST)
     if reading not in READINGS:
         raise UnknownNameError("reading", reading, list(READINGS))
     axis = np.array([0.0, 0.0, -1.0 if reading == "stylus down" else 1.0])
-    with watched(list(printed_points()), progress, "postures", "seat") as points:
-        return TouchedSeats(model, tuple(on_arc(_round_the_circle(model, point, axis, whole)) for point in points), labels)
-
-
-def _round_the_circle(model: ErrorModel, point: Array, axis: Array, count: int) -> Array:
-    circle = configuration_circle(model.arm, point, tip=True, axis=axis, count=count)
-    usable = np.bincount(circle.component, weights=circle.within_limits)
-    return np.asarray(circle.q[circle.component == np.argmax(usable)])
+    return TouchedSeats(model, tuple(map(on_arc, tip_configurations(model.arm, printed_points(), axis, whole))), labels)

@@ -173,7 +173,7 @@ def diagnose_table3(
         UnknownNameError: no such reading.
         KeyError: another τ.
     """
-    seats = seats or touched_seats(reading, progress=progress)
+    seats = seats or touched_seats(reading)
     all_patterns = patterns(seats, rng, draws, progress)
     evidences, five = _evidences(all_patterns, tau)
     predicted = {cause: _predicted(all_patterns[cause], known, rng) for cause, known in five.items()}
