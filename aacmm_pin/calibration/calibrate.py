@@ -171,6 +171,8 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
         found.append("so few records cannot tell which of them are wrong: none was looked for")
     if noise.length is None and any(isinstance(o, KnownLength) for o in after.observations):
         found.append(f"nobody states how well the bars' lengths are known: taken as {LENGTH / MM:g} mm")
+    if after.solution.creeps:
+        found.append("the search still crept when it was ended: estimates may be off by up to a tenth of their uncertainty")
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
         found.append(f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place")

@@ -94,6 +94,15 @@ class Columns:
         )
         return Columns(state, effects, tuple(numbers), same, tuple(varying))
 
+    @property
+    def alike(self) -> Index:
+        """Numbers of the parameters that displace a place of the arm by the same twist in every record."""
+        return np.unique(self.same.number[~self.same.of_reference])
+
+    def bends(self, x: Array) -> bool:
+        """Whether any effect at the values ``x`` (p,) bends under weight."""
+        return any(effect.elastic and x[own].any() for effect, own in zip(self.effects, self.numbers, strict=True))
+
     def at(self, x: Array) -> State:
         """The arm with all effects at the values ``x`` (p,), as the references state it."""
         state = replace(self.state, twists=self._twists(x, False))

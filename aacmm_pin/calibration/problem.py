@@ -19,6 +19,8 @@ from aacmm_pin.parameter import Parameter
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
 """The reference frame has no prior; these only scale its columns, wide enough that it takes up what it can [m, rad]."""
+OF_WIDTH = 1e-3
+"""Step of a difference, as a part of the parameter's width."""
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
 
@@ -149,6 +151,24 @@ class Problem:
             shifts = np.broadcast_to(np.eye(3), turns.shape)
             jacobian = frame.rotation @ np.concatenate([jacobian, shifts, turns], axis=2)
         return Prediction(tips, jacobian)
+
+    def bends(self, x: Array) -> bool:
+        """Whether the arm bends under weight with the parameters ``x`` (p,)."""
+        return self._columns.bends(np.concatenate([self._fixed, x]))
+
+    def answer_of_bending(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
+        """What the derivative of the tips leaves out: a turned arm bends otherwise (n, 3, columns) [m/unit].
+
+        By central differences, for the parameters that displace all records alike: others turn it by too little to matter.
+        """
+        answer, fixed = np.zeros_like(prediction.jacobian), self._fixed
+        for k in self._columns.alike - fixed.size:
+            if k >= 0:
+                step = OF_WIDTH * self.widths[k] * np.eye(x.size)[k]
+                ahead, behind = (self._columns.at(np.concatenate([fixed, x + s])).position for s in (step, -step))
+                numeric = frame.apply(ahead) - frame.apply(behind)
+                answer[:, :, k] = numeric / (2 * step[k]) - prediction.jacobian[:, :, k]
+        return answer
 
     def of(self, measurements: Measurements) -> Problem:
         """The same problem with other records."""

@@ -24,6 +24,9 @@ AT_BEST = 1e-7
 """Ends of bars that move by less than this are where they fit best [m]."""
 FLAT = 1e-2
 """A promise below this that nothing comes of ends the search too: what bends under weight has no exact derivative here."""
+CREEPING = 6
+"""A step after so many that gains much less than it promises has a poor derivative: how what bends answers to the others is
+then worked out, once. Without it a search may creep along a valley in which that is all that the records tell."""
 FLOOR = 0.01
 """Smallest damping, beside the square of the smallest singular value that matters."""
 MOST_DAMPING = 1e10
@@ -101,6 +104,11 @@ class Solution:
     weights: Array
     steps: int
 
+    @property
+    def creeps(self) -> bool:
+        """Whether the search was ended before it settled, which it may within 0.1 u of the end."""
+        return self.steps == MOST_STEPS
+
     @cached_property
     def spectrum(self) -> Spectrum:
         """Singular values of the system; not asked for where the search is only a start."""
@@ -144,7 +152,7 @@ def solve(
     Raises:
         AacmmError: the search does not settle.
     """
-    point, damping = start, 0.0
+    point, damping, answer = start, 0.0, np.zeros(())
     system = _system(problem, point, observations, noise, weights)
     for count in range(1, MOST_STEPS + 1):
         if robust:
@@ -156,7 +164,7 @@ def solve(
         # Any damping that matters holds back the direction that is known least; the others hardly notice.
         cost, floor = _cost(problem, system, point.x), FLOOR * float(spectrum.values[spectrum.movable].min(initial=top)) ** 2
         while True:
-            trial = _advanced(problem, point, system, spectrum.step(damping) * problem.scales)
+            trial = _answered(_advanced(problem, point, system, spectrum.step(damping) * problem.scales), answer)
             tried = _system(problem, trial, observations, noise, weights)
             gained = cost - _cost(problem, tried, trial.x)
             if gained >= -1e-12 * cost - SETTLED:
@@ -172,7 +180,12 @@ def solve(
         share = gained / promised if promised > 0 else 0.0
         damping = max(10 * damping, floor) if share < 0.25 else damping / 10 if damping > floor and share > 0.75 else damping
         damping = 0.0 if share > 0.75 and damping <= floor else damping
-    if robust or roughly:  # only a start: what follows from there has to settle
+        if count >= CREEPING and share < 0.75 and not (answer.ndim or robust or roughly) and problem.bends(point.x):
+            answer, damping = problem.answer_of_bending(point.x, point.frame, point.prediction), 0.0
+            point = _answered(point, answer)
+            system = _system(problem, point, observations, noise, weights)
+    # Only a start: what follows from there has to settle. Or a valley whose end is less than 0.1 u away.
+    if robust or roughly or spectrum.promise() < FLAT:
         return Solution(point, system, problem, weights, MOST_STEPS)
     raise AacmmError(f"the calibration does not settle in {MOST_STEPS} steps; are the start values and the angles right?")
 
@@ -227,6 +240,13 @@ def _advanced(problem: Problem, point: Point, system: System, step: Array) -> Po
     moved = zip(point.nuisances, system.nuisances(step), strict=True)
     x = point.x + step[:p]
     return Point(x, frame, [values + change for values, change in moved], problem.predict(x, frame))
+
+
+def _answered(point: Point, answer: Array) -> Point:
+    """The point with what its derivative leaves out."""
+    if not answer.ndim:
+        return point
+    return replace(point, prediction=replace(point.prediction, jacobian=point.prediction.jacobian + answer))
 
 
 def _at_best(

@@ -1,0 +1,52 @@
+"""An arm that is turned bends otherwise: the derivative that a search which creeps adds, against whole arms displaced."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration.unknowns import problem_of
+from aacmm_pin.effects import Effect, JointCompliance, JointDistance, JointZeroOffset, LinkTwist
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.measurements import Measurements
+
+SOFT = 2e-3
+"""A hundred times softer than an arm is, so that what is tested stands out [rad/(N·m)]."""
+DISPLACED: dict[str, Effect] = {"theta_offset2": JointZeroOffset(2), "alpha3": LinkTwist(3), "d5": JointDistance(5)}
+STEP = 1e-4
+
+
+@pytest.fixture
+def problem(sino6: Arm, rng: np.random.Generator) -> Problem:
+    q = rng.uniform(*sino6.limits.T, (20, 6))
+    records = Measurements.of(q, sino6.poses(q).position)
+    return problem_of(ErrorModel(sino6), records, ["geometry", JointCompliance(2)], prior=True, target="tip", external=True)
+
+
+@pytest.mark.parametrize("name", DISPLACED)
+def test_it_completes_the_derivative(problem: Problem, sino6: Arm, name: str) -> None:
+    x, frame = problem.start.copy(), Frame(np.eye(3)[[1, 2, 0]], np.array([1.0, -2.0, 3.0]))
+    x[problem.names.index("joint_compliance:2")] = SOFT
+    prediction = problem.predict(x, frame)
+    k = problem.names.index(name)
+    without = prediction.jacobian[:, :, k]
+    whole = without + problem.answer_of_bending(x, frame, prediction)[:, :, k]
+    soft, cause = JointCompliance(2, values=(SOFT,)), DISPLACED[name]
+    ahead, behind = (
+        ErrorModel(sino6, (soft, replace(cause, values=(step,)))).predict(problem.measurements.q) for step in (STEP, -STEP)
+    )
+    truth = (ahead - behind) / (2 * STEP) @ frame.rotation.T
+    size = np.abs(truth).max()
+    assert np.abs(whole - truth).max() < 1e-6 * size
+    assert np.abs(without - truth).max() > 1e-4 * size
+
+
+def test_a_stiff_arm_needs_none(problem: Problem) -> None:
+    assert not problem.bends(problem.start)
+    x = problem.start.copy()
+    x[problem.names.index("joint_compliance:2")] = SOFT
+    assert problem.bends(x)
