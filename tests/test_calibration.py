@@ -14,7 +14,9 @@ from scipy.stats import chi2
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import ArmFile, load_arm_file
-from aacmm_pin.calibration import Calibration, calibrate
+from aacmm_pin.calibration import Calibration, calibrate, solver
+from aacmm_pin.calibration.calibrate import notes_of
+from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.checks import Array
 from aacmm_pin.conditions import Conditions
 from aacmm_pin.effects import (
@@ -323,6 +325,28 @@ def test_held_out_residuals_against_an_explicit_refit(sino6: Arm, rng: np.random
 def fails(match: str, work: Callable[[], object], kind: type[AacmmError] = AacmmError) -> None:
     with pytest.raises(kind, match=match):
         work()
+
+
+def test_a_search_that_creeps_is_ended_near_its_end_and_said(
+    sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = quick(sino6, free_points(sino6, rng, 100)[0])
+    problem, fit = result.fit.problem, result.fit
+    start = solver.begin(problem, fit.observations)
+    weights = fit.used.astype(np.float64)
+    needed = solver.solve(problem, fit.observations, fit.noise, start, weights).steps
+    assert needed > 2
+    monkeypatch.setattr(solver, "MOST_STEPS", needed - 1)  # the last step promised next to nothing
+    near = solver.solve(problem, fit.observations, fit.noise, start, weights)
+    assert not near.creeps
+    monkeypatch.setattr(solver, "MOST_STEPS", 1)
+    with pytest.raises(AacmmError, match="does not settle in 1 steps"):
+        solver.solve(problem, fit.observations, fit.noise, start, weights)
+    far = replace(solver.standing(problem, fit.observations, fit.noise, start, weights), steps=1)
+    assert far.creeps
+    said = notes_of(replace(fit, solution=far), StatedNoise(np.full(6, READING), REFERENCE, None, None))
+    assert [note for note in said if "crept" in note]
+    assert not [note for note in result.notes if "crept" in note]
 
 
 def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:

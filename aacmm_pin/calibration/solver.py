@@ -107,7 +107,7 @@ class Solution:
     @property
     def creeps(self) -> bool:
         """Whether the search was ended before it settled, which it may within 0.1 u of the end."""
-        return self.steps == MOST_STEPS
+        return self.steps == MOST_STEPS and self.spectrum.promise() > SETTLED
 
     @cached_property
     def spectrum(self) -> Spectrum:
