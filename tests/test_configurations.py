@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import ArmFile, load_arm_file, parse_arm_file
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.circle import Components, arc_fractions, at_swivel, sector_centres
-from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.configurations import ConfigurationCircle, configuration_circle, configuration_circles
 from aacmm_pin.continuation import Curve
 from aacmm_pin.dh import DHTable
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
@@ -604,6 +605,19 @@ def test_tip_circles_are_exact_and_complete(name: str, point: tuple[float, ...],
     np.testing.assert_allclose(
         arm.poses(circle.q[circle.within_limits]).position - place, 0.0, atol=1e-12
     )  # also after the turns into the limits
+
+
+@pytest.mark.parametrize("more", [{}, {"tip": True, "axis": [0.0, 0.2, -1.0]}], ids=["wrist", "tip"])
+def test_circles_of_many_points_are_those_of_each(sino6: Arm, more: dict[str, Any]) -> None:
+    points = np.array([SEAT, [0.0, 5.0, 0.0], [0.3, -0.4, 0.2]])  # the second is out of reach
+    together = configuration_circles(sino6, points, count=20, **more)
+    for circle, point in zip(together, points, strict=True):
+        alone = configuration_circle(sino6, point, count=20, **more)
+        np.testing.assert_allclose(circle.q, alone.q, rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(circle.point, point)
+        assert circle.reason == alone.reason
+    assert [bool(len(circle)) for circle in together] == [True, False, True]
+    assert configuration_circles(sino6, np.empty((0, 3)), **more) == []
 
 
 def test_tip_out_of_reach(sino6: Arm) -> None:
