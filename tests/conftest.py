@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest.mock import patch
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: each worker has one core, and matrices are small
 
@@ -16,6 +17,7 @@ import pytest
 
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm_file import ArmFile, load_arm_file
+from aacmm_pin.effects import CAUSES
 from tests.browser import Page
 
 # Started in the background of a shell the tests would ignore interrupts, and so would what they start to interrupt it.
@@ -33,10 +35,11 @@ VARIANTS = [
 
 
 @pytest.fixture(autouse=True)
-def _no_figures_of_other_tests() -> Iterator[None]:
-    """Each test starts without pyplot figures and leaves none, whatever ran before it in this process."""
+def _nothing_of_other_tests() -> Iterator[None]:
+    """Each test starts without pyplot figures and causes registered by others, whatever ran before it in this process."""
     _close_figures()
-    yield
+    with patch.dict(CAUSES):
+        yield
     _close_figures()
 
 

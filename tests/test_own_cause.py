@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -57,10 +56,8 @@ class HosePull(Effect):
 
 
 @pytest.fixture(autouse=True)
-def registered() -> Iterator[None]:
+def _registered() -> None:
     register(HosePull)
-    yield
-    del CAUSES["hose_pull"]
 
 
 @pytest.fixture(scope="module")
@@ -91,11 +88,8 @@ def test_it_is_found_by_its_name_only_where_it_is_tried(sino6: Arm, hidden: Meas
     ax = plots.plot_cause(found, found.findings[0])
     assert "hose pull of joint 2" in ax.get_title()
     del CAUSES["hose_pull"]
-    try:
-        with pytest.raises(ArmFileError, match="unknown cause 'hose_pull'"):
-            ErrorModel.load(path)
-    finally:
-        register(HosePull)
+    with pytest.raises(ArmFileError, match="unknown cause 'hose_pull'"):
+        ErrorModel.load(path)
 
 
 def test_options_and_plans_know_its_name(sino6: Arm) -> None:
@@ -120,14 +114,11 @@ class Coupled(Effect):
 
 def test_a_cause_of_two_angles_is_not_drawn_over_one(sino6: Arm) -> None:
     register(Coupled)
-    try:
-        model = ErrorModel(sino6, (Coupled(4, values=(3e-4,)),))
-        data = simulate_measurements(model, "free", 200, rng=np.random.default_rng(2))
-        found = diagnose(sino6, data, encoder_noise=NOISE, extra_causes=[Coupled(4)], hold_out=False)
-        assert [f.label for f in found.findings] == ["coupled:4"]
-        shown = partial_residual(found, found.findings[0].effect)
-    finally:
-        del CAUSES["coupled"]
+    model = ErrorModel(sino6, (Coupled(4, values=(3e-4,)),))
+    data = simulate_measurements(model, "free", 200, rng=np.random.default_rng(2))
+    found = diagnose(sino6, data, encoder_noise=NOISE, extra_causes=[Coupled(4)], hold_out=False)
+    assert [f.label for f in found.findings] == ["coupled:4"]
+    shown = partial_residual(found, found.findings[0].effect)
     assert shown.x_label == "load [1]"
     angle = data.q[:, 3] * data.q[:, 2]
     np.testing.assert_allclose(np.sort(shown.x), np.sort(np.sin(angle)), atol=1e-9)
