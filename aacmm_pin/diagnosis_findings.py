@@ -25,6 +25,11 @@ SURE = 0.95
 """A cause less probable than this is in doubt."""
 PARTS = {"seats": "seats", "blocks": "blocks of joint space"}
 """What is left out in turn, in words."""
+LEFT_OUT_SEATS = (
+    "A seat left out is judged by its stated coordinates with all their noise, so this gain is less than that in "
+    "the records that were used."
+)
+"""Why the gain on seats looks small."""
 
 
 def geometric(result: Diagnosis, finding: Finding) -> bool:
@@ -86,7 +91,7 @@ def _wrong(result: Diagnosis) -> str:
         number = "one cause" if len(causes) == 1 else f"{len(causes)} causes"
         found.append(f"the simulation lacks {number}, {several_in_words(causes)}")
     if moved:
-        found.append(f"its geometry is off beyond what was stated: {several_in_words(moved)}")
+        found.append(f"its geometry is off by unusually much for what was stated: {several_in_words(moved)}")
     if seats:
         one = len(seats) == 1
         found.append(f"the stated place{'' if one else 's'} of {listed(seats)} {'is' if one else 'are'} off")
@@ -153,7 +158,8 @@ def most_off_in_words(result: Diagnosis, table: pd.DataFrame) -> str:
         f"{first['times_predicted']:.1f} times the {first['predicted_mm']:.4f} mm {stated}."
     )
     if first["times_predicted"] <= BEYOND:
-        text = f"The simulation is nowhere off much beyond its own prediction. {text}"
+        allowed = "No part is off by much more than the arm's stated uncertainties allow"
+        text = f"{allowed}: what is wrong shows beside them only after a recalibration. {text}"
     times = {name: table[f"{name}_mm"] / table["noise_mm"] for name in ("recalibrated", "extended")}
     after, last = [
         f"up to {values.max():.1f} times the noise ({table['where'].iloc[int(np.argmax(values))]})"

@@ -10,6 +10,7 @@ from aacmm_pin.arm_text import arm_text
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis_findings import (
     BEYOND,
+    LEFT_OUT_SEATS,
     PARTS,
     gain_in_words,
     geometric,
@@ -218,7 +219,8 @@ def _held_out(result: Diagnosis) -> list[Part]:
     parts: list[Part] = [
         Paragraph(gain_in_words(result), finding=True),
         f"{_capital(PARTS[result.held_out.kind])} were left out in turn, of the choice of causes as well, and then "
-        "predicted by what the other records gave. Gain = 1 - RMS extended / RMS recalibrated.",
+        "predicted by what the other records gave. Gain = 1 - RMS extended / RMS recalibrated."
+        f"{' ' + LEFT_OUT_SEATS if result.held_out.kind == 'seats' else ''}",
     ]
     return [
         *parts,

@@ -332,6 +332,9 @@ def _read_csv(path: str) -> tuple[pd.DataFrame, Index]:
     except csv.Error as error:
         raise MeasurementFileError(path, end + 1, "", f"not CSV: {error}; look at the quotes") from None
     header = rows[0]
+    if header[0].lstrip().startswith("#"):
+        message = f"begins with {header[0][:20]!r}: a measurement file has no comments, expected the names of the columns"
+        raise MeasurementFileError(path, lines[0], "", message)
     for mark, called in ((";", "semicolons"), ("\t", "tabulators")):
         if len(header) == 1 and mark in header[0]:
             message = (

@@ -315,7 +315,8 @@ def test_geometry_is_not_called_a_missing_cause(eccentric: Diagnosis) -> None:
     effect = JointZeroOffset(4, values=(2e-4,), u=(1e-5,))
     moved = Finding(effect.cause, 4, effect, {"offset_rad": (2e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
     result = replace(eccentric, findings=(moved,))
-    said = "no cause is missing in the simulation, but its geometry is off beyond what was stated: zero offset of joint 4."
+    said = "no cause is missing in the simulation, but its geometry is off by unusually much for what was stated: "
+    said += "zero offset of joint 4."
     assert said in verdict_in_words(result)
     page = Page(written(result))
     assert "Geometric values beyond their stated uncertainty" in pictures(page)

@@ -30,6 +30,8 @@ from aacmm_pin.units import DEG, MM
 
 FAR = 2e-3
 """Scatter that no arm has; something else is wrong [m]."""
+LOUD = 5e-3
+"""Noise of an angle that no encoder has, and no robot's joint; stated in another unit [rad]."""
 ReferenceFrame = Literal["base", "external"]
 
 
@@ -134,11 +136,18 @@ def require_scale(problem: Problem) -> None:
 
 
 def encoder_of(arm: Arm, stated: ArrayLike | None) -> Array | None:
-    """Standard uncertainty of each reading as stated, else what the arm states (nq,) [rad]; None where nobody does."""
+    """Standard uncertainty of each reading as stated, else what the arm states (nq,) [rad]; None where nobody does.
+
+    Raises:
+        AacmmError: it is so large that it must be in another unit.
+    """
     if stated is None:
         return arm.encoder_noise
     noise = np.asarray(stated, dtype=np.float64)
-    return vector(np.full(arm.nq, noise) if noise.ndim == 0 else noise, arm.nq, "encoder_noise", "rad")
+    noise = vector(np.full(arm.nq, noise) if noise.ndim == 0 else noise, arm.nq, "encoder_noise", "rad")
+    if (noise > LOUD).any():
+        raise AacmmError(f"encoder_noise is {noise.max():g} rad, expected at most {LOUD:g} rad; is it in another unit?")
+    return noise
 
 
 def notes_of(after: Fit, noise: StatedNoise) -> list[str]:

@@ -13,7 +13,14 @@ from aacmm_pin import plots
 from aacmm_pin.arm import Arm
 from aacmm_pin.demo.picture import new_axes, picture
 from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.diagnosis_findings import gain_in_words, in_words, line_to_remember, parameters_in_words, verdict_in_words
+from aacmm_pin.diagnosis_findings import (
+    LEFT_OUT_SEATS,
+    gain_in_words,
+    in_words,
+    line_to_remember,
+    parameters_in_words,
+    verdict_in_words,
+)
 from aacmm_pin.diagnosis_page import diagnosis_page
 from aacmm_pin.diagnosis_tables import look_alikes
 from aacmm_pin.effects import Effect, EncoderEccentricity
@@ -80,8 +87,8 @@ def hidden_section(hidden: Hidden, out: Path, when: str) -> Section:
             "angle of the joint at which the reading is most too small.",
         ),
         *_pictures(hidden, out),
-        f"{gain_in_words(found)} A seat left out is judged by its stated coordinates with all their noise, so this gain is "
-        "less than the bars show. The whole diagnosis, with what could look like it, is diagnosis.html beside this page.",
+        f"{gain_in_words(found)} {LEFT_OUT_SEATS} "
+        "The whole diagnosis, with what could look like it, is diagnosis.html beside this page.",
         Download("measured.csv", (out / "measured.csv").read_bytes(), "text/csv", "the simulated measurements"),
         Download("diagnosis.json", (out / "diagnosis.json").read_bytes(), "application/json", "the verdict and its numbers"),
     ]

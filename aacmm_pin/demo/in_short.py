@@ -56,6 +56,6 @@ def _hidden(study: Study) -> str:
     hidden = study.hidden
     found = several_in_words([finding.effect for finding in hidden.found.findings]) or "nothing"
     return (
-        f"After measuring, with records simulated for this page: hidden in them was {in_words(hidden.effect)}, found was "
-        f"{found}. {gain_in_words(hidden.found)}"
+        "After measuring, with records simulated for this page: what was hidden in them is "
+        f"{in_words(hidden.effect)}; what was found is {found}. {gain_in_words(hidden.found)}"
     )

@@ -24,7 +24,7 @@ from aacmm_pin.diagnosis.findings import Alias, Place, Strength, look_alikes, st
 from aacmm_pin.diagnosis.gain import gain_of, parts_of, rms, survivors
 from aacmm_pin.diagnosis.library import candidates
 from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free
-from aacmm_pin.diagnosis.next_measurements import next_measurements
+from aacmm_pin.diagnosis.next_measurements import Doubts, next_measurements
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, Verdict, described
 from aacmm_pin.diagnosis.show import groups_table, moved_geometry, predicted_covariance
 from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by
@@ -149,6 +149,8 @@ def diagnose(
             progress=progress is True,
         )
 
+    too_good = _too_good(extended)
+    doubts = Doubts(bool(too_good), held is not None and held.interval[0] <= 0.0)
     return Diagnosis(
         verdict=verdict,
         findings=tuple(findings),
@@ -163,9 +165,9 @@ def diagnose(
         simulation_groups=groups_table(before, shown),
         extended_groups=groups_table(extended, extended.residual_noise),
         noise=floor,
-        next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, plan),
+        next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, doubts, plan),
         visible=shown_by_these,
-        notes=(*notes_of(extended, noise), *_clock(measurements), *_too_good(extended)),
+        notes=(*notes_of(extended, noise), *_clock(measurements), *too_good),
     )
 
 

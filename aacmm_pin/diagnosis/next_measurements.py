@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from aacmm_pin.calibration.problem import OF_KIND
 from aacmm_pin.diagnosis.findings import Alias
@@ -17,11 +18,25 @@ GEOMETRIC = frozenset(cause.cause for cause in OF_KIND.values()) | {"stylus_offs
 """What a plan refits anyway, so that it cannot split it from another."""
 
 
+@dataclass(frozen=True)
+class Doubts:
+    """What makes a verdict worth less.
+
+    Attributes:
+        too_good: residuals are far smaller than the stated noise.
+        not_borne_out: records that were left out are not predicted better beyond doubt.
+    """
+
+    too_good: bool = False
+    not_borne_out: bool = False
+
+
 def next_measurements(
     verdict: Verdict,
     findings: Sequence[Finding],
     unexplained: Unexplained,
     visible: tuple[int, int],
+    doubts: Doubts,
     plan: Callable[[Finding, Alias], str],
 ) -> str:
     """What to measure next, in a sentence.
@@ -29,9 +44,12 @@ def next_measurements(
     Args:
         verdict, findings, unexplained: of the diagnosis.
         visible: how many causes of usual size these records would have shown, and of how many.
+        doubts: what makes the verdict worth less.
         plan: makes the sentence for a finding and its look-alike.
     """
     seen, of = visible
+    if doubts.too_good:
+        return "check what was stated of the noise, and its unit: beside noise that large no cause can show, in any records"
     if verdict == "no-discrepancy":
         if seen < of / 2:
             return f"more records: of {of} causes of usual size these would have shown {seen}"
@@ -70,7 +88,9 @@ def next_measurements(
     seats = [finding for finding in findings if isinstance(finding.effect, SeatError)]
     if seats:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
-    return "nothing is open; check the extended model on new records"
+    if doubts.not_borne_out:
+        return "more records, at other postures: those that were left out in turn do not bear out yet that the arm is better"
+    return "nothing is open; check the extended arm on new records, over all ranges of its joints, with `aacmm-pin correct`"
 
 
 def _off(finding: Finding) -> str:
