@@ -210,7 +210,7 @@ FILES: dict[str, tuple[str | bytes, int | None, Sequence[str]]] = {
         1,
         ["semicolons", "expected commas between cells", "decimal points"],
     ),
-    "comment": ("# arm 7, Tuesday\n" + SMALL, 1, ["begins with '# arm 7, Tuesday'", "no comments", "names of the columns"]),
+    "comment": ("# arm 7 on Tuesday\n" + SMALL, 1, ["begins with '# arm 7 on Tuesday'", "no comments"]),
     "tabs": (SMALL.replace(",", "\t"), 1, ["tabulators", "expected commas between cells"]),
 }
 
