@@ -16,7 +16,7 @@ from sphinx.environment import BuildEnvironment
 
 import aacmm_pin
 
-ABBREVIATED = {"np": "numpy", "pd": "pandas"}
+ABBREVIATED = {"np": "numpy", "pd": "pandas", "xr": "xarray"}
 
 
 @cache
