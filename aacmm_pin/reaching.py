@@ -80,12 +80,15 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:
         per_turn: angles at which each of the joints 1 to 4 is held to find seeds.
     """
     system = wrist_system(wrist, points)
-    seeds, problem = _held_seeds(wrist.table, points, per_turn)
-    spread = spread_angles(4 * per_turn, POSITIONING)
-    seeds = np.concatenate([seeds, np.tile(spread, (len(points), 1))])
-    problem = np.concatenate([problem, np.repeat(np.arange(len(points)), len(spread))])
+    seeds, problem = with_spread(*_held_seeds(wrist.table, points, per_turn), len(points), 4 * per_turn)
     seeds, good = polish(system, seeds, problem)
     return all_curves(system, seeds[good], problem[good])
+
+
+def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:
+    """Seeds (n, joints) [rad] and the numbers of their problems (n,), with ``count`` spread ones more for each problem."""
+    spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
+    return np.concatenate([seeds, spread]), np.concatenate([problem, np.repeat(np.arange(problems), count)])
 
 
 def spread_angles(count: int, joints: int) -> Array:

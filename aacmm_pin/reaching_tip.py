@@ -12,7 +12,7 @@ from aacmm_pin.checks import Array, Index
 from aacmm_pin.continuation import Curve, System, all_curves, polish
 from aacmm_pin.dh import DHTable, cross
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.reaching import POSITIONING, Wrist, spread_angles, turns_about_z, wrist_curves
+from aacmm_pin.reaching import POSITIONING, Wrist, turns_about_z, with_spread, wrist_curves
 
 SPREAD = 600
 """Evenly spread starts."""
@@ -41,9 +41,7 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
     if dh.nq != 6 or not dh.moving[:6].all():
         raise UnsupportedArmError("configurations of the tip need an arm with six joints in its first six DH rows")
     system = tip_system(dh, points, stylus, axis)
-    seeds, problem = _tip_seeds(dh, points, stylus, axis, per_turn, directions)
-    seeds = np.concatenate([seeds, np.tile(spread_angles(SPREAD, dh.nq), (len(points), 1))])
-    problem = np.concatenate([problem, np.repeat(np.arange(len(points)), SPREAD)])
+    seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis, per_turn, directions), len(points), SPREAD)
     seeds, good = polish(system, seeds, problem)
     towards = np.einsum("nij,j,i->n", dh.placements(seeds)[:, -1, :3, :3], stylus, axis) > 0
     return all_curves(system, seeds[good & towards], problem[good & towards])
@@ -53,14 +51,14 @@ def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System
     """Residual (n, 5): the tip's place from its point among ``points`` (m, 3) [m], and the stylus across two directions
     normal to ``axis`` [1].
     """
-    normals = np.linalg.svd(axis[None, :])[2][1:]
+    normals, frames = np.linalg.svd(axis[None, :])[2][1:], dh.joint_frames
 
     def system(q: Array, problem: Index) -> tuple[Array, Array]:
         x, y, z, o = dh.axes(q)
         direction = stylus[0] * x[-1] + stylus[1] * y[-1] + stylus[2] * z[-1]
         f = np.concatenate([o[-1] - points[problem].T, normals @ direction]).T
-        about = z[dh.joint_frames]
-        moved, turned = cross(about, o[-1] - o[dh.joint_frames]), cross(about, direction)
+        about = z[frames]
+        moved, turned = cross(about, o[-1] - o[frames]), cross(about, direction)
         jacobian = np.concatenate([moved, normals @ turned], axis=1)  # (joints, 5, n)
         return f, np.ascontiguousarray(jacobian.transpose(2, 1, 0))
 

@@ -152,7 +152,7 @@ def solve(
     Raises:
         AacmmError: the search does not settle.
     """
-    point, damping, answer = start, 0.0, np.zeros(())
+    point, damping, answer = start, 0.0, None
     system = _system(problem, point, observations, noise, weights)
     for count in range(1, MOST_STEPS + 1):
         if robust:
@@ -180,7 +180,7 @@ def solve(
         share = gained / promised if promised > 0 else 0.0
         damping = max(10 * damping, floor) if share < 0.25 else damping / 10 if damping > floor and share > 0.75 else damping
         damping = 0.0 if share > 0.75 and damping <= floor else damping
-        if count >= CREEPING and share < 0.75 and not (answer.ndim or robust or roughly) and problem.bends(point.x):
+        if count >= CREEPING and share < 0.75 and answer is None and not (robust or roughly) and problem.bends(point.x):
             answer, damping = problem.answer_of_bending(point.x, point.frame, point.prediction), 0.0
             point = _answered(point, answer)
             system = _system(problem, point, observations, noise, weights)
@@ -242,9 +242,9 @@ def _advanced(problem: Problem, point: Point, system: System, step: Array) -> Po
     return Point(x, frame, [values + change for values, change in moved], problem.predict(x, frame))
 
 
-def _answered(point: Point, answer: Array) -> Point:
+def _answered(point: Point, answer: Array | None) -> Point:
     """The point with what its derivative leaves out."""
-    if not answer.ndim:
+    if answer is None:
         return point
     return replace(point, prediction=replace(point.prediction, jacobian=point.prediction.jacobian + answer))
 
