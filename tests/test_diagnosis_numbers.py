@@ -36,7 +36,6 @@ from aacmm_pin.diagnosis.products import Gram, products_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.observations import Observation
 
 Array = NDArray[np.float64]
 ENCODER, REFERENCE, PROBE, LENGTH = 8e-6, 12e-6, 10e-6, 20e-6
@@ -120,7 +119,7 @@ def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Arr
     covariance = covariance_of_records(records)
     seat = records.conditions.seat
     unknown = seat is not None and not records.known.any()
-    points = {label: at for o, v in _observed(case.choice.fit) for label, at in o.points(v)}
+    points = dict(zip(case.choice.fit.observations.labels, case.choice.fit.solution.point.seats, strict=True))
     target = np.array([points[s] for s in seat]) if unknown and seat is not None else records.reference
     found = []
     for number in np.unique(part[kept]):
@@ -138,10 +137,6 @@ def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Arr
         found.append(rows)
     assert n == RECORDS
     return np.concatenate(found)
-
-
-def _observed(at: Fit) -> Iterator[tuple[Observation, Array]]:
-    return zip(at.observations, at.solution.point.nuisances, strict=True)
 
 
 def _bars(records: Measurements, labels: list[str], points: dict[str, Array]) -> tuple[Array, Array]:

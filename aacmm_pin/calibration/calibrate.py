@@ -24,7 +24,6 @@ from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.observations import KnownLength
 from aacmm_pin.progress import Progress
 from aacmm_pin.units import DEG, MM
 
@@ -80,8 +79,8 @@ def calibrate(
     Raises:
         UnknownNameError: no such set of parameters, frame or target.
         MissingConditionError: an effect needs a column that the records lack.
-        AacmmError: no record says anything; the noise is not stated and there are too few records to find it; the search
-            does not settle; the records have nothing to do with this arm.
+        AacmmError: no record says anything; the noise is not stated and there are too few records to find it; the records
+            have nothing to do with this arm.
     """
     if reference_frame not in get_args(ReferenceFrame):
         raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
@@ -98,6 +97,11 @@ def calibrate(
     problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
     require_scale(problem)
     after = fit(problem, noise, robust=robust)
+    if not after.tells_noise:
+        raise AacmmError(
+            f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for {problem.scales.size} parameters "
+            "and the seats' own; state the noise, measure more, or estimate less"
+        )
     require_likeness(after)
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
     found = Calibration(after, setup, noise, (), tuple(notes_of(after, noise)))
@@ -178,10 +182,10 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
         )
     if not redundant(after.problem, after.solution) and not after.excluded.any():
         found.append("so few records cannot tell which of them are wrong: none was looked for")
-    if noise.length is None and any(isinstance(o, KnownLength) for o in after.observations):
+    if noise.length is None and len(after.observations.ends):
         found.append(f"nobody states how well the bars' lengths are known: taken as {LENGTH / MM:g} mm")
-    if after.solution.creeps:
-        found.append("the search still crept when it was ended: estimates may be off by up to a tenth of their uncertainty")
+    if not after.solution.converged:
+        found.append(f"the search did not converge ({after.solution.held_up}): what follows is of the best point that it found")
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
         found.append(f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place")

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
+import pandas as pd
+from numpy.typing import NDArray
 
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements
-from aacmm_pin.observations import KnownLength, KnownPoint, Length, Observation, SamePoint
+from aacmm_pin.observations import Observations
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,36 +55,43 @@ class StatedNoise:
         return found
 
 
-def observations_of(measurements: Measurements, noise: StatedNoise, unmodelled: float) -> list[Observation]:
+def observations_of(measurements: Measurements, noise: StatedNoise, unmodelled: float) -> Observations:
     """What the records say.
 
     A seat whose records state the same coordinates, if they state any, was measured once, and a record of it without
     coordinates was there too; a seat without coordinates is an unknown point. A record whose coordinates are its own stands
-    for itself, even at a seat. Records that say nothing are in none.
+    for itself, even at a seat. Coordinates that differ by less than a third of their uncertainty are the same.
 
     Args:
         measurements: the records.
         noise: as stated.
-        unmodelled: scatter of each coordinate that the stated noise does not explain; stands in for a noise that nobody
+        unmodelled: scatter of each coordinate that the stated noise does not explain; stands in for a noise that is not
             stated [m].
     """
+    n, known, contact = measurements.n, measurements.known, noise.probe or 0.0
     u = _reference_u(measurements, noise, unmodelled)
-    contact = noise.probe or 0.0
-    alone = measurements.known.copy()
-    seats: dict[str, SamePoint] = {}
-    for label, records in measurements.seats().items():
-        reference = _common(measurements.reference[records], _rounding(measurements, noise, records))
-        if reference is None and measurements.known[records].any():
-            continue
-        alone[records] = False
-        stating = records[measurements.known[records]]
-        seats[label] = SamePoint(records, label, contact, reference, None if reference is None else u[stating].max(axis=0))
-    found: list[Observation] = []
-    free = np.flatnonzero(alone)
-    if free.size:
-        own = _reference_u(measurements, noise, 0.0)[free]  # what nobody stated is in the covariance of the tips already
-        found.append(KnownPoint(free, measurements.reference[free], np.hypot(own, contact)))
-    return found + _barred(measurements, seats, noise)
+    seat, labels = _numbered(measurements)
+    at = _Seats.of(measurements, noise, u, seat, len(labels))
+    # A seat whose records state coordinates of their own is none.
+    kept = ~at.known | at.common
+    number = np.where(kept, np.cumsum(kept) - 1, -1)
+    seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
+    alone = known & (seat < 0)
+    # What is not stated is in the covariance of the tips already.
+    own = np.where(alone[:, None], np.hypot(_reference_u(measurements, noise, 0.0), contact), contact)
+    chosen = [label for label, keeps in zip(labels, kept, strict=True) if keeps]
+    ends, length = _bars(measurements, {label: k for k, label in enumerate(chosen)})
+    return Observations(
+        reference=np.where(alone[:, None], measurements.reference, np.nan),
+        seat=seat.astype(np.intp),
+        covariance=own[:, :, None] ** 2 * np.eye(3),
+        labels=tuple(chosen),
+        stated=at.reference[kept],
+        stated_u=at.u[kept],
+        ends=ends,
+        length=length,
+        length_u=np.full(len(length), max(LENGTH if noise.length is None else noise.length, LEAST)),
+    )
 
 
 def _reference_u(measurements: Measurements, noise: StatedNoise, unmodelled: float) -> Array:
@@ -93,51 +101,55 @@ def _reference_u(measurements: Measurements, noise: StatedNoise, unmodelled: flo
 
 
 LENGTH = 5e-5
-"""Standard uncertainty of a bar's length that nobody stated [m]."""
+"""Standard uncertainty of a bar's length that is not stated [m]."""
 LEAST = 1e-12
 """A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
+SAME = 1e-9
+"""Coordinates that differ by less are the same whatever their uncertainty [m]."""
 
 
-def _common(references: Array, rounding: float) -> Array | None:
-    """The coordinates that the records of a seat state, or None where none does or they differ by more than rounding."""
-    stated = references[np.isfinite(references).all(axis=1)]
-    same = len(stated) > 0 and np.ptp(stated, axis=0).max() <= rounding
-    return stated.mean(axis=0) if same else None
+def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
+    """Number of the seat of each record in the order of their first records (n,), -1 where none; and their labels."""
+    labels = measurements.conditions.seat
+    if labels is None:
+        return np.full(measurements.n, -1, dtype=np.intp), []
+    numbers, found = pd.factorize(pd.Series(labels).replace("", None))
+    return np.asarray(numbers, dtype=np.intp), [str(label) for label in found]
 
 
-def _rounding(measurements: Measurements, noise: StatedNoise, records: Index) -> float:
-    """Differences that are no second measurement of a seat: a third of its stated uncertainty [m]."""
-    stated = measurements.reference_u[records]
-    least = float(np.nanmin(stated)) if np.isfinite(stated).any() else noise.reference or 0.0
-    return max(1e-9, least / 3)
+@dataclass(frozen=True, eq=False)
+class _Seats:
+    """What the records of each seat state: whether any states coordinates (s,), whether these are the same (s,), their mean
+    (s, 3) [m], and its standard uncertainty (s, 3) [m].
+    """
+
+    known: NDArray[np.bool_]
+    common: NDArray[np.bool_]
+    reference: Array
+    u: Array
+
+    @staticmethod
+    def of(measurements: Measurements, noise: StatedNoise, u: Array, seat: Index, count: int) -> _Seats:
+        stating = measurements.known & (seat >= 0)
+
+        def of_each(values: Array, what: str) -> Array:
+            """Statistic of the records of each seat that state coordinates (s, 3); NaN where none does."""
+            grouped = pd.DataFrame(values[stating]).groupby(seat[stating]).agg(what)
+            return grouped.reindex(range(count)).to_numpy(dtype=np.float64)
+
+        mean, spread = (of_each(measurements.reference, what) for what in ("mean", "max"))
+        spread = spread - of_each(measurements.reference, "min")
+        least = of_each(np.where(np.isfinite(measurements.reference_u), measurements.reference_u, np.inf), "min").min(axis=1)
+        least = np.where(np.isfinite(least), least, noise.reference or 0.0)
+        known = np.isfinite(mean).all(axis=1)
+        same = np.maximum(SAME, least / 3)
+        common = known & (np.nan_to_num(spread, nan=np.inf).max(axis=1, initial=0.0) <= same)
+        stated = common[:, None]
+        return _Seats(known, common, np.where(stated, mean, np.nan), np.where(stated, of_each(u, "max"), np.nan))
 
 
-def _barred(measurements: Measurements, seats: dict[str, SamePoint], noise: StatedNoise) -> list[Observation]:
-    """Seats joined by bars become one observation each, the others stay."""
-    labels = list(seats)
-    number = {label: i for i, label in enumerate(labels)}
-    u = LENGTH if noise.length is None else noise.length
+def _bars(measurements: Measurements, number: dict[str, int]) -> tuple[Index, Array]:
+    """Numbers of the seats at both ends of each bar (b, 2), and the lengths (b,) [m]."""
     bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
-    ends = [(number[b.seat_a], number[b.seat_b]) for b in bars]
-    rows, columns = (np.array([e[k] for e in ends], dtype=np.intp) for k in (0, 1))
-    graph = scipy.sparse.coo_array((np.ones(len(bars)), (rows, columns)), shape=(len(labels), len(labels)))
-    _, part = scipy.sparse.csgraph.connected_components(graph, directed=False) if labels else (0, np.empty(0))
-    found: list[Observation] = []
-    for component in np.unique(part):
-        members = [int(i) for i in np.flatnonzero(part == component)]
-        if len(members) == 1:
-            found.append(seats[labels[members[0]]])
-            continue
-        place = {seat: i for i, seat in enumerate(members)}
-        lengths = [
-            Length(b.bar, place[a], place[c], b.length, max(u, LEAST))
-            for b, (a, c) in zip(bars, ends, strict=True)
-            if a in place
-        ]
-        found.append(KnownLength.between([seats[labels[i]] for i in members], lengths))
-    return found
-
-
-def used_records(observations: list[Observation]) -> Index:
-    """Records that some observation speaks of, in order."""
-    return np.sort(np.concatenate([np.empty(0, dtype=np.intp), *(o.records for o in observations)]))
+    ends = np.array([(number[b.seat_a], number[b.seat_b]) for b in bars], dtype=np.intp).reshape(-1, 2)
+    return ends, np.array([b.length for b in bars])

@@ -14,10 +14,10 @@ from scipy.linalg import null_space, orth
 from aacmm_pin.calibration.evidence import StatedNoise, observations_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.solver import MEDIAN, Point, Solution, begin, deviations, noise_of_tips, solve, standing
-from aacmm_pin.checks import Array, Index
+from aacmm_pin.checks import Array
 from aacmm_pin.distributions import chi2_isf, chi2_sf, f_isf
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.observations import Observation
+from aacmm_pin.observations import NOTHING_KNOWN, Observations
 
 FALSE_EXCLUSION = 0.01
 """Chance that any good record is excluded, over the whole file."""
@@ -53,7 +53,7 @@ class Fit:
     """
 
     problem: Problem
-    observations: list[Observation]
+    observations: Observations
     solution: Solution
     noise: Array
     unmodelled: float
@@ -64,6 +64,11 @@ class Fit:
     dof: float
 
     @property
+    def tells_noise(self) -> bool:
+        """Whether the noise is stated, or the records are enough to tell it."""
+        return self.stated or self.dof >= LEAST_DOF
+
+    @property
     def scatters(self) -> bool:
         """Whether there is scatter beyond the stated noise that is worth a word."""
         return self.unmodelled > NO_SCATTER
@@ -71,10 +76,7 @@ class Fit:
     @property
     def residual_noise(self) -> Array:
         """Covariance of each residual by its reading, its target and the scatter that was found (n, 3, 3) [m²]."""
-        total = self.noise.copy()
-        for observation in self.observations:
-            total[observation.records] += observation.covariance()
-        return np.asarray(total)
+        return np.asarray(self.noise + self.observations.covariance)
 
     @property
     def stated_noise(self) -> Array:
@@ -93,7 +95,7 @@ class Fit:
         point = self.solution.point
         off = np.nan_to_num(deviations(self.observations, point))
         seen = self.problem.predict(point.x, point.frame, point.prediction.tips - off)
-        there = Point(point.x, point.frame, point.nuisances, replace(point.prediction, jacobian=seen.jacobian))
+        there = Point(point.x, point.frame, point.seats, replace(point.prediction, jacobian=seen.jacobian))
         at_targets = standing(self.problem, self.observations, self.noise, there, self.solution.weights).spectrum
         spectra = (self.solution.spectrum, at_targets)
         return np.asarray(orth(np.hstack([s.directions[:, ~s.known] for s in spectra]), rcond=1e-6))
@@ -118,8 +120,7 @@ def fit(problem: Problem, stated_noise: StatedNoise, *, robust: bool = True, use
         used: the records that belong (n,), if that is known already; nothing is looked for then.
 
     Raises:
-        AacmmError: no record says anything, the noise is not stated and there are too few records to find it, or the
-            search does not settle.
+        AacmmError: no record says anything.
     """
     return _Fitting(problem, stated_noise).run(robust, used)
 
@@ -131,15 +132,12 @@ class _Fitting:
         self.problem, self.noise = problem, noise
         self.stated = noise.suffices(problem.measurements)
         self.n = problem.measurements.n
-        self.observations: list[Observation] = []
+        self.observations = observations_of(problem.measurements, noise, FIRST_SCATTER)
         self.tips = np.empty((0, 3, 3))
         self.unmodelled = 0.0
 
     def run(self, robust: bool, used: NDArray[np.bool_] | None) -> Fit:
-        self.observations = observations_of(self.problem.measurements, self.noise, FIRST_SCATTER)
-        spoken = np.zeros(self.n, dtype=bool)
-        for observation in self.observations:
-            spoken[observation.records] = True
+        spoken = self.observations.says
         if not spoken.any():
             raise AacmmError("no record says where the tip was: no reference coordinates, and no seat touched twice")
         point = begin(self.problem, self.observations)
@@ -219,15 +217,7 @@ class _Fitting:
 
     def _own_covariance(self) -> Array:
         """Covariance of each record by the stated noise alone (n, 3, 3) [m²]."""
-        own = self.tips - max(self.unmodelled, 1e-12) ** 2 * np.eye(3)
-        for records, covariance in self._stated_covariances:
-            own[records] += covariance
-        return own
-
-    @cached_property
-    def _stated_covariances(self) -> list[tuple[Index, Array]]:
-        stated = observations_of(self.problem.measurements, self.noise, 0.0)
-        return [(o.records, o.covariance()) for o in stated]
+        return np.asarray(self.tips - max(self.unmodelled, 1e-12) ** 2 * np.eye(3) + self.observations.covariance)
 
     def _final(self, point: Point, used: NDArray[np.bool_], spoken: NDArray[np.bool_]) -> Fit:
         judged = None
@@ -266,17 +256,14 @@ class _Fitting:
         return total - solution.spectrum.promise(), dof
 
     def _scatter(self, solution: Solution, used: NDArray[np.bool_]) -> float:
-        """Scatter beyond the stated noise with which χ² meets its degrees of freedom."""
+        """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none."""
         _, dof = _chi2(self.problem, solution)
         if dof < LEAST_DOF:
-            numbers = 3 * int(used.sum())
-            raise AacmmError(
-                f"too few records to find the noise: {numbers} coordinates for {self.problem.scales.size} parameters "
-                "and the seats' own; state the noise, measure more, or estimate less"
-            )
+            return self.unmodelled
         deviation, own = solution.system.deviation[used], self._own_covariance()[used]
-        points = zip(self.observations, solution.point.nuisances, strict=True)
-        tied = sum(float(np.square(o.ties(values)[0]).sum()) for o, values in points)
+        seats = solution.point.seats
+        ties = (self.observations.of_seats(seats), self.observations.of_bars(seats)[0])
+        tied = sum(float(np.square(tie).sum()) for tie in ties)
 
         def excess(variance: float) -> float:
             return float(squared_distances(deviation, own + variance * np.eye(3)).sum()) + tied - dof
@@ -328,32 +315,31 @@ def _may_be(judged: tuple[float, float]) -> bool:
     return judged[1] < LEAST_DOF or float(chi2_sf(*judged)) >= MISFIT
 
 
-def deleted_distances(observations: list[Observation], solution: Solution, noise: Array) -> Array:
+def deleted_distances(observations: Observations, solution: Solution, noise: Array) -> Array:
     """Squared distance of each record from where the *others* put its target, over its own and that place's variance (n,).
 
     A record pulls an unknown point towards itself, the more the fewer the others are; and where it has been left out, its
-    target is only as sure as the others make it. Records without a target are infinitely far.
+    target is only as sure as the others of its seat make it; bars count for nothing here. Records without a target are
+    infinitely far.
     """
+    off = deviations(observations, solution.point)
+    covariance = noise + observations.covariance
+    touched = np.flatnonzero(observations.seat >= 0)
+    if touched.size:
+        seat = observations.seat[touched]
+        weighted = solution.weights[touched, None, None] * np.linalg.inv(covariance[touched])
+        tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
+        whole = np.zeros((len(observations.labels), 3, 3))
+        np.add.at(whole, seat, weighted)
+        whole += tie[:, :, None] * np.eye(3)
+        rest = np.linalg.inv(whole[seat] - weighted + NOTHING_KNOWN * np.eye(3))
+        off[touched] += np.einsum("nij,njk,nk->ni", rest, weighted, off[touched])
+        covariance = covariance.copy()
+        covariance[touched] += rest
     found = np.full(len(noise), np.inf)
-    for observation, values in zip(observations, solution.point.nuisances, strict=True):
-        records = observation.records
-        targets, by = observation.targets(values)
-        covariance = noise[records] + observation.covariance()
-        off = solution.point.prediction.tips[records] - targets
-        if values.size:
-            inverse = np.linalg.inv(covariance)
-            weighted = solution.weights[records, None, None] * (by.transpose(0, 2, 1) @ inverse)
-            tied = observation.ties(values)[1]
-            apart = weighted @ by
-            rest = np.linalg.inv(apart.sum(axis=0) + tied.T @ tied - apart + NOTHING_KNOWN * np.eye(values.size))
-            off = off + np.einsum("nij,nj->ni", by @ rest @ weighted, off)
-            covariance = covariance + by @ rest @ by.transpose(0, 2, 1)
-        found[records] = squared_distances(off, covariance)
+    says = observations.says
+    found[says] = squared_distances(off[says], covariance[says])
     return found
-
-
-NOTHING_KNOWN = 1e-4
-"""Information on a point of which no other record says anything: it is somewhere within a hundred metres [1/m²]."""
 
 
 def redundant(problem: Problem, solution: Solution) -> bool:

@@ -12,7 +12,6 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.solver import Point, noise_of_tips, solve
 from aacmm_pin.checks import Array, Index
-from aacmm_pin.errors import AacmmError
 from aacmm_pin.progress import Progress, watched
 from aacmm_pin.shown import Shown
 
@@ -101,13 +100,9 @@ def _left_out(fit: Fit, noise: StatedNoise, kept: Array, out: Array) -> Array:
     start = fit.solution.point
     tips = noise_of_tips(problem, start.frame, noise.encoder, fit.unmodelled)
     prediction = problem.predict(start.x, start.frame)
-    point = Point(start.x, start.frame, [o.start(prediction.tips[o.records]) for o in observations], prediction)
-    try:
-        solution = solve(problem, observations, tips, point, np.ones(problem.measurements.n), robust=False)
-    except AacmmError as error:
-        raise AacmmError(f"with {int(np.sum(out))} records held out: {error}") from None
-    found = zip(observations, solution.point.nuisances, strict=True)
-    seats = {label: point for observation, values in found for label, point in observation.points(values)}
+    point = Point(start.x, start.frame, observations.start(prediction.tips), prediction)
+    solution = solve(problem, observations, tips, point, np.ones(problem.measurements.n))
+    seats = dict(zip(observations.labels, solution.point.seats, strict=True))
     return _distances(fit.problem, solution.point, out, seats)
 
 

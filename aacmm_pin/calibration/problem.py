@@ -21,6 +21,8 @@ FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
 """The reference frame has no prior; these only scale its columns, wide enough that it takes up what it can [m, rad]."""
 OF_WIDTH = 1e-3
 """Step of a difference, as a part of the parameter's width."""
+UNTOLD_VARIANCE = 1e-9
+"""A combination of correlated parameters with less variance than this, each of unit variance, was not told."""
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
 
@@ -72,6 +74,7 @@ class Problem:
         estimated: effects whose parameters are unknown; their values are where the search starts.
         widths: how far each parameter may be off before anything was measured (p,) [units].
         stated: (p,) True where that is a stated standard uncertainty; elsewhere it is a bound so wide that it hardly pulls.
+        correlation: of the stated widths with one another (p, p); one on the diagonal.
         measurements: the records.
         external: True where the references stand in an unknown frame.
     """
@@ -80,6 +83,7 @@ class Problem:
     estimated: tuple[Effect, ...]
     widths: Array
     stated: NDArray[np.bool_]
+    correlation: Array
     measurements: Measurements
     external: bool
 
@@ -107,6 +111,19 @@ class Problem:
     def start(self) -> Array:
         """Values at the start, which are the prior's mean too (p,)."""
         return np.array([value for effect in self.estimated for value in effect.values])
+
+    @cached_property
+    def prior(self) -> Array:
+        """Rows that say what is known of the parameters beforehand, in units of the widths (p, p); none for the frame.
+
+        A combination without variance is one that earlier records did not tell: it is known as its parameters are.
+        """
+        variances, combinations = np.linalg.eigh(self.correlation)
+        return np.asarray(combinations.T / np.sqrt(np.where(variances > UNTOLD_VARIANCE, variances, 1.0))[:, None])
+
+    def beside_prior(self, x: Array) -> Array:
+        """Residuals of those rows at ``x`` (p,)."""
+        return np.asarray(self.prior @ ((x - self.start) / self.widths))
 
     @cached_property
     def _fixed(self) -> Array:

@@ -1,4 +1,8 @@
-"""Weighted least squares with prior information: Levenberg–Marquardt on the analytic sensitivities, deaf to wild records."""
+"""Weighted least squares with prior information: a trust-region search on the analytic sensitivities, robust where asked.
+
+Levenberg–Marquardt as in MINPACK (Moré 1978): steps are bounded in units of what each parameter moves the tips by, and a
+trial that cannot be evaluated is a rejected step. The search always ends, and says whether it converged.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
@@ -13,9 +18,9 @@ from aacmm_pin.calibration.system import System, assemble
 from aacmm_pin.checks import Array
 from aacmm_pin.distributions import chi2_isf
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.observations import KnownLength, Observation
+from aacmm_pin.observations import Observations
 
-MOST_STEPS = 60
+MOST_STEPS = 100
 SETTLED = 1e-6
 """The search ends when a step promises to lower χ² by less than this: parameters then stand still to 0.001 u."""
 LOOSELY_SETTLED = 1e-2
@@ -23,14 +28,12 @@ LOOSELY_SETTLED = 1e-2
 AT_BEST = 1e-7
 """Ends of bars that move by less than this are where they fit best [m]."""
 FLAT = 1e-2
-"""A promise below this that nothing comes of ends the search too: what bends under weight has no exact derivative here."""
+"""A promise below this that nothing comes of ends the search too: it is within 0.1 u of its end."""
 CREEPING = 6
 """A step after so many that gains much less than it promises has a poor derivative: how what bends answers to the others is
 then worked out, once. Without it a search may creep along a valley in which that is all that the records tell."""
-FLOOR = 0.01
-"""Smallest damping, beside the square of the smallest singular value that matters."""
-MOST_DAMPING = 1e10
-"""Largest damping, beside the square of the largest; with more no step moves anything."""
+SMALLEST_STEP = 1e-12
+"""A trust region smaller than this part of the first step has no better point in it."""
 LEAST_KNOWN = 0.1
 """A direction about which data and stated uncertainties together say less than this, one over its width, is not known."""
 WILD = 2.0
@@ -40,11 +43,11 @@ MEDIAN = float(chi2_isf(0.5, 3))
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where the search stands: parameters, frame, the observations' unknown points, and what follows from them."""
+    """Where the search stands: parameters, frame, the seats' points (s, 3) [m], and what follows from them."""
 
     x: Array
     frame: Frame
-    nuisances: list[Array]
+    seats: Array
     prediction: Prediction
 
 
@@ -56,7 +59,7 @@ class Spectrum:
         values: (p,), largest first.
         directions: (p, p), columns in units of the scales.
         along: residual along each direction, so that ``-along / values`` is the Gauss–Newton step.
-        assumed: part of each squared value that comes from widths which nobody stated (p,).
+        assumed: part of each squared value that comes from widths that are not stated (p,).
     """
 
     values: Array
@@ -74,16 +77,9 @@ class Spectrum:
         """(p,) True for directions along which a step can be taken at all."""
         return np.asarray(self.values > 1e-9)
 
-    def step(self, damping: float) -> Array:
-        """Damped step in units of the scales."""
-        values = self.values[self.movable]
-        return np.asarray(-self.directions[:, self.movable] @ (values / (values**2 + damping) * self.along[self.movable]))
-
-    def promise(self, damping: float = 0.0) -> float:
-        """How much the step lowers χ² if the problem is linear."""
-        squared = self.values[self.movable] ** 2
-        left = damping / (squared + damping)
-        return float(np.sum(self.along[self.movable] ** 2 * (1.0 - left**2)))
+    def promise(self) -> float:
+        """How much the Gauss–Newton step lowers χ² if the problem is linear."""
+        return float(np.sum(self.along[self.movable] ** 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +91,8 @@ class Solution:
         system: the linear system there.
         problem: what was unknown.
         weights: of the records in the last step (n,).
-        steps: number of steps taken.
+        steps: number of steps tried.
+        held_up: why the search ended before it converged; "" where it converged.
     """
 
     point: Point
@@ -103,11 +100,17 @@ class Solution:
     problem: Problem
     weights: Array
     steps: int
+    held_up: str = ""
 
     @property
-    def creeps(self) -> bool:
-        """Whether the search was ended before it settled, which it may within 0.1 u of the end."""
-        return self.steps == MOST_STEPS and self.spectrum.promise() > SETTLED
+    def converged(self) -> bool:
+        """Whether the search ended at a minimum."""
+        return not self.held_up
+
+    @property
+    def cost(self) -> float:
+        """χ², prior included."""
+        return _cost(self.problem, self.system, self.point.x)
 
     @cached_property
     def spectrum(self) -> Spectrum:
@@ -115,7 +118,7 @@ class Solution:
         return spectrum_of(self.problem, self.system, self.point.x)
 
 
-def begin(problem: Problem, observations: list[Observation]) -> Point:
+def begin(problem: Problem, observations: Observations) -> Point:
     """The start: the frame by a robust registration, the unknown points by medians."""
     prediction = problem.predict(problem.start, Frame.identity())
     frame = Frame.identity()
@@ -125,12 +128,12 @@ def begin(problem: Problem, observations: list[Observation]) -> Point:
             raise AacmmError(f"{known.sum()} records have reference coordinates, expected 3 or more to find their frame")
         frame = registered(prediction.tips[known], problem.measurements.reference[known])
         prediction = problem.predict(problem.start, frame)
-    return Point(problem.start, frame, [o.start(prediction.tips[o.records]) for o in observations], prediction)
+    return Point(problem.start, frame, observations.start(prediction.tips), prediction)
 
 
 def solve(
     problem: Problem,
-    observations: list[Observation],
+    observations: Observations,
     noise: Array,
     start: Point,
     weights: Array,
@@ -138,7 +141,7 @@ def solve(
     robust: bool = False,
     roughly: bool = False,
 ) -> Solution:
-    """Search from ``start``.
+    """Search from ``start``; the best point found, whether or not the search converged.
 
     Args:
         problem: what is unknown.
@@ -148,67 +151,167 @@ def solve(
         weights: of the records (n,), 0 leaves one out.
         robust: weigh records by how well they fit, anew in every step.
         roughly: the result is only a start for another search.
-
-    Raises:
-        AacmmError: the search does not settle.
     """
-    point, damping, answer = start, 0.0, None
-    system = _system(problem, point, observations, noise, weights)
-    for count in range(1, MOST_STEPS + 1):
-        if robust:
-            weights = _by_fit(system.distance)
-            system = _system(problem, point, observations, noise, weights)
-        point, system = _at_best(problem, point, system, observations, noise, weights)
-        spectrum = spectrum_of(problem, system, point.x)
-        top = float(spectrum.values.max(initial=0.0)) or 1.0  # a set-up may have no unknown parameter at all
-        # Any damping that matters holds back the direction that is known least; the others hardly notice.
-        cost, floor = _cost(problem, system, point.x), FLOOR * float(spectrum.values[spectrum.movable].min(initial=top)) ** 2
-        while True:
-            trial = _answered(_advanced(problem, point, system, spectrum.step(damping) * problem.scales), answer)
-            tried = _system(problem, trial, observations, noise, weights)
-            gained = cost - _cost(problem, tried, trial.x)
-            if gained >= -1e-12 * cost - SETTLED:
+    return _Search(problem, observations, noise, robust, LOOSELY_SETTLED if robust or roughly else SETTLED).run(start, weights)
+
+
+class _Search:
+    """One search from one start."""
+
+    def __init__(self, problem: Problem, observations: Observations, noise: Array, robust: bool, ends: float) -> None:
+        self.problem, self.observations, self.noise = problem, observations, noise
+        self.robust, self.ends = robust, ends
+        self.radius = np.inf
+        self.answer: Array | None = None
+        self.units = np.zeros(problem.scales.size)
+
+    def run(self, point: Point, weights: Array) -> Solution:
+        system = self.system(point, weights)
+        first = 0.0
+        for count in range(1, MOST_STEPS + 1):
+            if self.robust:
+                weights = _by_fit(system.distance)
+                system = self.system(point, weights)
+            point, system = self.seats_at_best(point, system, weights)
+            step = _Step.of(self.problem, system, point.x, self.units)
+            self.units = step.units
+            delta, length, promised = step.within(self.radius)
+            first = first or length
+            trial = self.advanced(point, system, delta)
+            tried = None if trial is None else self.system(trial, weights)
+            gained = -np.inf if tried is None or trial is None else self.gained(point, system, trial, tried)
+            share = gained / promised if promised > 0 else 0.0
+            self.radius = length / 4 if not share > 0.25 else max(self.radius, 2 * length) if share > 0.75 else self.radius
+            if gained >= -ROUNDING * _cost(self.problem, system, point.x) and trial is not None and tried is not None:
+                point, system = trial, tried
+            if step.promise < self.ends or (step.promise < FLAT and gained < SETTLED):
+                return Solution(point, system, self.problem, weights, count)
+            if self.radius < SMALLEST_STEP * first:
+                return Solution(point, system, self.problem, weights, count, "no step lowers the residuals")
+            point, system = self.with_answer(point, system, weights, count, share)
+        return Solution(point, system, self.problem, weights, MOST_STEPS, f"{MOST_STEPS} steps were not enough")
+
+    def system(self, point: Point, weights: Array) -> System:
+        return assemble(point.prediction, self.observations, point.seats, self.noise, weights)
+
+    def gained(self, point: Point, system: System, trial: Point, tried: System) -> float:
+        """By how much χ² falls; minus infinity where the trial has no χ²."""
+        lower = _cost(self.problem, system, point.x) - _cost(self.problem, tried, trial.x)
+        return lower if np.isfinite(lower) else -np.inf
+
+    def advanced(self, point: Point, system: System, step: Array) -> Point | None:
+        """The trial point; None where the arm cannot be evaluated there, such as one too soft to carry its weight."""
+        p = point.x.size
+        frame = point.frame.moved(step[p:]) if self.problem.external else point.frame
+        x = point.x + step[:p]
+        try:
+            prediction = self.problem.predict(x, frame)
+        except AacmmError:  # it could be evaluated where the search began
+            return None
+        if not np.isfinite(prediction.tips).all():
+            return None
+        if self.answer is not None:
+            prediction = replace(prediction, jacobian=prediction.jacobian + self.answer)
+        return Point(x, frame, point.seats + system.seats(step), prediction)
+
+    def with_answer(
+        self, point: Point, system: System, weights: Array, count: int, share: float
+    ) -> tuple[Point, System]:
+        """The point with what its derivative leaves out, where a search creeps in an arm that bends."""
+        final = not self.robust and self.ends == SETTLED
+        if count < CREEPING or share >= 0.75 or self.answer is not None or not final or not self.problem.bends(point.x):
+            return point, system
+        try:
+            self.answer = self.problem.answer_of_bending(point.x, point.frame, point.prediction)
+        except AacmmError:  # a neighbour of this point is too soft
+            self.answer = np.zeros_like(point.prediction.jacobian)
+        self.radius = np.inf
+        prediction = replace(point.prediction, jacobian=point.prediction.jacobian + self.answer)
+        point = replace(point, prediction=prediction)
+        return point, self.system(point, weights)
+
+    def seats_at_best(self, point: Point, system: System, weights: Array) -> tuple[Point, System]:
+        """The ends of bars where they fit best, parameters as they are.
+
+        A system's residual is as if the seats were there, which they are where nothing but coordinates is known of them;
+        where a bar's length is, no step may seem to lower it.
+        """
+        for _ in range(MOST_STEPS if len(self.observations.ends) else 0):
+            step = system.seats(np.zeros(self.problem.scales.size))
+            if np.abs(step).max(initial=0.0) < AT_BEST:
                 break
-            damping = max(10 * damping, floor)
-            if damping > MOST_DAMPING * top**2:
-                raise AacmmError("the calibration does not settle: no step lowers the residuals; are the angles right?")
-        point, system = trial, tried
-        ends = LOOSELY_SETTLED if robust or roughly else SETTLED
-        if spectrum.promise() < ends or (spectrum.promise() < FLAT and gained < SETTLED):
-            return Solution(point, system, problem, weights, count)
-        promised = spectrum.promise(damping)
-        share = gained / promised if promised > 0 else 0.0
-        damping = max(10 * damping, floor) if share < 0.25 else damping / 10 if damping > floor and share > 0.75 else damping
-        damping = 0.0 if share > 0.75 and damping <= floor else damping
-        if count >= CREEPING and share < 0.75 and answer is None and not (robust or roughly) and problem.bends(point.x):
-            answer, damping = problem.answer_of_bending(point.x, point.frame, point.prediction), 0.0
-            point = _answered(point, answer)
-            system = _system(problem, point, observations, noise, weights)
-    # Only a start: what follows from there has to settle. Or a valley whose end is less than 0.1 u away.
-    if robust or roughly or spectrum.promise() < FLAT:
-        return Solution(point, system, problem, weights, MOST_STEPS)
-    raise AacmmError(f"the calibration does not settle in {MOST_STEPS} steps; are the start values and the angles right?")
+            point = replace(point, seats=point.seats + step)
+            system = self.system(point, weights)
+        return point, system
 
 
-def standing(problem: Problem, observations: list[Observation], noise: Array, point: Point, weights: Array) -> Solution:
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """The linear system of one step, each column divided by its length: what its parameter moves the tips by.
+
+    Attributes:
+        units: those lengths, never less than in the steps before (p,).
+        scales: of the parameters (p,).
+        values, directions, along: its singular values, in these units.
+    """
+
+    units: Array
+    scales: Array
+    values: Array
+    directions: Array
+    along: Array
+
+    @staticmethod
+    def of(problem: Problem, system: System, x: Array, units: Array) -> _Step:
+        p = problem.scales.size
+        triangle = _triangle(problem, system, x)
+        units = np.maximum(units, np.linalg.norm(triangle[:, :p], axis=0))
+        divided = triangle[:, :p] / np.where(units > 0.0, units, 1.0)
+        u, values, vt = np.linalg.svd(divided, full_matrices=False)
+        movable = values > SINGULAR * values.max(initial=0.0)
+        return _Step(units, problem.scales, values[movable], vt[movable].T, (u.T @ triangle[:, p])[movable])
+
+    @property
+    def promise(self) -> float:
+        """How much the Gauss–Newton step lowers χ² if the problem is linear."""
+        return float(np.sum(self.along**2))
+
+    def within(self, radius: float) -> tuple[Array, float, float]:
+        """The best step no longer than ``radius``: in units of the parameters, its length, and what it promises."""
+        damping = 0.0
+        if np.linalg.norm(self.along / self.values) > radius:
+            top = float(np.linalg.norm(self.values * self.along) / radius)
+            low, high = 1e-300, max(top, 1e-290)
+            damping = float(np.exp(scipy.optimize.brentq(self._too_long, np.log(low), np.log(high), (radius,), rtol=1e-3)))
+        part = -self.values * self.along / (self.values**2 + damping)
+        left = damping / (self.values**2 + damping)
+        delta = self.directions @ part / np.where(self.units > 0.0, self.units, 1.0) * self.scales
+        return delta, float(np.linalg.norm(part)), float(np.sum(self.along**2 * (1.0 - left**2)))
+
+    def _too_long(self, log_damping: float, radius: float) -> float:
+        part = self.values * self.along / (self.values**2 + np.exp(log_damping))
+        return float(np.linalg.norm(part) - radius)
+
+
+ROUNDING = 1e-12
+"""χ² is no more certain than this part of it."""
+SINGULAR = 1e-13
+"""Directions with smaller singular values, beside the largest, are rounding."""
+
+
+def standing(problem: Problem, observations: Observations, noise: Array, point: Point, weights: Array) -> Solution:
     """The system at a point, as if the search ended there."""
-    system = _system(problem, point, observations, noise, weights)
-    return Solution(point, system, problem, weights, 0)
+    return Solution(point, assemble(point.prediction, observations, point.seats, noise, weights), problem, weights, 0)
 
 
-def deviations(observations: list[Observation], point: Point) -> Array:
-    """Tip minus target (n, 3) [m]; nan where a record has none."""
-    found = np.full(point.prediction.tips.shape, np.nan)
-    for observation, values in zip(observations, point.nuisances, strict=True):
-        found[observation.records] = point.prediction.tips[observation.records] - observation.targets(values)[0]
-    return found
+def deviations(observations: Observations, point: Point) -> Array:
+    """Tip minus target (n, 3) [m]; NaN where a record has none."""
+    return point.prediction.tips - observations.targets(point.seats)
 
 
 def spectrum_of(problem: Problem, system: System, x: Array) -> Spectrum:
     """Singular values of the scaled system, prior rows included."""
-    rows, prior = _prior(problem, x)
-    measured = np.column_stack([system.jacobian * problem.scales, system.residual])
-    triangle: Array = np.linalg.qr(np.vstack([measured, np.column_stack([rows, prior])]), mode="r")  # type: ignore[assignment]
+    triangle = _triangle(problem, system, x)
     p = problem.scales.size
     u, values, vt = np.linalg.svd(triangle[:, :p], full_matrices=False)
     missing = p - values.size
@@ -230,49 +333,16 @@ def noise_of_tips(problem: Problem, frame: Frame, encoder: Array | None, unmodel
     return np.asarray(covariance + frame.rotation @ tips @ frame.rotation.T)
 
 
-def _system(problem: Problem, point: Point, observations: list[Observation], noise: Array, weights: Array) -> System:
-    return assemble(point.prediction, observations, point.nuisances, noise, weights)
-
-
-def _advanced(problem: Problem, point: Point, system: System, step: Array) -> Point:
-    p = point.x.size
-    frame = point.frame.moved(step[p:]) if problem.external else point.frame
-    moved = zip(point.nuisances, system.nuisances(step), strict=True)
-    x = point.x + step[:p]
-    return Point(x, frame, [values + change for values, change in moved], problem.predict(x, frame))
-
-
-def _answered(point: Point, answer: Array | None) -> Point:
-    """The point with what its derivative leaves out."""
-    if answer is None:
-        return point
-    return replace(point, prediction=replace(point.prediction, jacobian=point.prediction.jacobian + answer))
-
-
-def _at_best(
-    problem: Problem, point: Point, system: System, observations: list[Observation], noise: Array, weights: Array
-) -> tuple[Point, System]:
-    """The ends of bars where they fit best, parameters as they are.
-
-    A system's residual is as if its nuisances were there, which linear ones are; where they are not, no step may seem to
-    lower it.
-    """
-    for _ in range(MOST_STEPS if any(isinstance(o, KnownLength) for o in observations) else 0):
-        steps = system.nuisances(np.zeros(problem.scales.size))
-        if max(np.abs(step).max(initial=0.0) for step in steps) < AT_BEST:
-            break
-        point = replace(point, nuisances=[value + step for value, step in zip(point.nuisances, steps, strict=True)])
-        system = _system(problem, point, observations, noise, weights)
-    return point, system
-
-
-def _prior(problem: Problem, x: Array) -> tuple[Array, Array]:
-    """Rows that say how far each parameter may be off, in units of the widths, and their residuals; none for the frame."""
-    return np.eye(x.size, problem.scales.size), (x - problem.start) / problem.widths
+def _triangle(problem: Problem, system: System, x: Array) -> Array:
+    """R of the scaled system with its prior rows and, last, its residual (at most p + 1 rows, p + 1)."""
+    measured = np.column_stack([system.jacobian * problem.scales, system.residual])
+    prior = np.zeros((x.size, problem.scales.size + 1))
+    prior[:, : x.size], prior[:, -1] = problem.prior, problem.beside_prior(x)
+    return np.asarray(np.linalg.qr(np.vstack([measured, prior]), mode="r"))
 
 
 def _cost(problem: Problem, system: System, x: Array) -> float:
-    prior = _prior(problem, x)[1]
+    prior = problem.beside_prior(x)
     return float(system.residual @ system.residual + prior @ prior)
 
 

@@ -1,4 +1,4 @@
-"""The whitened linear system of one step, with the unknown points of the observations projected out."""
+"""The whitened linear system of one step, with the unknown points of the seats projected out."""
 
 from __future__ import annotations
 
@@ -9,23 +9,20 @@ import numpy as np
 
 from aacmm_pin.calibration.problem import Prediction
 from aacmm_pin.checks import Array
-from aacmm_pin.observations import Observation
-
-BackSubstitution = Callable[[Array], list[Array]]
-"""From a step of the parameters (p,) to the steps of each observation's nuisances."""
+from aacmm_pin.observations import Elimination, Observations
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Residual ``r + A δ``, whitened: unit variance, nuisances already at their best.
+    """Residual ``r + A δ``, whitened: unit variance, the seats already at their best.
 
     Attributes:
         residual: (rows,).
         jacobian: (rows, p).
-        distance: squared Mahalanobis distance of each record from its target, (n,); nan where it has none.
-        deviation: tip minus target (n, 3) [m]; nan where it has none.
-        free: number of rows less the number of nuisances that the rows determine.
-        nuisances: how the nuisances follow a step.
+        distance: squared Mahalanobis distance of each record from its target, (n,); NaN where it has none.
+        deviation: tip minus target (n, 3) [m]; NaN where it has none.
+        free: number of rows less the number of coordinates of seats that the rows determine.
+        seats: from a step of the parameters (p,) to that of the seats (s, 3) [m].
     """
 
     residual: Array
@@ -33,70 +30,50 @@ class System:
     distance: Array
     deviation: Array
     free: int
-    nuisances: BackSubstitution
+    seats: Callable[[Array], Array]
 
 
-def assemble(
-    prediction: Prediction,
-    observations: list[Observation],
-    nuisances: list[Array],
-    noise: Array,
-    weights: Array,
-) -> System:
+def assemble(prediction: Prediction, observations: Observations, points: Array, noise: Array, weights: Array) -> System:
     """The system at a prediction.
 
     Args:
         prediction: tips and derivative.
         observations: what the records say.
-        nuisances: values of each observation's unknown numbers.
+        points: of the seats (s, 3) [m].
         noise: covariance of each tip apart from its target (n, 3, 3) [m²].
         weights: (n,) of the records, 1 for full.
     """
-    n = len(prediction.tips)
-    residuals, jacobians, free = [], [], 0
-    steps: list[tuple[Array, Array, Array] | None] = []
-    distance, deviation = np.full(n, np.nan), np.full((n, 3), np.nan)
-    for observation, values in zip(observations, nuisances, strict=True):
-        records = observation.records
-        targets, by_nuisance = observation.targets(values)
-        whiten = np.linalg.inv(np.linalg.cholesky(noise[records] + observation.covariance()))
-        deviation[records] = prediction.tips[records] - targets
-        white = np.einsum("nij,nj->ni", whiten, deviation[records])
-        distance[records] = np.einsum("ni,ni->n", white, white)
-        root = np.sqrt(weights[records])
-        whiten = whiten * root[:, None, None]
-        residual = (white * root[:, None]).ravel()
-        jacobian = (whiten @ prediction.jacobian[records]).reshape(residual.size, -1)
-        if not values.size:
-            residuals.append(residual)
-            jacobians.append(jacobian)
-            steps.append(None)
-            free += residual.size
-            continue
-        tie, by_tie = observation.ties(values)
-        residual = np.concatenate([residual, tie])
-        jacobian = np.vstack([jacobian, np.zeros((tie.size, jacobian.shape[1]))])
-        by = np.vstack([-(whiten @ by_nuisance).reshape(-1, values.size), by_tie])
-        q, r = np.linalg.qr(by)
-        along, along_jacobian = q.T @ residual, q.T @ jacobian
-        steps.append((r, along, along_jacobian))
-        residuals.append(residual - q @ along)
-        jacobians.append(jacobian - q @ along_jacobian)
-        free += residual.size - values.size
-    empty = np.empty((0, prediction.jacobian.shape[2]))
+    says, p = observations.says, prediction.jacobian.shape[2]
+    deviation = prediction.tips - observations.targets(points)
+    whiten = np.linalg.inv(np.linalg.cholesky(noise + observations.covariance))
+    white = (whiten @ np.where(says[:, None], deviation, 0.0)[:, :, None])[:, :, 0]
+    distance = np.where(says, np.einsum("ni,ni->n", white, white), np.nan)
+    root = np.sqrt(np.where(says, weights, 0.0))
+    whiten = whiten * root[:, None, None]
+    rows = np.empty((len(says), 3, p + 1))
+    np.matmul(whiten, prediction.jacobian, out=rows[:, :, :p])
+    rows[:, :, p] = white * root[:, None]
+    found, free = [rows[says]], 3 * int(says.sum())
+    if not len(observations.labels):
+        residual = rows[says].reshape(-1, p + 1)
+        return System(residual[:, p], residual[:, :p], distance, deviation, free, lambda _: np.zeros((0, 3)))
+    seats = Elimination(observations, points, whiten)
+    of_seats, of_bars = (_beside(ties, p) for ties in seats.residuals)
+    along = seats.along(rows, of_seats)
+    known = observations.known
+    found = [seats.project(rows, along)[says], seats.of_ties(along, of_seats)[known], seats.bars(along, of_bars)]
+    free += 3 * int(known.sum()) + len(observations.ends) - 3 * len(observations.labels)
+    every = np.concatenate([each.reshape(-1, p + 1) for each in found])
     return System(
-        np.concatenate([np.empty(0), *residuals]),
-        np.vstack([empty, *jacobians]),
+        every[:, p],
+        every[:, :p],
         distance,
         deviation,
         free,
-        lambda delta: [_back(step, delta) for step in steps],
+        lambda delta: seats.step(along[:, :, p:] + (along[:, :, :p] @ delta)[:, :, None]),
     )
 
 
-def _back(step: tuple[Array, Array, Array] | None, delta: Array) -> Array:
-    """The nuisances' step: ``-R⁻¹ Qᵀ (r + J δ)``, the smallest one where R is singular."""
-    if step is None:
-        return np.empty(0)
-    r, along, along_jacobian = step
-    return np.asarray(-np.linalg.lstsq(r, along + along_jacobian @ delta, rcond=1e-12)[0])
+def _beside(residual: Array, p: int) -> Array:
+    """Residuals (…, 1) as rows with p derivatives of zero before them."""
+    return np.concatenate([np.zeros((*residual.shape[:-1], p)), residual], axis=-1)

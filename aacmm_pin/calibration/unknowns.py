@@ -74,7 +74,30 @@ def problem_of(
     stay = [p.name for p in (*model.arm.parameters, *(p for e in fixed for p in e.parameters()))]
     known = None if model.arm.covariance is None else model.arm.covariance.restricted(stay)
     base = ErrorModel(replace(model.arm, covariance=known), fixed)
-    return Problem(base, tuple(e for e, _, _ in chosen), widths, stated, measurements, external)
+    effects = tuple(e for e, _, _ in chosen)
+    correlation = _correlation(model.arm, effects, np.where(stated, widths, np.nan))
+    return Problem(base, effects, widths, stated, correlation, measurements, external)
+
+
+def _correlation(arm: Arm, effects: tuple[Effect, ...], stated: Array) -> Array:
+    """Correlation of what is known of the parameters (p, p), as the arm's file states it with their u.
+
+    Args:
+        arm: with its file's covariance.
+        effects: what is estimated.
+        stated: standard uncertainties with which the search starts (p,), NaN where none is stated; a parameter that is
+            given another one than the file's, such as a cause that may have changed, is known by itself.
+    """
+    found = np.eye(stated.size)
+    if arm.covariance is None:
+        return found
+    names = [p.name for effect in effects for p in (geometric_parameters(arm, effect) or effect.parameters())]
+    place = {name: i for i, name in enumerate(arm.covariance.parameters)}
+    u = np.array(arm.covariance.standard_uncertainty_si)
+    mine = [i for i, name in enumerate(names) if name in place and np.isclose(stated[i], u[place[name]], rtol=1e-9, atol=0.0)]
+    theirs = [place[names[i]] for i in mine]
+    found[np.ix_(mine, mine)] = arm.covariance.matrix_of_correlation()[np.ix_(theirs, theirs)]
+    return found
 
 
 def _moving_rows(arm: Arm) -> list[int]:

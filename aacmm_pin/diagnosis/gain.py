@@ -67,13 +67,13 @@ def rms(distance: Array) -> float:
 def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     """Which records are left out together: seats (those of a bar together); where these are few, blocks of joint space."""
     records = fit.problem.measurements
-    units = [o.records for o in fit.observations if o.unknowns]
-    covered = sum(len(u) for u in units)
-    if len(units) >= FEWEST and covered > 0.9 * records.n:
-        order = rng.permutation(len(units))
+    seat, clusters = fit.observations.seat, fit.observations.clusters
+    units, touched = int(clusters.max(initial=-1)) + 1, seat >= 0
+    if units >= FEWEST and touched.sum() > 0.9 * records.n:
+        place = np.empty(units, dtype=np.intp)
+        place[rng.permutation(units)] = np.arange(units) % PARTS
         part = np.zeros(records.n, dtype=np.intp)
-        for place, number in enumerate(order):
-            part[units[number]] = place % PARTS
+        part[touched] = place[clusters[seat[touched]]]
         return "seats", part
     turns = np.hstack([np.cos(records.q), np.sin(records.q)])
     clusters = scipy.cluster.vq.kmeans2(turns, min(PARTS, max(2, records.n // 5)), minit="++", rng=rng)[1]

@@ -149,12 +149,10 @@ def _put_back(first: Fit) -> NDArray[np.bool_]:
 
 def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:
     """Distance of each record's tip from its target, over what a good one may have by the scatter of ``judge`` (n,)."""
-    found = np.zeros(len(tips))
-    limit = chi2_isf(FALSE_EXCLUSION / len(tips), 3)
-    for observation, own, values in zip(at.observations, judge.observations, at.solution.point.nuisances, strict=True):
-        off = tips[observation.records] - observation.targets(values)[0]
-        covariance = judge.noise[observation.records] + own.covariance()
-        found[observation.records] = np.sqrt(squared_distances(off, covariance) / limit)
+    says = at.observations.says
+    off = tips - at.observations.targets(at.solution.point.seats)
+    found, limit = np.zeros(len(tips)), chi2_isf(FALSE_EXCLUSION / len(tips), 3)
+    found[says] = np.sqrt(squared_distances(off[says], judge.residual_noise[says]) / limit)
     return found
 
 
@@ -207,8 +205,10 @@ def _chosen(
 
 
 def _torn(at: Fit, parts: Index) -> bool:
-    """Whether an observation with unknown points has records in several parts."""
-    return any(np.ptp(parts[o.records]) > 0 for o in at.observations if o.unknowns)
+    """Whether the records of a seat, or of seats that a bar connects, are in several parts."""
+    touched = at.observations.seat >= 0
+    pairs = np.stack([at.observations.clusters[at.observations.seat[touched]], parts[touched]], axis=1)
+    return len(np.unique(pairs, axis=0)) > len(np.unique(pairs[:, 0]))
 
 
 def question_of(design: Design, stated: bool) -> Question:

@@ -9,15 +9,14 @@ observations are projected out of the rows.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import orth
 
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.design import Block, Design
-from aacmm_pin.observations import Observation
+from aacmm_pin.observations import Elimination
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +31,33 @@ class Part:
     rows: Array
     free: int
 
+    def strip(self, columns: slice) -> Array:
+        """Products of some columns with all, and with the residual (q, columns + 1)."""
+        found = np.zeros((columns.stop - columns.start, self.rows.shape[1]))
+        for rows in self._exact():
+            found += rows[:, columns].T @ rows
+        return found
+
+    def drawn(self, draws: int, rng: np.random.Generator) -> Array:
+        """Products of all columns with residuals that are noise alone (columns, draws)."""
+        found = np.zeros((self.rows.shape[1] - 1, draws))
+        for rows in self._exact():
+            found += rows[:, :-1].T @ rng.standard_normal((len(rows), draws))
+        return found
+
+    def insides(self, columns: Index) -> Array:
+        """Products of the columns of each block with one another, for columns (blocks, q): (blocks, q, q)."""
+        found = np.zeros((*columns.shape, columns.shape[1]))
+        for rows in self._exact():
+            mine = rows.T[columns]
+            found += mine @ mine.transpose(0, 2, 1)
+        return found
+
+    def _exact(self) -> Iterator[Array]:
+        """The rows, some at a time, in double precision: products of rounded columns are to be exact."""
+        for first in range(0, max(len(self.rows), 1), CHUNK):
+            yield self.rows[first : first + CHUNK].astype(np.float64, copy=False)
+
 
 class Products:
     """Inner products of the columns of a design, by part and over all; kept once they are worked out.
@@ -42,7 +68,7 @@ class Products:
 
     def __init__(self, design: Design, parts: list[Part]) -> None:
         self.design, self.parts = design, parts
-        self._prior = _prior_of(design)
+        self.prior = _prior_of(design)
         self._strips: dict[tuple[int | None, int, int], Array] = {}
         by_size: dict[int, list[Block]] = defaultdict(list)
         for block in design.blocks:
@@ -58,11 +84,11 @@ class Products:
         key = (part, columns.start, columns.stop)
         if key not in self._strips:
             if part is None:
-                found = self._prior[columns].copy()
-                for rows in (p.rows for p in self.parts):
-                    found += rows[:, columns].T @ rows
+                found = self.prior.strip(columns)
+                for each in self.parts:
+                    found += each.strip(columns)
             else:
-                found = self.parts[part].rows[:, columns].T @ self.parts[part].rows
+                found = self.parts[part].strip(columns)
             self._strips[key] = found
         return self._strips[key]
 
@@ -72,21 +98,13 @@ class Products:
             each = [self.insides(k) for k in range(len(self.parts))] if part is None else []
             found = {}
             for size, columns in self._columns.items():
-                if part is None:
-                    found[size] = np.sum([one[size] for one in each], axis=0)
-                else:
-                    mine = self.parts[part].rows.T[columns]
-                    found[size] = mine @ mine.transpose(0, 2, 1)
+                found[size] = np.sum([one[size] for one in each], axis=0) if part is None else self.parts[part].insides(columns)
             self._insides[part] = found
         return self._insides[part]
 
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
         """Products of all columns with residuals that are noise alone (columns, draws)."""
-        own = np.sqrt(np.diag(self._prior)[:-1])[:, None]  # 1 where a nuisance has a prior row, else 0
-        total = own * rng.standard_normal((len(own), draws))
-        for part in self.parts:
-            total += part.rows[:, :-1].T @ rng.standard_normal((len(part.rows), draws))
-        return np.asarray(total)
+        return np.sum([part.drawn(draws, rng) for part in (self.prior, *self.parts)], axis=0)
 
     def columns_of_size(self, size: int) -> Index:
         """Columns of each block of a size (blocks, q)."""
@@ -150,74 +168,80 @@ class Gram:
 
 
 def products_of(design: Design, part: Index) -> Products:
-    """Whitened rows of the used records; an observation with unknown points in several parts has them anew in each.
+    """Whitened rows of the used records; a seat with records in several parts has coordinates of its own in each.
 
     Args:
         design: the columns.
         part: number of the part of each record, from 0 (n,).
     """
     fit = design.fit
-    rows: list[list[Array]] = [[] for _ in range(int(part.max(initial=0)) + 1)]
-    unknowns = [0] * len(rows)
-    for observation, values in zip(fit.observations, fit.solution.point.nuisances, strict=True):
-        used = fit.used[observation.records]
-        if not used.any():
-            continue
-        whiten = np.linalg.inv(np.linalg.cholesky(fit.noise[observation.records] + observation.covariance()))
-        if observation.unknowns:
-            for number in np.unique(part[observation.records[used]]):
-                mine = used & (part[observation.records] == number)
-                found, count = _projected(design, observation, values, whiten, mine)
-                rows[number].append(found)
-                unknowns[number] += count
-            continue
-        off = _off(design, observation, values)
-        for number in range(len(rows)):
-            mine = used & (part[observation.records] == number)
-            if mine.any():
-                rows[number].append(_rows(design, observation.records[mine], whiten[mine], off[mine]))
-    empty = np.zeros((0, design.jacobian.shape[2] + 1))
-    stacked = [some[0] if len(some) == 1 else np.concatenate([empty, *some]) for some in rows]
-    return Products(design, [Part(r, max(len(r) - k, 0)) for r, k in zip(stacked, unknowns, strict=True)])
+    used = fit.used & fit.observations.says
+    part = np.where(used, part, -1)
+    observations, old, of_seat = fit.observations.divided(part)
+    points = fit.solution.point.seats[old]
+    whiten = np.linalg.inv(np.linalg.cholesky(fit.noise + observations.covariance)) * used[:, None, None]
+    elimination = Elimination(observations, points, whiten)
+    off = np.where(used[:, None], design.tips - observations.targets(points), 0.0)[:, :, None]
+    of_bar = of_seat[observations.ends[:, 0]]
+    numbers = range(int(part.max(initial=0)) + 1)
+    rows = [_Rows.of(k, part, np.where(observations.known, of_seat, -1), of_bar) for k in numbers]
+    width = design.jacobian.shape[2]
+    found = [np.empty((each.count, width + 1), dtype=design.jacobian.dtype) for each in rows]
+    for first in range(0, width + 1, STRIP):
+        own = slice(first, min(first + STRIP, width))
+        last = (off,) if first + STRIP > width else ()
+        strip = whiten @ np.concatenate([design.jacobian[:, :, own], *last], axis=2)
+        ties = [_last(residual, strip.shape[2]) if last else None for residual in elimination.residuals]
+        along = elimination.along(strip, ties[0])
+        whole = (elimination.project(strip, along), elimination.of_ties(along, ties[0]), elimination.bars(along, ties[1]))
+        for into, each in zip(found, rows, strict=True):
+            into[:, first : first + strip.shape[2]] = each.taken(*whole)
+    seats = np.bincount(of_seat[of_seat >= 0], minlength=len(rows))
+    return Products(design, [Part(r, max(each.count - 3 * int(s), 0)) for r, each, s in zip(found, rows, seats, strict=True)])
 
 
-def _prior_of(design: Design) -> Array:
-    """What is known of the nuisances beforehand, as products (columns + 1, columns + 1)."""
+CHUNK = 2000
+"""Rows of which products are taken at once."""
+STRIP = 64
+"""Columns that are whitened at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Numbers of the records, of the seats with stated coordinates and of the bars in one part."""
+
+    records: Index
+    seats: Index
+    bars: Index
+
+    @staticmethod
+    def of(number: int, *parts: Index) -> _Rows:
+        """Those of which the part has this number."""
+        return _Rows(*(np.flatnonzero(part == number) for part in parts))
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return 3 * self.records.size + 3 * self.seats.size + self.bars.size
+
+    def taken(self, records: Array, seats: Array, bars: Array) -> Array:
+        """The part's rows (rows, c) of all records (n, 3, c), seats (s, 3, c) and bars (b, c)."""
+        c = records.shape[2]
+        return np.concatenate([records[self.records].reshape(-1, c), seats[self.seats].reshape(-1, c), bars[self.bars]])
+
+
+def _last(residual: Array, width: int) -> Array:
+    """Residuals (…, 1) in the last of ``width`` columns, zero in the others."""
+    found = np.zeros((*residual.shape[:-1], width))
+    found[..., -1:] = residual
+    return found
+
+
+def _prior_of(design: Design) -> Part:
+    """What is known of the nuisances beforehand, as rows."""
     problem, x = design.fit.problem, design.fit.solution.point.x
     own = design.kept[design.kept < x.size]
-    total = np.zeros((design.jacobian.shape[2] + 1,) * 2)
-    total[: own.size, : own.size] = np.eye(own.size)
-    off = ((x - problem.start) / problem.widths)[own]
-    total[-1, : own.size] = total[: own.size, -1] = off
-    total[-1, -1] = off @ off
-    return total
-
-
-def _off(design: Design, observation: Observation, values: Array) -> Array:
-    return np.asarray(design.tips[observation.records] - observation.targets(values)[0])
-
-
-def _rows(design: Design, records: Index, whiten: Array, off: Array) -> Array:
-    """Whitened columns and residual of some records (3 m, columns + 1)."""
-    found = np.empty((len(records), 3, design.jacobian.shape[2] + 1))
-    np.matmul(whiten, design.jacobian[records], out=found[:, :, :-1])
-    found[:, :, -1] = np.einsum("nij,nj->ni", whiten, off)
-    return found.reshape(3 * len(records), -1)
-
-
-def _projected(
-    design: Design, observation: Observation, values: Array, whiten: Array, used: NDArray[np.bool_]
-) -> tuple[Array, int]:
-    """The same with the observation's unknown points at their best, whatever the columns do; how many these determine.
-
-    Where only a part of its records is used, they have points of their own.
-    """
-    records = observation.records[used]
-    rows = _rows(design, records, whiten[used], _off(design, observation, values)[used])
-    tie, by_tie = observation.ties(values)
-    tied = np.zeros((tie.size, rows.shape[1]))
-    tied[:, -1] = tie
-    rows = np.vstack([rows, tied])
-    by = np.vstack([-(whiten[used] @ observation.targets(values)[1][used]).reshape(-1, values.size), by_tie])
-    q = orth(by, rcond=1e-9)
-    return np.asarray(rows - q @ (q.T @ rows)), q.shape[1]
+    rows = np.zeros((x.size, design.jacobian.shape[2] + 1))
+    rows[:, : own.size] = problem.prior[:, own]
+    rows[:, -1] = problem.prior[:, own] @ ((x - problem.start) / problem.widths)[own]
+    return Part(rows, 0)

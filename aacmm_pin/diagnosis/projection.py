@@ -116,9 +116,11 @@ class Projection:
     @cached_property
     def determined(self) -> float:
         """How many of the refitted parameters the records, apart from priors, determine."""
-        variances = np.square(divided(self._factor, np.eye(self.refitted.size))).sum(axis=0)
-        prior = np.concatenate([np.ones(self.nuisances), self._prior[self.nuisances :]])
-        return float(self.refitted.size - variances @ prior)
+        # Trace of (covariance) (information of the priors), which are rows of the nuisances and numbers of the others.
+        inverse, first = divided(self._factor, np.eye(self.refitted.size)), self.nuisances
+        of_nuisances = np.square(inverse[:, :first] @ self.gram.products.prior.rows[:, :first].T).sum()
+        of_others = np.square(inverse[:, first:]).sum(axis=0) @ self._prior[first:]
+        return float(self.refitted.size - of_nuisances - of_others)
 
     @cached_property
     def covariance(self) -> Array:

@@ -82,8 +82,7 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
     axes = _axes(design, columns, way, count)
     off = design.tips + design.jacobian[:, :, left.refitted] @ left.solution()
-    for observation, values in zip(choice.fit.observations, choice.fit.solution.point.nuisances, strict=True):
-        off[observation.records] -= observation.targets(values)[0]
+    off -= choice.fit.observations.targets(choice.fit.solution.point.seats)
     each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
     covariate = choice.others[design.blocks[block].candidate - design.causes]
     table = covariate.values.copy()

@@ -79,12 +79,10 @@ class Postures:
         seats: dict[str, tuple[Array, Array, Array]] = {}
         if existing is not None:
             tips = frame.apply(model.predict(existing.q, existing.conditions))
-            for seat in observations_of(existing, noise, 0.0):
-                values = seat.start(tips[seat.records])
-                for label, point in seat.points(values):
-                    first = existing.seats()[label][0]
-                    stated = existing.reference[first], existing.reference_u[first]
-                    seats[label] = (frame.back(point[None])[0], *stated)
+            known = observations_of(existing, noise, 0.0)
+            for label, point in zip(known.labels, frame.back(known.start(tips)), strict=True):
+                first = existing.seats()[label][0]
+                seats[label] = (point, existing.reference[first], existing.reference_u[first])
         if not seats:
             each = max(4, min(EACH, count // SEATS))
             found = seats_for(here, SEATS, each, rng)

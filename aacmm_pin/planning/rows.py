@@ -12,6 +12,7 @@ from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.solver import noise_of_tips
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.effects import Effect
+from aacmm_pin.observations import Observations
 from aacmm_pin.planning.causes import typical
 
 SEAT_WIDTH = 1.0
@@ -95,22 +96,32 @@ def rows_of(problem: Problem, layout: Layout, noise: StatedNoise, frame: Frame, 
     chosen = np.concatenate([layout.refitted, layout.of_causes])
     jacobian = prediction.jacobian[:, :, chosen] * layout.scales
     n, first = len(jacobian), layout.refitted.size
-    found, ties = np.zeros((n, 3, layout.width)), [np.zeros((0, layout.width))]
+    found = np.zeros((n, 3, layout.width))
     tips = noise_of_tips(problem, frame, noise.encoder, 0.0)
-    for observation in observations_of(problem.measurements, noise, 0.0):
-        records = observation.records
-        rows = np.zeros((len(records), 3, layout.width))
-        rows[:, :, :first] = jacobian[records][:, :, :first]
-        rows[:, :, layout.nuisances :] = jacobian[records][:, :, first:]
-        values = observation.start(prediction.tips[records])
-        seats = [label for label, _ in observation.points(values)]
-        if seats:
-            own = np.concatenate([first + 3 * layout.seats.index(label) + np.arange(3) for label in seats])
-            rows[:, :, own] = -SEAT_WIDTH * observation.targets(values)[1]
-            if not set(seats) <= set(stated):
-                by_tie = observation.ties(values)[1]
-                tie = np.zeros((len(by_tie), layout.width))
-                tie[:, own] = SEAT_WIDTH * by_tie
-                ties.append(tie)
-        found[records] = np.linalg.inv(np.linalg.cholesky(tips[records] + observation.covariance())) @ rows
-    return Rows(found, np.vstack(ties))
+    known = observations_of(problem.measurements, noise, 0.0)
+    rows = np.zeros((n, 3, layout.width))
+    rows[:, :, :first] = jacobian[:, :, :first]
+    rows[:, :, layout.nuisances :] = jacobian[:, :, first:]
+    at = np.array([first + 3 * layout.seats.index(label) for label in known.labels], dtype=np.intp)
+    touched = np.flatnonzero(known.seat >= 0)
+    for axis in range(3):
+        rows[touched, axis, at[known.seat[touched]] + axis] = -SEAT_WIDTH
+    says = known.says
+    found[says] = np.linalg.inv(np.linalg.cholesky(tips + known.covariance))[says] @ rows[says]
+    return Rows(found, _ties(known, known.start(prediction.tips), at, layout.width, stated))
+
+
+def _ties(known: Observations, points: Array, at: Index, width: int, stated: tuple[str, ...]) -> Array:
+    """What is stated of the seats, whose columns begin ``at`` (s,), and of bars; but for what counts elsewhere already."""
+    new = np.array([label not in stated for label in known.labels], dtype=bool)
+    seats = np.flatnonzero(known.known & new)
+    ties = np.zeros((len(seats), 3, width))
+    for axis in range(3):
+        ties[np.arange(len(seats)), axis, at[seats] + axis] = SEAT_WIDTH / known.stated_u[seats, axis]
+    along = known.of_bars(points)[1]
+    bars = np.zeros((len(known.ends), width))
+    number = np.arange(len(bars))
+    for axis in range(3):
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            bars[number, at[known.ends[:, end]] + axis] = sign * SEAT_WIDTH * along[:, axis]
+    return np.vstack([ties.reshape(-1, width), bars[new[known.ends].any(axis=1)]])

@@ -163,7 +163,7 @@ def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
     place = np.arange(len(table))
     for k, name in enumerate(("recalibrated", "extended")):
         ax.bar(place + 0.4 * k - 0.2, table[f"{name}_mm"], 0.38, color=MODELS[name], label=name)
-    if not any(o.unknowns for o in result.extended.observations):  # else a part left out has the noise of its points too
+    if not result.extended.observations.labels:  # else a part left out has the noise of its points too
         ax.axhline(result.noise / MM, color=VERMILLION, ls="--", lw=1.2, label="noise alone")
     names = [part.removeprefix("block ") for part in table["part"]]
     long = max(map(len, names), default=0) * len(names) > 70
