@@ -134,7 +134,9 @@ class Elimination:
         count = len(observations.labels)
         ones = np.ones(self.touched.size)
         self._sum = csr_array((ones, (self.numbers, np.arange(self.touched.size))), shape=(count, self.touched.size))
-        tie = np.where(observations.known[:, None], 1.0 / np.where(observations.known[:, None], observations.stated_u, 1.0), 0)
+        tie = np.where(
+            observations.known[:, None], 1.0 / np.where(observations.known[:, None], observations.stated_u, 1.0), 0
+        )
         by, by_tie = -whiten[self.touched], tie[:, :, None] * np.eye(3)
         # Cholesky QR twice: orthonormal to rounding, however uneven a seat's directions are known.
         self._root = np.broadcast_to(np.eye(3), (count, 3, 3))

@@ -344,10 +344,10 @@ def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(
     assert len(said) == 1 + len(result.notes)
 
 
-def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(
-    sino6: Arm, rng: np.random.Generator
-) -> None:
-    bare = Arm.from_file(sino6.file.model_copy(update={"joints": [r.model_copy(update={"uncertainty": None}) for r in sino6.file.joints]}))
+def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(sino6: Arm, rng: np.random.Generator) -> None:
+    bare = Arm.from_file(
+        sino6.file.model_copy(update={"joints": [r.model_copy(update={"uncertainty": None}) for r in sino6.file.joints]})
+    )
     fit = quick(bare, free_points(sino6, rng, 100)[0]).fit
     problem, weights = fit.problem, fit.used.astype(np.float64)
     assert not problem.stated.any()

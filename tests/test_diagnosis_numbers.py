@@ -7,7 +7,7 @@ everything that follows are built anew with NumPy and SciPy alone.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 

@@ -99,8 +99,8 @@ def calibrate(
     after = fit(problem, noise, robust=robust)
     if not after.tells_noise:
         raise AacmmError(
-            f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for {problem.scales.size} parameters "
-            "and the seats' own; state the noise, measure more, or estimate less"
+            f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for {problem.scales.size} "
+            "parameters and the seats' own; state the noise, measure more, or estimate less"
         )
     require_likeness(after)
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
@@ -185,7 +185,9 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
     if noise.length is None and len(after.observations.ends):
         found.append(f"nobody states how well the bars' lengths are known: taken as {LENGTH / MM:g} mm")
     if not after.solution.converged:
-        found.append(f"the search did not converge ({after.solution.held_up}): what follows is of the best point that it found")
+        found.append(
+            f"the search did not converge ({after.solution.held_up}): what follows is of the best point that it found"
+        )
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
         found.append(f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place")

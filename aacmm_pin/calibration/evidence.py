@@ -68,7 +68,7 @@ def observations_of(measurements: Measurements, noise: StatedNoise, unmodelled: 
         unmodelled: scatter of each coordinate that the stated noise does not explain; stands in for a noise that is not
             stated [m].
     """
-    n, known, contact = measurements.n, measurements.known, noise.probe or 0.0
+    known, contact = measurements.known, noise.probe or 0.0
     u = _reference_u(measurements, noise, unmodelled)
     seat, labels = _numbered(measurements)
     at = _Seats.of(measurements, noise, u, seat, len(labels))
@@ -143,7 +143,7 @@ class _Seats:
         least = np.where(np.isfinite(least), least, noise.reference or 0.0)
         known = np.isfinite(mean).all(axis=1)
         same = np.maximum(SAME, least / 3)
-        common = known & (np.nan_to_num(spread, nan=np.inf).max(axis=1, initial=0.0) <= same)
+        common = np.asarray(known & (np.nan_to_num(spread, nan=np.inf).max(axis=1, initial=0.0) <= same))
         stated = common[:, None]
         return _Seats(known, common, np.where(stated, mean, np.nan), np.where(stated, of_each(u, "max"), np.nan))
 

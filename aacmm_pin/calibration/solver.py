@@ -152,7 +152,9 @@ def solve(
         robust: weigh records by how well they fit, anew in every step.
         roughly: the result is only a start for another search.
     """
-    return _Search(problem, observations, noise, robust, LOOSELY_SETTLED if robust or roughly else SETTLED).run(start, weights)
+    return _Search(problem, observations, noise, robust, LOOSELY_SETTLED if robust or roughly else SETTLED).run(
+        start, weights
+    )
 
 
 class _Search:
@@ -214,9 +216,7 @@ class _Search:
             prediction = replace(prediction, jacobian=prediction.jacobian + self.answer)
         return Point(x, frame, point.seats + system.seats(step), prediction)
 
-    def with_answer(
-        self, point: Point, system: System, weights: Array, count: int, share: float
-    ) -> tuple[Point, System]:
+    def with_answer(self, point: Point, system: System, weights: Array, count: int, share: float) -> tuple[Point, System]:
         """The point with what its derivative leaves out, where a search creeps in an arm that bends."""
         final = not self.robust and self.ends == SETTLED
         if count < CREEPING or share >= 0.75 or self.answer is not None or not final or not self.problem.bends(point.x):

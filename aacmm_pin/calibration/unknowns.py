@@ -94,7 +94,9 @@ def _correlation(arm: Arm, effects: tuple[Effect, ...], stated: Array) -> Array:
     names = [p.name for effect in effects for p in (geometric_parameters(arm, effect) or effect.parameters())]
     place = {name: i for i, name in enumerate(arm.covariance.parameters)}
     u = np.array(arm.covariance.standard_uncertainty_si)
-    mine = [i for i, name in enumerate(names) if name in place and np.isclose(stated[i], u[place[name]], rtol=1e-9, atol=0.0)]
+    mine = [
+        i for i, name in enumerate(names) if name in place and np.isclose(stated[i], u[place[name]], rtol=1e-9, atol=0.0)
+    ]
     theirs = [place[names[i]] for i in mine]
     found[np.ix_(mine, mine)] = arm.covariance.matrix_of_correlation()[np.ix_(theirs, theirs)]
     return found

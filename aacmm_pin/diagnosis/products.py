@@ -98,7 +98,9 @@ class Products:
             each = [self.insides(k) for k in range(len(self.parts))] if part is None else []
             found = {}
             for size, columns in self._columns.items():
-                found[size] = np.sum([one[size] for one in each], axis=0) if part is None else self.parts[part].insides(columns)
+                found[size] = (
+                    np.sum([one[size] for one in each], axis=0) if part is None else self.parts[part].insides(columns)
+                )
             self._insides[part] = found
         return self._insides[part]
 
@@ -197,7 +199,9 @@ def products_of(design: Design, part: Index) -> Products:
         for into, each in zip(found, rows, strict=True):
             into[:, first : first + strip.shape[2]] = each.taken(*whole)
     seats = np.bincount(of_seat[of_seat >= 0], minlength=len(rows))
-    return Products(design, [Part(r, max(each.count - 3 * int(s), 0)) for r, each, s in zip(found, rows, seats, strict=True)])
+    return Products(
+        design, [Part(r, max(each.count - 3 * int(s), 0)) for r, each, s in zip(found, rows, seats, strict=True)]
+    )
 
 
 CHUNK = 2000
