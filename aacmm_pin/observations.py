@@ -1,4 +1,4 @@
-"""What records say of where their tips were: known coordinates, the same point again, points at known distances; as arrays."""
+"""What records say of where their tips were, as arrays: known coordinates, one point touched again, known distances."""
 
 from __future__ import annotations
 
@@ -86,14 +86,16 @@ class Observations:
         return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
 
     def of_bars(self, points: Array) -> tuple[Array, Array]:
-        """Residual of each bar's length over its u (b,), and its derivative by the first end (b, 3); minus that by the other."""
+        """Residual of a bar's length over its u (b,), and its derivative by the first end (b, 3), minus that by the other."""
         way = points[self.ends[:, 0]] - points[self.ends[:, 1]]
         distance = np.linalg.norm(way, axis=1)
         along = way / np.where(distance > 0.0, distance, 1.0)[:, None]
         return (distance - self.length) / self.length_u, along / self.length_u[:, None]
 
     def divided(self, part: Index) -> tuple[Observations, Index, Index]:
-        """The same with seats of their own in each part of the records (n,); of each seat its number before, its part (s',)."""
+        """The same with seats of their own in each part of the records (n,); and of each seat
+        its number before and its part (s',).
+        """
         touched = self.seat >= 0
         pairs, number = np.unique(np.stack([part[touched], self.seat[touched]], axis=1), axis=0, return_inverse=True)
         seat = np.full(len(self.seat), -1)
@@ -120,7 +122,7 @@ class Observations:
 
 
 class Elimination:
-    """Projection of whitened rows onto what no coordinates of the seats can change (variable projection, Golub, Pereyra 1973).
+    """Projection of whitened rows onto what no coordinates of the seats can change: variable projection (Golub, Pereyra 1973).
 
     With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ R``; a bar, which couples
     two seats, then gives one row more, see :meth:`bars`. No loop over records or seats.
@@ -197,7 +199,7 @@ class Elimination:
 
     @cached_property
     def _factor(self) -> Array:
-        return np.linalg.cholesky(np.eye(len(self._dense)) + self._dense @ self._dense.T)
+        return np.asarray(np.linalg.cholesky(np.eye(len(self._dense)) + self._dense @ self._dense.T))
 
     @property
     def residuals(self) -> tuple[Array, Array]:
