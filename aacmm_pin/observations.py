@@ -86,7 +86,7 @@ class Observations:
         return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
 
     def of_bars(self, points: Array) -> tuple[Array, Array]:
-        """Residual of a bar's length over its u (b,), and its derivative by the first end (b, 3), minus that by the other."""
+        """Residuals of the lengths over their u (b,); their derivatives by the first ends (b, 3), minus those by the others."""
         way = points[self.ends[:, 0]] - points[self.ends[:, 1]]
         distance = np.linalg.norm(way, axis=1)
         along = way / np.where(distance > 0.0, distance, 1.0)[:, None]
@@ -122,7 +122,7 @@ class Observations:
 
 
 class Elimination:
-    """Projection of whitened rows onto what no coordinates of the seats can change: variable projection (Golub, Pereyra 1973).
+    """Projection of whitened rows onto what no coordinates of seats can change: variable projection (Golub, Pereyra 1973).
 
     With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ R``; a bar, which couples
     two seats, then gives one row more, see :meth:`bars`. No loop over records or seats.

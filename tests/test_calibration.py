@@ -338,7 +338,8 @@ def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(
     weights = fit.used.astype(np.float64)
     monkeypatch.setattr(solver, "MOST_STEPS", 1)
     far = solver.solve(fit.problem, fit.observations, fit.noise, start, weights)
-    assert not far.converged and far.cost < solver.standing(fit.problem, fit.observations, fit.noise, start, weights).cost
+    assert not far.converged
+    assert far.cost < solver.standing(fit.problem, fit.observations, fit.noise, start, weights).cost
     said = notes_of(replace(fit, solution=far), StatedNoise(np.full(6, READING), REFERENCE, None, None))
     assert [note for note in said if far.held_up in note]
     assert len(said) == 1 + len(result.notes)

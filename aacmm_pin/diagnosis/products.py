@@ -106,7 +106,7 @@ class Products:
 
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
         """Products of all columns with residuals that are noise alone (columns, draws)."""
-        return np.sum([part.drawn(draws, rng) for part in (self.prior, *self.parts)], axis=0)
+        return np.asarray(sum(part.drawn(draws, rng) for part in (self.prior, *self.parts)))
 
     def columns_of_size(self, size: int) -> Index:
         """Columns of each block of a size (blocks, q)."""
