@@ -141,7 +141,7 @@ class _Seats:
         spread = spread - of_each(measurements.reference, "min")
         least = of_each(np.where(np.isfinite(measurements.reference_u), measurements.reference_u, np.inf), "min").min(axis=1)
         least = np.where(np.isfinite(least), least, noise.reference or 0.0)
-        known: NDArray[np.bool_] = np.isfinite(mean).all(axis=1)
+        known = np.asarray(np.isfinite(mean).all(axis=1))
         same = np.maximum(SAME, least / 3)
         common = np.asarray(known & (np.nan_to_num(spread, nan=np.inf).max(axis=1, initial=0.0) <= same))
         stated = common[:, None]

@@ -20,14 +20,15 @@ from aacmm_pin.calibration.problem import OF_KIND, Problem
 from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.findings import Alias, Place, Strength, look_alikes, strengths, visible
-from aacmm_pin.diagnosis.gain import gain_of, parts_of, rms, survivors
+from aacmm_pin.diagnosis.findings import Alias, Place, Strength, aliases_of, look_alikes, retained, strengths, visible
+from aacmm_pin.diagnosis.gain import brought, gain_of, parts_of, rms, survivors
 from aacmm_pin.diagnosis.library import candidates
 from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free
 from aacmm_pin.diagnosis.next_measurements import Doubts, next_measurements
-from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, Verdict, described
+from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described
 from aacmm_pin.diagnosis.show import groups_table, moved_geometry, predicted_covariance
-from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by
+from aacmm_pin.diagnosis.unexplained import unexplained_by
+from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.distributions import chi2_cdf, chi2_sf
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
@@ -123,15 +124,18 @@ def diagnose(
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
     recalibrated = fit(with_causes([]), noise, used=extended.used)
-    strong = strengths(choice.question, choice.gram, choice.admitted, choice.design.names, rng)
+    design = choice.design
+    strong = strengths(choice.question, choice.gram, choice.admitted, design.causes, design.names, rng)
     held = gain_of(choice, before, kind, rng, progress) if hold_out else None
     findings = _findings(choice, strong) + _changed(model, choice) + _geometry(choice)
     unexplained = unexplained_by(choice, strong, held)
-    groups = look_alikes(choice.question, choice.gram, choice.design.names, choice.design.causes)
+    told = {finding.label for finding in findings if finding.probability >= SETTLED}
+    pairs = look_alikes(choice.question, choice.gram, design.names, design.causes)
     shown = predicted_covariance(before, *_prior_predictive(model, before))
     shown_by_these = visible(choice)
     floor = float(np.sqrt(np.trace(extended.stated_noise[extended.used], axis1=1, axis2=2).mean()))
-    verdict = _verdict(findings, unexplained, _scatters(extended, floor))
+    structure = bool(unexplained.depends_on) or _scatters(extended, floor)
+    verdict = verdict_of(findings, structure, shown_by_these, (recalibrated, extended))
 
     def plan(finding: Finding, alias: Alias) -> str:
         cause, other = finding.effect, choice.variant(alias.block)
@@ -161,7 +165,7 @@ def diagnose(
         choice=choice,
         held_out=held,
         unexplained=unexplained,
-        cannot_tell_apart=tuple(tuple(group) for group in groups),
+        cannot_tell_apart=tuple(pair for pair in pairs if not told.intersection(pair)),
         simulation_groups=groups_table(before, shown),
         extended_groups=groups_table(extended, extended.residual_noise),
         noise=floor,
@@ -207,7 +211,7 @@ def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
     estimated = {effect.label: (effect, covariance) for effect, covariance in _estimated(choice)}
     found = []
     for strength in strong:
-        if strength.block not in choice.causes:
+        if strength.block not in choice.causes or strength.probability < UNLIKELY:
             continue
         label = choice.variant(strength.block).label
         if label not in estimated:
@@ -223,6 +227,7 @@ def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
                 strength.p_value,
                 strength.retained,
                 strength.aliases,
+                brought(choice, choice.admitted, strength.block),
             )
         )
     return found
@@ -260,26 +265,31 @@ def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
 
 
 def _geometry(choice: Choice) -> list[Finding]:
-    """Geometric values beyond their stated uncertainty."""
-    found = []
-    of_cause = {kind.cause: kind for kind in OF_KIND.values()}
+    """Geometric values beyond their stated uncertainty, where that is likelier than any cause that could look like it."""
+    found, of_cause = [], {kind.cause: kind for kind in OF_KIND.values()}
     for row in moved_geometry(choice).to_dict("records"):
-        if row["cause"] not in of_cause:
+        label = f"{row['cause']}:{row['joint']}"
+        if row["cause"] not in of_cause or label not in choice.design.names:
             continue
         effect = of_cause[row["cause"]](joint=int(row["joint"]), values=(row["change"],), u=(row["u"],))  # type: ignore[call-arg]
-        values = described(effect, np.array([[row["u"] ** 2]]))
+        place = Place.beside(choice.question, choice.gram, choice.admitted, choice.design.names.index(label))
+        if place.probability < UNLIKELY:
+            continue
+        block = choice.question.best_blocks(place.left.evidences)[place.own]
         found.append(
-            Finding(effect.cause, effect.row, effect, values, 1.0 - float(row["p_value"]), float(row["p_value"]), 1.0, ())
+            Finding(
+                effect.cause,
+                effect.row,
+                effect,
+                described(effect, np.array([[row["u"] ** 2]])),
+                place.probability,
+                float(row["p_value"]),
+                retained(place.left, choice.question.blocks[block]),
+                tuple(aliases_of(choice.question, place, block, choice.design.names)),
+                brought(choice, (*choice.admitted, block), block),
+            )
         )
     return found
-
-
-def _verdict(findings: list[Finding], unexplained: Unexplained, scatters: bool) -> Verdict:
-    if unexplained.depends_on or scatters:
-        return "unexplained"
-    if not findings:
-        return "no-discrepancy"
-    return "explained" if all(f.probability >= SETTLED for f in findings) else "ambiguous"
 
 
 def _scatters(extended: Fit, noise: float) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from aacmm_pin.diagnosis.projection import Projection
 
 MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0, 10.0])
 """Standard deviations of a cause's parameters that its evidence averages over, in units of the typical magnitude."""
+WHOLE = 1.0 - 1e-12
+"""The largest part of χ² that a cause may take: all of it, but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +24,8 @@ class Conditional:
     """What is left of every block when nuisances and admitted blocks have been refitted.
 
     ``residual(δ) = r + J δ``. With the nuisances at their best, block k has information S_k and gradient g_k; both are
-    divided by the variance factor with which the records scatter.
+    divided by the variance factor with which the records scatter. Where that factor comes from these records themselves,
+    evidences are those of Student's t, see :func:`evidence_of`.
 
     Attributes:
         gram: inner products, prior rows included.
@@ -29,6 +33,7 @@ class Conditional:
         nuisances: number of nuisance columns.
         admitted: numbers of the admitted blocks.
         variance: factor by which the records scatter more than their noise.
+        dof: degrees of freedom from which the factor was taken; infinite where the noise is known.
         known: the projection, where that has been worked out.
     """
 
@@ -37,6 +42,7 @@ class Conditional:
     nuisances: int
     admitted: tuple[int, ...]
     variance: float = 1.0
+    dof: float = np.inf
     known: Projection | None = None
 
     @cached_property
@@ -44,9 +50,9 @@ class Conditional:
         """The same without the variance factor."""
         return self.known or Projection(self.gram, self.blocks, self.nuisances, self.admitted)
 
-    def scattering(self, variance: float) -> Conditional:
-        """The same with another variance factor."""
-        return replace(self, variance=variance, known=self.projection)
+    def scattering(self, variance: float, dof: float) -> Conditional:
+        """The same with another variance factor, taken from so many degrees of freedom."""
+        return replace(self, variance=variance, dof=dof, known=self.projection)
 
     @property
     def refitted(self) -> Index:
@@ -98,9 +104,10 @@ class Conditional:
     def evidences(self) -> Array:
         """Log Bayes factor of each block against leaving it out; minus infinity for the admitted (blocks,)."""
         found = np.full(len(self.blocks), -np.inf)
+        scatter = self.scatter(self.chi2)
         for size, own in self.gram.products.of_size.items():
             columns = self.gram.products.columns_of_size(size)
-            found[own] = evidence_of(self.projection.informations(size) / self.variance, self.gradient[columns])
+            found[own] = evidence_of(self.projection.informations(size) / self.variance, self.gradient[columns], scatter)
         found[list(self.admitted)] = -np.inf
         return found
 
@@ -108,11 +115,12 @@ class Conditional:
         """The same with one of the admitted blocks taken out, by the variance that is left with it (blocks,)."""
         rows = self.projection.rows_of(block)
         gradient = self.gradient + rows[:, :-1].T @ rows[:, -1] / self.variance
+        scatter = self.scatter(self.chi2 + float(rows[:, -1] @ rows[:, -1]))
         found = np.full(len(self.blocks), -np.inf)
         for size, own in self.gram.products.of_size.items():
             columns = self.gram.products.columns_of_size(size)
             information = self.projection.informations_without(rows, size) / self.variance
-            found[own] = evidence_of(information, gradient[columns])
+            found[own] = evidence_of(information, gradient[columns], scatter)
         found[[k for k in self.admitted if k != block]] = -np.inf
         return found
 
@@ -120,18 +128,38 @@ class Conditional:
         """The same of one block."""
         b = self.blocks[block]
         gradient = self.projection.gradient(b.columns) / self.variance
-        return float(evidence_of(self.information(b)[None], gradient[None])[0])
+        return float(evidence_of(self.information(b)[None], gradient[None], self.scatter(self.chi2))[0])
 
     def of_admitted(self) -> float:
         """Log Bayes factor of all admitted blocks together against none: of each beside those before it, added up."""
-        each = self.projection.one_by_one()
-        return sum(float(evidence_of(s[None] / self.variance, g[None] / self.variance)[0]) for s, g in each)
+        total, chi2 = 0.0, self.chi2 + sum(lower for _, _, lower in self.projection.one_by_one())
+        for s, g, lower in self.projection.one_by_one():
+            total += float(evidence_of(s[None] / self.variance, g[None] / self.variance, self.scatter(chi2))[0])
+            chi2 -= lower
+        return total
+
+    def scatter(self, chi2: float) -> Scatter:
+        """What the records tell of their scatter where χ² is ``chi2`` (its variance factor not taken out)."""
+        return Scatter(chi2 / self.variance, self.dof)
 
 
-def evidence_of(information: Array, gradient: Array) -> Array:
+class Scatter(NamedTuple):
+    """What is left of χ² without a block, and the degrees of freedom from which the noise was taken; infinite if it is known."""
+
+    chi2: float
+    dof: float
+
+
+KNOWN = Scatter(np.inf, np.inf)
+"""Of noise that is known."""
+
+
+def evidence_of(information: Array, gradient: Array, scatter: Scatter = KNOWN) -> Array:
     """Log Bayes factors for information (b, q, q) and gradients (b, q), or gradients (b, q, draws).
 
-    ``½ Σ [γ² τ²/(1 + τ² λ) - log(1 + τ² λ)]`` over the eigenvalues λ, averaged over the magnitudes τ.
+    ``½ Σ [γ² τ²/(1 + τ² λ) - log(1 + τ² λ)]`` over the eigenvalues λ, averaged over the magnitudes τ. Noise that is taken
+    from the records with ν degrees of freedom is integrated over (Zellner 1971, ch. 3): a gain of 2 G in χ² then counts as
+    ``-ν/2 log(1 - 2 G/χ²)`` instead of G.
     """
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 0.0)
@@ -139,6 +167,9 @@ def evidence_of(information: Array, gradient: Array) -> Array:
     shrink, penalty = MAGNITUDES[:, None, None] ** 2 / (1.0 + scaled), np.log1p(scaled).sum(axis=2)
     # As products of matrices, which BLAS does: (b, magnitudes, q) @ (b, q, draws)
     along = vectors.transpose(0, 2, 1) @ (gradient if gradient.ndim == 3 else gradient[:, :, None])
-    gain = 0.5 * (shrink.transpose(1, 0, 2) @ np.square(along) - penalty.T[:, :, None])
+    gain = 0.5 * (shrink.transpose(1, 0, 2) @ np.square(along))
+    if np.isfinite(scatter.dof):
+        gain = -0.5 * scatter.dof * np.log1p(-np.minimum(2.0 * gain / scatter.chi2, WHOLE))
+    gain -= 0.5 * penalty.T[:, :, None]
     total = np.logaddexp.reduce(gain, axis=1) - np.log(len(MAGNITUDES))
     return np.asarray(total if gradient.ndim == 3 else total[:, 0])

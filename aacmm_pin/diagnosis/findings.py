@@ -13,7 +13,7 @@ from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.products import Gram
 from aacmm_pin.diagnosis.search import Question, conditional
-from aacmm_pin.distributions import chi2_sf
+from aacmm_pin.distributions import chi2_sf, f_sf
 from aacmm_pin.shown import Shown
 
 DRAWS = 400
@@ -25,7 +25,9 @@ WORTH_LISTING = 1e-3
 SHOWS = 15.0
 """Noncentrality at which a cause is found more often than not among all others."""
 SAME = 0.95
-"""Causes whose columns have a larger canonical correlation look the same in these records."""
+"""Causes whose columns have a larger canonical correlation are listed as look-alikes whatever their probability."""
+TOLD = 0.95
+"""Causes of usual size are told apart where the true one is expected to be at least this probable beside the other."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +86,21 @@ class Place:
     def of(question: Question, gram: Gram, admitted: tuple[int, ...], block: int) -> Place:
         """The place of one of the admitted blocks, by the scatter that is left beside all of them."""
         rest = tuple(other for other in admitted if other != block)
-        variance = conditional(question, gram, admitted).variance
-        left = Conditional(gram, question.blocks, question.nuisances, rest, variance)
+        whole = conditional(question, gram, admitted)
+        left = Conditional(gram, question.blocks, question.nuisances, rest, whole.variance, whole.dof)
         out = question.struck_out(rest)
         evidences = np.array([-np.inf if question.owner(i) in out else e for i, e in enumerate(left.evidences)])
         odds = question.log_prior + question.per_candidate(evidences)
         return Place(left, odds, np.exp(odds - logsumexp([*odds, 0.0])), question.owner(block))
+
+    @staticmethod
+    def beside(question: Question, gram: Gram, admitted: tuple[int, ...], own: int) -> Place:
+        """A place beside all that were admitted, for which the candidate ``own`` competes with all others."""
+        left = conditional(question, gram, admitted)
+        out = question.struck_out(admitted) - {own}
+        evidences = np.array([-np.inf if question.owner(i) in out else e for i, e in enumerate(left.evidences)])
+        odds = question.log_prior + question.per_candidate(evidences)
+        return Place(left, odds, np.exp(odds - logsumexp([*odds, 0.0])), own)
 
     @property
     def probability(self) -> float:
@@ -98,19 +109,35 @@ class Place:
 
 
 def strengths(
-    question: Question, gram: Gram, admitted: tuple[int, ...], names: tuple[str, ...], rng: np.random.Generator
+    question: Question,
+    gram: Gram,
+    admitted: tuple[int, ...],
+    causes: int,
+    names: tuple[str, ...],
+    rng: np.random.Generator,
 ) -> list[Strength]:
-    """Of each admitted block, the others held in place."""
+    """Of each admitted block, the others held in place; the first ``causes`` candidates are causes of the library.
+
+    Beside structure that no cause explains a cause may be no more than a part of that structure: its probability is lowered
+    by the chance that a direction of the structure looks as strong (F test of the two mean squares, times the number of
+    candidates).
+    """
+    places = {k: Place.of(question, gram, admitted, k) for k in admitted}
+    structure = [_energy(places[k].left, question.blocks[k]) for k in admitted if question.owner(k) >= causes]
     found = []
-    for k in admitted:
-        place = Place.of(question, gram, admitted, k)
+    for k, place in places.items():
+        chance = 0.0
+        if structure and question.owner(k) < causes:
+            energy, size = sum(e for e, _ in structure), sum(d for _, d in structure)
+            own, q = score(place.left, question.blocks[k]), question.blocks[k].size
+            chance = min(1.0, question.candidates * float(f_sf((own / q) / (energy / size), q, size)))
         found.append(
             Strength(
                 k,
-                place.probability,
+                place.probability * (1.0 - chance),
                 family_wise(question, place.left, float(place.odds[place.own]), k, rng),
                 retained(place.left, question.blocks[k]),
-                tuple(_aliases(question, place.left, k, place.shares, names)),
+                tuple(aliases_of(question, place, k, names)),
             )
         )
     return found
@@ -145,6 +172,13 @@ def score(left: Conditional, block: Block) -> float:
     return float(np.sum(along**2 / (np.maximum(values, 0.0) + 1.0 / MAGNITUDES.max() ** 2)))
 
 
+def _energy(left: Conditional, block: Block) -> tuple[float, float]:
+    """Likelihood ratio of a block, and over how many directions it is spread: ``(Σ e)² / Σ e²``."""
+    values, vectors = np.linalg.eigh(left.information(block))
+    each = np.square(vectors.T @ left.gradient[block.columns]) / (np.maximum(values, 0.0) + 1.0 / MAGNITUDES.max() ** 2)
+    return float(each.sum()), float(each.sum() ** 2 / max(np.square(each).sum(), 1e-300))
+
+
 def retained(left: Conditional, block: Block) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β."""
     information = left.information(block)
@@ -153,8 +187,9 @@ def retained(left: Conditional, block: Block) -> float:
     return float(np.sqrt(max(kept, 0.0) / size)) if size > 0 else 0.0
 
 
-def _aliases(question: Question, left: Conditional, k: int, shares: Array, names: tuple[str, ...]) -> list[Alias]:
-    own = question.owner(k)
+def aliases_of(question: Question, place: Place, k: int, names: tuple[str, ...]) -> list[Alias]:
+    """The candidates that compete with block ``k`` for its place, most probable first."""
+    own, left, shares = place.own, place.left, place.shares
     found = []
     for candidate, block in enumerate(question.best_blocks(left.evidences)):
         if candidate == own or not np.isfinite(shares[candidate]):
@@ -179,25 +214,31 @@ def canonical(left: Conditional, one: Block, other: Block) -> float:
     return float(min(np.linalg.svd(cross, compute_uv=False)[0], 1.0))
 
 
-def look_alikes(question: Question, gram: Gram, names: tuple[str, ...], causes: int) -> list[list[str]]:
-    """Classes of causes of the library whose columns look the same in these records, whatever the residuals are."""
+def look_alikes(question: Question, gram: Gram, names: tuple[str, ...], causes: int) -> list[tuple[str, str]]:
+    """Pairs of causes of usual size that these records would not tell apart, though they would show each of them.
+
+    With one of them true at its typical size β, the other can take up all but ``T = min ‖G_k β - G_l β_l‖²`` of what it
+    does; the expected difference of their log evidences is about T/2, which is to be the log odds of :data:`TOLD`.
+    """
     left = Conditional(gram, question.blocks, question.nuisances, ())
-    single = [k for k, b in enumerate(question.blocks) if b.candidate < causes and _variants(question, b.candidate) == 1]
-    pairs = {
-        (i, j)
-        for n, i in enumerate(single)
-        for j in single[n + 1 :]
-        if canonical(left, question.blocks[i], question.blocks[j]) > SAME
-    }
-    classes: list[set[int]] = []
-    for i, j in sorted(pairs):
-        joined = [c for c in classes if i in c or j in c]
-        classes = [c for c in classes if c not in joined] + [{i, j}.union(*joined)]
-    return [sorted(names[question.owner(k)] for k in c) for c in classes]
+    alone = np.bincount(question.owners, minlength=question.candidates) == 1
+    single = [k for k, owner in enumerate(question.owners) if owner < causes and alone[owner]]
+    informations = {k: left.information(question.blocks[k]) for k in single}
+    shown = [k for k in single if np.trace(informations[k]) >= SHOWS * len(informations[k])]
+    found = []
+    for n, i in enumerate(shown):
+        for j in shown[n + 1 :]:
+            cross = left.cross(question.blocks[i], question.blocks[j])
+            apart = min(_apart(informations[i], cross, informations[j]), _apart(informations[j], cross.T, informations[i]))
+            if 0.5 * apart < np.log(TOLD / (1.0 - TOLD)):
+                found.append((names[question.owner(i)], names[question.owner(j)]))
+    return found
 
 
-def _variants(question: Question, candidate: int) -> int:
-    return sum(b.candidate == candidate for b in question.blocks)
+def _apart(mine: Array, cross: Array, its: Array) -> float:
+    """T for typical values in the mean over all directions, from informations (q, q), (q', q') and cross (q, q')."""
+    taken = cross @ np.linalg.solve(its + np.eye(len(its)) / MAGNITUDES.max() ** 2, cross.T)
+    return float(np.trace(mine - taken)) / len(mine)
 
 
 def visible(choice: Choice) -> tuple[int, int]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array, Index
@@ -19,6 +22,8 @@ from aacmm_pin.shown import Shown
 PARTS = 10
 FEWEST = 5
 """Fewer seats than this are no groups to leave out in turn; blocks of joint space are taken instead."""
+FEWEST_GROUPS = 3
+"""With fewer parts than this nothing can be said of how much the gain differs from part to part."""
 RESAMPLES = 2000
 SURVIVES = 1.64
 """Standard errors by which a cause has to help, or may at most harm, on held-out parts."""
@@ -142,18 +147,59 @@ def survivors(choice: Choice, admitted: tuple[int, ...], training: Gram) -> tupl
     return kept
 
 
-def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
-    """Mean squared distance of the records of each part, predicted by the others with these blocks admitted [m²].
+class Brought(NamedTuple):
+    """What one cause brings on held-out records: its part of the gain in RMS, and the 95 % interval of that."""
+
+    gain: float
+    low: float
+    high: float
+
+
+def brought(choice: Choice, admitted: tuple[int, ...], block: int) -> Brought | None:
+    """By how much one of the admitted blocks lowers the RMS of held-out records, each distance over its own noise.
+
+    Every part is predicted by the others with and without the block. The squares that it saves are a ratio of sums over the
+    parts, whose interval is Student's t for as few parts as there are (Cochran 1977, 6.4).
+
+    Returns:
+        None where fewer than :data:`FEWEST_GROUPS` parts have something to say of it, such as a group that is left out whole.
+    """
+    if choice.in_one_part(block):
+        return None
+    without = tuple(k for k in admitted if k != block)
+    weight = 1.0 / np.trace(choice.fit.residual_noise, axis1=1, axis2=2)
+    pairs = [
+        [float(np.nansum(d**2 * weight[out])) for d in distances]
+        for out, distances in _predictions(choice, choice.held, (admitted, without))
+    ]
+    count = len(pairs)
+    if count < FEWEST_GROUPS:
+        return None
+    left, whole = np.array(pairs).T
+    share = float(left.sum() / whole.sum())
+    error = float(np.sqrt(count / (count - 1) * np.sum((left - share * whole) ** 2)) / whole.sum())
+    reach = error * float(scipy.special.stdtrit(count - 1, 0.975))
+    gain, low, high = (1.0 - np.sqrt(max(share + off, 0.0)) for off in (0.0, reach, -reach))
+    return Brought(float(gain), float(low), float(high))
+
+
+def _predictions(
+    choice: Choice, training: Gram, sets: tuple[tuple[int, ...], ...]
+) -> Iterator[tuple[NDArray[np.bool_], list[Array]]]:
+    """Each part that takes its turn in being left out: its records (n,), and their distances with each set of blocks [m].
 
     A part that has one record only of each of its unknown seats has nothing to be compared with, and does not count.
     """
-    found = []
     for number in training.parts:
         out = choice.fit.used & (choice.parts == number)
-        distances = _predicted(choice, training.without(number), blocks, out)
-        if np.isfinite(distances).any():
-            found.append(float(np.nanmean(distances**2)))
-    return np.array(found)
+        found = [_predicted(choice, training.without(number), blocks, out) for blocks in sets]
+        if np.isfinite(found[0]).any():
+            yield out, found
+
+
+def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
+    """Mean squared distance of the records of each part, predicted by the others with these blocks admitted [m²]."""
+    return np.array([float(np.nanmean(d**2)) for _, (d,) in _predictions(choice, training, (blocks,))])
 
 
 def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], out: Array) -> Array:

@@ -25,8 +25,8 @@ MANY = 8
 """From so many parameters on."""
 UNKNOWN = 1e-9
 """What is added to the information of a nuisance: what is known of it beforehand is among the products already."""
-ROUNDING = 1e-14
-"""Inner products are no more certain than this part of them."""
+ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
+"""Inner products are no more certain than this part of them, the first with which they are positive definite."""
 
 Columns = slice | Index
 
@@ -71,22 +71,34 @@ class Projection:
         """Products of what is refitted with these columns (refitted, …)."""
         return np.concatenate([self.gram.strip(s, columns) for s in self._slices])
 
-    @cached_property
+    @property
     def _added(self) -> Array:
         """What is added to the information of the refitted columns (refitted,)."""
         # A frame without a prior is many metres wide: the rounding of its products may be more than what is known of others.
-        every = [np.diag(self.gram.products.strip(None, s)[:, s]) for s in self._slices]
-        return np.asarray(self._prior + ROUNDING * np.concatenate(every))
+        return self._factored[0]
+
+    @property
+    def _factor(self) -> Array:
+        return self._factored[1]
+
+    @cached_property
+    def _factored(self) -> tuple[Array, Array]:
+        every = np.concatenate([np.diag(self.gram.products.strip(None, s)[:, s]) for s in self._slices])
+        whole = self._strips(self.refitted)
+        for rounding in ROUNDINGS[:-1]:
+            added = self._prior + rounding * every
+            try:
+                return added, np.linalg.cholesky(whole + np.diag(added))
+            except np.linalg.LinAlgError:
+                continue
+        added = self._prior + ROUNDINGS[-1] * every
+        return added, np.linalg.cholesky(whole + np.diag(added))
 
     @cached_property
     def _prior(self) -> Array:
         sizes = [self.blocks[k].size for k in self.admitted]
         own = [np.full(size, 1.0 / freedom(size) ** 2) for size in sizes]
         return np.concatenate([np.full(self.nuisances, UNKNOWN), *own])
-
-    @cached_property
-    def _factor(self) -> Array:
-        return np.asarray(np.linalg.cholesky(self._strips(self.refitted) + np.diag(self._added)))
 
     @cached_property
     def _all(self) -> Array:
@@ -160,15 +172,17 @@ class Projection:
         each = rows[:, self.gram.products.columns_of_size(size)].transpose(1, 0, 2)  # (blocks, rows, q)
         return np.asarray(each.transpose(0, 2, 1) @ each)
 
-    def one_by_one(self) -> list[tuple[Array, Array]]:
-        """Information and gradient of each admitted block beside the nuisances and the admitted ones before it.
+    def one_by_one(self) -> list[tuple[Array, Array, float]]:
+        """Information and gradient of each admitted block beside the nuisances and the admitted ones before it, and by how
+        much it lowers χ² there.
 
         They are in the factor: its part on the diagonal is that of what the blocks before have left, their own prior added.
         """
         found = []
         for own in self.places.values():
             factor = self._factor[own, own]
-            found.append((factor @ factor.T - np.diag(self._added[own]), factor @ self.of_residual[own]))
+            along = self.of_residual[own]
+            found.append((factor @ factor.T - np.diag(self._added[own]), factor @ along, float(along @ along)))
         return found
 
     def rows_of(self, block: int) -> Array:

@@ -12,7 +12,7 @@ import pandas as pd
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.findings import Alias
-from aacmm_pin.diagnosis.gain import Gain, rms
+from aacmm_pin.diagnosis.gain import Brought, Gain, rms
 from aacmm_pin.diagnosis.model import Choice
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect, JointErrorCurve
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 SCHEMA = "aacmm-pin/diagnosis/1"
 SETTLED = 0.95
 """A cause at least this probable, beside its look-alikes, is named without doubt."""
-Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained"]
+Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +42,7 @@ class Finding(Shown):
         p_value: family-wise.
         retained_fraction: of its effect, beside what recalibration swallows.
         aliases: look-alikes in these data.
+        brought: what it brings on held-out records; None where too few groups say something of it.
     """
 
     cause: str
@@ -52,6 +53,12 @@ class Finding(Shown):
     p_value: float
     retained_fraction: float
     aliases: tuple[Alias, ...]
+    brought: Brought | None = None
+
+    @property
+    def borne_out(self) -> bool:
+        """Whether held-out records are predicted better with it beyond doubt, as far as there are groups to ask."""
+        return self.brought is None or self.brought.low > 0.0
 
     @property
     def label(self) -> str:
@@ -71,14 +78,14 @@ class Diagnosis(Shown):
     """What the simulation gets wrong, why, and how much better it is when it knows.
 
     Attributes:
-        verdict: ``explained``, ``no-discrepancy``, ``ambiguous`` or ``unexplained``.
+        verdict: see :func:`aacmm_pin.diagnosis.verdict.verdict_of`.
         findings: causes, strongest first; geometric values beyond their stated uncertainty last.
         model: the arm recalibrated, with the causes found.
         before: the arm as it was, set-up fitted; recalibrated: geometry refitted; extended: with the causes.
         choice: the search behind it.
         held_out: residuals of records left out of choosing and fitting, or None.
         unexplained: structure without a cause.
-        cannot_tell_apart: causes that look the same in these records whatever is there.
+        cannot_tell_apart: causes of usual size that these records would not tell apart.
         simulation_groups, extended_groups: residuals by seat, joint range, time, … against what is predicted.
         noise: RMS that the noise alone would give [m].
         visible: how many causes of usual size these records would have shown, and of how many.
@@ -102,6 +109,17 @@ class Diagnosis(Shown):
     next_measurements: str
     visible: tuple[int, int]
     notes: tuple[str, ...]
+
+    @property
+    def converged(self) -> bool:
+        """Whether every search that the verdict rests on ended at a minimum."""
+        return not self.converge_note
+
+    @property
+    def converge_note(self) -> str:
+        """What held up a search that did not converge; "" where all did."""
+        fits = {"recalibrated": self.recalibrated, "extended": self.extended}
+        return "; ".join(f"{name}: {fit.solution.held_up}" for name, fit in fits.items() if not fit.solution.converged)
 
     @property
     def rms(self) -> dict[str, float]:
@@ -144,6 +162,8 @@ class Diagnosis(Shown):
             "schema": SCHEMA,
             "arm": self.model.arm.name,
             "verdict": self.verdict,
+            "converged": self.converged,
+            "converge_note": self.converge_note,
             "records": {
                 "used": int(self.extended.used.sum()),
                 "excluded": [
@@ -191,6 +211,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "probability": finding.probability,
         "p_value": finding.p_value,
         "retained_fraction": finding.retained_fraction,
+        "held_out": None if finding.brought is None else {"gain": finding.brought.gain, "gain_ci95": list(finding.brought[1:])},
         "parameters": {k: {"value": v, "u": u if math.isfinite(u) else None} for k, (v, u) in finding.parameters.items()},
         "aliases": [
             {

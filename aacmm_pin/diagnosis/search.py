@@ -104,7 +104,7 @@ def conditional(question: Question, gram: Gram, admitted: tuple[int, ...]) -> Co
     scatters = ratio > 1.0 and chi2_sf(bare.chi2, dof) < SCATTER
     if question.stated and not scatters:
         return bare
-    return bare.scattering(max(ratio, 1.0) if question.stated else ratio)
+    return bare.scattering(max(ratio, 1.0) if question.stated else ratio, dof)
 
 
 def search(question: Question, gram: Gram, start: tuple[int, ...] = ()) -> tuple[int, ...]:

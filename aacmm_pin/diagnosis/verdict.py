@@ -1,0 +1,42 @@
+"""What a diagnosis may conclude from its findings, and from what its records would have shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
+
+RIVAL = 0.05
+"""A look-alike at least this probable cannot be excluded."""
+MOST = 0.5
+"""Records that would show more than this part of all causes of usual size would show most of them."""
+
+
+def verdict_of(
+    findings: Sequence[Finding], structure: bool, visible: tuple[int, int], fits: Sequence[Fit]
+) -> Verdict:
+    """The verdict.
+
+    Args:
+        findings: what was named.
+        structure: something is left that no cause explains.
+        visible: how many causes of usual size these records would have shown, and of how many.
+        fits: the searches on which all that rests.
+
+    Returns:
+        ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the noise cannot be told; nothing
+        was found, and these records would not have shown most causes; or held-out groups do not bear a name out.
+        ``ambiguous``: a name has a look-alike that these records cannot exclude. ``explained``, ``no-discrepancy``: else.
+    """
+    if not all(fit.solution.converged and fit.tells_noise for fit in fits):
+        return "inconclusive"
+    if structure:
+        return "unexplained"
+    if not findings:
+        return "no-discrepancy" if visible[0] > MOST * visible[1] else "inconclusive"
+    doubtful = [finding for finding in findings if finding.probability < SETTLED]
+    if doubtful:
+        rivals = all(any(alias.probability >= RIVAL for alias in finding.aliases) for finding in doubtful)
+        return "ambiguous" if rivals else "inconclusive"
+    return "explained" if all(finding.borne_out for finding in findings) else "inconclusive"
