@@ -170,9 +170,7 @@ def seven(convention: str, stated: bool) -> Chain:
     bounds = np.tile(BOUNDS, (len(table), 1)) * stated
     stylus = np.array([1.0, 0.0, 0.0])
     com, limits = 1e-3 * table[:, 5:8], table[moving, 8:]
-    return of_dh(
-        "seven", values, bounds, moving, limits, table[:, 4], com, stylus, standard=convention == "standard-dh"
-    )
+    return of_dh("seven", values, bounds, moving, limits, table[:, 4], com, stylus, standard=convention == "standard-dh")
 
 
 def seven_text(convention: str, stated: bool, masses: bool) -> str:
@@ -271,8 +269,8 @@ def _origin(element: ET.Element) -> Array:
     origin = element.find("origin")
     roll, pitch, yaw = _floats(origin, "rpy", "0 0 0")
     out = np.eye(4)
-    out[:3, :3] = rotation(np.array([0.0, 0.0, yaw])) @ rotation(np.array([0.0, pitch, 0.0])) @ rotation(
-        np.array([roll, 0.0, 0.0])
+    out[:3, :3] = (
+        rotation(np.array([0.0, 0.0, yaw])) @ rotation(np.array([0.0, pitch, 0.0])) @ rotation(np.array([roll, 0.0, 0.0]))
     )
     out[:3, 3] = _floats(origin, "xyz", "0 0 0")
     return out

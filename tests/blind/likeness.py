@@ -135,7 +135,11 @@ def _unit_faults(cause: str, finding: Mapping[str, Any]) -> list[dict[str, Any]]
     ((name, (low, high)),) = workshop.SIZES[cause].items()
     unit: dict[str, Any] = {name: STEP * 0.5 * (low + high)}
     inner = {k: finding[k] for k in ("order", "time_s", "time_constant_s") if finding.get(k) is not None}
-    defaults = {"joint_periodic_error": {"order": 3}, "encoder_slip": {"time_s": 0.0}, "zero_drift": {"time_constant_s": 1800.0}}
+    defaults = {
+        "joint_periodic_error": {"order": 3},
+        "encoder_slip": {"time_s": 0.0},
+        "zero_drift": {"time_constant_s": 1800.0},
+    }
     unit |= {k: inner.get(k, v) for k, v in defaults.get(cause, {}).items()}
     if "amplitude_rad" in unit:
         return [unit | {"phase_rad": phase} for phase in (0.0, 0.5 * np.pi)]

@@ -181,9 +181,9 @@ def draw_regime(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
     drawn |= given
     kind = drawn["evidence"]
     if kind == "seats":
-        drawn.setdefault("seats", 3 if few else int(rng.integers(4, 11)))
+        drawn.setdefault("seats", 3 if few else min(int(rng.integers(4, 11)), max(3, records // 2)))
     elif kind == "bars":
-        drawn.setdefault("seats", 4 if few else 2 * int(rng.integers(2, 6)))
+        drawn.setdefault("seats", 4 if few else 2 * min(int(rng.integers(2, 6)), records // 4))  # both ends are touched
     drawn["own_u"] = bool(drawn["own_u"]) and kind not in ("seats", "bars")
     drawn["external"] = bool(drawn["external"]) and kind != "bars"
     return Regime(**drawn)  # type: ignore[arg-type]
@@ -266,9 +266,7 @@ def _visits(session: NDArray[np.int_], seats: int) -> NDArray[np.int_]:
     seat = np.empty(len(session), dtype=int)
     for number in range(session[-1] + 1):
         these = np.flatnonzero(session == number)
-        seat[these] = (number * len(these) + np.arange(len(these)) * max(seats, len(these)) // len(these)) % seats
-        if len(these) >= seats:
-            seat[these] = np.arange(len(these)) * seats // len(these)
+        seat[these] = np.arange(len(these)) * seats // len(these) if len(these) >= seats else these % seats
     return seat
 
 

@@ -10,7 +10,7 @@ from blind.chains import Chain
 from blind.conditions import Conditions
 from blind.kinematics import Array, identity, moved, rotation, turn_z_shift
 from blind.machine import ELASTIC, Machine
-from blind.statics import INTEGRAL, MOST_ROUNDS, NODES, STOP, STRUT, W, X, Elastic
+from blind.statics import INTEGRAL, MOST_ROUNDS, NODES, STOP, STRUT, Elastic, W, X
 from blind.truth import Hidden
 
 
@@ -126,9 +126,7 @@ class Rig(Machine):
         length = np.linalg.norm(up - STRUT * u, axis=1) / np.hypot(1.0, STRUT)
         return np.asarray(axis * (np.einsum("nk,nk->n", axis, np.cross(u, -up)) / length)[:, None])
 
-    def _beam(
-        self, i: int, pose: Pose, load: _Load, span: Array, clamp: Array, elastic: Elastic
-    ) -> tuple[Array, Array]:
+    def _beam(self, i: int, pose: Pose, load: _Load, span: Array, clamp: Array, elastic: Elastic) -> tuple[Array, Array]:
         """Slope and sag of the end of a Bernoulli beam (n, 3); its sections lie where the straight tube has them."""
         frame, length = pose.axes[:, i], float(np.linalg.norm(span))
         start = frame[:, :3, 3] + frame[:, :3, :3] @ clamp
@@ -192,7 +190,7 @@ def _tubes(arm: Chain) -> tuple[Array, Array]:
 
 
 def _share(arm: Chain, i: int, span: Array, clamp: Array) -> tuple[float, Array | None]:
-    """Share of the body that is its uniform tube, and where a lump at its end sits (3,) [m], None where it is at the clamp."""
+    """Share of the body that is its uniform tube, and where a lump at its end sits (3,) [m]; None: it is at the clamp."""
     place = float((arm.com[i] - clamp) @ span / (span @ span))
     share = float(np.clip(2.0 * min(place, 1.0 - place), 0.0, 1.0 - 1e-9))
     lump = (arm.com[i] - share * (clamp + 0.5 * span)) / (1.0 - share)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -45,19 +46,19 @@ def excused(row: Row) -> set[str]:
 def outcome(row: Row) -> Row:
     """What a run came to, in one flat row.
 
-    ``sure`` is the verdict ``explained``; ``wrong`` a sure verdict with a name that is not excused; ``named`` that nothing was
-    hidden and a cause was named; ``right`` that a hidden cause, or one alike, is named.
+    ``sure`` is the verdict ``explained``; ``wrong`` a sure verdict with a name that is not excused; ``named`` that nothing
+    was hidden and a cause was named; ``right`` that a hidden cause, or one alike, is named.
     """
-    said, arguments = row["said"] or {}, row["arguments"]
+    said, regime = row["said"] or {}, row["regime"]
     names = [key_of(f) for f in said.get("findings", [])]
     verdict, hidden, right = said.get("verdict"), row["truth"]["hidden"], excused(row)
     sure = verdict == "explained"
     return {
         "experiment": row["experiment"],
         "seed": row["seed"],
-        "arm": arguments["arm"],
-        "evidence": arguments["evidence"],
-        "records": arguments["records"],
+        "arm": regime["arm"],
+        "evidence": regime["evidence"],
+        "records": regime["records"],
         "error": row["error"],
         "verdict": verdict or "error",
         "true": " + ".join(h["key"] for h in hidden) or "none",
@@ -72,10 +73,11 @@ def outcome(row: Row) -> Row:
     }
 
 
-def perform(seed: int, command: Any, limit: Any, **given: Any) -> Row:
-    """The row of a seed; ``command`` runs ``aacmm-pin``, ``limit`` is a context that bounds its time."""
-    file = regime_file(seed, **given)
-    row: Row = {"seed": seed, "arguments": vars(file.regime), "error": None, "said": None, "fresh": None}
+def perform(arguments: Row, command: Callable[..., str], limit: AbstractContextManager[None]) -> Row:
+    """The row of a seed and what else is given; ``command`` runs ``aacmm-pin``, ``limit`` bounds its time."""
+    file = regime_file(**arguments)
+    row: Row = {"seed": arguments["seed"], "arguments": arguments, "regime": vars(file.regime)}
+    row |= {"error": None, "said": None, "fresh": None}
     with TemporaryDirectory() as name:
         file.write(Path(name))
         start = time.process_time()
@@ -97,7 +99,11 @@ def count(rows: Sequence[Row]) -> tuple[list[Row], pd.DataFrame]:
         runs = outcomes[outcomes["records"].between(low, high)]
         if runs.empty:
             continue
-        stated = [(p, t) for ps, ts in zip(runs["probability"], runs["true_names"], strict=True) for p, t in zip(ps, ts, strict=True)]
+        stated = [
+            (p, t)
+            for ps, ts in zip(runs["probability"], runs["true_names"], strict=True)
+            for p, t in zip(ps, ts, strict=True)
+        ]
         off = [p - t for p, t in stated if p is not None]
         nothing, something = runs[runs["true"] == "none"], runs[runs["true"] != "none"]
         figures.append(
