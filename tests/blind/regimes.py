@@ -60,6 +60,7 @@ class Regime:
         cause: hidden first; ``any``: drawn.
         joint: of that; None: drawn.
         size: factor on the sizes of workshops.
+        value: the size of the first fault itself, in the unit of its parameter, in place of a drawn one; None: drawn.
     """
 
     arm: str
@@ -80,6 +81,7 @@ class Regime:
     cause: str = "any"
     joint: int | None = None
     size: float = 1.0
+    value: float | None = None
 
     @property
     def at_seats(self) -> bool:
@@ -179,7 +181,7 @@ def draw_regime(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
         "faults": int(rng.choice([0, 1, 2], p=[0.25, 0.6, 0.15])),
     }
     drawn |= given
-    kind = drawn["evidence"]
+    kind, records = drawn["evidence"], int(str(drawn["records"]))
     if kind == "seats":
         drawn.setdefault("seats", 3 if few else min(int(rng.integers(4, 11)), max(3, records // 2)))
     elif kind == "bars":
@@ -314,6 +316,8 @@ def causes_of(regime: Regime) -> list[str]:
         causes += ["bearing_tilt", "link_bending", "torsional_windup", "base_compliance"]
     if not regime.torque:
         causes.append("counterbalance")
+    if regime.stated and regime.arm not in chains.ROBOTS and regime.evidence in ("free", "seats"):
+        causes += ["stylus_bending", "stylus_offset", *workshop.GEOMETRY]
     if regime.evidence == "seats" and regime.records >= 4 * regime.seats and not regime.external:
         causes.append("seat_error")
     return causes
@@ -339,8 +343,11 @@ def _faults(rng: np.random.Generator, regime: Regime, rig: Rig, q: Array, condit
             found = [replace(fault, parameters={**fault.parameters, "seat": seat}) for fault in found]
         found = [fault for fault in found if len(rows) == 1 or strength(rig, fault, felt, where) >= SMALLEST]
         if found:
-            chosen = found[int(rng.integers(len(found)))]
-            hidden.append(_scaled(chosen, regime.size))
+            chosen = _scaled(found[int(rng.integers(len(found)))], regime.size)
+            if given and regime.value is not None:
+                (name,) = workshop.SIZES[cause]
+                chosen = replace(chosen, parameters={**chosen.parameters, name: regime.value})
+            hidden.append(chosen)
     return tuple(hidden)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from blind.chains import Chain
 from blind.conditions import Conditions
 from blind.kinematics import Array, identity, moved, rotation, turn_z_shift
-from blind.machine import ELASTIC, Machine
+from blind.machine import ELASTIC, GEOMETRY, Machine
 from blind.statics import INTEGRAL, MOST_ROUNDS, NODES, STOP, STRUT, Elastic, W, X
 from blind.truth import Hidden
 
@@ -53,6 +53,16 @@ class Rig(Machine):
                 getattr(elastic, where)[fault.joint - 1] += fault.parameters[name] / length
         return replace(elastic, base=base)
 
+    def deviations(self) -> Array:
+        """Of the geometry, with faults of a DH table."""
+        values = self.values.copy()
+        for fault in self.faults:
+            if fault.cause in GEOMETRY:
+                assert fault.joint is not None
+                name, column, unit = GEOMETRY[fault.cause]
+                values[fault.joint - 1, column] += unit * fault.parameters[name]
+        return values
+
     def growth(self, conditions: Conditions) -> Array:
         """(n, R) relative growth of the bodies."""
         growth = np.zeros((len(conditions.time), self.arm.rows))
@@ -81,7 +91,7 @@ class Rig(Machine):
     def rest(self, q: Array, conditions: Conditions) -> Pose:  # type: ignore[override]
         """The arm at rest: rounds until no deflection changes."""
         angles, growth, elastic = self.joint_angles(q, conditions), self.growth(conditions), self.elastic()
-        before, after = self.arm.pieces(self.values)
+        before, after = self.arm.pieces(self.deviations())
         n, rows = angles.shape
         base, joint, slope, sag = np.zeros((n, 3)), *np.zeros((3, rows, n, 3))
         spans, clamps = _tubes(self.arm)
