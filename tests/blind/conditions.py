@@ -32,7 +32,7 @@ class Conditions:
     humidity: Array
 
     def take(self, rows: NDArray[np.int_]) -> Conditions:
-        return Conditions(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+        return type(self)(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
 
 def run(

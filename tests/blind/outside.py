@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from blind.chains import Chain
 from blind.conditions import Conditions
 from blind.encoders import Parameters, bumps
 from blind.kinematics import Arm, Array, jacobian, placements
@@ -59,9 +60,19 @@ class SmallTerms:
 
     @staticmethod
     def of(rng: np.random.Generator, arm: Arm) -> SmallTerms:
-        rows, total = arm.rows, rng.uniform(1.0e-6, 2.0e-6)
+        total = rng.uniform(1.0e-6, 2.0e-6)
         q = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (200, len(arm.limits)))
-        levers = jacobian(placements(arm.values, arm.all_angles(q)), arm.moving)
+        return SmallTerms._drawn(rng, total, jacobian(placements(arm.values, arm.all_angles(q)), arm.moving), arm.rows)
+
+    @staticmethod
+    def for_joints(rng: np.random.Generator, arm: Chain) -> SmallTerms:
+        """The same for a chain."""
+        total = rng.uniform(1.0e-6, 2.0e-6)
+        levers = arm.jacobian(rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (200, len(arm.limits))))
+        return SmallTerms._drawn(rng, total, levers, arm.rows)
+
+    @staticmethod
+    def _drawn(rng: np.random.Generator, total: float, levers: Array, rows: int) -> SmallTerms:
         lever = float(np.sqrt((levers**2).sum(axis=(1, 2)).mean()))
         ripple = rng.uniform(3.0e-6, 5.0e-6, rows) / 2.0  # from peak to peak
         share = rng.uniform(0.6, 0.9)

@@ -98,7 +98,7 @@ class Plant:
             ENCODER_NOISE * noise.standard_normal(q.shape),
             REFERENCE_NOISE * noise.standard_normal((n, 3)),
         )
-        jumps = _Jumps.of(self.rng("outliers", index), self.machine, q, round(outliers * n))
+        jumps = Jumps.of(self.rng("outliers", index), self.machine, q, round(outliers * n))
         if self.seats is None:
             reference = self.machine.observed(q, conditions) + reference_noise + jumps.contact
         else:
@@ -119,7 +119,7 @@ class Plant:
 
 
 @dataclass(frozen=True, eq=False)
-class _Jumps:
+class Jumps:
     """Outliers: a contact that slipped or a reference that is wrong (n, 3) [m], or one wrong angle (n, nq) [rad]."""
 
     records: NDArray[np.int_]
@@ -127,7 +127,7 @@ class _Jumps:
     angle: Array
 
     @staticmethod
-    def of(rng: np.random.Generator, machine: Machine, q: Array, count: int) -> _Jumps:
+    def of(rng: np.random.Generator, machine: Machine, q: Array, count: int) -> Jumps:
         records = np.sort(rng.choice(len(q), count, replace=False))
         contact, angle = np.zeros((len(q), 3)), np.zeros_like(q)
         levers = np.linalg.norm(machine.jacobian(q), axis=1)
@@ -141,7 +141,7 @@ class _Jumps:
             else:
                 direction = rng.standard_normal(3)
                 contact[i] = jump * direction / np.linalg.norm(direction)
-        return _Jumps(records, contact, angle)
+        return Jumps(records, contact, angle)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,23 +17,24 @@ def text(read: Array, noted: Array, conditions: Conditions, seats: Seats | None,
         "record": [str(i) for i in range(n)],
         "session": [f"S{i + 1}" for i in conditions.session],
         "operator": ["AB"[i] for i in conditions.operator],
-        "time_s": _fixed(conditions.time, 1),
+        "time_s": fixed(conditions.time, 1),
     }
-    columns |= {f"theta{k + 1}_deg": _fixed(np.degrees(read[:, k]), 8) for k in range(nq)}
+    columns |= {f"theta{k + 1}_deg": fixed(np.degrees(read[:, k]), 8) for k in range(nq)}
     if not unknown:
-        columns |= {name: _fixed(noted[:, k], 6, 1e3) for k, name in enumerate(("x_mm", "y_mm", "z_mm"))}
+        columns |= {name: fixed(noted[:, k], 6, 1e3) for k, name in enumerate(("x_mm", "y_mm", "z_mm"))}
     if seats is not None:
         columns["seat"] = [f"P{i + 1}" for i in conditions.seat]
     if seats is not None and unknown:
         columns |= _bars(conditions.seat, seats)
-    columns["temperature_c"] = _fixed(conditions.temperature_reading, 2)
+    columns["temperature_c"] = fixed(conditions.temperature_reading, 2)
     columns |= {f"approach{k + 1}": [str(int(v)) for v in conditions.approach[:, k]] for k in range(nq)}
-    columns["humidity_pct"] = _fixed(conditions.humidity, 1)
+    columns["humidity_pct"] = fixed(conditions.humidity, 1)
     rows = zip(*columns.values(), strict=True)
     return "\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n"
 
 
-def _fixed(values: Array, digits: int, factor: float = 1.0) -> list[str]:
+def fixed(values: Array, digits: int, factor: float = 1.0) -> list[str]:
+    """Numbers with so many digits behind the point."""
     return [f"{value:.{digits}f}" for value in (values * factor).tolist()]
 
 

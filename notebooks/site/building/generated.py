@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Callable
@@ -24,6 +25,8 @@ MARK = re.compile(r"<!-- generated: (\S+)(?: (.*?))? -->")
 PICTURE = re.compile(r"\(picture:([\w.]+)\)")
 ELSEWHERE = {"aacmm_pin": "Effect", "aacmm_pin.errors": "AacmmError"}
 """Names that are explained on another page."""
+SOURCES = Path(__file__).parents[3] / "tests" / "blind" / "study" / "sources.py"
+"""Says which code a diagnosis is."""
 INHERITED = ", ".join(sorted({*dir(Effect), "component", "flexibility", "place", "turns"}))
 """What all causes have; it is shown once, at their base."""
 
@@ -58,7 +61,21 @@ def commands() -> str:
     return re.sub(r"^\* `(\w+)`: .+$", lambda line: f"* `{line[1]}`: {sentences[line[1]]}", text, flags=re.MULTILINE)
 
 
-GENERATED: dict[str, Callable[..., str]] = {"api": api, "effects": effects, "commands": commands, "causes": causes_table}
+def study_age(digest: str) -> str:
+    """Whether the diagnosis code is the one that a study measured."""
+    now = runpy.run_path(str(SOURCES))["digest"]()
+    if now == digest:
+        return "*These figures are of the diagnosis code as it is now.*"
+    return f"**The diagnosis code has changed since these figures were measured**: it was `{digest}`, it is now `{now}`."
+
+
+GENERATED: dict[str, Callable[..., str]] = {
+    "api": api,
+    "effects": effects,
+    "commands": commands,
+    "causes": causes_table,
+    "study-age": study_age,
+}
 
 
 def _read(app: Sphinx, docname: str, content: list[str]) -> None:

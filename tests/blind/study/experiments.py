@@ -23,11 +23,12 @@ class Experiment:
 
     Attributes:
         name: by which ``--only`` and the table know it.
-        kind: ``single``, ``pair``, ``nothing`` or ``outside``: what a right answer is.
-        draw: arguments of :func:`blind.draw` beside the seed.
+        kind: ``single``, ``pair``, ``nothing`` or ``outside``: what a right answer is; ``regime``: a file of
+            :mod:`blind.regimes`, which is judged by :mod:`blind.study.regimes`.
+        draw: arguments of :func:`blind.draw` (or :func:`blind.regimes.regime_file`) beside the seed.
         first: seed of run 0; run i has ``first + i``.
         vary: argument that goes through ``values`` from run to run.
-        share: of the number of runs asked for; less than 1 where a run takes long.
+        share: of the number of runs asked for; less than 1 where a run takes long, more where there is much to draw.
         quick: number of runs of ``--quick``.
         likely: also ask the oracle for the probability of each cause, about a second a run of 300 records.
         fresh: ``--fresh`` measures the gain on fresh data here.
@@ -99,5 +100,6 @@ EXPERIMENTS = (
         "causes-free", "single", {}, 60000, "cause", [c for c in CAUSES if c not in SEATS_ONLY], likely=True, quick=23
     ),
     Experiment("causes-seats", "single", {"plan": "seats"}, 61000, "cause", CAUSES, likely=True),
+    Experiment("regimes", "regime", {}, 100000, share=10.0, quick=10),
 )
 """Each has seeds of its own, so that runs may be counted together; only the twins repeat the arms of ``single``."""

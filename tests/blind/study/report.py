@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 import aacmm_pin
-from blind.study import figures
+from blind.study import figures, regimes
 from blind.study.evaluate import confusion, evaluate
 
 Row = dict[str, Any]
@@ -26,6 +26,12 @@ COLUMNS = """`strict`: right; `alias`: right, or a cause that no method could te
 any encoder error looks like, is not excused); `listed`: strongest or among its stated aliases; `alone`: right and nothing
 else; `oracle`: the likeliest cause of the oracle is the hidden one."""
 
+REGIMES = """Files of many arms and kinds of evidence (`tests/blind/regimes.py`), by number of records. `sure and wrong`: of
+the verdicts `explained`, those that name a cause that is neither hidden nor, by the cosine of the effects beside all that is
+refitted (over 0.95), the same as a hidden one; an `inconclusive` verdict is an abstention. `hidden cause named`: one of the
+hidden causes, or the same as one, is among the findings, whatever the verdict. `stated minus true`: mean of the stated
+probabilities less the share that is right."""
+
 
 def version() -> str:
     """Of the package, with the commit where there is one."""
@@ -36,6 +42,58 @@ def version() -> str:
 
 def report(rows: Sequence[Row], folder: Path, about: Row) -> None:
     """Writes all files into ``folder``; ``about``: date, command, version."""
+    if of_regimes := [row for row in rows if row["kind"] == "regime"]:
+        counted, outcomes = regimes.count(of_regimes)
+        outcomes.to_csv(folder / "regimes.csv", index=False)
+        (folder / "regimes.json").write_text(json.dumps({"about": about, "records": counted}, indent=1) + "\n")
+        print(_markdown(regimes_table(counted)))
+    if rows := [row for row in rows if row["kind"] != "regime"]:
+        _report(rows, folder, about)
+
+
+def tables(rows: Sequence[Row]) -> str:
+    """The headline of each experiment, and the files of many arms by number of records, as Markdown."""
+    of_regimes = [row for row in rows if row["kind"] == "regime"]
+    parts = []
+    if others := [row for row in rows if row["kind"] != "regime"]:
+        shown = [
+            "experiment",
+            "runs",
+            "right answer",
+            "with false findings",
+            "oracle",
+            "verdicts",
+            "good excluded",
+            "errors",
+        ]
+        parts += [RIGHT, "", _markdown(_headline(evaluate(others)[0])[shown]), ""]
+    if of_regimes:
+        parts += [REGIMES, "", _markdown(regimes_table(regimes.count(of_regimes)[0])), ""]
+    return "\n".join(parts)
+
+
+def regimes_table(counted: Sequence[Row]) -> pd.DataFrame:
+    """Of :func:`blind.study.regimes.count`, for people."""
+    return pd.DataFrame(
+        [
+            {
+                "records": c["records"],
+                "files": c["files"],
+                "errors": c["errors"],
+                "sure and wrong": said(c["sure_and_wrong"]),
+                "named where nothing is hidden": said(c["named_where_nothing_is"]),
+                "hidden cause named": said(c["right"]),
+                "explained": said(c["sure"]),
+                "stated minus true": "" if c["mean_stated_minus_true"] is None else f"{c['mean_stated_minus_true']:+.3f}",
+                "of statements": c["statements"],
+                "median CPU s": f"{c['median_seconds']:.1f}",
+            }
+            for c in counted
+        ]
+    )
+
+
+def _report(rows: Sequence[Row], folder: Path, about: Row) -> None:
     found, judged = evaluate(rows)
     seeds = {str(name): [int(runs.min()), int(runs.max())] for name, runs in judged.groupby("experiment")["seed"]}
     about = about | {"seeds": seeds}

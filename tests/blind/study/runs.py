@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 from aacmm_pin.cli import app
 from blind import Draw, Hidden, draw
 from blind.oracle import Oracle, library
+from blind.study import regimes
 from blind.study.experiments import Experiment
 
 Row = dict[str, Any]
@@ -63,6 +64,9 @@ class Task:
 def perform(task: Task) -> Row:
     """The row of a task; what goes wrong stands under ``error``."""
     arguments = task.experiment.arguments(task.run)
+    if task.experiment.kind == "regime":
+        said = regimes.perform(arguments, _command, _limited(task.limit))
+        return plain({"experiment": task.experiment.name, "kind": task.experiment.kind, **said})  # type: ignore[no-any-return]
     drawn = draw(**arguments)
     row: Row = {"experiment": task.experiment.name, "seed": arguments["seed"], "kind": task.experiment.kind}
     row |= {"arguments": plain(arguments), "error": None, "said": None, "seconds": None, "fresh": None}

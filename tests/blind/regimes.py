@@ -1,0 +1,391 @@
+"""Measurement files of many arms and kinds of evidence: :func:`regime_file` draws everything from one seed.
+
+Where :func:`blind.plant.draw` has one arm, three plans and three hundred records, this draws the arm, what is stated of it,
+the evidence, its amount and noise, gross errors and what is hidden. Words for the command line come with the file.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blind import chains, plans, workshop
+from blind.chains import Chain
+from blind.conditions import SESSIONS, run
+from blind.kinematics import Array, rotation
+from blind.outside import SmallTerms
+from blind.plant import SMALLEST, Jumps
+from blind.rig import Loaded, Rig, strength
+from blind.table import fixed
+from blind.truth import Hidden
+
+ARMS = ("sino6", "standard-dh", "modified-dh", "ur5", "panda")
+"""The bundled arm, arms of seven joints in both conventions, and robots by their URDF."""
+EVIDENCE = ("free", "seats", "bars", "markers", "target")
+"""A tracker at the tip, known seats, bars of known length, markers on the last body, one target at an unknown place."""
+ENCODER_U, REFERENCE_U = 8e-6, 12e-6
+BAR_U = 2e-6
+TORQUE_U_NM = 0.05
+PAYLOADS_KG = (0.0, 1.5, 3.0)
+APART_M = 0.12
+SIZES = ((8, 19), (20, 60), (61, 300), (301, 3000))
+"""Numbers of records, each class as likely as the next."""
+
+
+@dataclass(frozen=True)
+class Regime:
+    """What is known beforehand of a file.
+
+    Attributes:
+        arm: one of :data:`ARMS`.
+        stated: the arm states bounds of its geometry.
+        masses: the arm states masses.
+        evidence: one of :data:`EVIDENCE`.
+        records: how many.
+        seats: how many, of evidence ``seats`` and ``bars``.
+        external: references in a frame of their own.
+        torque: the file has torques, and payloads that nobody states.
+        own_u: the file states the uncertainty of every reference, which differs from record to record.
+        environment: the file has times, temperatures and directions of approach.
+        encoder_u: true noise of an encoder [rad].
+        reference_u: true noise of a coordinate of a reference or contact [m].
+        noise_stated: ``all``, ``reference`` or ``none``, on the command line.
+        outliers: fraction of the records.
+        faults: how many.
+        cause: hidden first; ``any``: drawn.
+        joint: of that; None: drawn.
+        size: factor on the sizes of workshops.
+        value: the size of the first fault itself, in the unit of its parameter, in place of a drawn one; None: drawn.
+    """
+
+    arm: str
+    stated: bool
+    masses: bool
+    evidence: str
+    records: int
+    seats: int = 0
+    external: bool = False
+    torque: bool = False
+    own_u: bool = False
+    environment: bool = True
+    encoder_u: float = ENCODER_U
+    reference_u: float = REFERENCE_U
+    noise_stated: str = "all"
+    outliers: float = 0.0
+    faults: int = 1
+    cause: str = "any"
+    joint: int | None = None
+    size: float = 1.0
+    value: float | None = None
+
+    @property
+    def at_seats(self) -> bool:
+        return self.evidence in ("seats", "bars")
+
+    def chain(self) -> Chain:
+        """The arm."""
+        if self.arm == "sino6":
+            return chains.sino6()
+        if self.arm in chains.SEVEN:
+            return chains.seven(self.arm, self.stated)
+        return chains.robot(self.arm, *(ROBOT_BOUNDS if self.stated else (0.0, 0.0)))
+
+
+ROBOT_BOUNDS = (2e-4, 5e-4)
+"""Stated half-widths of the joint placements of a robot [m, rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RegimeFile:
+    """A measurement file, the arm's file where it has one, and what is hidden.
+
+    Attributes:
+        regime: what was drawn.
+        files: name -> text.
+        rig: the arm with its faults.
+        q: indications as noted (n, nq) [rad].
+        conditions: of each record.
+        hidden: faults, the largest first.
+        outliers: records (from 0).
+        reference_u: standard uncertainty of each record's reference or contact (n,) [m].
+        seats: places of the seats (S, 3) [m]; none where there are none.
+    """
+
+    regime: Regime
+    files: dict[str, str]
+    rig: Rig
+    q: Array
+    conditions: Loaded
+    hidden: tuple[Hidden, ...]
+    outliers: tuple[int, ...]
+    reference_u: Array
+    seats: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def write(self, folder: Path) -> None:
+        for name, text in self.files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+
+    def words(self, folder: Path) -> list[str]:
+        """Arguments and options of ``aacmm-pin diagnose`` for the files in ``folder``."""
+        r, mm = self.regime, 1e3
+        data = str(folder / "data.csv")
+        if r.arm in chains.ROBOTS:
+            words = ["--urdf", str(chains.robot_file(r.arm)), "--frame", chains.ROBOTS[r.arm][1], data]
+            if r.stated:
+                words += ["--translation-half-width-mm", f"{mm * ROBOT_BOUNDS[0]:g}"]
+                words += ["--rotation-half-width-rad", f"{ROBOT_BOUNDS[1]:g}"]
+        else:
+            words = ["sino6" if r.arm == "sino6" else str(folder / "arm.toml"), data]
+        if r.noise_stated == "all":
+            words += ["--encoder-noise-rad", f"{r.encoder_u:.6g}"]
+        if r.noise_stated != "none":
+            words += ["--reference-noise-mm", f"{mm * r.reference_u:.6g}"] if not r.own_u and r.evidence != "bars" else []
+            words += ["--probe-noise-mm", f"{mm * r.reference_u:.6g}"] if r.at_seats else []
+            words += ["--length-noise-mm", f"{mm * BAR_U:g}"] if r.evidence == "bars" else []
+        words += ["--reference-frame", "external"] if r.external else []
+        return [*words, *(["--target", "unknown"] if r.evidence == "target" else [])]
+
+
+def draw_regime(seed: int, most_records: int = SIZES[-1][1], **given: object) -> Regime:
+    """A regime from a seed; what is given is not drawn, but changes nothing of the rest."""
+    rng = np.random.default_rng([seed, 11])
+    arm = str(given.get("arm", rng.choice(ARMS, p=[0.3, 0.25, 0.15, 0.15, 0.15])))
+    robot = arm in chains.ROBOTS
+    torque = bool(rng.uniform() < (0.5 if robot else 0.1)) and arm != "sino6"
+    evidence = str(rng.choice(EVIDENCE, p=[0.4, 0.25, 0.15, 0.1, 0.1]))
+    classes = [(low, min(high, most_records)) for low, high in SIZES if low <= most_records]
+    low, high = classes[rng.integers(len(classes))]
+    records = int(np.exp(rng.uniform(np.log(low), np.log(high + 1))))
+    few = bool(rng.uniform() < 0.4)
+    usual = bool(rng.uniform() < 0.6)
+    encoder_u, reference_u = np.exp(rng.uniform(np.log([3e-6, 5e-6]), np.log([4e-5, 5e-5])))
+    drawn: dict[str, object] = {
+        "arm": arm,
+        "stated": arm == "sino6" or bool(rng.uniform() < 0.6),
+        "masses": arm == "sino6" or robot or bool(rng.uniform() < 0.6),
+        "evidence": evidence,
+        "records": records,
+        "external": bool(rng.uniform() < 0.3),
+        "torque": torque,
+        "own_u": bool(rng.uniform() < 0.2),
+        "environment": bool(rng.uniform() < 0.8),
+        "encoder_u": ENCODER_U if usual else float(f"{encoder_u:.3g}"),
+        "reference_u": REFERENCE_U if usual else float(f"{reference_u:.3g}"),
+        "noise_stated": str(rng.choice(["all", "reference", "none"], p=[0.7, 0.15, 0.15])),
+        "outliers": float(rng.choice([0.0, 0.03, 0.1], p=[0.6, 0.2, 0.2])),
+        "faults": int(rng.choice([0, 1, 2], p=[0.25, 0.6, 0.15])),
+    }
+    drawn |= given
+    kind, records = drawn["evidence"], int(str(drawn["records"]))
+    if kind == "seats":
+        drawn.setdefault("seats", 3 if few else min(int(rng.integers(4, 11)), max(3, records // 2)))
+    elif kind == "bars":
+        drawn.setdefault("seats", 4 if few else 2 * min(int(rng.integers(2, 6)), records // 4))  # both ends are touched
+    drawn["own_u"] = bool(drawn["own_u"]) and kind not in ("seats", "bars")
+    drawn["external"] = bool(drawn["external"]) and kind != "bars"
+    return Regime(**drawn)  # type: ignore[arg-type]
+
+
+def regime_file(seed: int, most_records: int = SIZES[-1][1], **given: object) -> RegimeFile:
+    """Everything from a seed; ``given`` are fields of :class:`Regime` that are not drawn."""
+    regime = draw_regime(seed, most_records, **given)
+
+    def rng(stream: str) -> np.random.Generator:
+        return np.random.default_rng([seed, zlib.crc32(stream.encode())])
+
+    arm, n = regime.chain(), regime.records
+    bounds = np.where(arm.half_width.any(), arm.half_width, arm.typical)
+    geometry = bounds * rng("geometry").uniform(-1.0, 1.0, bounds.shape)
+    targets = _targets(rng("targets"), regime)
+    rig = Rig(arm, geometry, (), SmallTerms.for_joints(rng("small"), arm), targets)
+    # --- route
+    route, session = rng("route"), np.arange(n) * SESSIONS // n
+    seats, seat = np.zeros((0, 3)), np.full(n, -1)
+    if regime.at_seats:
+        seats, seat = _seats(route, arm, regime), _visits(session, regime.seats)
+        q = _at_seats(route, arm, seats[seat])
+    else:
+        q = plans.free_postures(route, arm, n)  # type: ignore[arg-type]
+    weather = run(rng("weather"), arm, seat, session, 1.0, True)  # type: ignore[arg-type]
+    payload = route.choice(PAYLOADS_KG, n) if regime.torque else np.zeros(n)
+    marker = route.integers(0, 1 if targets is None else len(targets), n)
+    conditions = Loaded(**vars(weather), payload=payload, marker=marker)
+    # --- faults
+    hidden = _faults(rng("faults"), regime, rig, q, conditions)
+    rig = replace(rig, faults=hidden)
+    # --- records
+    noise, jumps = rng("noise"), Jumps.of(rng("outliers"), rig, q, round(regime.outliers * n))
+    u = regime.reference_u * (np.exp(noise.uniform(-0.7, 0.9, n)) if regime.own_u else np.ones(n))
+    encoder = regime.encoder_u * noise.standard_normal(q.shape)
+    contact = u[:, None] * noise.standard_normal((n, 3)) + jumps.contact
+    torque = np.zeros_like(q)
+    if regime.at_seats:
+        places = seats + (regime.reference_u if regime.evidence == "seats" else 0.0) * noise.standard_normal(seats.shape)
+        q = rig.touching(q, conditions, seats[seat] + contact)
+        reference = places[seat]
+    else:
+        reference = rig.observed(q, conditions) + contact
+    if regime.torque:
+        torque = rig.torque(q, conditions) + TORQUE_U_NM * noise.standard_normal(q.shape)
+    read = q + encoder + jumps.angle
+    turn, shift = rotation(noise.uniform(-1.5, 1.5, 3)), noise.uniform(-2.0, 2.0, 3)
+    if regime.external:
+        reference = reference @ turn.T + shift
+    sized = [replace(fault, size_um=1e6 * strength(rig, fault, read, conditions)) for fault in hidden]
+    found = RegimeFile(
+        regime=regime,
+        files={},
+        rig=rig,
+        q=read,
+        conditions=conditions,
+        hidden=tuple(sorted(sized, key=lambda fault: -fault.size_um)),
+        outliers=tuple(jumps.records.tolist()),
+        reference_u=u,
+        seats=seats,
+    )
+    rig = replace(rig, faults=found.hidden)
+    files = {"data.csv": _text(found, reference, torque, BAR_U * noise.standard_normal(max(1, regime.seats // 2)))}
+    if regime.arm in chains.SEVEN:
+        files["arm.toml"] = chains.seven_text(regime.arm, regime.stated, regime.masses)
+    return replace(found, files=files, rig=rig)
+
+
+# --- where the arm goes
+
+
+def _targets(rng: np.random.Generator, regime: Regime) -> Array | None:
+    count = {"markers": 3, "target": 1}.get(regime.evidence)
+    return None if count is None else rng.uniform(-0.12, 0.12, (count, 3))
+
+
+def _visits(session: NDArray[np.int_], seats: int) -> NDArray[np.int_]:
+    """Index of the seat of each record (n,): each session goes round the seats, on from where the last one ended."""
+    seat = np.empty(len(session), dtype=int)
+    for number in range(session[-1] + 1):
+        these = np.flatnonzero(session == number)
+        seat[these] = np.arange(len(these)) * seats // len(these) if len(these) >= seats else these % seats
+    return seat
+
+
+def _seats(rng: np.random.Generator, arm: Chain, regime: Regime) -> Array:
+    """Places within easy reach, some way apart (S, 3) [m]."""
+    tips = arm.walk(plans.random_postures(rng, arm, 4000))[1][:, :3, 3]  # type: ignore[arg-type]
+    reach = np.linalg.norm(tips - tips.mean(axis=0), axis=1)
+    found: list[Array] = []
+    for point in tips[reach < np.quantile(reach, 0.6)]:
+        if len(found) < regime.seats and all(np.linalg.norm(point - other) > APART_M for other in found):
+            found.append(point)
+    return np.array(found)
+
+
+def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
+    """A posture for each of the places (n, 3), by Newton steps from random postures; within the limits (n, nq) [rad]."""
+    q = np.full((len(places), len(arm.limits)), np.nan)
+    low, high = arm.limits[:, 0] + plans.MARGIN, arm.limits[:, 1] - plans.MARGIN
+    for _ in range(200):
+        missing = np.flatnonzero(np.isnan(q[:, 0]))
+        if not missing.size:
+            return q
+        tried = plans.random_postures(rng, arm, len(missing))  # type: ignore[arg-type]
+        for _ in range(12):
+            j = arm.jacobian(tried)
+            gap = places[missing] - arm.walk(tried)[1][:, :3, 3]
+            step = np.linalg.solve(j @ j.transpose(0, 2, 1) + 1e-6 * np.eye(3), gap[..., None])
+            tried = tried + np.clip(np.einsum("nkj,nk->nj", j, step[..., 0]), -0.5, 0.5)
+        gap = places[missing] - arm.walk(tried)[1][:, :3, 3]
+        good = (np.abs(gap).max(axis=1) < 1e-5) & ((tried > low) & (tried < high)).all(axis=1)
+        q[missing[good]] = tried[good]
+    raise ValueError(f"no posture found for {missing.size} of {len(places)} records")
+
+
+# --- what is hidden
+
+
+def causes_of(regime: Regime) -> list[str]:
+    """Causes that can be hidden: those whose columns the file has, and whose loads the arm states."""
+    causes = ["encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error", "joint_error_curve", "encoder_gain"]
+    if regime.environment:
+        causes += ["encoder_slip", "zero_drift", "joint_hysteresis", "thermal_expansion"]
+    causes += ["joint_compliance", "joint_compliance"] if regime.masses or regime.torque else []
+    if regime.masses and not regime.torque:
+        causes += ["bearing_tilt", "link_bending", "torsional_windup", "base_compliance"]
+    if not regime.torque:
+        causes.append("counterbalance")
+    if regime.stated and regime.arm not in chains.ROBOTS and regime.evidence in ("free", "seats"):
+        causes += ["stylus_bending", "stylus_offset", *workshop.GEOMETRY]
+    if regime.evidence == "seats" and regime.records >= 4 * regime.seats and not regime.external:
+        causes.append("seat_error")
+    return causes
+
+
+def _faults(rng: np.random.Generator, regime: Regime, rig: Rig, q: Array, conditions: Loaded) -> tuple[Hidden, ...]:
+    """At places where a fault of size 1 would be felt."""
+    some = np.unique(np.linspace(0, len(q) - 1, 60).astype(int))
+    felt, where = q[some], conditions.take(some)
+    clock = (float(conditions.time[0]), float(conditions.time[-1]))
+    hidden: list[Hidden] = []
+    for _ in range(50):
+        if len(hidden) == regime.faults:
+            break
+        given = not hidden and regime.cause != "any"
+        cause = regime.cause if given else str(rng.choice(causes_of(regime)))
+        rows: Sequence[int | None] = [regime.joint] if given and regime.joint is not None else _rows(cause, rig.arm)
+        rows = [row for row in rows if not any(h.cause == cause or (row is not None and h.joint == row) for h in hidden)]
+        stream = int(rng.integers(2**31))
+        found = [workshop.hide(np.random.default_rng(stream), rig.arm, cause, row, 1.0, clock) for row in rows]  # type: ignore[arg-type]
+        if cause == "seat_error":
+            seat = f"P{stream % regime.seats + 1}"
+            found = [replace(fault, parameters={**fault.parameters, "seat": seat}) for fault in found]
+        found = [fault for fault in found if len(rows) == 1 or strength(rig, fault, felt, where) >= SMALLEST]
+        if found:
+            chosen = _scaled(found[int(rng.integers(len(found)))], regime.size)
+            if given and regime.value is not None:
+                (name,) = workshop.SIZES[cause]
+                chosen = replace(chosen, parameters={**chosen.parameters, name: regime.value})
+            hidden.append(chosen)
+    return tuple(hidden)
+
+
+def _rows(cause: str, arm: Chain) -> list[int | None]:
+    return workshop.rows_for(cause, arm)  # type: ignore[arg-type]
+
+
+def _scaled(fault: Hidden, size: float) -> Hidden:
+    sizes = {*workshop.SIZES.get(fault.cause, {}), "heights_rad", "x_mm", "y_mm", "z_mm"}
+    return replace(fault, parameters={k: size * v if k in sizes else v for k, v in fault.parameters.items()})
+
+
+# --- the file
+
+
+def _text(file: RegimeFile, reference: Array, torque: Array, bar_error: Array) -> str:
+    regime, conditions, n = file.regime, file.conditions, len(file.q)
+    columns: dict[str, Sequence[str]] = {f"theta{k + 1}_deg": fixed(np.degrees(v), 8) for k, v in enumerate(file.q.T)}
+    if regime.evidence != "bars":
+        columns |= {name: fixed(reference[:, k], 6, 1e3) for k, name in enumerate(("x_mm", "y_mm", "z_mm"))}
+    if regime.own_u:
+        columns |= {name: fixed(file.reference_u, 6, 1e3) for name in ("u_x_mm", "u_y_mm", "u_z_mm")}
+    if regime.at_seats:
+        columns["seat"] = [f"P{s + 1}" for s in conditions.seat]
+    if regime.evidence == "bars":
+        length = np.linalg.norm(file.seats[0::2] - file.seats[1::2], axis=1) + bar_error
+        columns["bar"] = [f"B{s // 2 + 1}" for s in conditions.seat]
+        columns["bar_end"] = ["AB"[s % 2] for s in conditions.seat]
+        columns["bar_length_mm"] = [f"{1e3 * length[s // 2]:.6f}" for s in conditions.seat]
+    if regime.evidence == "markers":
+        columns["marker"] = [f"M{m + 1}" for m in conditions.marker]
+    if regime.environment:
+        columns["time_s"], columns["temperature_c"] = fixed(conditions.time, 1), fixed(conditions.temperature_reading, 2)
+        columns["session"] = [f"S{s + 1}" for s in conditions.session]
+        moved = conditions.approach[:, file.rig.arm.moving]
+        columns |= {f"approach{k + 1}": [str(int(v)) for v in column] for k, column in enumerate(moved.T)}
+    if regime.torque:
+        columns |= {f"torque{k + 1}_nm": fixed(column, 4) for k, column in enumerate(torque.T)}
+    assert all(len(column) == n for column in columns.values())
+    rows = zip(*columns.values(), strict=True)
+    return "\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n"

@@ -1,0 +1,121 @@
+"""A quick gate for diagnosis on blind files of many arms: what is named surely is there, and what is plain is named.
+
+Each group of files is drawn from fixed seeds, diagnosed by the command line in two processes, and counted. No file may end in
+an error, and no sure verdict may name a cause that is not there (or the same as one that is); so many must be named right.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any
+
+import pytest
+from blind.study import runs
+from blind.study.experiments import Experiment
+from blind.study.regimes import outcome
+
+Row = dict[str, Any]
+TRACKER: Row = {
+    "arm": "sino6",
+    "evidence": "free",
+    "records": 100,
+    "external": False,
+    "own_u": False,
+    "environment": True,
+    "encoder_u": 8e-6,
+    "reference_u": 12e-6,
+    "noise_stated": "all",
+    "outliers": 0.0,
+    "faults": 1,
+}
+SEATS = TRACKER | {"evidence": "seats", "seats": 8}
+SEVEN = TRACKER | {"arm": "standard-dh", "stated": True, "masses": True, "torque": False}
+BARE = SEVEN | {"stated": False, "torque": True}
+ROBOT = TRACKER | {"arm": "ur5", "stated": True, "torque": False}
+SINGLES: list[tuple[str, int | None]] = [
+    ("encoder_eccentricity", 3),
+    ("encoder_ellipticity", 2),
+    ("joint_periodic_error", 1),
+    ("joint_error_curve", 2),
+    ("encoder_gain", 4),
+    ("encoder_slip", 2),
+    ("joint_hysteresis", 3),
+    ("zero_drift", 1),
+    ("joint_compliance", 2),
+    ("bearing_tilt", 3),
+    ("link_bending", 3),
+    ("torsional_windup", 3),
+    ("counterbalance", 2),
+    ("base_compliance", None),
+    ("thermal_expansion", None),
+    ("stylus_bending", None),
+    ("stylus_offset", None),
+    ("joint_zero_offset", 4),
+    ("link_length", 3),
+    ("joint_distance", 5),
+    ("link_twist", 2),
+]
+CASES: dict[str, list[Row]] = {
+    "singles": [{**TRACKER, "seed": 1, "cause": cause, "joint": joint} for cause, joint in SINGLES]
+    + [{**SEATS, "seed": 1, "cause": "seat_error"}],
+    "nothing": [
+        {**base, "seed": seed, "faults": 0}
+        for base in (TRACKER, SEATS, SEVEN, SEVEN | {"evidence": "bars", "seats": 6}, ROBOT)
+        for seed in (1, 2)
+    ],
+    "pairs": [{**TRACKER, "seed": seed, "records": 150, "faults": 2} for seed in range(1, 5)],
+    "few": [
+        {**SEVEN, "seed": seed, "evidence": "seats", "seats": 3, "records": 45, "cause": "encoder_eccentricity"}
+        | {"joint": 1 + seed % 7, "value": 1.1e-4}
+        for seed in range(1, 15)
+    ],
+    "soft": [
+        {**TRACKER, "seed": seed, "records": 300, "cause": "link_bending", "joint": 3, "value": value}
+        for seed, value in ((1, 3e-5), (2, 5e-5), (3, 8e-5))
+    ],
+    "bare": [
+        {**BARE, "seed": seed, "records": 120, "cause": "joint_compliance", "joint": 2 + seed % 2 * 2} for seed in (1, 2)
+    ]
+    + [{**BARE, "seed": seed, "records": 120, "cause": "encoder_eccentricity", "joint": 1 + seed} for seed in (1, 2)],
+    "gross": [{**TRACKER, "seed": seed, "outliers": 0.1, "cause": "joint_hysteresis", "joint": seed} for seed in (1, 2)],
+}
+RIGHT = {"singles": 19, "nothing": 10, "pairs": 4, "few": 3, "soft": 3, "bare": 3, "gross": 2}
+"""So many at least are named right: a hidden cause among the findings, or nothing where nothing is."""
+
+
+@pytest.fixture(scope="module")
+def outcomes() -> dict[str, list[Row]]:
+    """What came of each file, by group."""
+    tasks = [
+        runs.Task(Experiment(group, "regime", {k: v for k, v in case.items() if k != "seed"}, case["seed"]), 0)
+        for group, cases in CASES.items()
+        for case in cases
+    ]
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, context, initializer=runs.start_worker) as pool:
+        rows = list(pool.map(runs.perform, tasks))
+    found: dict[str, list[Row]] = {group: [] for group in CASES}
+    for row in rows:
+        found[row["experiment"]].append(outcome(row))
+    return found
+
+
+def told(found: list[Row]) -> str:
+    return "\n".join(f"seed {o['seed']}: {o['true']}; {o['verdict']}: {o['said']} {o['error'] or ''}" for o in found)
+
+
+@pytest.mark.parametrize("group", CASES)
+def test_every_file_has_a_result(group: str, outcomes: dict[str, list[Row]]) -> None:
+    assert not (bad := [o for o in outcomes[group] if o["error"]]), told(bad)
+
+
+@pytest.mark.parametrize("group", CASES)
+def test_no_sure_verdict_names_what_is_not_there(group: str, outcomes: dict[str, list[Row]]) -> None:
+    assert not (bad := [o for o in outcomes[group] if o["wrong"] or o["named"]]), told(bad)
+
+
+@pytest.mark.parametrize("group", CASES)
+def test_enough_is_named_right(group: str, outcomes: dict[str, list[Row]]) -> None:
+    right = [o for o in outcomes[group] if o["right"]]
+    assert len(right) >= RIGHT[group], told([o for o in outcomes[group] if not o["right"]])
