@@ -86,7 +86,7 @@ class Observations:
         return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
 
     def of_bars(self, points: Array) -> tuple[Array, Array]:
-        """Residuals of the lengths over their u (b,), and derivatives by the first ends (b, 3), minus those by the others."""
+        """Residuals of lengths over their u (b,), and derivatives by the first ends (b, 3): minus those by the others."""
         way = points[self.ends[:, 0]] - points[self.ends[:, 1]]
         distance = np.linalg.norm(way, axis=1)
         along = way / np.where(distance > 0.0, distance, 1.0)[:, None]

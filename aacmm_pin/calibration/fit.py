@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space, orth
 
 from aacmm_pin.calibration.evidence import StatedNoise, observations_of
-from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.problem import OF_WIDTH, Problem
 from aacmm_pin.calibration.solver import MEDIAN, Point, Solution, begin, deviations, noise_of_tips, solve, standing
+from aacmm_pin.calibration.system import assemble
 from aacmm_pin.checks import Array
 from aacmm_pin.distributions import chi2_isf, chi2_sf, f_isf
+from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.observations import NOTHING_KNOWN, Observations
 
@@ -48,6 +50,8 @@ class Fit:
         stated: True where the stated noise was complete, so that ``chi2_stated`` judges the model.
         used: (n,) True for the records that count.
         excluded: (n,) True for records that fit too badly to be believed.
+        found: labels of effects whose inner values (order, time constant) come from these records too, so that what is
+            uncertain of them makes the other parameters uncertain.
         chi2_stated: χ² against the stated noise alone, and its degrees of freedom; None where it was not complete.
         dof: degrees of freedom of the final fit.
     """
@@ -62,6 +66,7 @@ class Fit:
     excluded: NDArray[np.bool_]
     chi2_stated: tuple[float, float] | None
     dof: float
+    found: tuple[str, ...] = ()
 
     @property
     def tells_noise(self) -> bool:
@@ -103,7 +108,48 @@ class Fit:
     @cached_property
     def covariance(self) -> Array:
         """Covariance of all columns, the frame's included (p, p) [units]; zero along what nothing determines."""
-        return covariance_of(self.problem, self.solution, self.unknown)
+        p = self.problem.scales.size
+        return self._with_inner[:p, :p]
+
+    @property
+    def inner_u(self) -> dict[tuple[str, str], float]:
+        """Standard uncertainty of each inner value, by the effect's label and the name of the field."""
+        u = np.sqrt(np.diag(self._with_inner)[self.problem.scales.size :])
+        return dict(zip([(effect.label, name) for _, effect, name, _ in self._inner()], u.tolist(), strict=True))
+
+    def _inner(self) -> list[tuple[int, Effect, str, float]]:
+        """Inner values: number and effect, field, how far off it may be."""
+        effects = enumerate(self.problem.effects(self.solution.point.x))
+        chosen = [(k, effect) for k, effect in effects if effect.label in self.found]
+        return [(k, effect, name, width) for k, effect in chosen for name, width in effect.inner_widths().items()]
+
+    @cached_property
+    def _with_inner(self) -> Array:
+        """Covariance of all columns and, last, of the inner values."""
+        inner, spectrum = self._inner(), self.solution.spectrum
+        if not inner:
+            return covariance_of(spectrum.values, spectrum.directions, self.problem.scales, self.unknown)
+        problem, point = self.problem, self.solution.point
+        columns = [self._by_inner(*one) for one in inner]
+        wider = replace(point.prediction, jacobian=np.concatenate([point.prediction.jacobian, np.stack(columns, 2)], axis=2))
+        system = assemble(wider, self.observations, point.seats, self.noise, self.solution.weights)
+        scales = np.concatenate([problem.scales, [width for *_, width in inner]])
+        prior = np.eye(scales.size)
+        prior[: len(problem.widths), : len(problem.widths)] = problem.prior
+        prior[len(problem.widths) : problem.scales.size] = 0.0  # nothing is known of the frame
+        _, values, vt = np.linalg.svd(np.vstack([system.jacobian * scales, prior]), full_matrices=False)
+        unknown = np.vstack([self.unknown, np.zeros((len(inner), self.unknown.shape[1]))])
+        return covariance_of(values, vt.T, scales, unknown)
+
+    def _by_inner(self, number: int, effect: Effect, name: str, width: float) -> Array:
+        """∂(tip)/∂(inner value) (n, 3) [m/unit] by central differences."""
+        tips = []
+        for step in (OF_WIDTH * width, -OF_WIDTH * width):
+            estimated = list(self.problem.estimated)
+            estimated[number] = replace(estimated[number], **{name: getattr(effect, name) + step})
+            moved = replace(self.problem, estimated=tuple(estimated))
+            tips.append(moved.predict(self.solution.point.x, self.solution.point.frame).tips)
+        return np.asarray(tips[0] - tips[1]) / (2 * OF_WIDTH * width)
 
 
 def fit(problem: Problem, stated_noise: StatedNoise, *, robust: bool = True, used: NDArray[np.bool_] | None = None) -> Fit:
@@ -288,13 +334,19 @@ class _Fitting:
         )
 
 
-def covariance_of(problem: Problem, solution: Solution, unknown: Array) -> Array:
-    """Covariance of the columns (p, p): inverse of the information across the unknown directions, zero along them."""
-    spectrum = solution.spectrum
-    known = null_space(unknown.T) if unknown.size else np.eye(problem.scales.size)
-    information = (spectrum.values[:, None] * spectrum.directions.T) @ known
+def covariance_of(values: Array, directions: Array, scales: Array, unknown: Array) -> Array:
+    """Covariance of the columns (p, p): inverse of the information across the unknown directions, zero along them.
+
+    Args:
+        values: singular values of the scaled system with its prior rows (p,).
+        directions: their directions, in columns (p, p).
+        scales: of the columns (p,).
+        unknown: directions of which the records tell nothing (p, k).
+    """
+    known = null_space(unknown.T) if unknown.size else np.eye(scales.size)
+    information = (values[:, None] * directions.T) @ known
     triangle = np.linalg.qr(information, mode="r")
-    scaled = known @ np.linalg.inv(triangle) * problem.scales[:, None]
+    scaled = known @ np.linalg.inv(triangle) * scales[:, None]
     return np.asarray(scaled @ scaled.T)
 
 

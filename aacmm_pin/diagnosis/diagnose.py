@@ -21,16 +21,16 @@ from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.findings import Alias, Place, Strength, aliases_of, look_alikes, retained, strengths, visible
-from aacmm_pin.diagnosis.gain import brought, gain_of, parts_of, rms, survivors
+from aacmm_pin.diagnosis.gain import brought, gain_of, parts_of, survivors
 from aacmm_pin.diagnosis.library import candidates
-from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free
+from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free, u_of_time
 from aacmm_pin.diagnosis.next_measurements import Doubts, next_measurements
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described
 from aacmm_pin.diagnosis.show import groups_table, moved_geometry, predicted_covariance
 from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.distributions import chi2_cdf, chi2_sf
-from aacmm_pin.effects import Effect
+from aacmm_pin.effects import Effect, EncoderSlip
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements
@@ -39,6 +39,8 @@ from aacmm_pin.progress import Progress
 
 MUCH_MORE = 1.15
 """Residuals larger by this than the stated noise, beyond chance, are not explained by what was found."""
+PLAIN_ENCODER = 3e-5
+"""Noise of a reading that a plain encoder has where none is stated [rad]."""
 NOTHING = 1e-12
 """Residuals smaller than this were never measured [m]."""
 CHANGED = 0.01
@@ -121,6 +123,7 @@ def diagnose(
     others = covariates(model.arm, measurements)
     choice = choose(with_causes, noise, recalibrated, library, others, parts, progress is True)
     choice = _surviving(choice, with_causes, noise)
+    choice = replace(choice, fit=replace(choice.fit, found=tuple(effect.label for effect in choice.effects)))
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
     recalibrated = fit(with_causes([]), noise, used=extended.used)
@@ -134,7 +137,7 @@ def diagnose(
     shown = predicted_covariance(before, *_prior_predictive(model, before))
     shown_by_these = visible(choice)
     floor = float(np.sqrt(np.trace(extended.stated_noise[extended.used], axis1=1, axis2=2).mean()))
-    structure = bool(unexplained.depends_on) or _scatters(extended, floor)
+    structure = bool(unexplained.depends_on) or _scatters(extended, noise, floor)
     verdict = verdict_of(findings, structure, shown_by_these, (recalibrated, extended))
 
     def plan(finding: Finding, alias: Alias) -> str:
@@ -228,9 +231,18 @@ def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
                 strength.retained,
                 strength.aliases,
                 brought(choice, choice.admitted, strength.block),
+                _inner_values(choice, effect, strength.block),
             )
         )
     return found
+
+
+def _inner_values(choice: Choice, effect: Effect, block: int) -> dict[str, tuple[float, float]]:
+    """What was found of order, time constant or time, with u."""
+    told = {name: u for (label, name), u in choice.fit.inner_u.items() if label == effect.label}
+    if isinstance(effect, EncoderSlip):
+        told["time_s"] = u_of_time(choice, block)
+    return {name: (float(getattr(effect, name)), u) for name, u in told.items()}
 
 
 def _changed(model: ErrorModel, choice: Choice) -> list[Finding]:
@@ -292,10 +304,18 @@ def _geometry(choice: Choice) -> list[Finding]:
     return found
 
 
-def _scatters(extended: Fit, noise: float) -> bool:
-    """Whether the records scatter more than the stated noise explains, with all causes known."""
-    left = rms(np.linalg.norm(extended.solution.system.deviation[extended.used], axis=1))
-    return extended.stated and extended.unmodelled > 0.0 and left > MUCH_MORE * noise
+def _scatters(extended: Fit, noise: StatedNoise, floor: float) -> bool:
+    """Whether the records scatter more than their noise explains, with all causes known.
+
+    Where the noise of the encoders is not stated, they may have as much as those of a robot.
+    """
+    left = np.square(np.linalg.norm(extended.solution.system.deviation[extended.used], axis=1)).mean()
+    explained = floor**2
+    if noise.encoder is None:
+        explained += (
+            PLAIN_ENCODER**2 * np.trace(extended.problem.reading_covariance[extended.used], axis1=2, axis2=3).sum(1).mean()
+        )
+    return extended.stated and extended.unmodelled > 0.0 and bool(left > MUCH_MORE**2 * explained)
 
 
 def _prior_predictive(model: ErrorModel, before: Fit) -> tuple[Array, Array]:

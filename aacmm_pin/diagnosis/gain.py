@@ -162,7 +162,7 @@ def brought(choice: Choice, admitted: tuple[int, ...], block: int) -> Brought | 
     parts, whose interval is Student's t for as few parts as there are (Cochran 1977, 6.4).
 
     Returns:
-        None where fewer than :data:`FEWEST_GROUPS` parts have something to say of it, such as a group that is left out whole.
+        None where fewer than :data:`FEWEST_GROUPS` parts say something of it, such as of a group that is left out whole.
     """
     if choice.in_one_part(block):
         return None

@@ -182,7 +182,7 @@ def _of_joint_load(arm: Arm, number: int, row: int, conditions: Conditions) -> I
     elif arm.masses is not None:
         yield JointCompliance(row)
     else:
-        yield JointCompliance(row, bodies=tuple(range(row, arm.chain.rows + 1)))
+        yield JointCompliance(row, bodies=tuple(place // 2 for place in arm.chain.moving_axes() if place // 2 >= row))
     if arm.masses is not None:
         yield BearingTilt(row)
 

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
@@ -175,6 +176,8 @@ def _standing(
             effects = [_refined(found, k) for k in found.causes]
             rounds.set_postfix_str(", ".join(effect.label for effect in effects)[:LETTERS])
             refit = fit(problem_of([free(e) for e in effects]), noise)
+            if not refit.tells_noise:  # more causes than these records can carry
+                return replace(found, admitted=())
             del found  # its columns are as large as those that come
             found = _chosen(refit, _with_variants(library, effects), others, parts, effects)
             rounds.update()
@@ -256,17 +259,31 @@ def _refined(choice: Choice, block: int) -> Effect:
     tried = _around(choice, effect)
     if len(tried) < 2:
         return effect
-    rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
-    design = design_of(choice.fit, [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)], [], choice.design.taken_out)
-    gram = Gram(products_of(design, np.zeros(len(choice.parts), dtype=np.intp)))
-    question = question_of(design, choice.fit.stated)
-    others = tuple(range(len(tried), len(tried) + len(rest)))
-    evidences = conditional(question, gram, others).evidences[: len(tried)]
+    evidences = _evidences(choice, block, tried)
     best = int(np.argmax(evidences))
     whole = [k for k, e in enumerate(tried) if isinstance(e, JointPeriodicError) and e.order == round(e.order)]
     if whole and (nearest := max(whole, key=lambda k: evidences[k])) != best:
         best = nearest if evidences[nearest] > evidences[best] - WHOLE else best
     return tried[best]
+
+
+def _evidences(choice: Choice, block: int, tried: list[Effect]) -> Array:
+    """Log evidence of each effect in the place of a block, the others held."""
+    rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
+    design = design_of(choice.fit, [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)], [], choice.design.taken_out)
+    gram = Gram(products_of(design, np.zeros(len(choice.parts), dtype=np.intp)))
+    others = tuple(range(len(tried), len(tried) + len(rest)))
+    return conditional(question_of(design, choice.fit.stated), gram, others).evidences[: len(tried)]
+
+
+def u_of_time(choice: Choice, block: int) -> float:
+    """Standard uncertainty of the time of a slip: of its posterior over the gaps between records near it [s]."""
+    tried = [effect for effect in _around(choice, choice.variant(block).at(())) if isinstance(effect, EncoderSlip)]
+    times = np.array([effect.time_s for effect in tried])
+    odds = _evidences(choice, block, list(tried))
+    share = np.exp(odds - logsumexp(odds))
+    gaps = np.gradient(times) if times.size > 1 else np.zeros(1)
+    return float(np.sqrt(share @ (np.square(times - share @ times) + np.square(gaps) / 12.0)))
 
 
 def _around(choice: Choice, effect: Effect) -> list[Effect]:

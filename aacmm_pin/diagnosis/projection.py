@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from scipy.linalg import cho_solve, qr, solve_triangular
 from scipy.linalg.blas import dtrsm
 
@@ -71,28 +72,20 @@ class Projection:
         """Products of what is refitted with these columns (refitted, …)."""
         return np.concatenate([self.gram.strip(s, columns) for s in self._slices])
 
-    @property
+    @cached_property
     def _added(self) -> Array:
         """What is added to the information of the refitted columns (refitted,)."""
         # A frame without a prior is many metres wide: the rounding of its products may be more than what is known of others.
-        return self._factored[0]
+        every = np.concatenate([np.diag(self.gram.products.strip(None, s)[:, s]) for s in self._slices])
+        rounding = next((r for r in ROUNDINGS if self._definite(self._prior + r * every)), ROUNDINGS[-1])
+        return np.asarray(self._prior + rounding * every)
 
-    @property
-    def _factor(self) -> Array:
-        return self._factored[1]
+    def _definite(self, added: Array) -> bool:
+        return bool(scipy.linalg.lapack.dpotrf(self._strips(self.refitted) + np.diag(added), lower=1)[1] == 0)
 
     @cached_property
-    def _factored(self) -> tuple[Array, Array]:
-        every = np.concatenate([np.diag(self.gram.products.strip(None, s)[:, s]) for s in self._slices])
-        whole = self._strips(self.refitted)
-        for rounding in ROUNDINGS[:-1]:
-            added = self._prior + rounding * every
-            try:
-                return added, np.linalg.cholesky(whole + np.diag(added))
-            except np.linalg.LinAlgError:
-                continue
-        added = self._prior + ROUNDINGS[-1] * every
-        return added, np.linalg.cholesky(whole + np.diag(added))
+    def _factor(self) -> Array:
+        return np.asarray(np.linalg.cholesky(self._strips(self.refitted) + np.diag(self._added)))
 
     @cached_property
     def _prior(self) -> Array:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -43,6 +44,7 @@ class Finding(Shown):
         retained_fraction: of its effect, beside what recalibration swallows.
         aliases: look-alikes in these data.
         brought: what it brings on held-out records; None where too few groups say something of it.
+        inner: order, time constant or time that these records told, with u: name -> (value, u).
     """
 
     cause: str
@@ -54,6 +56,7 @@ class Finding(Shown):
     retained_fraction: float
     aliases: tuple[Alias, ...]
     brought: Brought | None = None
+    inner: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def borne_out(self) -> bool:
@@ -211,8 +214,11 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "probability": finding.probability,
         "p_value": finding.p_value,
         "retained_fraction": finding.retained_fraction,
-        "held_out": None if finding.brought is None else {"gain": finding.brought.gain, "gain_ci95": list(finding.brought[1:])},
-        "parameters": {k: {"value": v, "u": u if math.isfinite(u) else None} for k, (v, u) in finding.parameters.items()},
+        "held_out": None
+        if finding.brought is None
+        else {"gain": finding.brought.gain, "gain_ci95": list(finding.brought[1:])},
+        "parameters": _with_u(finding.parameters),
+        "inner": _with_u(finding.inner),
         "aliases": [
             {
                 "cause": a.label.split(":")[0],
@@ -223,6 +229,10 @@ def _finding(finding: Finding) -> dict[str, Any]:
             for a in finding.aliases
         ],
     }
+
+
+def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float | None]]:
+    return {name: {"value": value, "u": u if math.isfinite(u) else None} for name, (value, u) in values.items()}
 
 
 def _spectrum(effect: Effect) -> dict[str, Any]:

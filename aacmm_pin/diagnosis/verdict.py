@@ -13,9 +13,7 @@ MOST = 0.5
 """Records that would show more than this part of all causes of usual size would show most of them."""
 
 
-def verdict_of(
-    findings: Sequence[Finding], structure: bool, visible: tuple[int, int], fits: Sequence[Fit]
-) -> Verdict:
+def verdict_of(findings: Sequence[Finding], structure: bool, visible: tuple[int, int], fits: Sequence[Fit]) -> Verdict:
     """The verdict.
 
     Args:

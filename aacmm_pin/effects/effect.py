@@ -117,6 +117,10 @@ class Effect(Shown, ABC):
         """Names of the fields that say which one it is: ``joint``, ``order``, …"""
         return tuple(f.name for f in fields(cls) if f.name not in ("values", "u"))
 
+    def inner_widths(self) -> dict[str, float]:
+        """Fields with a continuous value that records may tell, and how far off each may be before they do."""
+        return {}
+
     @property
     def label(self) -> str:
         """The cause and where it sits, such as ``encoder_gain:5``."""

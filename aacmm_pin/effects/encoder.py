@@ -136,6 +136,10 @@ class JointPeriodicError(_Periodic):
         if not (np.isfinite(self.order) and self.order > 0):
             raise AacmmError(f"{self.label}: order is {self.order}, expected a number of periods per turn above zero")
 
+    def inner_widths(self) -> dict[str, float]:
+        """The order; a whole one is that of teeth or gratings, and exact."""
+        return {} if self.order == round(self.order) else {"order": 0.5}
+
     @property
     def turns(self) -> float:
         """The order."""

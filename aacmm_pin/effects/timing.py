@@ -31,6 +31,10 @@ class ZeroDrift(Effect):
         if not (np.isfinite(self.time_constant_s) and self.time_constant_s > 0):
             raise AacmmError(f"{self.label}: time_constant_s is {self.time_constant_s}, expected seconds above zero")
 
+    def inner_widths(self) -> dict[str, float]:
+        """The time constant, known to a factor of three or so."""
+        return {"time_constant_s": 2.0 * self.time_constant_s}
+
     @property
     def terms(self) -> tuple[Term, ...]:
         """The drift in the end."""
