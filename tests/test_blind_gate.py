@@ -1,7 +1,7 @@
 """A quick gate for diagnosis on blind files of many arms: what is named surely is there, and what is plain is named.
 
 Each group of files is drawn from fixed seeds, diagnosed by the command line in two processes, and counted. No file may
-end in an error, and no sure verdict may name a cause that is not there (or the same as one that is); so many must be named right.
+end in an error, no sure verdict may name a cause that is not there (or is the same as one); so many must be named right.
 """
 
 from __future__ import annotations

@@ -144,7 +144,7 @@ class Conditional:
 
 
 class Scatter(NamedTuple):
-    """What is left of χ² without a block, and the degrees of freedom that the noise was taken from; infinite if it is known."""
+    """What is left of χ² without a block, and the degrees of freedom of the noise; infinite if it is known."""
 
     chi2: float
     dof: float

@@ -49,7 +49,7 @@ A_FEW = 0.005
 """A smaller part of the records than this is left out without asking whether they make sense together."""
 NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
-WHOLE = 3.0
+WHOLE = 2.0
 """A whole number of periods per turn is what teeth and gratings have: it is taken unless the log evidence falls by this."""
 LETTERS = 40
 """Of the causes found so far, a bar shows this much."""
@@ -262,9 +262,25 @@ def _refined(choice: Choice, block: int) -> Effect:
     evidences = _evidences(choice, block, tried)
     best = int(np.argmax(evidences))
     whole = [k for k, e in enumerate(tried) if isinstance(e, JointPeriodicError) and e.order == round(e.order)]
-    if whole and (nearest := max(whole, key=lambda k: evidences[k])) != best:
-        best = nearest if evidences[nearest] > evidences[best] - WHOLE else best
-    return tried[best]
+    nearest = max(whole, key=lambda k: evidences[k], default=best)
+    if whole and evidences[nearest] > evidences[best] - WHOLE:
+        return tried[nearest]
+    return _between(tried, evidences, best)
+
+
+def _between(tried: list[Effect], evidences: Array, best: int) -> Effect:
+    """The effect at the top of the parabola through the best of those tried and its neighbours."""
+    effect = tried[best]
+    if not effect.inner_widths() or not 0 < best < len(tried) - 1:
+        return effect
+    name = next(iter(effect.inner_widths()))
+    places, heights = (
+        np.array(each)
+        for each in zip(*((getattr(tried[k], name), evidences[k]) for k in (best - 1, best, best + 1)), strict=True)
+    )
+    bend, slope, _ = np.polyfit(places - places[1], heights, 2)
+    top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
+    return replace(effect, **{name: float(places[1] + np.clip(top, places[0] - places[1], places[2] - places[1]))})
 
 
 def _evidences(choice: Choice, block: int, tried: list[Effect]) -> Array:

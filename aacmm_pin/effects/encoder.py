@@ -137,8 +137,8 @@ class JointPeriodicError(_Periodic):
             raise AacmmError(f"{self.label}: order is {self.order}, expected a number of periods per turn above zero")
 
     def inner_widths(self) -> dict[str, float]:
-        """The order; a whole one is that of teeth or gratings, and exact."""
-        return {} if self.order == round(self.order) else {"order": 0.5}
+        """The order; no record says that it is whole."""
+        return {"order": 0.5}
 
     @property
     def turns(self) -> float:
