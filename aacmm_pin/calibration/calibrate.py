@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from aacmm_pin.arm import Arm
 from aacmm_pin.blas import one_blas_thread
 from aacmm_pin.calibration.evidence import LENGTH, StatedNoise
-from aacmm_pin.calibration.fit import Fit, fit, redundant
+from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.held_out import held_out as left_out
-from aacmm_pin.calibration.likeness import require_likeness
+from aacmm_pin.calibration.likeness import first_fit
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.unknowns import ASSEMBLED, Target, problem_of
@@ -97,8 +97,7 @@ def calibrate(
     external = reference_frame == "external"
     problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
     require_scale(problem)
-    after = fit(problem, noise, robust=robust)
-    require_likeness(after)
+    after = first_fit(problem, noise, robust=robust)
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
     found = Calibration(after, setup, noise, (), tuple(notes_of(after, noise)))
     if not hold_out:

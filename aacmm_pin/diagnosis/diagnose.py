@@ -15,7 +15,7 @@ from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of
 from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.fold import calibrated_model
-from aacmm_pin.calibration.likeness import require_likeness
+from aacmm_pin.calibration.likeness import first_fit
 from aacmm_pin.calibration.problem import OF_KIND, Problem
 from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
@@ -111,8 +111,7 @@ def diagnose(
     def with_causes(causes: Sequence[Effect]) -> Problem:
         return problem(["geometry", *known, *causes])
 
-    recalibrated = fit(with_causes([]), noise)
-    require_likeness(recalibrated)
+    recalibrated = first_fit(with_causes([]), noise)
     if not np.nanmax(np.abs(recalibrated.solution.system.deviation), initial=0.0) > NOTHING:
         raise AacmmError(f"{measurements.source}: every record agrees with the arm exactly: is the file filled in?")
     kind, parts = parts_of(recalibrated, rng)
