@@ -17,6 +17,7 @@ from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.held_out import held_out as left_out
 from aacmm_pin.calibration.likeness import first_fit
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.repeats import counted_once
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.unknowns import ASSEMBLED, Target, problem_of
 from aacmm_pin.checks import Array, vector
@@ -90,6 +91,7 @@ def calibrate(
     require_measurements(measurements)
     if measurements.nq != arm.nq:
         raise AacmmError(f"{measurements.source} has angles of {measurements.nq} joints, {arm.name} has {arm.nq}")
+    measurements, repeated = counted_once(measurements)
     chosen = [parameters] if isinstance(parameters, str) else list(parameters)
     if prior is None:
         prior = chosen != ["zero-offsets"]
@@ -99,7 +101,7 @@ def calibrate(
     require_scale(problem)
     after = first_fit(problem, noise, robust=robust)
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
-    found = Calibration(after, setup, noise, (), tuple(notes_of(after, noise)))
+    found = Calibration(after, setup, noise, (), (*notes_of(after, noise), *repeated))
     if not hold_out:
         return found
     held = left_out(found.before, after, noise, rng or np.random.default_rng(1), progress)

@@ -68,7 +68,7 @@ def first_fit(problem: Problem, noise: StatedNoise, *, robust: bool = True) -> F
         _require_no_mistake(problem, noise, np.inf, thorough=True)
         raise
     travel = _travel(problem)
-    unlike = after.unmodelled > UNLIKE * travel
+    unlike = after.unmodelled > max(UNLIKE * travel, FAR)
     _require_no_mistake(problem, noise, _median(after.solution.system.deviation), thorough=unlike)
     if unlike:
         raise AacmmError(
@@ -95,7 +95,7 @@ def _require_no_mistake(problem: Problem, noise: StatedNoise, fitted: float, tho
     records = problem.measurements
     few = problem.of(records.take(_few(records)))
     before, as_given = _misfit(few, noise)
-    if records.n < FEW or (as_given < UNLIKE and fitted < FAR):
+    if records.n < FEW or before == np.inf or (min(before / FAR, as_given / UNLIKE) < 1.0 and fitted < FAR):
         return
     taken_up = fitted < FAR or fitted == np.inf
     single = list(_mistakes(problem))
@@ -139,9 +139,10 @@ def _absorbs(after: Fit) -> bool:
 
 
 def _median(deviation: Array) -> float:
-    """Median distance of the records that have a target [m]."""
+    """Median distance of the records that have a target [m]; infinite where none has."""
     distance = np.linalg.norm(deviation, axis=1)
-    return float(np.median(distance[np.isfinite(distance)]))
+    distance = distance[np.isfinite(distance)]
+    return float(np.median(distance)) if distance.size else np.inf
 
 
 def _misfit(problem: Problem, noise: StatedNoise) -> tuple[float, float]:

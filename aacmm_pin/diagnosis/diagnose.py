@@ -17,6 +17,7 @@ from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.fold import calibrated_model
 from aacmm_pin.calibration.likeness import first_fit
 from aacmm_pin.calibration.problem import OF_KIND, Problem
+from aacmm_pin.calibration.repeats import counted_once, tell_of_posture
 from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.covariates import covariates
@@ -99,6 +100,7 @@ def diagnose(
     if measurements.nq != model.arm.nq:
         own, theirs = model.arm.nq, measurements.nq
         raise AacmmError(f"{measurements.source} has angles of {theirs} joints, {model.arm.name} has {own}")
+    measurements, repeated = counted_once(measurements)
     noise = StatedNoise(encoder_of(model.arm, encoder_noise), reference_noise, probe_noise, length_noise)
     external = reference_frame == "external"
 
@@ -123,7 +125,7 @@ def diagnose(
     before = fit(problem([]), noise, used=extended.used)
     recalibrated = fit(with_causes([]), noise, used=extended.used)
     strong = strengths(choice.question, choice.gram, choice.admitted, choice.design.names, rng)
-    held = gain_of(choice, before, kind, rng, progress) if hold_out else None
+    held = gain_of(choice, before, kind, rng, progress) if hold_out and tell_of_posture(measurements.q) else None
     findings = _findings(choice, strong) + _changed(model, choice) + _geometry(choice)
     unexplained = unexplained_by(choice, strong, held)
     groups = look_alikes(choice.question, choice.gram, choice.design.names, choice.design.causes)
@@ -166,7 +168,7 @@ def diagnose(
         noise=floor,
         next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, doubts, plan),
         visible=shown_by_these,
-        notes=(*notes_of(extended, noise), *_clock(measurements), *too_good),
+        notes=(*notes_of(extended, noise), *_clock(measurements), *too_good, *repeated),
     )
 
 

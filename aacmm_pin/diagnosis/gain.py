@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.held_out import blocks
+from aacmm_pin.calibration.repeats import postures_of, together
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.model import Choice
@@ -65,20 +66,22 @@ def rms(distance: Array) -> float:
 
 
 def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """Which records are left out together: seats (those of a bar together); where these are few, blocks of joint space."""
+    """Which records are left out together: seats (those of a bar together); where these are few, blocks of joint space.
+
+    Repeats of a posture are always left out together.
+    """
     records = fit.problem.measurements
+    postures = postures_of(records.q)
     units = [o.records for o in fit.observations if o.unknowns]
-    covered = sum(len(u) for u in units)
-    if len(units) >= FEWEST and covered > 0.9 * records.n:
-        order = rng.permutation(len(units))
-        part = np.zeros(records.n, dtype=np.intp)
-        for place, number in enumerate(order):
-            part[units[number]] = place % PARTS
-        return "seats", part
-    turns = np.hstack([np.cos(records.q), np.sin(records.q)])
-    clusters = scipy.cluster.vq.kmeans2(turns, min(PARTS, max(2, records.n // 5)), minit="++", rng=rng)[1]
-    part = np.unique(clusters, return_inverse=True)[1].astype(np.intp)
-    return "blocks", part
+    label = np.zeros(records.n, dtype=np.intp)
+    for number, unit in enumerate(units):
+        label[unit] = number
+    label = together(label, postures)
+    count = int(label.max()) + 1
+    if count >= FEWEST and sum(len(u) for u in units) > 0.9 * records.n:
+        return "seats", (np.argsort(rng.permutation(count)) % PARTS)[label]
+    clusters = blocks(records.q, postures, min(PARTS, max(2, records.n // 5)), rng)
+    return "blocks", np.unique(clusters, return_inverse=True)[1].astype(np.intp)
 
 
 def gain_of(
