@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin.arm import Arm, require_arm
 from aacmm_pin.arm_file import ArmFile, EffectEntry, load_arm_file
@@ -168,8 +168,21 @@ class ErrorModel(Shown):
         return self.state(q, conditions, at, as_referenced=as_referenced).position
 
     def correct(self, readings: ArrayLike, conditions: Conditions | None = None) -> Array:
-        """Compensated coordinates of the tip for encoder readings (n, nq) [rad]: (n, 3) [m]; see :meth:`predict`."""
+        """Compensated coordinates of the tip for encoder readings (n, nq) [rad]: (n, 3) [m]; see :meth:`predict`.
+
+        Readings of which :meth:`known_at` is not all True are refused; leave them out.
+        """
         return self.predict(readings, conditions)
+
+    def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:
+        """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error curve has a range.
+
+        Raises:
+            ShapeError: ``q`` is not a finite (n, nq) array.
+        """
+        q = batch(q, self.arm.nq, "q", "rad")
+        state = State(self.arm, q, Conditions(len(q)), self.arm.place())
+        return np.array([effect.known(state) for effect in self.effects], dtype=bool).reshape(-1, len(q)).T
 
     def sensitivity(self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None) -> Array:
         """∂(position)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit]. See :meth:`predict`."""

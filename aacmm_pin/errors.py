@@ -75,3 +75,27 @@ class MeasurementFileError(AacmmError):
         place = [f"row {row}"] if row is not None else []
         place += [f"column {column}"] if column else []
         super().__init__(": ".join([path, *([", ".join(place)] if place else []), message]))
+
+
+class MistakenFileError(AacmmError):
+    """Records have nothing to do with the arm until a mistake in them is undone, such as a joint counted the other way.
+
+    Attributes:
+        source: the records, as the caller named them.
+        mistake: what is wrong, in words.
+        before: median distance of the records from their targets as they are [m].
+        after: the same with the mistake undone and the parameters fitted [m].
+        others: mistakes that explain the records as well, in words.
+    """
+
+    def __init__(self, source: str, mistake: str, before: float, after: float, others: tuple[str, ...] = ()) -> None:
+        self.source = source
+        self.mistake = mistake
+        self.before = before
+        self.after = after
+        self.others = others
+        also = f" (or: {'; or: '.join(others)})" if others else ""
+        super().__init__(
+            f"{source} does not fit this arm: {mistake}{also}. With that changed the median residual falls from "
+            f"{before * 1e3:.4g} to {after * 1e3:.2g} mm; change the file or the arm"
+        )

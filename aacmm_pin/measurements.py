@@ -168,6 +168,16 @@ class Measurements(Shown):
         chosen["extra"] = self.extra.iloc[index].reset_index(drop=True)
         return Measurements(**chosen)
 
+    def copies(self) -> Index:
+        """Number of the first record (n,) that each says the same as; its own where it is the first.
+
+        Copies agree in every column, to the last digit, but for ``time_s``, ``record``, ``operator`` and unknown columns:
+        no second measurement does, while a file that was appended to itself does.
+        """
+        table = self.to_frame().drop(columns=["time_s", "record", "operator", *self.extra.columns], errors="ignore")
+        group = table.groupby(list(table.columns), sort=False, dropna=False).ngroup().to_numpy()
+        return np.asarray(np.unique(group, return_index=True)[1][group], dtype=np.intp)
+
     def seats(self) -> dict[str, Index]:
         """The records of each seat, by its label, in the order of their first records."""
         seat = self.conditions.seat

@@ -33,7 +33,7 @@ from aacmm_pin.effects import (
     ZeroDrift,
 )
 from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
+from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError, UnknownNameError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.noise import Noise
 from aacmm_pin.virtual import simulate_measurements
@@ -390,5 +390,8 @@ def test_too_few_records_say_what_they_cannot_tell(zero6: Arm, rng: np.random.Ge
 
 def test_degrees_taken_for_radians_are_bad_news(sino6: Arm, rng: np.random.Generator) -> None:
     data, _ = free_points(sino6, rng, 60)
-    with pytest.raises(AacmmError, match="does not fit this arm: are the columns of angles"):
+    with pytest.raises(MistakenFileError, match="angles are in degrees"):
         quick(sino6, replace(data, q=np.rad2deg(data.q)))
+    with pytest.raises(AacmmError, match="does not fit this arm") as caught:  # no mistake explains the angles of others
+        quick(sino6, replace(data, q=rng.permutation(data.q)))
+    assert not isinstance(caught.value, MistakenFileError)

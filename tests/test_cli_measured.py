@@ -594,6 +594,34 @@ def test_readings_that_cannot_be_corrected_are_named(text: str, said: list[str],
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
 
 
+def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6: Arm, tmp_path: Path) -> None:
+    curve = JointErrorCurve(3, values=(1e-4, 2e-4, 1e-4, 3e-4, 1e-4), lower_rad=0.1, upper_rad=1.0, coefficients=5)
+    model = ErrorModel(sino6).with_effects(curve)
+    model.save(tmp_path / "arm.toml")
+    q = np.tile([0.3, 0.2, 0.5, 0.4, 0.1, 0.2], (5, 1))
+    q[:, 2] = 0.2, 0.4, 1.0004, 0.8, 1.0
+    assert model.known_at(q).tolist() == [[True], [True], [False], [True], [True]]
+    assert ErrorModel(sino6).known_at(q).shape == (5, 0)
+    columns = [f"theta{j}_rad" for j in range(1, 7)]
+    pd.DataFrame(q, columns=columns).to_csv(tmp_path / "r.csv", index=False)
+    _, err = done("correct", tmp_path / "arm.toml", tmp_path / "r.csv", *NOISE, "-o", tmp_path / "c.csv")
+    (listed,) = (line for line in err.splitlines() if "row" in line)
+    for word in ("r.csv", "row 4", "joint_error_curve:3", "0.1", "1 rad"):
+        assert word in listed
+    table = pd.read_csv(tmp_path / "c.csv")
+    inside = [0, 1, 3, 4]
+    corrected = table[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy()
+    np.testing.assert_allclose(corrected[inside] * MM, model.correct(q[inside]), atol=1e-12)
+    assert (table["u_mm"][inside] > 0).all()
+    assert table.loc[2, ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm"]].isna().all()
+    np.testing.assert_array_equal(table[columns], q)
+    pd.DataFrame(q[[2, 2]], columns=columns).to_csv(tmp_path / "none.csv", index=False)
+    err = refused("correct", tmp_path / "arm.toml", tmp_path / "none.csv", "-o", tmp_path / "d.csv")
+    for word in ("none.csv", "row 2", "row 3", "no reading"):
+        assert word in err
+    assert not (tmp_path / "d.csv").exists()
+
+
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     for command in ("correct", "calibrate"):
         assert "none.csv" in refused(command, "sino6", tmp_path / "none.csv")

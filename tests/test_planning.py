@@ -405,6 +405,19 @@ def test_a_cause_without_a_size_is_as_large_as_it_looks_in_the_records(sino6: Ar
     assert plan.before.alone[1] < 1.01 * plan.before.alone[0]
 
 
+def test_a_stated_size_that_is_the_typical_one_is_stated_all_the_same(sino6: Arm) -> None:
+    q, _ = Room(sino6).postures(20, np.random.default_rng(5))
+    existing = Measurements.of(q, sino6.positions(q), np.full((20, 3), U_REFERENCE))
+    typical = JointCompliance(3).terms[0].typical
+    found = []
+    for size in (typical, 1.00001 * typical):
+        split = (JointCompliance(3, values=(size,)), "encoder_eccentricity:3")
+        plan = planned(sino6, split, existing=existing, as_it_stands=True)
+        assert plan.before is not None
+        found.append((plan.before.one, plan.before.other, plan.after.one, plan.after.other))
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
+
+
 def test_records_that_lack_a_condition_do_not_count_and_that_is_said(sino6: Arm) -> None:
     q, tips = Room(sino6).postures(20, np.random.default_rng(1))
     plan = planned(sino6, ("joint_hysteresis:3", "encoder_gain:3"), existing=Measurements.of(q, tips, source="old.csv"))

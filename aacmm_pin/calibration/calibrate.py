@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 from aacmm_pin.arm import Arm
 from aacmm_pin.blas import one_blas_thread
 from aacmm_pin.calibration.evidence import LENGTH, StatedNoise
-from aacmm_pin.calibration.fit import Fit, fit, redundant
+from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.held_out import held_out as left_out
-from aacmm_pin.calibration.likeness import require_likeness
+from aacmm_pin.calibration.likeness import first_fit
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.repeats import counted_once
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.unknowns import ASSEMBLED, Target, problem_of
 from aacmm_pin.checks import Array, vector
@@ -89,6 +90,7 @@ def calibrate(
     require_measurements(measurements)
     if measurements.nq != arm.nq:
         raise AacmmError(f"{measurements.source} has angles of {measurements.nq} joints, {arm.name} has {arm.nq}")
+    measurements, repeated = counted_once(measurements)
     chosen = [parameters] if isinstance(parameters, str) else list(parameters)
     if prior is None:
         prior = chosen != ["zero-offsets"]
@@ -96,15 +98,14 @@ def calibrate(
     external = reference_frame == "external"
     problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
     require_scale(problem)
-    after = fit(problem, noise, robust=robust)
+    after = first_fit(problem, noise, robust=robust)
     if not after.tells_noise:
         raise AacmmError(
             f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for {problem.scales.size} "
             "parameters and the seats' own; state the noise, measure more, or estimate less"
         )
-    require_likeness(after)
     setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
-    found = Calibration(after, setup, noise, (), tuple(notes_of(after, noise)))
+    found = Calibration(after, setup, noise, (), (*notes_of(after, noise), *repeated))
     if not hold_out:
         return found
     held = left_out(found.before, after, noise, rng or np.random.default_rng(1), progress)

@@ -10,6 +10,7 @@ import scipy
 from aacmm_pin.calibration.evidence import StatedNoise, observations_of
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.repeats import postures_of, tell_of_posture, together
 from aacmm_pin.calibration.solver import Point, noise_of_tips, solve
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.progress import Progress, watched
@@ -23,7 +24,8 @@ class HeldOut(Shown):
     """Residuals of records left out of the fit in turn.
 
     Attributes:
-        kind: ``records`` (at random; neighbours stay in, which flatters), ``seats``, ``sessions``, ``blocks`` (of joints).
+        kind: ``records`` (at random, repeats of a posture together; neighbours stay in, which flatters), ``seats``,
+            ``sessions``, ``blocks`` (of joints).
         groups: how many parts were left out in turn.
         before: residual of each record by the arm as it was, only the set-up fitted (n,) [m]; nan where there is none.
         after: by the calibrated arm (n,) [m].
@@ -46,14 +48,33 @@ class HeldOut(Shown):
 
 
 def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """The natural groups of the records: seats, else sessions, else blocks of joint space: a label for each record."""
+    """The natural groups of the records: seats, else sessions, else blocks of joint space: a label for each record.
+
+    Repeats of a posture are in one group, whatever their seat or session.
+    """
     records = fit.problem.measurements
+    postures = postures_of(records.q)
     for kind, labels in (("seats", records.conditions.seat), ("sessions", records.conditions.session)):
         if labels is not None and len(set(labels[fit.used]) - {""}) >= 3:
-            return kind, np.unique(labels.astype(str), return_inverse=True)[1]
-    turns = np.hstack([np.cos(records.q), np.sin(records.q)])
-    clusters = scipy.cluster.vq.kmeans2(turns, min(FOLDS, records.n), minit="++", rng=rng)[1]
-    return "blocks", np.asarray(clusters, dtype=np.intp)
+            groups = together(np.unique(labels.astype(str), return_inverse=True)[1], postures)
+            if len(np.unique(groups[fit.used & (labels != "")])) >= 3:
+                return kind, groups
+    return "blocks", blocks(records.q, postures, FOLDS, rng)
+
+
+def blocks(q: Array, postures: Index, most: int, rng: np.random.Generator) -> Index:
+    """Block of joint space of each record (n,), at most ``most`` of them: k-means over the first record of every posture.
+
+    Args:
+        q: readings (n, nq) [rad].
+        postures: see :func:`postures_of` (n,).
+        most: number of blocks where there are as many postures.
+        rng: for the start.
+    """
+    first = q[np.unique(postures, return_index=True)[1]]
+    turns = np.hstack([np.cos(first), np.sin(first)])
+    clusters = scipy.cluster.vq.kmeans2(turns, min(most, len(first)), minit="++", rng=rng)[1]
+    return np.asarray(clusters[postures], dtype=np.intp)
 
 
 def folds(labels: Index, rng: np.random.Generator) -> Index:
@@ -66,7 +87,9 @@ def folds(labels: Index, rng: np.random.Generator) -> Index:
 def held_out(
     before: Fit, after: Fit, noise: StatedNoise, rng: np.random.Generator, progress: Progress = None
 ) -> list[HeldOut]:
-    """Leave out records at random, then by their natural groups; excluded records are neither used nor predicted.
+    """Leave out postures at random, then by natural groups of records; excluded records are neither used nor predicted.
+
+    Where there are fewer than three postures nothing is left out: the others would say nothing of them.
 
     Args:
         before: fit of the set-up alone.
@@ -76,9 +99,12 @@ def held_out(
         progress: whether to show a bar, or a function that wraps the parts.
     """
     n = after.problem.measurements.n
+    postures = postures_of(after.problem.measurements.q)
+    if not tell_of_posture(after.problem.measurements.q[after.used]):
+        return []
     kind, labels = groups_of(after, rng)
     found = []
-    for name, part in (("records", folds(np.arange(n), rng)), (kind, folds(labels, rng))):
+    for name, part in (("records", folds(postures, rng)), (kind, folds(labels, rng))):
         parts = np.unique(part[after.used])
         if len(parts) < 2:
             continue

@@ -14,7 +14,7 @@ from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.unknowns import Target
 from aacmm_pin.calibration_findings import calibration_summary, comment, not_in_urdf
-from aacmm_pin.checks import Array
+from aacmm_pin.checks import Array, Index
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Output, Plot, Results, command, note
 from aacmm_pin.cli.effect_option import EffectTexts, check_rows, effects_of, known_effects
 from aacmm_pin.cli.given import (
@@ -36,12 +36,12 @@ from aacmm_pin.cli.given import (
 from aacmm_pin.cli.readings import read_readings
 from aacmm_pin.cli.said import say_calibration
 from aacmm_pin.corrected_urdf import corrected_urdf
-from aacmm_pin.effects import StylusOffset
+from aacmm_pin.effects import JointErrorCurve, StylusOffset
 from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.measurements import Measurements
 from aacmm_pin.perturbed import perturbed_model
-from aacmm_pin.units import MM
+from aacmm_pin.units import DEG, MM
 from aacmm_pin.urdf import urdf_text
 from aacmm_pin.virtual import PLANS, Plan, simulate_measurements
 
@@ -197,14 +197,38 @@ def correct(
     with Results(force, output) as results:
         model, path = model_and_data(arm, data, urdf, frame)
         table, readings = read_readings(path, model.arm.nq, CORRECTED)
+        rows = _known_rows(model, readings, path)
+        known = readings.take(rows)
+        found = np.full((readings.n, len(CORRECTED)), np.nan)
         try:
-            tips = model.correct(readings.q, readings.conditions) / MM
+            found[rows, :3] = model.correct(known.q, known.conditions) / MM
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
-        added = dict(zip(CORRECTED, [*tips.T, _u(model, readings, encoder_noise_rad) / MM], strict=True))
+        found[rows, 3] = _u(model, known, encoder_noise_rad) / MM
+        added = dict(zip(CORRECTED, found.T, strict=True))
         results.text(table.assign(**added).to_csv(index=False, lineterminator="\n"), output)
     effects = ", ".join(effect.label for effect in model.effects) or "no effects"
-    note(f"{path}: {readings.n} readings corrected by {model.arm.name} with {effects}")
+    note(f"{path}: {known.n} of {readings.n} readings corrected by {model.arm.name} with {effects}")
+
+
+def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
+    """The readings that can be corrected; the others, outside the range of an error curve, are listed on stderr.
+
+    Raises:
+        AacmmError: none can be.
+    """
+    known = model.known_at(readings.q)
+    for k, number in zip(*np.nonzero(~known), strict=True):
+        effect = model.effects[number]
+        known_range = ""
+        if isinstance(effect, JointErrorCurve):
+            low, high = effect.lower_rad, effect.upper_rad
+            known_range = f", which is known from {low:g} to {high:g} rad ({low / DEG:g}° to {high / DEG:g}°)"
+        note(f"{path}: row {readings.row[k]} is outside the range of {effect.label}{known_range}; left empty")
+    rows = np.flatnonzero(known.all(axis=1))
+    if readings.n and not rows.size:
+        raise AacmmError(f"{path}: no reading is in the range in which the effects of {model.arm.name} are known")
+    return rows
 
 
 def _u(model: ErrorModel, readings: Measurements, encoder_noise: float | None) -> Array:

@@ -15,8 +15,9 @@ from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of
 from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.fold import calibrated_model
-from aacmm_pin.calibration.likeness import require_likeness
+from aacmm_pin.calibration.likeness import first_fit
 from aacmm_pin.calibration.problem import OF_KIND, Problem
+from aacmm_pin.calibration.repeats import counted_once, tell_of_posture
 from aacmm_pin.calibration.unknowns import Target, problem_of
 from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis.covariates import covariates
@@ -102,6 +103,7 @@ def diagnose(
     if measurements.nq != model.arm.nq:
         own, theirs = model.arm.nq, measurements.nq
         raise AacmmError(f"{measurements.source} has angles of {theirs} joints, {model.arm.name} has {own}")
+    measurements, repeated = counted_once(measurements)
     noise = StatedNoise(encoder_of(model.arm, encoder_noise), reference_noise, probe_noise, length_noise)
     external = reference_frame == "external"
 
@@ -114,8 +116,7 @@ def diagnose(
     def with_causes(causes: Sequence[Effect]) -> Problem:
         return problem(["geometry", *known, *causes])
 
-    recalibrated = fit(with_causes([]), noise)
-    require_likeness(recalibrated)
+    recalibrated = first_fit(with_causes([]), noise)
     if not np.nanmax(np.abs(recalibrated.solution.system.deviation), initial=0.0) > NOTHING:
         raise AacmmError(f"{measurements.source}: every record agrees with the arm exactly: is the file filled in?")
     kind, parts = parts_of(recalibrated, rng)
@@ -129,7 +130,7 @@ def diagnose(
     recalibrated = fit(with_causes([]), noise, used=extended.used)
     design = choice.design
     strong = strengths(choice.question, choice.gram, choice.admitted, design.causes, design.names, rng)
-    held = gain_of(choice, before, kind, rng, progress) if hold_out else None
+    held = gain_of(choice, before, kind, rng, progress) if hold_out and tell_of_posture(measurements.q) else None
     findings = _findings(choice, strong) + _changed(model, choice) + _geometry(choice)
     unexplained = unexplained_by(choice, strong, held)
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
@@ -174,7 +175,7 @@ def diagnose(
         noise=floor,
         next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, doubts, plan),
         visible=shown_by_these,
-        notes=(*notes_of(extended, noise), *_clock(measurements), *too_good),
+        notes=(*notes_of(extended, noise), *_clock(measurements), *too_good, *repeated),
     )
 
 

@@ -11,6 +11,8 @@ import scipy
 from numpy.typing import NDArray
 
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.held_out import blocks
+from aacmm_pin.calibration.repeats import postures_of, together
 from aacmm_pin.checks import Array, Index
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.model import Choice
@@ -70,20 +72,21 @@ def rms(distance: Array) -> float:
 
 
 def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """Which records are left out together: seats (those of a bar together); where these are few, blocks of joint space."""
+    """Which records are left out together: seats (those of a bar together); where these are few, blocks of joint space.
+
+    Repeats of a posture are always left out together.
+    """
     records = fit.problem.measurements
-    seat, clusters = fit.observations.seat, fit.observations.clusters
-    units, touched = int(clusters.max(initial=-1)) + 1, seat >= 0
-    if units >= FEWEST and touched.sum() > 0.9 * records.n:
-        place = np.empty(units, dtype=np.intp)
-        place[rng.permutation(units)] = np.arange(units) % PARTS
-        part = np.zeros(records.n, dtype=np.intp)
-        part[touched] = place[clusters[seat[touched]]]
-        return "seats", part
-    turns = np.hstack([np.cos(records.q), np.sin(records.q)])
-    clusters = scipy.cluster.vq.kmeans2(turns, min(PARTS, max(2, records.n // 5)), minit="++", rng=rng)[1]
-    part = np.unique(clusters, return_inverse=True)[1].astype(np.intp)
-    return "blocks", part
+    postures, seat = postures_of(records.q), fit.observations.seat
+    touched = seat >= 0
+    label = np.zeros(records.n, dtype=np.intp)
+    label[touched] = fit.observations.clusters[seat[touched]]
+    label = together(label, postures)
+    count = int(label.max()) + 1
+    if count >= FEWEST and touched.sum() > 0.9 * records.n:
+        return "seats", (np.argsort(rng.permutation(count)) % PARTS)[label]
+    clusters = blocks(records.q, postures, min(PARTS, max(2, records.n // 5)), rng)
+    return "blocks", np.unique(clusters, return_inverse=True)[1].astype(np.intp)
 
 
 def gain_of(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -280,7 +281,8 @@ def _between(tried: list[Effect], evidences: Array, best: int) -> Effect:
     )
     bend, slope, _ = np.polyfit(places - places[1], heights, 2)
     top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
-    return replace(effect, **{name: float(places[1] + np.clip(top, places[0] - places[1], places[2] - places[1]))})
+    inner: dict[str, Any] = {name: float(places[1] + np.clip(top, places[0] - places[1], places[2] - places[1]))}
+    return replace(effect, **inner)
 
 
 def _evidences(choice: Choice, block: int, tried: list[Effect]) -> Array:

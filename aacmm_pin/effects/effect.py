@@ -9,6 +9,7 @@ from numbers import Integral
 from typing import Any, ClassVar, Self, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from aacmm_pin.chain import axis
@@ -107,6 +108,10 @@ class Effect(Shown, ABC):
             MissingConditionError: the records lack a condition that the cause depends on.
             UnsupportedArmError: the arm lacks what the cause needs, such as masses.
         """
+
+    def known(self, state: State) -> NDArray[np.bool_]:
+        """(n,) True for the records in which the effect is known; here: all of them."""
+        return np.ones(state.n, dtype=bool)
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
         """Displacements at the values, place and twist (n, 6), by exact physics; here: the linear ones."""

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from aacmm_pin.checks import Array
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
@@ -180,8 +181,7 @@ class JointErrorCurve(Effect):
         Raises:
             AacmmError: an indication is outside the range on which the curve is known.
         """
-        angle = state.angle(self.joint)
-        outside = (angle < self.lower_rad) | (angle > self.upper_rad)
+        angle, outside = state.angle(self.joint), ~self.known(state)
         if outside.any():
             raise AacmmError(
                 f"{self.label}: {outside.sum()} of {state.n} records are outside the curve's range, "
@@ -190,6 +190,11 @@ class JointErrorCurve(Effect):
         if not state.n:  # SciPy wants at least one point
             return [about_axis(state, self.joint, np.zeros((0, self.coefficients)))]
         return [about_axis(state, self.joint, scipy.interpolate.BSpline.design_matrix(angle, self._knots, 3).toarray())]
+
+    def known(self, state: State) -> NDArray[np.bool_]:
+        """(n,) True where the indication is in the curve's range."""
+        angle = state.angle(self.joint)
+        return np.asarray((angle >= self.lower_rad) & (angle <= self.upper_rad))
 
     @property
     def _knots(self) -> Array:

@@ -109,10 +109,9 @@ def _enough(situation: Situation, chosen: list[int], sizes: tuple[Size, Size], d
 
 def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size]:
     """A cause without values is as large as it must be to look like the other one, if that has some, in existing records."""
-    estimated = [size.factor.shape[1] == 1 and not np.array_equal(size.factor, np.eye(1)) for size in sizes]
-    if estimated[0] == estimated[1]:
+    if sizes[0].stated == sizes[1].stated:
         return sizes
-    known, r = int(estimated[1]), situation.triangle([])
+    known, r = int(sizes[1].stated), situation.triangle([])
     mine, its = situation.layout.blocks[known], situation.layout.blocks[1 - known]
     alike = mimicking(r, mine, its, sizes[known].factor)
     if not alike.any():

@@ -23,10 +23,12 @@ class Size:
     """How large a cause would be, in units of its typical magnitudes.
 
     Attributes:
-        factor: the parameters are ``factor @ z`` (q, m), z with unit variance; one column where the values are estimated.
+        factor: the parameters are ``factor @ z`` (q, m), z with unit variance; one column where the values are stated.
+        stated: whether the effect has values; a stated size may well be the typical one.
     """
 
     factor: Array
+    stated: bool = False
 
     @staticmethod
     def of(effect: Effect) -> Size:
@@ -34,7 +36,7 @@ class Size:
         scaled = np.array(effect.values) / np.array([term.typical for term in effect.terms])
         if not scaled.any():
             return Size(np.eye(scaled.size))
-        return Size(scaled[:, None])
+        return Size(scaled[:, None], stated=True)
 
     def drawn(self, count: int, rng: np.random.Generator) -> Array:
         """Parameters of ``count`` draws of one size: in any direction, or the values with either sign (q, count)."""

@@ -1,0 +1,101 @@
+"""Copies of records count once; repeats of a posture are held out together, and alone tell nothing of other postures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import calibrate
+from aacmm_pin.calibration.held_out import groups_of
+from aacmm_pin.calibration.repeats import counted_once, postures_of, together
+from aacmm_pin.calibration_findings import verdict
+from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.diagnosis.gain import parts_of
+from aacmm_pin.effects import EncoderEccentricity
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.virtual import simulate_measurements
+
+
+def several(table: pd.DataFrame, times: int) -> Measurements:
+    return Measurements.from_frame(pd.concat([table] * times, ignore_index=True))
+
+
+@pytest.mark.parametrize("plan", ["free", "seats"])
+def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Generator, plan: Any) -> None:
+    model = ErrorModel(sino6).with_effects(EncoderEccentricity(3, values=(2e-4, 1e-4)))
+    table = simulate_measurements(model, plan, 60, rng=rng, seats=6).to_frame()
+    once, twice = (calibrate(sino6, several(table, k), progress=False) for k in (1, 2))
+    assert not any("copies" in note for note in once.notes)
+    (note,) = (note for note in twice.notes if "copies" in note)
+    assert "60 records" in note
+    assert "rows 62 to 121" in note
+    pd.testing.assert_frame_equal(once.parameters, twice.parameters)
+    assert [h.rms_after for h in once.held_out] == pytest.approx([h.rms_after for h in twice.held_out])
+    assert twice.residuals["row"].tolist() == list(range(2, 62))
+    found, again = (diagnose(sino6, several(table, k), progress=False) for k in (1, 5))
+    assert found.verdict == again.verdict == "explained"
+    ((one,), (other,)) = found.findings, again.findings
+    assert one.effect.label == other.effect.label == "encoder_eccentricity:3"
+    assert one.effect.values == pytest.approx(other.effect.values, rel=1e-9)
+    assert one.effect.u == pytest.approx(other.effect.u, rel=1e-9)
+    assert one.probability == pytest.approx(other.probability)
+    assert found.held_out is not None
+    assert again.held_out is not None
+    assert found.held_out.gain == pytest.approx(again.held_out.gain)
+    assert any("240 records" in note for note in again.notes)
+
+
+def test_what_makes_a_copy() -> None:
+    table = pd.DataFrame({"theta1_deg": [10.0, 10.0, 10.0, 10.0], "theta2_deg": 20.0, "x_mm": 1.0, "y_mm": 2.0, "z_mm": 3.0})
+    labels = {"record": ["a", "b", "c", "d"], "time_s": [0.0, 1.0, 2.0, 3.0], "seat": ["A", "A", "B", ""]}
+    records = Measurements.from_frame(table.assign(**labels))
+    assert records.copies().tolist() == [0, 0, 2, 3]
+    other = Measurements.from_frame(table.assign(z_mm=[3.0, 3.0000001, 3.0, 3.0], approach1=[1, 1, -1, 1], approach2=1))
+    assert other.copies().tolist() == [0, 1, 2, 0]
+    kept, notes = counted_once(records.take([0, 2, 1]))
+    assert kept.row.tolist() == [2, 4]
+    assert "rows 3" in notes[0]
+
+
+def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.Generator) -> None:
+    table = simulate_measurements(sino6, "free", 40, rng=rng).to_frame()
+    q, xyz = [f"theta{j}_deg" for j in range(1, 7)], ["x_mm", "y_mm", "z_mm"]
+    repeats = []
+    for session in range(4):
+        again = table.copy().assign(session=f"day {session}")
+        again[q] += rng.normal(0.0, 5e-4, (40, 6))
+        again[xyz] += rng.normal(0.0, 0.01, (40, 3))
+        repeats.append(again)
+    records = Measurements.from_frame(pd.concat(repeats, ignore_index=True))
+    postures = postures_of(records.q)
+    assert postures.tolist() == list(range(40)) * 4
+    result = calibrate(sino6, records, hold_out=False, progress=False)
+    kind, groups = groups_of(result.fit, np.random.default_rng(1))
+    assert kind == "blocks"  # every session has every posture
+    for labels in (groups, parts_of(result.fit, np.random.default_rng(1))[1]):
+        assert len(np.unique(labels)) > 2
+        assert len(np.unique(np.column_stack([postures, labels]), axis=0)) == 40
+
+
+def test_labels_that_share_a_posture_are_one() -> None:
+    assert together(np.array([0, 1, 2, 2, 3]), np.array([0, 1, 1, 2, 3])).tolist() == [0, 1, 1, 1, 2]
+
+
+@pytest.mark.parametrize("stated", [{}, {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}])
+def test_one_posture_tells_nothing_of_others(sino6: Arm, rng: np.random.Generator, stated: dict[str, float]) -> None:
+    q = sino6.limits.mean(axis=1) + 0.3 + 8e-6 * rng.normal(size=(30, 6))
+    there = sino6.positions(q[:1]) + [1e-3, 0.0, 0.0] + 1.2e-5 * rng.normal(size=(30, 3))
+    records = Measurements.of(q, there)
+    result = calibrate(sino6, records, progress=False, **stated)  # type: ignore[arg-type]
+    assert any("1 posture" in note for note in result.notes)
+    assert result.held_out == ()
+    assert "helps" not in verdict(result)
+    found = diagnose(sino6, records, progress=False, **stated)  # type: ignore[arg-type]
+    assert any("1 posture" in note for note in found.notes)
+    assert found.held_out is None
+    assert found.findings == ()
