@@ -102,7 +102,7 @@ def test_which_records_are_left_out_together_hardly_matters(
     usual = held_out(calibrated(name))
     few = name == "fanuc"  # 24 postures, which stay together
     assert held_out(other)[0] == pytest.approx(usual[0], rel=0.1 if few else MARGIN)
-    assert held_out(other)[1] == pytest.approx(usual[1], rel=0.2 if few else 0.15)  # ten blocks of joint space are few
+    assert held_out(other)[1] == pytest.approx(usual[1], rel=0.3 if few else 0.15)  # ten blocks of joint space are few
 
 
 @pytest.mark.parametrize(("name", "expected"), [("ur10", 0.435), ("fanuc", 0.248)])
