@@ -44,7 +44,7 @@ class Case:
 
 CASES = {
     "ur10": Case("ur10_laser_tracker", arms.ur10, "external", 1.087, 0.434, 0.480),
-    "fanuc": Case("fanuc_r2000ic", arms.fanuc, "external", 0.625, 0.163, 0.324),
+    "fanuc": Case("fanuc_r2000ic", arms.fanuc, "external", 0.715, 0.248, 0.379),
     "panda": Case("panda_socket", arms.panda, "base", 2.935, 0.216, 0.215),
     "iiwa14": Case("iiwa14_socket", arms.iiwa14, "base", 0.565, 0.212, 0.317),
 }
@@ -100,18 +100,16 @@ def test_which_records_are_left_out_together_hardly_matters(
     rng = np.random.default_rng(seed)
     other = calibrate(case.arm(), measured(name), target="unknown", reference_frame=case.frame, rng=rng)
     usual = held_out(calibrated(name))
-    assert held_out(other)[0] == pytest.approx(usual[0], rel=MARGIN)
-    assert held_out(other)[1] == pytest.approx(usual[1], rel=0.15)  # ten blocks of joint space are few
+    few = name == "fanuc"  # 24 postures, which stay together
+    assert held_out(other)[0] == pytest.approx(usual[0], rel=0.1 if few else MARGIN)
+    assert held_out(other)[1] == pytest.approx(usual[1], rel=0.3 if few else 0.15)  # ten blocks of joint space are few
 
 
-@pytest.mark.parametrize(("name", "expected"), [("ur10", 0.435), ("fanuc", 0.252)])
+@pytest.mark.parametrize(("name", "expected"), [("ur10", 0.435), ("fanuc", 0.248)])
 def test_whole_postures_left_out(
     name: str, expected: float, table: Callable[[str], pd.DataFrame], measured: Callable[[str], Measurements]
 ) -> None:
-    """The Fanuc stood in 24 postures, 10 times in each with all 3 markers: other records of a posture flatter by a third.
-
-    293 postures of the UR10 were measured twice; that makes no difference.
-    """
+    """The Fanuc stood in 24 postures, 10 times in each with all 3 markers; 293 postures of the UR10 were measured twice."""
     records = Measurements.from_frame(table(name).assign(session=postures(measured(name))))
     found = calibrate(CASES[name].arm(), records, target="unknown", reference_frame="external")
     assert found.held_out[1].kind == "sessions"
