@@ -149,7 +149,13 @@ def _misfit(problem: Problem, noise: StatedNoise) -> tuple[float, float]:
     """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same over the tips' travel."""
     mine = np.array([isinstance(e, StylusOffset) for e in problem.estimated for _ in e.terms], dtype=bool)
     targets = tuple(e for e in problem.estimated if isinstance(e, StylusOffset))
-    setup = replace(problem, estimated=targets, widths=problem.widths[mine], stated=problem.stated[mine])
+    setup = replace(
+        problem,
+        estimated=targets,
+        widths=problem.widths[mine],
+        stated=problem.stated[mine],
+        correlation=problem.correlation[np.ix_(mine, mine)],
+    )
     records = setup.measurements
     observations = observations_of(records, noise, FIRST_SCATTER)
     try:
