@@ -52,10 +52,9 @@ def verdict_in_words(result: Diagnosis) -> str:
     name, left, wrong = result.model.arm.name, _left(result), _wrong(result)
     if result.verdict == "unexplained":
         return f"{name}: {_not_explained(result)}{f' Beside it, {wrong}.' if wrong else ''}"
+    if result.verdict == "inconclusive":
+        return f"{name}: {_inconclusive(result, wrong)}"
     if result.verdict == "no-discrepancy":
-        seen, of = result.visible
-        if seen < of / 2:
-            return f"{name}: too few records to say: of {of} causes of usual size they would show {seen}, and show none."
         return f"{name}: no cause is missing in the simulation. Once the arm is recalibrated, {left}."
     if result.verdict == "ambiguous":
         rivals = "; ".join(_doubt(f) for f in result.findings if f.probability < SURE)
@@ -63,6 +62,20 @@ def verdict_in_words(result: Diagnosis) -> str:
         return f"{name}: {wrong}, but these records do not settle {which}: {rivals}."
     none = "" if _causes(result) else "no cause is missing in the simulation, but "
     return f"{name}: {none}{wrong}. With {'it' if len(result.findings) == 1 else 'these'}, {left}."
+
+
+def _inconclusive(result: Diagnosis, wrong: str) -> str:
+    """Why these records do not settle anything."""
+    if not result.converged:
+        return f"the search did not converge ({result.converge_note}), so nothing can be concluded."
+    if not result.extended.tells_noise:
+        return "there are too few records to tell the noise, and so to tell a cause from it."
+    if not result.findings:
+        seen, of = result.visible
+        return f"too few records to say: of {of} causes of usual size they would show {seen}, and show none."
+    doubtful = [f for f in result.findings if not f.borne_out] or list(result.findings)
+    which = several_in_words([f.effect for f in doubtful])
+    return f"these records suggest that {wrong}, but held-out records do not bear out {which}."
 
 
 def _not_explained(result: Diagnosis) -> str:

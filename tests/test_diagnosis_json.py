@@ -19,7 +19,7 @@ from aacmm_pin.effects import CAUSES
 
 NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
 ECCENTRIC = ["--effect", "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"]
-VERDICTS = ("explained", "no-discrepancy", "ambiguous", "unexplained")
+VERDICTS = ("explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive")
 Check = Callable[[Any], bool]
 
 
@@ -61,13 +61,19 @@ def fields(schema: dict[str, Check], optional: dict[str, Check] | None = None) -
     return check
 
 
+VALUE = fields({"value": number(), "u": none_or(number(0.0))})
+
+
+def interval(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and several(number(most=1.0))(value) and value[0] <= value[1]
+
+
 def parameters(value: object) -> bool:
-    pair = fields({"value": number(), "u": none_or(number(0.0))})
     assert isinstance(value, dict)
     assert value
     for name, entry in value.items():
         assert name.rsplit("_", 1)[-1] in UNITS or name in UNITLESS, name
-        assert pair(entry)
+        assert VALUE(entry)
     return True
 
 
@@ -86,6 +92,8 @@ FINDING = fields(
         "p_value": SHARE,
         "retained_fraction": SHARE,
         "parameters": parameters,
+        "inner": lambda v: not v or (set(v) <= set(INNER) and all(VALUE(entry) for entry in v.values())),
+        "held_out": none_or(fields({"gain": number(most=1.0), "gain_ci95": interval})),
         "aliases": several(ALIAS),
     },
     INNER,
@@ -96,6 +104,8 @@ SUMMARY = fields(
         "schema": lambda v: v == "aacmm-pin/diagnosis/1",
         "arm": text,
         "verdict": lambda v: v in VERDICTS,
+        "converged": lambda v: isinstance(v, bool),
+        "converge_note": lambda v: isinstance(v, str),
         "records": fields({"used": count, "excluded": several(fields({"row": count, "reason": text, "residual_mm": SIZE}))}),
         "rms_mm": fields(RMS | {"noise": SIZE}),
         "findings": several(FINDING),
@@ -106,7 +116,7 @@ SUMMARY = fields(
                     "groups": count,
                     "rms_mm": fields(RMS),
                     "gain": number(most=1.0),
-                    "gain_ci95": lambda v: several(number(most=1.0))(v) and len(v) == 2 and v[0] <= v[1],
+                    "gain_ci95": interval,
                 }
             )
         ),

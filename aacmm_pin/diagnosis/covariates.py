@@ -85,11 +85,6 @@ class Covariate:
     variants: tuple[Carried, ...]
     values: pd.DataFrame
 
-    @property
-    def of_target(self) -> bool:
-        """Whether it is about one group of records whose target sat elsewhere on the arm."""
-        return self.variants[0].carrier == "target"
-
 
 def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     """Everything known of the records that residuals may depend on."""

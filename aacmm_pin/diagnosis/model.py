@@ -99,12 +99,10 @@ class Choice:
         return tuple(k for k in self.admitted if self.question.owner(k) < self.design.causes)
 
     def in_one_part(self, block: int) -> bool:
-        """Whether a block is about one group of records that is left out as a whole, and then says nothing of itself."""
-        number = self.question.owner(block) - self.design.causes
-        if number < 0 or not self.others[number].of_target:
-            return False
-        inside = self.others[number].variants[0].functions[:, 0] > 0
-        return bool(np.ptp(self.parts[inside]) == 0)
+        """Whether a block moves only records that are left out together, so that the others say nothing of it."""
+        moved = self.design.jacobian[:, :, self.question.blocks[block].columns].any(axis=(1, 2))
+        parts = self.parts[moved & self.fit.used]
+        return bool(parts.size and np.ptp(parts) == 0)
 
     def variant(self, block: int) -> Effect:
         """The effect of a block."""

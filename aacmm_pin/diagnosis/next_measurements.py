@@ -50,9 +50,9 @@ def next_measurements(
     seen, of = visible
     if doubts.too_good:
         return "check what was stated of the noise, and its unit: beside noise that large no cause can show, in any records"
+    if verdict == "inconclusive" and not findings:
+        return f"more records, at other postures: of {of} causes of usual size these would have shown {seen}"
     if verdict == "no-discrepancy":
-        if seen < of / 2:
-            return f"more records: of {of} causes of usual size these would have shown {seen}"
         return (
             f"nothing is open ({seen} of {of} causes of usual size would have shown); keep these records for the next check"
         )
@@ -88,7 +88,7 @@ def next_measurements(
     seats = [finding for finding in findings if isinstance(finding.effect, SeatError)]
     if seats:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
-    if doubts.not_borne_out:
+    if doubts.not_borne_out or verdict == "inconclusive":
         return "more records, at other postures: those that were left out in turn do not bear out yet that the arm is better"
     return "nothing is open; check the extended arm on new records, over all ranges of its joints, with `aacmm-pin correct`"
 
