@@ -63,9 +63,9 @@ def test_causes_mean_what_they_mean_in_the_package(
         pytest.skip("no body of this arm is a tube")
     row, n = chain.tubes()[0] if joint == 0 else joint, 30
     q = rng.uniform(chain.limits[:, 0], chain.limits[:, 1], (n, len(chain.limits)))
-    weather = run(rng, chain, np.full(n, -1), np.arange(n) * 3 // n, 1.0, False)  # type: ignore[arg-type]
+    weather = run(rng, chain, np.full(n, -1), np.arange(n) * 3 // n, 1.0, False)
     c = Loaded(**vars(weather), payload=np.zeros(n), marker=np.zeros(n))
-    fault = workshop.hide(rng, chain, cause, row, 0.1, (float(c.time[0]), float(c.time[-1])))  # type: ignore[arg-type]
+    fault = workshop.hide(rng, chain, cause, row, 0.1, (float(c.time[0]), float(c.time[-1])))
     sound = Rig(chain, chain.exact)
     here = sound.with_faults([fault]).observed(q, c) - sound.observed(q, c)
     parameters, kind = dict(fault.parameters), library.CAUSES[cause]
@@ -81,7 +81,7 @@ def test_drives_hold_the_payload(rng: np.random.Generator) -> None:
     """Torques are those of the package's masses, and of a weight at the tip by virtual work."""
     chain = chains.robot("panda", 0.0, 0.0)
     q = rng.uniform(chain.limits[:, 0], chain.limits[:, 1], (10, 7))
-    weather = run(rng, chain, np.full(10, -1), np.arange(10) * 3 // 10, 1.0, False)  # type: ignore[arg-type]
+    weather = run(rng, chain, np.full(10, -1), np.arange(10) * 3 // 10, 1.0, False)
     empty = Loaded(**vars(weather), payload=np.zeros(10), marker=np.zeros(10))
     loaded = Loaded(**vars(weather), payload=np.full(10, 2.0), marker=np.zeros(10))
     rig = Rig(chain, chain.exact)
@@ -115,7 +115,7 @@ def test_a_seed_says_everything() -> None:
 
 def test_what_was_asked_for_is_hidden() -> None:
     asked = {"arm": "standard-dh", "evidence": "seats", "seats": 3, "records": 15, "cause": "encoder_eccentricity"}
-    file = regime_file(1, joint=4, value=1.1e-4, faults=1, **asked)  # type: ignore[arg-type]
+    file = regime_file(1, joint=4, value=1.1e-4, faults=1, **asked)
     assert [(h.key, h.parameters["amplitude_rad"]) for h in file.hidden] == [("encoder_eccentricity:4", 1.1e-4)]
     assert file.hidden[0].size_um == pytest.approx(1e6 * strength(file.rig, file.hidden[0], file.q, file.conditions))
 
