@@ -33,6 +33,8 @@ BAR_U = 2e-6
 TORQUE_U_NM = 0.05
 PAYLOADS_KG = (0.0, 1.5, 3.0)
 APART_M = 0.12
+LEAST_LEVER_M = 0.03
+"""At a seat every direction is reached with so much motion of the tip for a radian of the joints."""
 SIZES = ((8, 19), (20, 60), (61, 300), (301, 3000))
 """Numbers of records, each class as likely as the next."""
 
@@ -299,6 +301,7 @@ def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
             tried = tried + np.clip(np.einsum("nkj,nk->nj", j, step[..., 0]), -0.5, 0.5)
         gap = places[missing] - arm.walk(tried)[1][:, :3, 3]
         good = (np.abs(gap).max(axis=1) < 1e-5) & ((tried > low) & (tried < high)).all(axis=1)
+        good &= np.linalg.svd(arm.jacobian(tried), compute_uv=False)[:, -1] > LEAST_LEVER_M  # gross errors can be reached
         q[missing[good]] = tried[good]
     raise ValueError(f"no posture found for {missing.size} of {len(places)} records")
 
