@@ -289,7 +289,7 @@ def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
     """A posture for each of the places (n, 3), by Newton steps from random postures; within the limits (n, nq) [rad]."""
     q = np.full((len(places), len(arm.limits)), np.nan)
     low, high = arm.limits[:, 0] + plans.MARGIN, arm.limits[:, 1] - plans.MARGIN
-    for _ in range(200):
+    for _ in range(1000):
         missing = np.flatnonzero(np.isnan(q[:, 0]))
         if not missing.size:
             return q
