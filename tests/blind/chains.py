@@ -207,27 +207,27 @@ def robot_file(name: str) -> Path:
 def robot(name: str, translation_m: float, rotation_rad: float) -> Chain:
     """A robot by its URDF, every joint placement within the given bounds (zero: nothing is stated)."""
     root = ET.parse(robot_file(name)).getroot()
-    parents = {joint.find("child").get("link"): joint for joint in root.findall("joint")}  # type: ignore[union-attr]
+    parents = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
     placements, joints, bodies, here = [np.eye(4)], [], {}, ROBOTS[name][1]
     while here in parents:  # from the tip to the base; what is fixed goes to the body before
         joint = parents[here]
-        here = joint.find("parent").get("link")  # type: ignore[union-attr, assignment]
+        here = joint.find("parent").get("link")
         if joint.get("type") == "fixed":
             placements[0] = _origin(joint) @ placements[0]
         else:
             joints.insert(0, joint)
             placements.insert(0, _origin(joint))
     for number, joint in enumerate(joints):
-        bodies[joint.find("child").get("link")] = number  # type: ignore[union-attr]
+        bodies[joint.find("child").get("link")] = number
     mass, first = np.zeros(len(joints)), np.zeros((len(joints), 3))
     for link in root.findall("link"):
         inertial = link.find("inertial")
         at, owner = np.eye(4), str(link.get("name"))
         while owner not in bodies and owner in parents:
             at = _origin(parents[owner]) @ at
-            owner = parents[owner].find("parent").get("link")  # type: ignore[union-attr, assignment]
+            owner = parents[owner].find("parent").get("link")
         if inertial is not None and owner in bodies:
-            m = float(inertial.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
+            m = float(inertial.find("mass").get("value"))
             mass[bodies[owner]] += m
             first[bodies[owner]] += m * (at @ _origin(inertial))[:3, 3]
     aligned = np.stack([_axis_frame(_floats(joint.find("axis"), "xyz", "1 0 0")) for joint in joints])

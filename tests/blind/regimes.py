@@ -33,6 +33,8 @@ BAR_U = 2e-6
 TORQUE_U_NM = 0.05
 PAYLOADS_KG = (0.0, 1.5, 3.0)
 APART_M = 0.12
+LEAST_LEVER_M = 0.03
+"""At a seat every direction is reached with so much motion of the tip for a radian of the joints."""
 SIZES = ((8, 19), (20, 60), (61, 300), (301, 3000))
 """Numbers of records, each class as likely as the next."""
 
@@ -188,7 +190,7 @@ def draw_regime(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
         drawn.setdefault("seats", 4 if few else 2 * min(int(rng.integers(2, 6)), records // 4))  # both ends are touched
     drawn["own_u"] = bool(drawn["own_u"]) and kind not in ("seats", "bars")
     drawn["external"] = bool(drawn["external"]) and kind != "bars"
-    return Regime(**drawn)  # type: ignore[arg-type]
+    return Regime(**drawn)
 
 
 def regime_file(seed: int, most_records: int = SIZES[-1][1], **given: object) -> RegimeFile:
@@ -210,8 +212,8 @@ def regime_file(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
         seats, seat = _seats(route, arm, regime), _visits(session, regime.seats)
         q = _at_seats(route, arm, seats[seat])
     else:
-        q = plans.free_postures(route, arm, n)  # type: ignore[arg-type]
-    weather = run(rng("weather"), arm, seat, session, 1.0, True)  # type: ignore[arg-type]
+        q = plans.free_postures(route, arm, n)
+    weather = run(rng("weather"), arm, seat, session, 1.0, True)
     payload = route.choice(PAYLOADS_KG, n) if regime.torque else np.zeros(n)
     marker = route.integers(0, 1 if targets is None else len(targets), n)
     conditions = Loaded(**vars(weather), payload=payload, marker=marker)
@@ -274,7 +276,7 @@ def _visits(session: NDArray[np.int_], seats: int) -> NDArray[np.int_]:
 
 def _seats(rng: np.random.Generator, arm: Chain, regime: Regime) -> Array:
     """Places within easy reach, some way apart (S, 3) [m]."""
-    tips = arm.walk(plans.random_postures(rng, arm, 4000))[1][:, :3, 3]  # type: ignore[arg-type]
+    tips = arm.walk(plans.random_postures(rng, arm, 4000))[1][:, :3, 3]
     reach = np.linalg.norm(tips - tips.mean(axis=0), axis=1)
     found: list[Array] = []
     for point in tips[reach < np.quantile(reach, 0.6)]:
@@ -287,11 +289,11 @@ def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
     """A posture for each of the places (n, 3), by Newton steps from random postures; within the limits (n, nq) [rad]."""
     q = np.full((len(places), len(arm.limits)), np.nan)
     low, high = arm.limits[:, 0] + plans.MARGIN, arm.limits[:, 1] - plans.MARGIN
-    for _ in range(200):
+    for _ in range(1000):
         missing = np.flatnonzero(np.isnan(q[:, 0]))
         if not missing.size:
             return q
-        tried = plans.random_postures(rng, arm, len(missing))  # type: ignore[arg-type]
+        tried = plans.random_postures(rng, arm, len(missing))
         for _ in range(12):
             j = arm.jacobian(tried)
             gap = places[missing] - arm.walk(tried)[1][:, :3, 3]
@@ -299,6 +301,7 @@ def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
             tried = tried + np.clip(np.einsum("nkj,nk->nj", j, step[..., 0]), -0.5, 0.5)
         gap = places[missing] - arm.walk(tried)[1][:, :3, 3]
         good = (np.abs(gap).max(axis=1) < 1e-5) & ((tried > low) & (tried < high)).all(axis=1)
+        good &= np.linalg.svd(arm.jacobian(tried), compute_uv=False)[:, -1] > LEAST_LEVER_M  # gross errors can be reached
         q[missing[good]] = tried[good]
     raise ValueError(f"no posture found for {missing.size} of {len(places)} records")
 
@@ -337,7 +340,7 @@ def _faults(rng: np.random.Generator, regime: Regime, rig: Rig, q: Array, condit
         rows: Sequence[int | None] = [regime.joint] if given and regime.joint is not None else _rows(cause, rig.arm)
         rows = [row for row in rows if not any(h.cause == cause or (row is not None and h.joint == row) for h in hidden)]
         stream = int(rng.integers(2**31))
-        found = [workshop.hide(np.random.default_rng(stream), rig.arm, cause, row, 1.0, clock) for row in rows]  # type: ignore[arg-type]
+        found = [workshop.hide(np.random.default_rng(stream), rig.arm, cause, row, 1.0, clock) for row in rows]
         if cause == "seat_error":
             seat = f"P{stream % regime.seats + 1}"
             found = [replace(fault, parameters={**fault.parameters, "seat": seat}) for fault in found]
@@ -352,7 +355,7 @@ def _faults(rng: np.random.Generator, regime: Regime, rig: Rig, q: Array, condit
 
 
 def _rows(cause: str, arm: Chain) -> list[int | None]:
-    return workshop.rows_for(cause, arm)  # type: ignore[arg-type]
+    return workshop.rows_for(cause, arm)
 
 
 def _scaled(fault: Hidden, size: float) -> Hidden:

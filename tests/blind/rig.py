@@ -34,7 +34,7 @@ class Pose:
 class Rig(Machine):
     """A chain whose geometry deviates by ``values`` (R, P) from its file; targets of markers on the last body (M, 3) [m]."""
 
-    arm: Chain  # type: ignore[assignment]
+    arm: Chain
     targets: Array | None = None
 
     def jacobian(self, q: Array) -> Array:
@@ -88,7 +88,7 @@ class Rig(Machine):
         moments = np.stack([load.beyond(i, pose.axes[:, i, :3, 3]) for i in range(self.arm.rows)], axis=1)
         return -np.einsum("nri,nri->nr", pose.axes[:, :, :3, 2], moments)[:, self.arm.moving]
 
-    def rest(self, q: Array, conditions: Conditions) -> Pose:  # type: ignore[override]
+    def rest(self, q: Array, conditions: Conditions) -> Pose:
         """The arm at rest: rounds until no deflection changes."""
         angles, growth, elastic = self.joint_angles(q, conditions), self.growth(conditions), self.elastic()
         before, after = self.arm.pieces(self.deviations())

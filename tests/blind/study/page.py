@@ -34,18 +34,24 @@ def write(path: Path, rows: Sequence[dict[str, Any]], date: str, command: str) -
     """The page of these rows.
 
     Raises:
-        ValueError: rows of other diagnosis code are among them.
+        ValueError: rows of other diagnosis code are among them, or the package is not as it was committed.
     """
     digest = sources.digest()
     if any(row.get("sources") != digest for row in rows):
         raise ValueError(f"{path}: not written, some runs are of other diagnosis code")
+    if _git("status", "--porcelain", "aacmm_pin"):
+        raise ValueError(f"{path}: not written, the package has changes that are not committed")
     experiments = ", ".join(f"`{name}`" for name in dict.fromkeys(row["experiment"] for row in rows))
     text = FORM.format(
-        command=command, digest=digest, commit=_commit(), date=date, experiments=experiments, tables=tables(rows)
+        command=command,
+        digest=digest,
+        commit=_git("rev-parse", "HEAD"),
+        date=date,
+        experiments=experiments,
+        tables=tables(rows),
     )
     path.write_text(text, encoding="utf-8")
 
 
-def _commit() -> str:
-    words = ["git", "rev-parse", "HEAD"]
-    return subprocess.run(words, cwd=sources.ROOT, capture_output=True, text=True, check=True).stdout.strip()
+def _git(*words: str) -> str:
+    return subprocess.run(["git", *words], cwd=sources.ROOT, capture_output=True, text=True, check=True).stdout.strip()

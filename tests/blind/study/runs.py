@@ -66,7 +66,7 @@ def perform(task: Task) -> Row:
     arguments = task.experiment.arguments(task.run)
     if task.experiment.kind == "regime":
         said = regimes.perform(arguments, _command, _limited(task.limit))
-        return plain({"experiment": task.experiment.name, "kind": task.experiment.kind, **said})  # type: ignore[no-any-return]
+        return plain({"experiment": task.experiment.name, "kind": task.experiment.kind, **said})
     drawn = draw(**arguments)
     row: Row = {"experiment": task.experiment.name, "seed": arguments["seed"], "kind": task.experiment.kind}
     row |= {"arguments": plain(arguments), "error": None, "said": None, "seconds": None, "fresh": None}
