@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,10 @@ TYPICAL_TURN = 2.0
 """… at a joint [rad] for each metre of that …"""
 TYPICAL_GROWTH = 1.0
 """… and of all lengths [1] for each metre of that."""
+MOST_DOUBLE = 10_000_000
+"""More numbers than this are held in single precision: 6e-8 of a column is far below the noise of any record."""
+AT_ONCE = 100
+"""Columns that are worked out at once."""
 TYPICAL_MISTAKE = 1e-3
 """Usual distance by which a target sat elsewhere, where one group of records was set up differently [m]."""
 
@@ -92,22 +96,40 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
     kept = np.concatenate([np.arange(stays), np.arange(width, own.shape[2])])
     tips = point.prediction.tips - own[:, :, stays:width] @ point.x[stays:width]
     variants = [variant for candidate in library for variant in candidate.variants]
-    carriers = _Carriers(fit, variants) if others else None
     carried = [way for covariate in others for way in covariate.variants]
-    ways = [carriers.columns(way) for way in carried] if carriers else []
-    of_variants = carriers.of_variants if carriers else _columns_of(fit, variants)[0]
     typical = [np.array([t.typical for t in variant.terms]) for variant in variants]
     left = np.sqrt(np.square(fit.solution.system.deviation[fit.used]).mean())
-    typical += [np.full(columns.shape[2], _typical(way, left)) for way, columns in zip(carried, ways, strict=True)]
+    typical += [np.full(way.functions.shape[1] * len(way.quantities), _typical(way, left)) for way in carried]
     counts = [*(len(candidate.variants) for candidate in library), *(len(covariate.variants) for covariate in others)]
     owners = [(number, which) for number, count in enumerate(counts) for which in range(count)]
     ends = kept.size + np.cumsum([0, *(t.size for t in typical)])
     blocks = [Block(*owner, slice(int(ends[k]), int(ends[k + 1]))) for k, owner in enumerate(owners)]
     scales = np.concatenate([problem.scales[kept], *typical])
-    jacobian = np.concatenate([own[:, :, kept], of_variants, *ways], axis=2)
-    jacobian *= scales
+    size = len(own) * 3 * scales.size
+    jacobian = np.empty((len(own), 3, scales.size), dtype=np.float64 if size <= MOST_DOUBLE else np.float32)
+    first = 0
+    for columns in _every(fit, own[:, :, kept], variants, carried):
+        last = first + columns.shape[2]
+        np.multiply(columns, scales[first:last], out=jacobian[:, :, first:last], casting="same_kind")
+        first = last
     names = (*(candidate.label for candidate in library), *(covariate.name for covariate in others))
     return Design(fit, names, len(library), tuple(blocks), kept.size, scales, jacobian, kept, tips, taken_out)
+
+
+def _every(fit: Fit, nuisances: Array, variants: Sequence[Effect], carried: Sequence[Carried]) -> Iterator[Array]:
+    """The columns of all in turn, a limited number at once (n, 3, …) [m/unit]."""
+    yield nuisances
+    some: list[Effect] = []
+    for variant in variants:
+        some.append(variant)
+        if sum(len(effect.terms) for effect in some) > AT_ONCE:
+            yield _columns_of(fit, some)[0]
+            some = []
+    yield _columns_of(fit, some)[0]
+    carriers = _Carriers(fit) if carried else None
+    for way in carried:
+        assert carriers is not None
+        yield carriers.columns(way)
 
 
 def _columns_of(fit: Fit, effects: Sequence[Effect]) -> tuple[Array, State]:
@@ -124,11 +146,10 @@ def _columns_of(fit: Fit, effects: Sequence[Effect]) -> tuple[Array, State]:
 class _Carriers:
     """What covariates act on, at every record."""
 
-    def __init__(self, fit: Fit, variants: Sequence[Effect]) -> None:
+    def __init__(self, fit: Fit) -> None:
         arm = fit.problem.model.arm
         self.rows = [place // 2 for place in arm.chain.moving_axes()]
-        both, self.state = _columns_of(fit, [*variants, *(JointZeroOffset(row) for row in self.rows)])
-        self.of_variants, self.of_angles = np.split(both, [both.shape[2] - len(self.rows)], axis=2)
+        self.of_angles, self.state = _columns_of(fit, [JointZeroOffset(row) for row in self.rows])
         self.frame = fit.solution.point.frame.rotation if fit.problem.external else np.eye(3)
 
     def columns(self, way: Carried) -> Array:

@@ -174,10 +174,10 @@ def _standing(
                 return found
             effects = [_refined(found, k) for k in found.causes]
             rounds.set_postfix_str(", ".join(effect.label for effect in effects)[:LETTERS])
+            del found  # its columns are as large as those that come
             refit = fit(problem_of([free(e) for e in effects]), noise)
             if not refit.tells_noise:  # more causes than these records can carry
-                return replace(found, admitted=())
-            del found  # its columns are as large as those that come
+                return replace(_chosen(first, library, others, parts, []), admitted=())
             found = _chosen(refit, _with_variants(library, effects), others, parts, effects)
             rounds.update()
             if set(map(_inner, found.effects)) == set(map(_inner, effects)):
