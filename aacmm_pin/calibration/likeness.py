@@ -154,6 +154,7 @@ def _misfit(problem: Problem, noise: StatedNoise) -> tuple[float, float]:
         estimated=targets,
         widths=problem.widths[mine],
         stated=problem.stated[mine],
+        arm_u=problem.arm_u[mine],
         correlation=problem.correlation[np.ix_(mine, mine)],
     )
     records = setup.measurements

@@ -74,6 +74,7 @@ class Problem:
         estimated: effects whose parameters are unknown; their values are where the search starts.
         widths: how far each parameter may be off before anything was measured (p,) [units].
         stated: (p,) True where that is a stated standard uncertainty; elsewhere it is a bound so wide that it hardly pulls.
+        arm_u: what the arm states of each parameter that is its own (p,), whatever its width is here; 0 for others.
         correlation: of the stated widths with one another (p, p); one on the diagonal.
         measurements: the records.
         external: True where the references stand in an unknown frame.
@@ -83,6 +84,7 @@ class Problem:
     estimated: tuple[Effect, ...]
     widths: Array
     stated: NDArray[np.bool_]
+    arm_u: Array
     correlation: Array
     measurements: Measurements
     external: bool

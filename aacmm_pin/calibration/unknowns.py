@@ -76,7 +76,8 @@ def problem_of(
     base = ErrorModel(replace(model.arm, covariance=known), fixed)
     effects = tuple(e for e, _, _ in chosen)
     correlation = _correlation(model.arm, effects, np.where(stated, widths, np.nan))
-    return Problem(base, effects, widths, stated, correlation, measurements, external)
+    arm_u = [[p.u for p in geometric_parameters(model.arm, e)] or [0.0] * len(e.terms) for e in effects]
+    return Problem(base, effects, widths, stated, np.concatenate([[], *arm_u]), correlation, measurements, external)
 
 
 def _correlation(arm: Arm, effects: tuple[Effect, ...], stated: Array) -> Array:

@@ -63,6 +63,7 @@ class Design:
         scales: by which each column was multiplied, so that all are of one order (columns,).
         jacobian: (n, 3, columns), scaled [m].
         kept: which of the fit's own parameters are nuisances.
+        prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances + 1).
         tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m].
         taken_out: how many of the calibration's estimated effects these are, its last ones.
     """
@@ -75,6 +76,7 @@ class Design:
     scales: Array
     jacobian: Array
     kept: Index
+    prior: Array
     tips: Array
     taken_out: int
 
@@ -87,13 +89,15 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
         library: causes to consider.
         others: covariates that anything else may depend on.
         taken_out: so many of the estimated effects, the last ones, are no nuisances but candidates: what they do is taken
-            out of the tips, so that they can be chosen again or not.
+            out of the tips, so that they can be chosen again or not. A geometric value among them is a nuisance as well,
+            within what the arm states of it.
     """
     problem, point = fit.problem, fit.solution.point
     width = sum(len(e.terms) for e in problem.estimated)
     stays = width - sum(len(e.terms) for e in problem.estimated[len(problem.estimated) - taken_out :])
     own = point.prediction.jacobian
-    kept = np.concatenate([np.arange(stays), np.arange(width, own.shape[2])])
+    within = stays + np.flatnonzero(problem.arm_u[stays:] > 0.0)
+    kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
     tips = point.prediction.tips - own[:, :, stays:width] @ point.x[stays:width]
     variants = [variant for candidate in library for variant in candidate.variants]
     carried = [way for covariate in others for way in covariate.variants]
@@ -104,7 +108,7 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
     owners = [(number, which) for number, count in enumerate(counts) for which in range(count)]
     ends = kept.size + np.cumsum([0, *(t.size for t in typical)])
     blocks = [Block(*owner, slice(int(ends[k]), int(ends[k + 1]))) for k, owner in enumerate(owners)]
-    scales = np.concatenate([problem.scales[kept], *typical])
+    scales = np.concatenate([problem.scales[:stays], problem.arm_u[within], problem.scales[width:], *typical])
     size = len(own) * 3 * scales.size
     jacobian = np.empty((len(own), 3, scales.size), dtype=np.float64 if size <= MOST_DOUBLE else np.float32)
     first = 0
@@ -113,7 +117,11 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
         np.multiply(columns, scales[first:last], out=jacobian[:, :, first:last], casting="same_kind")
         first = last
     names = (*(candidate.label for candidate in library), *(covariate.name for covariate in others))
-    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, jacobian, kept, tips, taken_out)
+    prior = np.zeros((width + within.size, kept.size + 1))
+    prior[:width, :stays] = problem.prior[:, :stays]
+    prior[:width, -1] = problem.prior[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
+    prior[width:, stays : stays + within.size] = np.eye(within.size)
+    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, jacobian, kept, prior, tips, taken_out)
 
 
 def _every(fit: Fit, nuisances: Array, variants: Sequence[Effect], carried: Sequence[Carried]) -> Iterator[Array]:

@@ -68,7 +68,9 @@ class Products:
 
     def __init__(self, design: Design, parts: list[Part]) -> None:
         self.design, self.parts = design, parts
-        self.prior = _prior_of(design)
+        prior = np.zeros((len(design.prior), design.jacobian.shape[2] + 1))
+        prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
+        self.prior = Part(prior, 0)
         self._strips: dict[tuple[int | None, int, int], Array] = {}
         by_size: dict[int, list[Block]] = defaultdict(list)
         for block in design.blocks:
@@ -239,13 +241,3 @@ def _last(residual: Array, width: int) -> Array:
     found = np.zeros((*residual.shape[:-1], width))
     found[..., -1:] = residual
     return found
-
-
-def _prior_of(design: Design) -> Part:
-    """What is known of the nuisances beforehand, as rows."""
-    problem, x = design.fit.problem, design.fit.solution.point.x
-    own = design.kept[design.kept < x.size]
-    rows = np.zeros((x.size, design.jacobian.shape[2] + 1))
-    rows[:, : own.size] = problem.prior[:, own]
-    rows[:, -1] = problem.prior[:, own] @ ((x - problem.start) / problem.widths)[own]
-    return Part(rows, 0)

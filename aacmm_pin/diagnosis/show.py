@@ -95,6 +95,7 @@ def moved_geometry(choice: Choice) -> pd.DataFrame:
     problem = choice.fit.problem
     left = conditional(choice.question, choice.gram, choice.admitted)
     own = choice.design.nuisances
+    stays = sum(len(e.terms) for e in problem.estimated[: len(problem.estimated) - choice.design.taken_out])
     scales = choice.design.scales[:own]
     x = dict(zip(choice.design.kept.tolist(), scales * left.solution()[:own], strict=True))
     u = dict(zip(choice.design.kept.tolist(), scales * np.sqrt(np.diag(left.covariance)[:own]), strict=True))
@@ -110,7 +111,7 @@ def moved_geometry(choice: Choice) -> pd.DataFrame:
             "stated_u": float(problem.widths[i]),
         }
         for i, effect, name, before in _judged(problem)
-        if i in u and u[i] < np.sqrt(1.0 - LEAST_SHARE**2) * problem.widths[i]
+        if i < stays and i in u and u[i] < np.sqrt(1.0 - LEAST_SHARE**2) * problem.widths[i]
     ]
     table = pd.DataFrame(rows, columns=["parameter", "cause", "joint", "unit", "before", "change", "u", "stated_u"])
     change, u_, stated = (table[name].to_numpy(dtype=np.float64) for name in ("change", "u", "stated_u"))
