@@ -123,13 +123,12 @@ def diagnose(
     library = candidates(model, measurements, recalibrated.problem, extra_causes)
     others = covariates(model.arm, measurements)
     choice = choose(with_causes, noise, recalibrated, library, others, parts, progress is True)
-    choice = _surviving(choice, with_causes, noise)
+    choice, strong = _likely(_surviving(choice, with_causes, noise), with_causes, noise, rng)
     choice = replace(choice, fit=replace(choice.fit, found=tuple(effect.label for effect in choice.effects)))
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
     recalibrated = fit(with_causes([]), noise, used=extended.used)
     design = choice.design
-    strong = strengths(choice.question, choice.gram, choice.admitted, design.causes, design.names, rng)
     held = gain_of(choice, before, kind, rng, progress) if hold_out and tell_of_posture(measurements.q) else None
     findings = _findings(choice, strong) + _changed(model, choice) + _geometry(choice)
     unexplained = unexplained_by(choice, strong, held)
@@ -137,8 +136,7 @@ def diagnose(
     pairs = look_alikes(choice.question, choice.gram, design.names, design.causes)
     shown = predicted_covariance(before, *_prior_predictive(model, before))
     shown_by_these = visible(choice)
-    floor = float(np.sqrt(np.trace(extended.stated_noise[extended.used], axis1=1, axis2=2).mean()))
-    structure = bool(unexplained.depends_on) or _scatters(extended, noise, floor)
+    structure = bool(unexplained.depends_on) or _excess(extended, noise) > 0.0
     verdict = verdict_of(findings, structure, shown_by_these, (recalibrated, extended))
 
     def plan(finding: Finding, alias: Alias) -> str:
@@ -172,7 +170,7 @@ def diagnose(
         cannot_tell_apart=tuple(pair for pair in pairs if not told.intersection(pair)),
         simulation_groups=groups_table(before, shown),
         extended_groups=groups_table(extended, extended.residual_noise),
-        noise=floor,
+        noise=_floor(extended),
         next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, doubts, plan),
         visible=shown_by_these,
         notes=(*notes_of(extended, noise), *_clock(measurements), *too_good, *repeated),
@@ -204,10 +202,26 @@ def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise) -> Choice
         if sure[worst] >= UNLIKELY:
             break
         kept = tuple(k for k in kept if k != worst)
-    if kept == choice.admitted:
-        return choice
+    return choice if kept == choice.admitted else _with(choice, kept, problem, noise)
+
+
+def _with(choice: Choice, kept: tuple[int, ...], problem: ProblemOf, noise: StatedNoise) -> Choice:
+    """The choice with some of its blocks, refitted."""
     effects = [free(choice.variant(k)) for k in kept if k in choice.causes]
     return replace(choice, fit=fit(problem(effects), noise), admitted=kept)
+
+
+def _likely(
+    choice: Choice, problem: ProblemOf, noise: StatedNoise, rng: np.random.Generator
+) -> tuple[Choice, list[Strength]]:
+    """The choice without causes that may be no more than a part of what is left unexplained; how sure the others are."""
+    while True:
+        names, causes = choice.design.names, choice.design.causes
+        strong = strengths(choice.question, choice.gram, choice.admitted, causes, names, _excess(choice.fit, noise), rng)
+        weak = {s.block for s in strong if s.block in choice.causes and s.probability < UNLIKELY}
+        if not weak:
+            return choice, strong
+        choice = _with(choice, tuple(k for k in choice.admitted if k not in weak), problem, noise)
 
 
 def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
@@ -215,7 +229,7 @@ def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
     estimated = {effect.label: (effect, covariance) for effect, covariance in _estimated(choice)}
     found = []
     for strength in strong:
-        if strength.block not in choice.causes or strength.probability < UNLIKELY:
+        if strength.block not in choice.causes:
             continue
         label = choice.variant(strength.block).label
         if label not in estimated:
@@ -305,18 +319,25 @@ def _geometry(choice: Choice) -> list[Finding]:
     return found
 
 
-def _scatters(extended: Fit, noise: StatedNoise, floor: float) -> bool:
-    """Whether the records scatter more than their noise explains, with all causes known.
+def _floor(extended: Fit) -> float:
+    """RMS of the residuals that the stated noise alone would leave; that which was found, where it is not stated [m]."""
+    return float(np.sqrt(np.trace(extended.stated_noise[extended.used], axis1=1, axis2=2).mean()))
 
-    Where the noise of the encoders is not stated, they may have as much as those of a robot.
+
+def _excess(extended: Fit, noise: StatedNoise) -> float:
+    """By how much χ² is larger than the stated noise explains, over the scatter found in its place; 0 where it is not.
+
+    Where the noise of the encoders is not stated, they may have as much as plain ones.
     """
-    left = np.square(np.linalg.norm(extended.solution.system.deviation[extended.used], axis=1)).mean()
-    explained = floor**2
+    if extended.chi2_stated is None or extended.unmodelled == 0.0:
+        return 0.0
+    left = np.square(extended.solution.system.deviation[extended.used]).sum(axis=1).mean()
+    explained = _floor(extended) ** 2
     if noise.encoder is None:
-        explained += (
-            PLAIN_ENCODER**2 * np.trace(extended.problem.reading_covariance[extended.used], axis1=2, axis2=3).sum(1).mean()
-        )
-    return extended.stated and extended.unmodelled > 0.0 and bool(left > MUCH_MORE**2 * explained)
+        levers = np.trace(extended.problem.reading_covariance[extended.used], axis1=2, axis2=3)
+        explained += PLAIN_ENCODER**2 * float(levers.sum(axis=1).mean())
+    chi2, dof = extended.chi2_stated
+    return max(extended.dof * (1.0 - dof / chi2), 0.0) if left > MUCH_MORE**2 * explained else 0.0
 
 
 def _prior_predictive(model: ErrorModel, before: Fit) -> tuple[Array, Array]:

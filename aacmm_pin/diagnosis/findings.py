@@ -26,6 +26,8 @@ SHOWS = 15.0
 """Noncentrality at which a cause is found more often than not among all others."""
 SAME = 0.95
 """Causes whose columns have a larger canonical correlation are listed as look-alikes whatever their probability."""
+UNSEEN = 10.0
+"""Structure of which only the scatter is seen counts as spread over so many directions, as many as a smooth function has."""
 TOLD = 0.95
 """Causes of usual size are told apart where the true one is expected to be at least this probable beside the other."""
 
@@ -114,9 +116,12 @@ def strengths(
     admitted: tuple[int, ...],
     causes: int,
     names: tuple[str, ...],
+    excess: float,
     rng: np.random.Generator,
 ) -> list[Strength]:
     """Of each admitted block, the others held in place; the first ``causes`` candidates are causes of the library.
+
+    ``excess`` is by how much χ² is larger than the stated noise explains, where structure is left that nothing has.
 
     Beside structure that no cause explains a cause may be no more than a part of that structure: its probability is lowered
     by the chance that a direction of the structure looks as strong (F test of the two mean squares, times the number of
@@ -124,13 +129,14 @@ def strengths(
     """
     places = {k: Place.of(question, gram, admitted, k) for k in admitted}
     structure = [_energy(places[k].left, question.blocks[k]) for k in admitted if question.owner(k) >= causes]
+    structure += [(excess, UNSEEN)] if excess > 0.0 else []
     found = []
     for k, place in places.items():
         chance = 0.0
         if structure and question.owner(k) < causes:
-            energy, size = sum(e for e, _ in structure), sum(d for _, d in structure)
             own, q = score(place.left, question.blocks[k]), question.blocks[k].size
-            chance = min(1.0, question.candidates * float(f_sf((own / q) / (energy / size), q, size)))
+            each = [float(f_sf((own / q) / (energy / size), q, size)) for energy, size in structure]
+            chance = min(1.0, question.candidates * max(each))
         found.append(
             Strength(
                 k,

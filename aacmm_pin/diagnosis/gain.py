@@ -210,7 +210,7 @@ def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], out: A
     left = Conditional(training, choice.question.blocks, choice.question.nuisances, admitted)
     step = left.solution()
     rows = np.flatnonzero(out)
-    tips = choice.design.tips[rows] + choice.design.jacobian[np.ix_(rows, range(3), left.refitted)] @ step
+    tips = choice.design.tips[rows] + choice.design.jacobian[np.ix_(rows, np.arange(3), left.refitted)] @ step
     return _distances(choice.fit, tips, rows)
 
 
