@@ -49,7 +49,7 @@ WARM_UPS = (600.0, 1800.0, 5400.0)
 """Time constants of a warm-up that are tried [s]."""
 CURVES = (24, 60)
 """Numbers of coefficients per turn of a free curve that are tried, before they are doubled where that is better."""
-PER_COEFFICIENT = 3
+PER_COEFFICIENT = 2
 """So many records for each coefficient of a curve, at least."""
 LEAST_SPREAD = 0.02
 """A joint that moves less than this cannot show anything that depends on its angle [rad]."""

@@ -1,0 +1,186 @@
+"""What a verdict may be trusted with: integrated noise, priors, inner values, structure, pairs, trials that fail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal
+
+from aacmm_pin.arm import Arm
+from aacmm_pin.calibration import calibrate, solver
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.chain import axis
+from aacmm_pin.checks import Array
+from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.diagnosis.evidence import MAGNITUDES, Scatter, evidence_of
+from aacmm_pin.diagnosis.findings import Alias
+from aacmm_pin.diagnosis.gain import Brought
+from aacmm_pin.diagnosis.result import Finding
+from aacmm_pin.diagnosis.verdict import verdict_of
+from aacmm_pin.effects import Displacement, Effect, EncoderEccentricity, EncoderGain, Term, ZeroDrift
+from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements import Measurements
+from aacmm_pin.state import State
+from aacmm_pin.virtual import simulate_measurements
+
+NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
+
+
+def test_evidence_with_noise_from_the_records_is_the_marginal_likelihood(rng: np.random.Generator) -> None:
+    """Against the integral over the scatter σ of normal likelihoods, for one magnitude τ of the parameters in units of σ."""
+    n = 12
+    columns, residual = rng.standard_normal((n, 2)), rng.standard_normal(n)
+    residual += columns @ [1.5, -1.0]
+    chi2 = float(residual @ residual)
+    variance = chi2 / n
+
+    def marginal(cover: Array) -> float:
+        def density(log_sigma: float) -> float:
+            spread = np.exp(2 * log_sigma) * cover
+            return float(np.exp(multivariate_normal.logpdf(residual, cov=spread) + 30.0))
+
+        return float(np.log(quad(density, -4.0, 5.0, epsabs=1e-14, limit=200)[0]))
+
+    wanted = [marginal(np.eye(n) + tau**2 * columns @ columns.T) - marginal(np.eye(n)) for tau in MAGNITUDES / variance**0.5]
+    found = evidence_of((columns.T @ columns / variance)[None], (columns.T @ residual / variance)[None], Scatter(n, n))
+    assert found[0] == pytest.approx(np.logaddexp.reduce(wanted) - np.log(len(wanted)), abs=1e-6)
+
+
+def test_calibrating_twice_is_calibrating_with_all_records(sino6: Arm, rng: np.random.Generator) -> None:
+    data = simulate_measurements(ErrorModel(sino6), "free", 160, rng=rng)
+    first, second = data.take(slice(0, 80)), data.take(slice(80, 160))
+
+    def calibrated(model: Arm | ErrorModel, records: Measurements) -> tuple[Array, Array]:
+        result = calibrate(model, records, hold_out=False, robust=False, **NOISE)  # type: ignore[arg-type]
+        table = result.parameters.set_index("parameter")
+        return table["after"].to_numpy(), table["u"].to_numpy()
+
+    once = calibrate(sino6, first, hold_out=False, robust=False, **NOISE).model  # type: ignore[arg-type]
+    (values, u), (both, wanted) = calibrated(once, second), calibrated(sino6, data)
+    np.testing.assert_allclose(u, wanted, rtol=0.01)
+    assert (np.abs(values - both) < 0.05 * wanted).all()
+
+
+def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(sino6: Arm, rng: np.random.Generator) -> None:
+    """Against the normal equations of drift and time constant alone, by differences of the model."""
+    drift = ZeroDrift(2, 1500.0, values=(2e-4,))
+    data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 80, rng=rng)
+    fit = calibrate(sino6, data, [drift.at(())], hold_out=False, robust=False, **NOISE).fit  # type: ignore[arg-type]
+    told = replace(fit, found=(drift.label,))
+    own = fit.problem.effects(fit.solution.point.x)[0]
+    assert isinstance(own, ZeroDrift)
+
+    def by(one: ZeroDrift, other: ZeroDrift, step: float) -> Array:
+        tips = [ErrorModel(fit.problem.model.arm, (e,)).predict(data.q, data.conditions) for e in (one, other)]
+        return (tips[0] - tips[1]) / step
+
+    columns = [
+        by(own.at((own.values[0] + 1e-6,)), own.at((own.values[0] - 1e-6,)), 2e-6),
+        by(replace(own, time_constant_s=1501.0), replace(own, time_constant_s=1499.0), 2.0),
+    ]
+    rows = np.linalg.solve(np.linalg.cholesky(fit.residual_noise), np.stack(columns, axis=2))[fit.used].reshape(-1, 2)
+    u = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    assert np.sqrt(told.covariance[0, 0]) == pytest.approx(u[0], rel=0.01)
+    assert told.inner_u[drift.label, "time_constant_s"] == pytest.approx(u[1], rel=0.01)
+    assert np.sqrt(fit.covariance[0, 0]) < 0.9 * u[0]
+
+
+def test_a_trial_that_cannot_be_evaluated_is_a_rejected_step(
+    sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = simulate_measurements(ErrorModel(sino6, (EncoderGain(3, values=(1e-4,)),)), "free", 60, rng=rng)
+    fit = calibrate(sino6, data, ["geometry", EncoderGain(3)], hold_out=False, **NOISE).fit  # type: ignore[arg-type]
+    predict, refused = Problem.predict, []
+
+    def narrow(self: Problem, x: Array, *rest: object) -> object:
+        if np.abs(x - fit.solution.point.x).max() > 3e-4 and np.any(x != self.start):
+            refused.append(x)
+            raise AacmmError("too soft to stand")
+        return predict(self, x, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Problem, "predict", narrow)
+    x = fit.problem.start + np.where(np.arange(fit.problem.start.size) == 0, 2.9e-4, 0.0)
+    prediction = predict(fit.problem, x, fit.solution.point.frame)
+    start = solver.Point(x, fit.solution.point.frame, fit.solution.point.seats, prediction)
+    found = solver.solve(fit.problem, fit.observations, fit.noise, start, fit.used.astype(float))
+    assert found.converged
+    assert found.cost == pytest.approx(fit.solution.cost, rel=1e-6)
+
+
+@dataclass(frozen=True)
+class SquareTilt(Effect):
+    """A bearing that tilts with the square of its moment, which no cause of the library does."""
+
+    joint: int
+    cause: ClassVar[str] = "square_tilt"
+    elastic: ClassVar[bool] = True
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return (Term("", "rad/(N·m)²", 1e-6, "square_rad_per_nm2"),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        place, moment = axis(self.joint), state.moment_at_axis(self.joint)
+        across = np.einsum("nji,nj->ni", state.rotation[place], moment)
+        across[:, 2] = 0.0
+        columns = np.zeros((state.n, 6, 1))
+        columns[:, 3:, 0] = across * np.linalg.norm(across, axis=1)[:, None]
+        return [Displacement(place, columns)]
+
+
+def test_what_no_cause_has_lends_its_strength_to_no_name(sino6: Arm) -> None:
+    for joint, size in ((1, 2e-6), (3, 3e-6)):
+        model = ErrorModel(sino6, (SquareTilt(joint, values=(size,)),))
+        data = simulate_measurements(model, "free", 300, rng=np.random.default_rng(joint))
+        found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
+        assert found.verdict == "unexplained"
+        assert all(finding.probability < 0.95 for finding in found.findings)
+
+
+def test_pairs_that_cannot_be_told_apart_leave_out_what_was_told(sino6: Arm) -> None:
+    hidden = EncoderEccentricity(2, values=(3e-4, 2e-4))
+    data = simulate_measurements(ErrorModel(sino6, (hidden,)), "free", 200, rng=np.random.default_rng(2))
+    pairs = {}
+    for name, values in (("nothing", (0.0, 0.0)), ("hidden", hidden.values)):
+        shifted = simulate_measurements(ErrorModel(sino6, (hidden.at(values),)), "free", 200, rng=np.random.default_rng(2))
+        found = diagnose(sino6, shifted, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
+        pairs[name] = [set(pair) for pair in found.cannot_tell_apart]
+    assert data.n == 200
+    same_columns = {"bearing_tilt:1", "base_compliance"}
+    assert same_columns in pairs["nothing"]
+    assert same_columns in pairs["hidden"]
+    assert [pair for pair in pairs["nothing"] if hidden.label in pair]
+    assert not [pair for pair in pairs["hidden"] if hidden.label in pair]
+
+
+def finding(probability: float, low: float | None = 0.1, alias: float = 0.0) -> Finding:
+    brought = None if low is None else Brought(0.2, low, 0.3)
+    aliases = (Alias("encoder_gain:4", 0.9, alias),)
+    effect = EncoderEccentricity(3)
+    return Finding(effect.cause, 3, effect, {}, probability, 1e-6, 0.5, aliases, brought)
+
+
+def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
+    data = simulate_measurements(ErrorModel(sino6), "free", 40, rng=rng)
+    fit = calibrate(sino6, data, hold_out=False, **NOISE).fit  # type: ignore[arg-type]
+    stuck = replace(fit, solution=replace(fit.solution, held_up="60 steps were not enough"))
+    noiseless = replace(fit, stated=False, dof=0.0)
+    cases = [
+        ("explained", [finding(0.99)], False, 90, fit),
+        ("explained", [finding(0.99, None)], False, 90, fit),
+        ("inconclusive", [finding(0.99, -0.01)], False, 90, fit),
+        ("ambiguous", [finding(0.7, alias=0.3)], False, 90, fit),
+        ("inconclusive", [finding(0.7)], False, 90, fit),
+        ("unexplained", [finding(0.99)], True, 90, fit),
+        ("no-discrepancy", [], False, 90, fit),
+        ("inconclusive", [], False, 40, fit),
+        ("inconclusive", [finding(0.99)], False, 90, stuck),
+        ("inconclusive", [], False, 90, noiseless),
+    ]
+    for verdict, findings, structure, seen, at in cases:
+        assert verdict_of(findings, structure, (seen, 100), (fit, at)) == verdict
