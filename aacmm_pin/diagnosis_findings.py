@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
@@ -49,8 +51,9 @@ def effect_values(effect: Effect) -> dict[str, tuple[float, float]]:
 
 def verdict_in_words(result: Diagnosis) -> str:
     """One sentence: what the simulation lacks, or that it lacks nothing, or that nobody can say."""
-    name, left, wrong = result.model.arm.name, _left(result), _wrong(result)
+    name, left, wrong = result.model.arm.name, _left(result), _wrong(result.findings, result)
     if result.verdict == "unexplained":
+        wrong = _wrong([f for f in result.findings if f.probability >= SURE], result)
         return f"{name}: {_not_explained(result)}{f' Beside it, {wrong}.' if wrong else ''}"
     if result.verdict == "inconclusive":
         return f"{name}: {_inconclusive(result, wrong)}"
@@ -60,7 +63,7 @@ def verdict_in_words(result: Diagnosis) -> str:
         rivals = "; ".join(_doubt(f) for f in result.findings if f.probability < SURE)
         which = "which" if len(result.findings) == 1 else "all of them"
         return f"{name}: {wrong}, but these records do not settle {which}: {rivals}."
-    none = "" if _causes(result) else "no cause is missing in the simulation, but "
+    none = "" if _causes(result.findings, result) else "no cause is missing in the simulation, but "
     return f"{name}: {none}{wrong}. With {'it' if len(result.findings) == 1 else 'these'}, {left}."
 
 
@@ -72,8 +75,13 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
         return "there are too few records to tell the noise, and so to tell a cause from it."
     if not result.findings:
         seen, of = result.visible
+        if seen > of / 2:
+            return f"no cause was found, but something may be left (p = {p_in_words(result.unexplained.p_value)})."
         return f"too few records to say: of {of} causes of usual size they would show {seen}, and show none."
-    doubtful = [f for f in result.findings if not f.borne_out] or list(result.findings)
+    doubtful = [f for f in result.findings if not f.borne_out]
+    if not doubtful:
+        left = p_in_words(result.unexplained.p_value)
+        return f"these records suggest that {wrong}, but something else may be left beside it (p = {left})."
     which = several_in_words([f.effect for f in doubtful])
     return f"these records suggest that {wrong}, but held-out records do not bear out {which}."
 
@@ -89,16 +97,16 @@ def _not_explained(result: Diagnosis) -> str:
     return f"something in these records depends on {depends}, and no known cause has its shape."
 
 
-def _causes(result: Diagnosis) -> list[Effect]:
+def _causes(findings: Sequence[Finding], result: Diagnosis) -> list[Effect]:
     """Findings that are causes of their own, and no value that the simulation has but has wrong."""
-    return [f.effect for f in result.findings if not (geometric(result, f) or isinstance(f.effect, SeatError))]
+    return [f.effect for f in findings if not (geometric(result, f) or isinstance(f.effect, SeatError))]
 
 
-def _wrong(result: Diagnosis) -> str:
+def _wrong(findings: Sequence[Finding], result: Diagnosis) -> str:
     """What the simulation lacks, and which values it has wrong: of the geometry, of the places of seats."""
-    causes = _causes(result)
-    moved = [f.effect for f in result.findings if geometric(result, f)]
-    seats = sorted(f.effect.seat for f in result.findings if isinstance(f.effect, SeatError))
+    causes = _causes(findings, result)
+    moved = [f.effect for f in findings if geometric(result, f)]
+    seats = sorted(f.effect.seat for f in findings if isinstance(f.effect, SeatError))
     found = []
     if causes:
         number = "one cause" if len(causes) == 1 else f"{len(causes)} causes"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -170,8 +170,11 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
     fit = calibrate(sino6, data, hold_out=False, **NOISE).fit  # type: ignore[arg-type]
     stuck = replace(fit, solution=replace(fit.solution, held_up="60 steps were not enough"))
     noiseless = replace(fit, stated=False, dof=0.0)
-    cases = [
+    cases: list[tuple[Any, ...]] = [
         ("explained", [finding(0.99)], False, 90, fit),
+        ("inconclusive", [finding(0.99)], False, 90, fit, 1e-5),
+        ("no-discrepancy", [], False, 90, fit, 1e-5),
+        ("inconclusive", [], False, 90, fit, 1e-9),
         ("explained", [finding(0.99, None)], False, 90, fit),
         ("inconclusive", [finding(0.99, -0.01)], False, 90, fit),
         ("ambiguous", [finding(0.7, alias=0.3)], False, 90, fit),
@@ -182,5 +185,5 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
         ("inconclusive", [finding(0.99)], False, 90, stuck),
         ("inconclusive", [], False, 90, noiseless),
     ]
-    for verdict, findings, structure, seen, at in cases:
-        assert verdict_of(findings, structure, (seen, 100), (fit, at)) == verdict
+    for verdict, findings, structure, seen, at, *p_left in cases:
+        assert verdict_of(findings, structure, (p_left or [0.5])[0], (seen, 100), (fit, at)) == verdict

@@ -123,12 +123,13 @@ def diagnose(
     library = candidates(model, measurements, recalibrated.problem, extra_causes)
     others = covariates(model.arm, measurements)
     choice = choose(with_causes, noise, recalibrated, library, others, parts, progress is True)
-    choice, strong = _likely(_surviving(choice, with_causes, noise), with_causes, noise, rng)
+    choice = _surviving(choice, with_causes, noise)
     choice = replace(choice, fit=replace(choice.fit, found=tuple(effect.label for effect in choice.effects)))
     extended = choice.fit
     before = fit(problem([]), noise, used=extended.used)
     recalibrated = fit(with_causes([]), noise, used=extended.used)
-    design = choice.design
+    design, excess = choice.design, _excess(extended, noise)
+    strong = strengths(choice.question, choice.gram, choice.admitted, design.causes, design.names, excess, rng)
     held = gain_of(choice, before, kind, rng, progress) if hold_out and tell_of_posture(measurements.q) else None
     findings = _findings(choice, strong) + _changed(model, choice) + _geometry(choice)
     unexplained = unexplained_by(choice, strong, held)
@@ -136,8 +137,8 @@ def diagnose(
     pairs = look_alikes(choice.question, choice.gram, design.names, design.causes)
     shown = predicted_covariance(before, *_prior_predictive(model, before))
     shown_by_these = visible(choice)
-    structure = bool(unexplained.depends_on) or _excess(extended, noise) > 0.0
-    verdict = verdict_of(findings, structure, shown_by_these, (recalibrated, extended))
+    structure = bool(unexplained.depends_on) or excess > 0.0
+    verdict = verdict_of(findings, structure, unexplained.p_value, shown_by_these, (recalibrated, extended))
 
     def plan(finding: Finding, alias: Alias) -> str:
         cause, other = finding.effect, choice.variant(alias.block)
@@ -202,26 +203,10 @@ def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise) -> Choice
         if sure[worst] >= UNLIKELY:
             break
         kept = tuple(k for k in kept if k != worst)
-    return choice if kept == choice.admitted else _with(choice, kept, problem, noise)
-
-
-def _with(choice: Choice, kept: tuple[int, ...], problem: ProblemOf, noise: StatedNoise) -> Choice:
-    """The choice with some of its blocks, refitted."""
+    if kept == choice.admitted:
+        return choice
     effects = [free(choice.variant(k)) for k in kept if k in choice.causes]
     return replace(choice, fit=fit(problem(effects), noise), admitted=kept)
-
-
-def _likely(
-    choice: Choice, problem: ProblemOf, noise: StatedNoise, rng: np.random.Generator
-) -> tuple[Choice, list[Strength]]:
-    """The choice without causes that may be no more than a part of what is left unexplained; how sure the others are."""
-    while True:
-        names, causes = choice.design.names, choice.design.causes
-        strong = strengths(choice.question, choice.gram, choice.admitted, causes, names, _excess(choice.fit, noise), rng)
-        weak = {s.block for s in strong if s.block in choice.causes and s.probability < UNLIKELY}
-        if not weak:
-            return choice, strong
-        choice = _with(choice, tuple(k for k in choice.admitted if k not in weak), problem, noise)
 
 
 def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:

@@ -124,8 +124,8 @@ def strengths(
     ``excess`` is by how much χ² is larger than the stated noise explains, where structure is left that nothing has.
 
     Beside structure that no cause explains a cause may be no more than a part of that structure: its probability is lowered
-    by the chance that a direction of the structure looks as strong (F test of the two mean squares, times the number of
-    candidates).
+    by the chance that as many directions of the structure look as strong (F test of the two mean squares, times the
+    number of candidates that have as many).
     """
     places = {k: Place.of(question, gram, admitted, k) for k in admitted}
     structure = [_energy(places[k].left, question.blocks[k]) for k in admitted if question.owner(k) >= causes]
@@ -135,8 +135,8 @@ def strengths(
         chance = 0.0
         if structure and question.owner(k) < causes:
             own, q = score(place.left, question.blocks[k]), question.blocks[k].size
-            each = [float(f_sf((own / q) / (energy / size), q, size)) for energy, size in structure]
-            chance = min(1.0, question.candidates * max(each))
+            alike = len({b.candidate for b in question.blocks if b.size >= q})
+            chance = min(1.0, alike * max(_as_strong(own, q, *one) for one in structure))
         found.append(
             Strength(
                 k,
@@ -176,6 +176,12 @@ def score(left: Conditional, block: Block) -> float:
     values, vectors = np.linalg.eigh(left.information(block))
     along = vectors.T @ left.gradient[block.columns]
     return float(np.sum(along**2 / (np.maximum(values, 0.0) + 1.0 / MAGNITUDES.max() ** 2)))
+
+
+def _as_strong(own: float, q: int, energy: float, size: float) -> float:
+    """Chance that q directions of a structure with so much energy over ``size`` directions have as much as a cause."""
+    taken = min(float(q), size)
+    return float(f_sf((own / taken) / (energy / size), taken, size))
 
 
 def _energy(left: Conditional, block: Block) -> tuple[float, float]:

@@ -13,18 +13,28 @@ MOST = 0.5
 """Records that would show more than this part of all causes of usual size would show most of them."""
 
 
-def verdict_of(findings: Sequence[Finding], structure: bool, visible: tuple[int, int], fits: Sequence[Fit]) -> Verdict:
+LEFT = 1e-3
+"""Structure over some covariate with less chance than this, even if nothing is sure about it, makes a name doubtful …"""
+LEFT_ALONE = 1e-6
+"""… and with less than this, where nothing was named: without stated noise far records alone, which scatter more, look so."""
+
+
+def verdict_of(
+    findings: Sequence[Finding], structure: bool, p_left: float, visible: tuple[int, int], fits: Sequence[Fit]
+) -> Verdict:
     """The verdict.
 
     Args:
         findings: what was named.
         structure: something is left that no cause explains.
+        p_left: chance of as much structure over any covariate as is left, where there is none.
         visible: how many causes of usual size these records would have shown, and of how many.
         fits: the searches on which all that rests.
 
     Returns:
         ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the noise cannot be told; nothing
-        was found, and these records would not have shown most causes; or held-out groups do not bear a name out.
+        was found, and these records would not have shown most causes; held-out groups do not bear a name out; or something
+        may be left that nothing was found for.
         ``ambiguous``: a name has a look-alike that these records cannot exclude. ``explained``, ``no-discrepancy``: else.
     """
     if not all(fit.solution.converged and fit.tells_noise for fit in fits):
@@ -32,9 +42,9 @@ def verdict_of(findings: Sequence[Finding], structure: bool, visible: tuple[int,
     if structure:
         return "unexplained"
     if not findings:
-        return "no-discrepancy" if visible[0] > MOST * visible[1] else "inconclusive"
+        return "no-discrepancy" if visible[0] > MOST * visible[1] and p_left >= LEFT_ALONE else "inconclusive"
     doubtful = [finding for finding in findings if finding.probability < SETTLED]
     if doubtful:
         rivals = all(any(alias.probability >= RIVAL for alias in finding.aliases) for finding in doubtful)
         return "ambiguous" if rivals else "inconclusive"
-    return "explained" if all(finding.borne_out for finding in findings) else "inconclusive"
+    return "explained" if all(finding.borne_out for finding in findings) and p_left >= LEFT else "inconclusive"

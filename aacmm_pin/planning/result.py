@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aacmm_pin.arm import Arm
+from aacmm_pin.arm_file import bundled_arms
 from aacmm_pin.checks import Array
 from aacmm_pin.effects import Effect
 from aacmm_pin.error_model import ErrorModel
@@ -116,7 +118,7 @@ class MeasurementPlan(Shown):
         where = "" if not self.set_up else f", and {self.setup}"
         options += " --set-up-arm set_up.toml" if self.changes_arm else ""
         command = (
-            f"aacmm-pin plan {arm or self.model.arm.name.lower()} --split {label_of(one)} {label_of(other)} "
+            f"aacmm-pin plan {arm or _as_command(self.model.arm)} --split {label_of(one)} {label_of(other)} "
             f"--records {len(self.records)}{''.join(f' {o}' for o in self.options)}{options} -o plan.csv"
         )
         if self.after.same:
@@ -189,3 +191,9 @@ def seed_of(rng: np.random.Generator) -> int | None:
     sequence = getattr(rng.bit_generator, "seed_seq", None)
     entropy = getattr(sequence, "entropy", None)
     return entropy if isinstance(entropy, int) else None
+
+
+def _as_command(arm: Arm) -> str:
+    """How a command names the arm: a bundled one by its name, else a file that the caller has to name."""
+    name = arm.name.lower()
+    return name if name in bundled_arms() else "ARM.toml"

@@ -27,10 +27,6 @@ CASES: dict[str, tuple[str, Callable[[], Arm], ReferenceFrame, Target]] = {
 }
 
 
-EVERY = {"ur10": 3}
-"""Of many records every so-manieth is enough to find the same curves, in a fraction of the time."""
-
-
 @pytest.fixture(scope="session")
 def diagnosed(real_data: Path) -> Callable[[str], Diagnosis]:
     """The diagnosis of a case."""
@@ -39,7 +35,6 @@ def diagnosed(real_data: Path) -> Callable[[str], Diagnosis]:
         folder, arm_of, frame, target = CASES[name]
         arm = arm_of()
         records = Measurements.read(real_data / folder / "measurements.csv", arm.nq)
-        records = records.take(np.arange(0, records.n, EVERY.get(name, 1)))
         return diagnose(arm, records, reference_frame=frame, target=target)
 
     return cache(of)
@@ -56,8 +51,7 @@ def test_ur10_has_free_curves_in_its_first_three_joints(diagnosed: Callable[[str
     assert result.held_out is not None
     assert result.held_out.kind == "blocks"
     assert 0.40 * MM < rms(result.held_out.recalibrated) < 0.52 * MM
-    assert rms(result.held_out.extended) < 0.21 * MM
-    assert result.rms["extended"] < 0.14 * MM
+    assert rms(result.held_out.extended) < 0.12 * MM
     for finding in result.findings[:3]:
         assert isinstance(finding.effect, JointErrorCurve)
         waves = finding.effect.spectrum()
@@ -81,6 +75,6 @@ def test_what_is_named_survives_on_held_out_records(name: str, diagnosed: Callab
     if any(not np.isclose(finding.retained_fraction, 1.0) for finding in result.findings):
         assert result.held_out.gain > 0.05
         assert result.held_out.interval[0] > 0.0
-    assert all(finding.probability > 0.2 for finding in result.findings)
+    assert result.verdict == "unexplained" or all(finding.probability > 0.2 for finding in result.findings)
     if name == "panda":
         assert result.unexplained.groups == ()
