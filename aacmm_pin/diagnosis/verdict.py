@@ -16,7 +16,7 @@ MOST = 0.5
 LEFT = 1e-3
 """Structure over some covariate with less chance than this, even if nothing is sure about it, makes a name doubtful …"""
 LEFT_ALONE = 1e-6
-"""… and with less than this, where nothing was named: without stated noise far records alone, which scatter more, look so."""
+"""… and with less than this, where nothing was named: without stated noise far records, which scatter more, look so."""
 
 
 def verdict_of(
