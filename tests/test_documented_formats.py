@@ -20,7 +20,7 @@ from aacmm_pin.effects import CAUSES
 
 PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
-NAMED = ("parameters", "acts_on", "working_sectors")
+NAMED = ("inner", "parameters", "acts_on", "working_sectors")
 """Objects whose keys are names or numbers that vary."""
 NOT_OF_A_COMMAND = ("aacmm-pin/arm/1", "aacmm-pin/table3-diagnosis/1")
 

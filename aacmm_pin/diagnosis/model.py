@@ -101,8 +101,8 @@ class Choice:
     def in_one_part(self, block: int) -> bool:
         """Whether a block moves only records that are left out together, so that the others say nothing of it."""
         moved = self.design.jacobian[:, :, self.question.blocks[block].columns].any(axis=(1, 2))
-        parts = self.parts[moved & self.fit.used]
-        return bool(parts.size and np.ptp(parts) == 0)
+        inside, every = (np.unique(self.parts[records]).size for records in (moved & self.fit.used, self.fit.used))
+        return bool(inside == 1 < every)
 
     def variant(self, block: int) -> Effect:
         """The effect of a block."""
