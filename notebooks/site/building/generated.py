@@ -33,9 +33,11 @@ INHERITED = ", ".join(sorted({*dir(Effect), "component", "flexibility", "place",
 
 def api(module: str) -> str:
     """Everything public in a module; nothing where this version has no such module."""
-    if importlib.util.find_spec(module) is None:
+    found = importlib.util.find_spec(module)
+    if found is None:
         return f"(`{module}` is not part of this version.)"
-    options = ["members:", "imported-members:", *([f"exclude-members: {ELSEWHERE[module]}"] if module in ELSEWHERE else [])]
+    imported = ["imported-members:"] if found.submodule_search_locations else []  # what a package collects is its own
+    options = ["members:", *imported, *([f"exclude-members: {ELSEWHERE[module]}"] if module in ELSEWHERE else [])]
     return _restructured(f".. automodule:: {module}", *(f"   :{option}" for option in options))
 
 
