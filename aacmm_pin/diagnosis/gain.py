@@ -95,7 +95,7 @@ def gain_of(
     kind: str,
     rng: np.random.Generator,
     progress: Progress = None,
-) -> Gain:
+) -> Gain | None:
     """Leave out every part in turn; choose and fit with the rest; predict it.
 
     Args:
@@ -104,6 +104,9 @@ def gain_of(
         kind: of the parts, for the record.
         rng: for the interval.
         progress: whether to show a bar, or a function that wraps the parts.
+
+    Returns:
+        None where no part that is left out has anything to be compared with, such as one record only of each unknown seat.
     """
     n = choice.fit.problem.measurements.n
     simulation, recalibrated, extended, smooth = np.full((4, n), np.nan)
@@ -120,6 +123,8 @@ def gain_of(
             recalibrated[out] = _predicted(choice, training, (), out)
             extended[out] = _predicted(choice, training, causes, out)
             smooth[out] = _predicted(choice, training, admitted, out)
+    if not np.isfinite(extended).any():
+        return None
     interval = _interval(recalibrated, extended, choice.parts, rng)
     return Gain(kind, len(numbers), simulation, recalibrated, extended, smooth, choice.parts, tuple(chosen), interval)
 
