@@ -175,8 +175,7 @@ def exp(twist: Array) -> tuple[Array, Array]:
     cross = skew(w)
     square = cross @ cross
     rotation = np.eye(3) + a[:, None, None] * cross + b[:, None, None] * square
-    wv = np.cross(w, v)
-    shift = v + b[:, None] * wv + c[:, None] * np.cross(w, wv)
+    shift = v + b[:, None] * (cross @ v[:, :, None])[:, :, 0] + c[:, None] * (square @ v[:, :, None])[:, :, 0]
     return rotation, shift
 
 

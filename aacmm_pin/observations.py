@@ -68,6 +68,8 @@ class Observations:
     def start(self, tips: Array) -> Array:
         """First coordinates of the seats (s, 3): the stated ones, else the median of their tips (n, 3) [m]."""
         touched = self.seat >= 0
+        if not touched.any():
+            return np.empty((0, 3))
         medians = pd.DataFrame(tips[touched]).groupby(self.seat[touched]).median()
         found = self.stated.copy()
         open_ = [k for k in medians.index if not self.known[k]]

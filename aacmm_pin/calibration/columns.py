@@ -135,11 +135,11 @@ class Columns:
         return np.asarray(shift.transpose(2, 0, 1))
 
     def _twists(self, x: Array, of_reference: bool) -> Twists:
-        twists: Twists = {}
         chosen = self.same.of_reference == of_reference
-        scaled = self.same.twist * x[self.same.number, None] * chosen[:, None]
-        for place in np.unique(self.same.place[chosen]):
-            twists[int(place)] = scaled[self.same.place == place].sum(axis=0)[None]
+        places, number = np.unique(self.same.place[chosen], return_inverse=True)
+        sums = np.zeros((places.size, 1, 6))
+        np.add.at(sums[:, 0], number, self.same.twist[chosen] * x[self.same.number[chosen], None])
+        twists: Twists = dict(zip(places.tolist(), sums, strict=True))
         for part in self.varying:
             if part.of_reference == of_reference and part.straight and x[part.number].any():
                 _sum(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})

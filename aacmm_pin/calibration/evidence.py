@@ -134,6 +134,8 @@ class _Seats:
 
         def of_each(values: Array, what: str) -> Array:
             """Statistic of the records of each seat that state coordinates (s, 3); NaN where none does."""
+            if not stating.any():
+                return np.full((count, 3), np.nan)
             grouped = pd.DataFrame(values[stating]).groupby(seat[stating]).agg(what)
             return grouped.reindex(range(count)).to_numpy(dtype=np.float64)
 

@@ -69,7 +69,10 @@ def first_fit(problem: Problem, noise: StatedNoise, *, robust: bool = True) -> F
         raise
     travel = _travel(problem)
     unlike = after.unmodelled > max(UNLIKE * travel, FAR)
-    _require_no_mistake(problem, noise, _median(after.solution.system.deviation), thorough=unlike)
+    fitted, at = _median(after.solution.system.deviation), after.solution.point
+    before = _median(problem.tips(problem.start, at.frame) - after.observations.targets(at.seats))
+    if max(fitted, before) >= FAR:
+        _require_no_mistake(problem, noise, fitted, thorough=unlike)
     if unlike:
         raise AacmmError(
             f"{problem.measurements.source} does not fit this arm: are the columns of angles and coordinates, their units "

@@ -171,6 +171,10 @@ class Problem:
             jacobian = frame.rotation @ np.concatenate([jacobian, shifts, turns], axis=2)
         return Prediction(tips, jacobian)
 
+    def tips(self, x: Array, frame: Frame) -> Array:
+        """Tips (n, 3) alone of what :meth:`predict` gives [m]."""
+        return frame.apply(self._columns.at(np.concatenate([self._fixed, x])).position)
+
     def bends(self, x: Array) -> bool:
         """Whether the arm bends under weight with the parameters ``x`` (p,)."""
         return self._columns.bends(np.concatenate([self._fixed, x]))
@@ -184,8 +188,7 @@ class Problem:
         for k in self._columns.alike - fixed.size:
             if k >= 0:
                 step = OF_WIDTH * self.widths[k] * np.eye(x.size)[k]
-                ahead, behind = (self._columns.at(np.concatenate([fixed, x + s])).position for s in (step, -step))
-                numeric = frame.apply(ahead) - frame.apply(behind)
+                numeric = self.tips(x + step, frame) - self.tips(x - step, frame)
                 answer[:, :, k] = numeric / (2 * step[k]) - prediction.jacobian[:, :, k]
         return answer
 
@@ -202,8 +205,8 @@ def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
     """The arm's own parameters that a geometric effect changes, in the order of its terms; none for other effects."""
     if isinstance(effect, JointPlacement):
         return [p for p in arm.parameters if p.joint == effect.joint]
-    kinds = [kind for kind, cause in OF_KIND.items() if isinstance(effect, cause)]
-    return [p for p in arm.parameters if p.kind in kinds and p.joint == effect.row]
+    kind = {cause: kind for kind, cause in OF_KIND.items()}.get(type(effect))
+    return [] if kind is None else [p for p in arm.parameters if p.kind == kind and p.joint == effect.joint]
 
 
 def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:

@@ -43,7 +43,10 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
 
 def tell_of_posture(q: Array) -> bool:
     """Whether readings (n, nq) [rad] are of enough postures to tell anything of what depends on posture."""
-    return int(postures_of(q).max(initial=-1)) + 1 >= FEW
+    others = q
+    for _ in range(FEW - 1):
+        others = others[np.abs(others - others[:1]).max(axis=1) > REPEATED]
+    return len(others) > 0
 
 
 def postures_of(q: Array) -> Index:

@@ -120,14 +120,13 @@ class Solution:
 
 def begin(problem: Problem, observations: Observations) -> Point:
     """The start: the frame by a robust registration, the unknown points by medians."""
-    prediction = problem.predict(problem.start, Frame.identity())
     frame = Frame.identity()
     if problem.external:
         known = problem.measurements.known
         if known.sum() < 3:
             raise AacmmError(f"{known.sum()} records have reference coordinates, expected 3 or more to find their frame")
-        frame = registered(prediction.tips[known], problem.measurements.reference[known])
-        prediction = problem.predict(problem.start, frame)
+        frame = registered(problem.tips(problem.start, frame)[known], problem.measurements.reference[known])
+    prediction = problem.predict(problem.start, frame)
     return Point(problem.start, frame, observations.start(prediction.tips), prediction)
 
 
