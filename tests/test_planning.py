@@ -559,7 +559,7 @@ def test_advice_names_the_command_that_plans_it(sino6: Arm) -> None:
     assert text.startswith("to tell joint_compliance:2 from encoder_eccentricity:2, measure 40 records")
     labels = "joint_compliance:2,compliance_rad_per_nm=2e-06 encoder_eccentricity:2"
     words = f"plan sino6 --split {labels} --records 40 --data free.csv -o plan.csv"
-    assert f"aacmm-pin {words} (raises the probability of telling them from 0." in text
+    assert f"aacmm-pin {words} (the probability of a right decision goes from 0." in text
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
     at_seats = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))
     assert "--records 40 --reference seats -o plan.csv" in advice(sino6, split, at_seats, reference_frame="base", **NOISE)

@@ -182,7 +182,7 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
             f"±{ASSEMBLED['rad'] / DEG:.0f}° for geometry, wide enough not to matter where the data say something"
         )
     if not redundant(after.problem, after.solution) and not after.excluded.any():
-        found.append("so few records cannot tell which of them are wrong: none was looked for")
+        found.append("too few records to look for gross errors: all were used")
     if noise.length is None and len(after.observations.ends):
         found.append(f"nobody states how well the bars' lengths are known: taken as {LENGTH / MM:g} mm")
     if not after.solution.converged:

@@ -357,7 +357,7 @@ def _chi2(problem: Problem, solution: Solution) -> tuple[float, float]:
     spectrum = solution.spectrum
     movable = spectrum.movable
     scaled = spectrum.directions[:, movable] / spectrum.values[movable] * problem.scales[:, None]
-    determined = float(np.square(system.jacobian @ scaled).sum())
+    determined = float(np.linalg.norm(system.jacobian @ scaled)) ** 2
     left_out = 3 * int(np.sum((solution.weights == 0.0) & np.isfinite(system.distance)))
     return float(system.residual @ system.residual), system.free - left_out - determined
 

@@ -206,7 +206,7 @@ def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
     if isinstance(effect, JointPlacement):
         return [p for p in arm.parameters if p.joint == effect.joint]
     kind = {cause: kind for kind, cause in OF_KIND.items()}.get(type(effect))
-    return [] if kind is None else [p for p in arm.parameters if p.kind == kind and p.joint == effect.joint]
+    return [] if kind is None else [p for p in arm.parameters if p.kind == kind and p.joint == effect.row]
 
 
 def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:

@@ -35,8 +35,8 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     if not tell_of_posture(kept.q):
         count = int(postures_of(kept.q).max(initial=-1)) + 1
         notes.append(
-            f"all {kept.n} records are repeats of {count} posture{'s' * (count != 1)}: they tell nothing of what depends on "
-            "posture, and none can be held out; a model fitted to them need not hold elsewhere"
+            f"only {count} posture{'s' * (count != 1)} in {kept.n} record{'s' * (kept.n != 1)}: nothing can be said of what "
+            "depends on posture, and no held-out validation is possible"
         )
     return kept, notes
 

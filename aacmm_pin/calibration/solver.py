@@ -334,10 +334,17 @@ def noise_of_tips(problem: Problem, frame: Frame, encoder: Array | None, unmodel
 
 def _triangle(problem: Problem, system: System, x: Array) -> Array:
     """R of the scaled system with its prior rows and, last, its residual (at most p + 1 rows, p + 1)."""
-    measured = np.column_stack([system.jacobian * problem.scales, system.residual])
-    prior = np.zeros((x.size, problem.scales.size + 1))
-    prior[:, : x.size], prior[:, -1] = problem.prior, problem.beside_prior(x)
-    return np.asarray(np.linalg.qr(np.vstack([measured, prior]), mode="r"))
+    triangle = np.zeros((x.size, problem.scales.size + 1))
+    triangle[:, : x.size], triangle[:, -1] = problem.prior, problem.beside_prior(x)
+    for first in range(0, len(system.residual), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        measured = np.column_stack([system.jacobian[some] * problem.scales, system.residual[some]])
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, measured]), mode="r"))
+    return triangle
+
+
+AT_ONCE = 4000
+"""Rows that are brought to a triangle at once: copies of all of them would take more memory than all the rest."""
 
 
 def _cost(problem: Problem, system: System, x: Array) -> float:

@@ -53,10 +53,10 @@ def assemble(prediction: Prediction, observations: Observations, points: Array, 
     rows = np.empty((len(says), 3, p + 1))
     np.matmul(whiten, prediction.jacobian, out=rows[:, :, :p])
     rows[:, :, p] = white * root[:, None]
-    found, free = [rows[says]], 3 * int(says.sum())
+    free = 3 * int(says.sum())
     if not len(observations.labels):
-        residual = rows[says].reshape(-1, p + 1)
-        return System(residual[:, p], residual[:, :p], distance, deviation, free, lambda _: np.zeros((0, 3)))
+        every = (rows if says.all() else rows[says]).reshape(-1, p + 1)
+        return System(every[:, p], every[:, :p], distance, deviation, free, lambda _: np.zeros((0, 3)))
     seats = Elimination(observations, points, whiten)
     of_seats, of_bars = (_beside(ties, p) for ties in seats.residuals)
     along = seats.along(rows, of_seats)

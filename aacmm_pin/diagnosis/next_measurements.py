@@ -89,7 +89,7 @@ def next_measurements(
     if seats:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
     if doubts.not_borne_out or verdict == "inconclusive":
-        return "more records, at other postures: those that were left out in turn do not bear out yet that the arm is better"
+        return "more records, at other postures: the extended model does not yet predict held-out records better"
     return "nothing is open; check the extended arm on new records, over all ranges of its joints, with `aacmm-pin correct`"
 
 
@@ -113,5 +113,5 @@ def _otherwise(depends_on: Sequence[str]) -> str:
     if SCALE in depends_on:
         found.append("measure a length that is known from elsewhere, which tells whether the references or the arm are off")
     if others:
-        found.append(f"repeat some postures with other values of {', '.join(others)} and everything else alike")
+        found.append(f"repeat some postures with another {', another '.join(others)} and all else unchanged")
     return ", ".join(found)

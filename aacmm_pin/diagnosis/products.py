@@ -206,7 +206,7 @@ def products_of(design: Design, part: Index) -> Products:
     )
 
 
-CHUNK = 2000
+CHUNK = 400
 """Rows of which products are taken at once."""
 STRIP = 64
 """Columns that are whitened at once."""

@@ -224,7 +224,8 @@ def moved(state: State, displacement: Displacement) -> Array:
 def about_axis(state: State, row: int, columns: Array) -> Displacement:
     """Body ``row`` turned about its joint by ``columns`` (n, p) [rad]; shifted along it where the joint slides."""
     component = 2 if state.arm.chain.prismatic[state.joint(row)] else 5
-    twists = np.zeros((len(columns), 6, columns.shape[1]))
+    # Component by component, so that the zeros of the others take no memory: nobody writes there.
+    twists = np.zeros((6, *columns.shape)).transpose(1, 0, 2)
     twists[:, component] = columns
     return Displacement(axis(row), twists)
 

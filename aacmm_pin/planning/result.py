@@ -128,7 +128,7 @@ class MeasurementPlan(Shown):
             odds += ", not enough yet" if self.enough is None else f"; about {self.enough} would decide"
         return (
             f"to tell {one.label} from {other.label}, measure {len(self.records)} records where the two differ "
-            f"most{where}: {command} (raises the probability of telling them {odds}{with_it})"
+            f"most{where}: {command} (the probability of a right decision goes {odds}{with_it})"
         )
 
     def summary(self) -> dict[str, Any]:

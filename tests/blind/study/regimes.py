@@ -68,7 +68,7 @@ def outcome(row: Row) -> Row:
         "right": bool(set(names) & right) if hidden else not names and verdict in ("no-discrepancy", "inconclusive"),
         "named": not hidden and bool(names) and verdict != "inconclusive",
         "probability": [f.get("probability") for f in said.get("findings", [])],
-        "true_names": [name in right for name in names],
+        "true_names": [name in {h["key"] for h in hidden} for name in names],
         "seconds": row["seconds"],
     }
 

@@ -30,7 +30,8 @@ REGIMES = """Files of many arms and kinds of evidence (`tests/blind/regimes.py`)
 the verdicts `explained`, those that name a cause that is neither hidden nor, by the cosine of the effects beside all that is
 refitted (over 0.95), the same as a hidden one; an `inconclusive` verdict is an abstention. `hidden cause named`: one of the
 hidden causes, or the same as one, is among the findings, whatever the verdict. `stated minus true`: mean of the stated
-probabilities less the share that is right."""
+probabilities less the share of the names that are those of hidden causes: a probability is of this very name, so that one
+which is only like a hidden cause does not count here."""
 
 
 def version() -> str:
