@@ -15,8 +15,8 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: each worker has one c
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile, load_arm_file
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.effects import CAUSES
 from tests.browser import Page
 

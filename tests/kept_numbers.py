@@ -38,7 +38,7 @@ FEW = [
 """A command of each kind; the later ones use what the earlier ones wrote."""
 MORE = [
     "urdf zero6 -o zero6.urdf",
-    f"configurations sino6 --tip --point 500 200 400 --axis 0 0 -1 --count 12 -o axis.csv",
+    "configurations sino6 --tip --point 500 200 400 --axis 0 0 -1 --count 12 -o axis.csv",
     *(f"accuracy sino6 {POINT} --count 24 --method {m} --json {m}.json" for m in ("jointwise", "ellipsoid", "monte-carlo")),
     "simulate sino6 --plan seats --records 120 --effect bearing_tilt:joint=2,compliance_rad_per_nm=2e-6 --seed 2 -o seats.csv",
     "simulate sino6 --plan free --records 300 --perturb --effect thermal_expansion:expansion_per_k=2e-5 --seed 3 -o warm.csv",

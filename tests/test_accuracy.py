@@ -12,12 +12,12 @@ import pinocchio as pin
 import pytest
 from scipy.stats import chi2
 
-from aacmm_pin.accuracy import COVERAGE_FACTOR, METHODS, accuracy_volume
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import load_arm_file
-from aacmm_pin.checks import Array
-from aacmm_pin.configurations import configuration_circle
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, METHODS, accuracy_volume
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
+from aacmm_pin.postures.configurations import configuration_circle
 
 H = 1e-6
 SEATS_MM = [

@@ -8,14 +8,14 @@ from scipy.integrate import quad
 from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile
-from aacmm_pin.conditions import Conditions
+from aacmm_pin.accuracy.single_point import single_point_statistics
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointHysteresis, LinkLength
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MissingConditionError, ShapeError
-from aacmm_pin.single_point import single_point_statistics
-from aacmm_pin.spread import (
+from aacmm_pin.papers.spread import (
     Pattern,
     TouchedSeats,
     evidence,
@@ -31,7 +31,7 @@ from aacmm_pin.spread import (
     part_and_rest,
     probabilities,
 )
-from aacmm_pin.spread.records import SCATTER
+from aacmm_pin.papers.spread.records import SCATTER
 
 N = 40
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem
-from aacmm_pin.calibration.unknowns import problem_of
 from aacmm_pin.effects import Effect, JointCompliance, JointDistance, JointZeroOffset, LinkTwist
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
 
 SOFT = 2e-3
 """A hundred times softer than an arm is, so that what is tested stands out [rad/(N·m)]."""

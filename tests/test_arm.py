@@ -9,12 +9,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile, load_arm_file
-from aacmm_pin.checks import Array
-from aacmm_pin.dh import table
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.dh import table
+from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
-from aacmm_pin.units import MM
 
 H = 1e-6  # step of central differences
 

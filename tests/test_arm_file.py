@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aacmm_pin.arm_file import bundled_arms, load_arm_file, parse_arm_file
+from aacmm_pin.arm.file import bundled_arms, load_arm_file, parse_arm_file
 from aacmm_pin.errors import ArmFileError, UnknownNameError
 
 GOOD = """\

@@ -7,8 +7,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from aacmm_pin.arm_file import ArmFile, bundled_arms, load_arm_file, parse_arm_file
-from aacmm_pin.arm_text import arm_text
+from aacmm_pin.arm.file import ArmFile, bundled_arms, load_arm_file, parse_arm_file
+from aacmm_pin.arm.text import arm_text
 
 
 def read(text: str) -> ArmFile:

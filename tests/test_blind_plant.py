@@ -20,10 +20,10 @@ from blind.plant import ENCODER_NOISE, REFERENCE_NOISE
 from blind.statics import Elastic, settle, share_of_tube
 
 import aacmm_pin.effects as library
-from aacmm_pin.arm import Arm
-from aacmm_pin.conditions import Conditions as PackageConditions
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.conditions import Conditions as PackageConditions
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
 
 ARM = read_arm()
 FELT = {

@@ -16,10 +16,10 @@ from blind.study.regimes import count, outcome
 from blind.truth import Hidden
 
 import aacmm_pin.effects as library
-from aacmm_pin.arm import Arm
-from aacmm_pin.conditions import Conditions as PackageConditions
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.conditions import Conditions as PackageConditions
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
 
 
 @pytest.fixture(params=ARMS)

@@ -12,13 +12,12 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile, load_arm_file
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.calibration import Calibration, calibrate, solver
 from aacmm_pin.calibration.calibrate import notes_of
-from aacmm_pin.calibration.evidence import StatedNoise
-from aacmm_pin.checks import Array
-from aacmm_pin.conditions import Conditions
+from aacmm_pin.calibration.stated_noise import StatedNoise
 from aacmm_pin.effects import (
     BaseCompliance,
     Effect,
@@ -32,12 +31,13 @@ from aacmm_pin.effects import (
     ThermalExpansion,
     ZeroDrift,
 )
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError, UnknownNameError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.noise import Noise
-from aacmm_pin.virtual import simulate_measurements
-from aacmm_pin.zero_offset_paper import printed_postures
+from aacmm_pin.measurements.noise import Noise
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.papers.zero_offset import printed_postures
 
 READING, REFERENCE = 8e-6, 12e-6
 

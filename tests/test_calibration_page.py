@@ -16,17 +16,17 @@ import pytest
 from matplotlib import pyplot as plt
 from test_report import PNG, Page
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import parse_arm_file
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.calibration import Calibration, calibrate
-from aacmm_pin.calibration_findings import calibration_summary, verdict
-from aacmm_pin.calibration_page import calibration_page
-from aacmm_pin.display.page import viewer_script
+from aacmm_pin.calibration.perturbed_arm import perturbed_model
 from aacmm_pin.effects import EncoderEccentricity
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.perturbed import perturbed_model
-from aacmm_pin.units import MM
-from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report.calibration_findings import calibration_summary, verdict
+from aacmm_pin.report.calibration_page import calibration_page
+from aacmm_pin.report.scenes.page import viewer_script
 
 mpl.use("Agg")
 

@@ -16,9 +16,16 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from aacmm_pin.arm import Arm
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
-from aacmm_pin.calibration_findings import (
+from aacmm_pin.calibration.perturbed_arm import perturbed_model
+from aacmm_pin.effects import EncoderEccentricity, JointCompliance, ThermalExpansion
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report.calibration_findings import (
     causes_in_words,
     comment,
     decimals,
@@ -30,12 +37,7 @@ from aacmm_pin.calibration_findings import (
     stated_half_widths,
     verdict,
 )
-from aacmm_pin.effects import EncoderEccentricity, JointCompliance, ThermalExpansion
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.perturbed import perturbed_model
-from aacmm_pin.plots import (
+from aacmm_pin.report.plots import (
     BLUE,
     VERMILLION,
     plot_calibration,
@@ -48,8 +50,6 @@ from aacmm_pin.plots import (
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
-from aacmm_pin.units import MM
-from aacmm_pin.virtual import simulate_measurements
 
 mpl.use("Agg")
 

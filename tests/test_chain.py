@@ -10,11 +10,11 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import expm
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile
-from aacmm_pin.chain import BASE, axis, end, exp, skew
-from aacmm_pin.checks import Array
-from aacmm_pin.dh import DHTable, table
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import BASE, axis, end, exp, skew
+from aacmm_pin.arm.dh import DHTable, table
+from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.errors import UnknownNameError, UnsupportedArmError
 
 ROBOTS = [  # file, frame, number of joints that slide

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from aacmm_pin import Arm, configuration_circle
-from aacmm_pin.arm_file import ArmFile, load_arm_file
-from aacmm_pin.workspace import map_caveats
+from aacmm_pin.accuracy.workspace import map_caveats
+from aacmm_pin.arm.file import ArmFile, load_arm_file
 
 
 def mounted(gravity: tuple[float, float, float]) -> Arm:

@@ -20,10 +20,10 @@ from typer.testing import CliRunner
 
 import aacmm_pin
 from aacmm_pin import Arm
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.cli import app
-from aacmm_pin.demo import run_demo
-from aacmm_pin.units import DEG, MM
-from aacmm_pin.workspace import WorkspaceMap
+from aacmm_pin.report.demo import run_demo
 
 POINT = ["--point", "33.6323", "-671.8702", "182.9355"]
 SMALL = ["--cells", "6", "6"]
@@ -231,7 +231,7 @@ def test_the_accuracy_of_every_posture_as_csv(tmp_path: Path) -> None:
 
 
 def test_rows_without_uncertainty_are_named(tmp_path: Path) -> None:
-    text = (Path(aacmm_pin.__file__).parent / "arms" / "sino6.toml").read_text(encoding="utf-8")
+    text = (Path(aacmm_pin.__file__).parent / "arm" / "bundled" / "sino6.toml").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if not line.startswith("uncertainty") or "0.02707" not in line]
     path = tmp_path / "mine.toml"
     path.write_text("\n".join(lines), encoding="utf-8")
@@ -300,9 +300,9 @@ def _cpu_seconds(session: int) -> float:
 def test_demo_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an arm like SINO6 with another name: without the paper, which is about SINO6 alone and takes most of the time."""
     folder, mine = tmp_path / "out", tmp_path / "mine.toml"
-    arm = (Path(aacmm_pin.__file__).parent / "arms" / "sino6.toml").read_text(encoding="utf-8")
+    arm = (Path(aacmm_pin.__file__).parent / "arm" / "bundled" / "sino6.toml").read_text(encoding="utf-8")
     mine.write_text(arm.replace('name = "SINO6"', 'name = "MINE"'), encoding="utf-8")
-    monkeypatch.setattr("aacmm_pin.demo.run_demo", partial(run_demo, str(mine)))
+    monkeypatch.setattr("aacmm_pin.report.demo.run_demo", partial(run_demo, str(mine)))
     status, out, _ = run("demo", "-o", folder, "--cells", "8", "8")
     assert status == 0
     assert "MINE" in out

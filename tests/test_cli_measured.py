@@ -14,8 +14,9 @@ import pytest
 from typer.testing import CliRunner
 
 import aacmm_pin
-from aacmm_pin.accuracy import accuracy_volume
-from aacmm_pin.arm import Arm
+from aacmm_pin._support.units import MM
+from aacmm_pin.accuracy.volume import accuracy_volume
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli import app
 from aacmm_pin.cli.effect_option import effects_of, known_effects
 from aacmm_pin.effects import (
@@ -26,11 +27,10 @@ from aacmm_pin.effects import (
     StylusOffset,
     ThermalExpansion,
 )
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.units import MM
-from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
 
 NOISE = ["--encoder-noise-rad", "8e-6"]
 QUICK = [*NOISE, "--no-held-out"]
@@ -354,7 +354,7 @@ def test_a_failure_on_the_way_leaves_none(data: Path, tmp_path: Path, monkeypatc
         assert any(tmp_path.iterdir())  # the others are on their way
         raise AacmmError("no page today")
 
-    monkeypatch.setattr("aacmm_pin.calibration_page.calibration_page", fail)
+    monkeypatch.setattr("aacmm_pin.report.calibration_page.calibration_page", fail)
     files = ["-o", tmp_path / "c.toml", "--residuals", tmp_path / "r.csv", "--report", tmp_path / "r.html", "--json", "-"]
     assert "no page today" in refused("calibrate", "sino6", data, *QUICK, *files)
     assert list(tmp_path.iterdir()) == []
@@ -521,7 +521,7 @@ def test_a_bad_measurement_file_is_named(text: str, said: list[str], tmp_path: P
 
 
 def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(data: Path, tmp_path: Path) -> None:
-    lines = (Path(aacmm_pin.__file__).parent / "arms" / "sino6.toml").read_text(encoding="utf-8").splitlines()
+    lines = (Path(aacmm_pin.__file__).parent / "arm" / "bundled" / "sino6.toml").read_text(encoding="utf-8").splitlines()
     zero = "uncertainty = { a_mm = 0.0, d_mm = 0.0, alpha_rad = 0.0, theta_offset_rad = 0.0 }"
     text = "\n".join(zero if line.startswith("uncertainty") else line for line in lines)
     (tmp_path / "exact.toml").write_text(text, encoding="utf-8")

@@ -11,12 +11,12 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from aacmm_pin.arm import Arm
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli import app
 from aacmm_pin.effects import JointCompliance
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.units import MM
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
 
 PAIR = ["--split", "joint_compliance:2", "encoder_eccentricity:2"]
 QUICK = ["--records", "20", "--postures", "200", "--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]

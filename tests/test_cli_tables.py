@@ -13,12 +13,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.cells import cells, spread
+from aacmm_pin._support.cells import cells, spread
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli.tables import show
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.simulate import simulate_measurements
 
 NOISE = ["--encoder-noise-rad", "8e-6"]
 POINT = ["--point", "33.6323", "-671.8702", "182.9355"]

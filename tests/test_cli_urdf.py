@@ -13,9 +13,9 @@ import pinocchio as pin
 import pytest
 from typer.testing import CliRunner
 
-from aacmm_pin.arm import Arm
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli import app
-from aacmm_pin.units import DEG, MM
 
 POINT = ["--point", "400", "100", "300"]
 RPY = (170.0, 20.0, -35.0)

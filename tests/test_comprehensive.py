@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aacmm_pin.comprehensive import comprehensive_accuracy, configuration_weights, preferred_theta3
+from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy, configuration_weights, preferred_theta3
 
 LEVEL = np.array([0.6, -0.8, 0.0])  # on the horizon: theta3k is a right angle
 

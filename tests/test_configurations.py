@@ -16,18 +16,18 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile, load_arm_file, parse_arm_file
-from aacmm_pin.checks import Array, Index
-from aacmm_pin.circle import Components, arc_fractions, at_swivel, sector_centres
-from aacmm_pin.configurations import ConfigurationCircle, configuration_circle, configuration_circles
-from aacmm_pin.continuation import Curve
-from aacmm_pin.dh import DHTable
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm.file import ArmFile, load_arm_file, parse_arm_file
+from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
-from aacmm_pin.limits import broken_limits, into_limits
-from aacmm_pin.reach import reach_of_wrist
-from aacmm_pin.reaching import Wrist, wrist_curves, wrist_system
-from aacmm_pin.swivel import Swivel
+from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
+from aacmm_pin.postures.continuation import Curve
+from aacmm_pin.postures.curve_sampling import Components, arc_fractions, at_swivel, sector_centres
+from aacmm_pin.postures.reach import reach_of_wrist
+from aacmm_pin.postures.swivel import Swivel
+from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
-from aacmm_pin.corrected_urdf import corrected_urdf, roll_pitch_yaw
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.corrected_urdf import corrected_urdf, roll_pitch_yaw
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 ROBOTS = [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand_tcp"), ("panda.urdf", "panda_link5")]

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile
-from aacmm_pin.checks import Array
-from aacmm_pin.dh import CHUNK, DHTable, table
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.dh import CHUNK, DHTable, table
+from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.errors import AacmmError, ShapeError
-from aacmm_pin.units import DEG, MM
 
 H = 1e-6  # step of central differences: truncation 1e-13, rounding 1e-10
 

@@ -19,23 +19,25 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space, orth, subspace_angles
 from scipy.stats import chi2, f, kstest, multivariate_normal
 
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import encoder_of
-from aacmm_pin.calibration.evidence import StatedNoise
 from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.unknowns import problem_of
-from aacmm_pin.diagnosis import findings, gain, groups
+from aacmm_pin.calibration.stated_noise import StatedNoise
+from aacmm_pin.diagnosis import cross_validation as gain
+from aacmm_pin.diagnosis import odd_groups as groups
+from aacmm_pin.diagnosis import significance as findings
+from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import covariates
+from aacmm_pin.diagnosis.cross_validation import parts_of
 from aacmm_pin.diagnosis.design import Block
 from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.gain import parts_of
-from aacmm_pin.diagnosis.library import candidates
-from aacmm_pin.diagnosis.model import Choice, choose, free
-from aacmm_pin.diagnosis.products import Gram, products_of
+from aacmm_pin.diagnosis.extension import Choice, choose, free
+from aacmm_pin.diagnosis.gram import Gram, products_of
 from aacmm_pin.effects import Effect
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
 
 Array = NDArray[np.float64]
 ENCODER, REFERENCE, PROBE, LENGTH = 8e-6, 12e-6, 10e-6, 20e-6

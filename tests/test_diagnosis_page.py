@@ -19,24 +19,11 @@ from matplotlib import pyplot as plt
 from test_report import PNG, Page
 from typer.testing import CliRunner
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import parse_arm_file
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.cli import app
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, OddGroup, diagnose
-from aacmm_pin.diagnosis_findings import (
-    gain_in_words,
-    group_in_words,
-    in_words,
-    label_in_words,
-    line_to_remember,
-    parameters_in_words,
-    several_in_words,
-    unexplained_in_words,
-    verdict_in_words,
-)
-from aacmm_pin.diagnosis_page import diagnosis_page
-from aacmm_pin.diagnosis_tables import look_alikes, ranking, residuals_table
-from aacmm_pin.display.page import viewer_script
 from aacmm_pin.effects import (
     CAUSES,
     EncoderEccentricity,
@@ -47,10 +34,23 @@ from aacmm_pin.effects import (
     JointZeroOffset,
     StylusOffset,
 )
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.units import MM
-from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report.diagnosis_findings import (
+    gain_in_words,
+    group_in_words,
+    in_words,
+    label_in_words,
+    line_to_remember,
+    parameters_in_words,
+    several_in_words,
+    unexplained_in_words,
+    verdict_in_words,
+)
+from aacmm_pin.report.diagnosis_page import diagnosis_page
+from aacmm_pin.report.diagnosis_tables import look_alikes, ranking, residuals_table
+from aacmm_pin.report.scenes.page import viewer_script
 
 mpl.use("Agg")
 

@@ -14,12 +14,12 @@ from blind import draw
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.calibration.evidence import StatedNoise
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.fit import fit
-from aacmm_pin.calibration.unknowns import problem_of
-from aacmm_pin.checks import Array
-from aacmm_pin.conditions import Conditions
+from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.stated_noise import StatedNoise
 from aacmm_pin.diagnosis import Diagnosis, Finding, diagnose
 from aacmm_pin.effects import (
     BaseCompliance,
@@ -42,10 +42,12 @@ from aacmm_pin.effects import (
     TorsionalWindup,
     ZeroDrift,
 )
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.plots import (
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.report.html import blank_axes
+from aacmm_pin.report.plots import (
     plot_arm_residual_vectors,
     plot_arm_residuals,
     plot_cause,
@@ -56,10 +58,8 @@ from aacmm_pin.plots import (
     plot_seat_error,
     plot_unexplained,
 )
-from aacmm_pin.plots.groups import held_out_parts, residuals_by_group
-from aacmm_pin.plots.partial import partial_residual
-from aacmm_pin.report import blank_axes
-from aacmm_pin.units import DEG, MM
+from aacmm_pin.report.plots.groups import held_out_parts, residuals_by_group
+from aacmm_pin.report.plots.partial import partial_residual
 
 mpl.use("Agg")
 

@@ -33,22 +33,22 @@ from aacmm_pin import (
     circle_accuracy,
     configuration_circle,
     diagnose,
-    display,
     map_workspace,
-    reaching_postures,
     simulate_measurements,
-    zonotope,
 )
-from aacmm_pin.arm_file import ArmFile
-from aacmm_pin.checks import Array
-from aacmm_pin.display import Scene
-from aacmm_pin.display.accuracy_set import AccuracySet
-from aacmm_pin.display.frames import Frames
-from aacmm_pin.display.page import viewer_script
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM, MM3
+from aacmm_pin.accuracy import zonotope
+from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import OutputError, ShapeError, UnknownNameError
-from aacmm_pin.limits import broken_limits
-from aacmm_pin.units import DEG, MM, MM3
+from aacmm_pin.postures import general_ik as reaching_postures
+from aacmm_pin.report import scenes as display
+from aacmm_pin.report.scenes import Scene
+from aacmm_pin.report.scenes.accuracy_set import AccuracySet
+from aacmm_pin.report.scenes.frames import Frames
+from aacmm_pin.report.scenes.page import viewer_script
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
 SINGLE = 2e-7

@@ -12,10 +12,11 @@ from browser import Page, page
 from meshcat.geometry import Box
 from scipy.spatial import ConvexHull
 
-from aacmm_pin import Arm, circle_accuracy, configuration_circle, display
-from aacmm_pin.checks import Array
-from aacmm_pin.display import Scene
-from aacmm_pin.units import MM
+from aacmm_pin import Arm, circle_accuracy, configuration_circle
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.report import scenes as display
+from aacmm_pin.report.scenes import Scene
 
 __all__ = ["page"]
 

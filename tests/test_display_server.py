@@ -17,11 +17,12 @@ import pytest
 from meshcat.geometry import Box
 from typer.testing import CliRunner
 
-from aacmm_pin import Arm, display
+from aacmm_pin import Arm
 from aacmm_pin.cli import app
-from aacmm_pin.display import Scene, serving
-from aacmm_pin.display import server as serving_from
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.report import scenes as display
+from aacmm_pin.report.scenes import Scene, serving
+from aacmm_pin.report.scenes import server as serving_from
 
 POINT = ["--point", "33.6323", "-671.8702", "182.9355"]
 
@@ -137,7 +138,7 @@ def test_nothing_is_left_when_it_is_closed(scene: Scene) -> None:
 def test_nothing_is_left_when_the_caller_is_killed() -> None:
     """The pipe ends with whoever held it."""
     program = (
-        "import time\nfrom aacmm_pin.display import Scene\n"
+        "import time\nfrom aacmm_pin.report.scenes import Scene\n"
         "server = Scene('x').show(browser=False)\nprint(server.pid, flush=True)\ntime.sleep(100)\n"
     )
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as caller:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aacmm_pin.distributions import chi2_cdf, chi2_isf, chi2_sf, f_isf, f_sf
+from aacmm_pin._support.distributions import chi2_cdf, chi2_isf, chi2_sf, f_isf, f_sf
 
 DOF = np.array([1.0, 2.0, 3.0, 7.5, 120.0, 4500.0])
 P = np.array([0.9, 0.5, 1e-3, 1e-9, 1e-30])[:, None]

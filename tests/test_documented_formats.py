@@ -14,9 +14,10 @@ from pydantic import BaseModel
 from typer.testing import CliRunner
 
 import aacmm_pin
-from aacmm_pin import arm_file, measurement_columns
+from aacmm_pin.arm import file as arm_file
 from aacmm_pin.cli import app
 from aacmm_pin.effects import CAUSES
+from aacmm_pin.measurements import columns as measurement_columns
 
 PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))

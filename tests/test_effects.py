@@ -23,11 +23,11 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, root
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile, load_arm_file
-from aacmm_pin.chain import BASE, axis, end
-from aacmm_pin.checks import Array
-from aacmm_pin.conditions import COLUMNS, Conditions
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import BASE, axis, end
+from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.effects import (
     CAUSES,
     BaseCompliance,
@@ -57,11 +57,11 @@ from aacmm_pin.effects import (
     TorsionalWindup,
     ZeroDrift,
 )
+from aacmm_pin.effects.conditions import COLUMNS, Conditions
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import GravityEffect
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
-from aacmm_pin.state import State
-from aacmm_pin.units import MM
 
 ALL_BODIES = (1, 2, 3, 4, 5, 6)
 

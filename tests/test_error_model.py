@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile, load_arm_file
-from aacmm_pin.arm_text import arm_text
-from aacmm_pin.checks import Array
-from aacmm_pin.conditions import Conditions
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile, load_arm_file
+from aacmm_pin.arm.text import arm_text
 from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
@@ -29,7 +29,8 @@ from aacmm_pin.effects import (
     StylusOffset,
     ThermalExpansion,
 )
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import (
     AacmmError,
     ArmFileError,
@@ -39,7 +40,6 @@ from aacmm_pin.errors import (
     UnknownNameError,
     UnsupportedArmError,
 )
-from aacmm_pin.units import MM
 
 GAIN = """
 [[effects]]

@@ -13,12 +13,12 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, circle_accuracy
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import Covariance, load_arm_file
-from aacmm_pin.checks import Array
-from aacmm_pin.conditions import Conditions
-from aacmm_pin.configurations import configuration_circle
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.error_sources import ErrorSources
+from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
+from aacmm_pin.accuracy.volume_monte_carlo import exact_positions
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import Covariance, load_arm_file
 from aacmm_pin.effects import (
     BaseCompliance,
     EncoderEccentricity,
@@ -29,11 +29,11 @@ from aacmm_pin.effects import (
     StylusOffset,
     ThermalExpansion,
 )
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.error_sources import ErrorSources
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
-from aacmm_pin.exact_volume import exact_positions
-from aacmm_pin.plots import plot_budget
+from aacmm_pin.postures.configurations import configuration_circle
+from aacmm_pin.report.plots import plot_budget
 
 ROWS = {"a": "a_mm", "d": "d_mm", "alpha": "alpha_rad", "theta_offset": "theta_offset_rad"}
 WARM = Conditions(1, temperature=np.array([31.0]))

@@ -152,15 +152,15 @@ def test_only_the_arm_imports_pinocchio() -> None:
 @pytest.mark.parametrize(
     ("source", "module", "said"),
     [
-        ("import aacmm_pin.arm", "dh", "dh (floor 2) imports aacmm_pin.arm (floor 5)"),
-        ("from aacmm_pin.arm import Arm", "arm_file", "(floor 5)"),
+        ("import aacmm_pin.arm.arm", "dh", "dh (floor 2) imports aacmm_pin.arm.arm (floor 5)"),
+        ("from aacmm_pin.arm.arm import Arm", "arm_file", "(floor 5)"),
         ("from aacmm_pin import arm", "checks", "(floor 5)"),
-        ("from aacmm_pin.units import MM", "errors", "(floor 0)"),  # same floor
+        ("from aacmm_pin._support.units import MM", "errors", "(floor 0)"),  # same floor
         ("from .cli import main", "dh", "(floor 18)"),
         ("from . import cli", "dh", "(floor 18)"),
         ("from ..cli import main", "sino6_paper.tables", "(floor 18)"),
-        ("def f():\n    from aacmm_pin.arm import Arm", "dh", "(floor 5)"),
-        ("if TYPE_CHECKING:\n    from aacmm_pin.arm import Arm", "dh", "(floor 5)"),
+        ("def f():\n    from aacmm_pin.arm.arm import Arm", "dh", "(floor 5)"),
+        ("if TYPE_CHECKING:\n    from aacmm_pin.arm.arm import Arm", "dh", "(floor 5)"),
         ("import aacmm_pin", "arm", "no floor"),
         ("from aacmm_pin import Arm", "cli", "no floor"),
         ("", "brand_new", "give it one"),
@@ -175,7 +175,7 @@ def test_a_violation_is_caught(source: str, module: str, said: str) -> None:
     ("source", "module"),
     [
         ("from aacmm_pin.errors import AacmmError\nfrom .units import MM\nimport numpy.linalg", "dh"),
-        ("from aacmm_pin.sino6_paper.tables import A\nfrom . import tables\nfrom ..arm import Arm", "sino6_paper.figures"),
+        ("from aacmm_pin.papers.sino6.tables import A\nfrom . import tables\nfrom ..arm import Arm", "sino6_paper.figures"),
         ("from aacmm_pin.cli import main", "__init__"),
     ],
 )

@@ -14,16 +14,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.cli import app
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, EncoderGain
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.geometry import JointZeroOffset
-from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import MistakenFileError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
 
 Change = Callable[[Measurements], Measurements]
 

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aacmm_pin import measurement_columns
-from aacmm_pin.conditions import Conditions
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError, ShapeError, UnknownNameError
-from aacmm_pin.measurements import Bar, Measurements
+from aacmm_pin.measurements import columns as measurement_columns
+from aacmm_pin.measurements.records import Bar, Measurements
 
 DEG = np.pi / 180
 

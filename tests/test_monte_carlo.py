@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile, Covariance
-from aacmm_pin.checks import Array
-from aacmm_pin.conditions import Conditions
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.monte_carlo import length_uncertainty, point_uncertainty, shortest_interval, symmetric_interval
+from aacmm_pin.accuracy.parameter_draws import drawn_effects, parameter_errors
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile, Covariance
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, JointHysteresis, SeatError, ThermalExpansion
-from aacmm_pin.error_model import ErrorModel, displaced
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel, displaced
 from aacmm_pin.errors import AacmmError, MissingConditionError, ShapeError
-from aacmm_pin.monte_carlo import length_uncertainty, point_uncertainty, shortest_interval, symmetric_interval
-from aacmm_pin.noise import Noise
-from aacmm_pin.parameter_draws import drawn_effects, parameter_errors
+from aacmm_pin.measurements.noise import Noise
 
 NOISE = Noise.of(6, encoder=1e-5, probe=3e-5)
 NONE = Noise.of(6, encoder=0.0, probe=0.0)

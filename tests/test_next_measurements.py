@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import JointCompliance
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
 
 NOISE = 8e-6
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from aacmm_pin._support.outputs import check_output, check_output_folder, whole_file, whole_folder
 from aacmm_pin.errors import OutputError
-from aacmm_pin.outputs import check_output, check_output_folder, whole_file, whole_folder
 
 FAILURES = [RuntimeError, ValueError, KeyboardInterrupt, SystemExit, GeneratorExit]
 

@@ -9,10 +9,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from aacmm_pin import Arm, ErrorModel, Measurements, diagnose, plots, simulate_measurements
-from aacmm_pin.chain import axis
+from aacmm_pin import Arm, ErrorModel, Measurements, diagnose, simulate_measurements
+from aacmm_pin.arm.chain import axis
 from aacmm_pin.cli.effect_option import effects_of
-from aacmm_pin.diagnosis_findings import verdict_in_words
 from aacmm_pin.effects import (
     CAUSES,
     Displacement,
@@ -25,10 +24,12 @@ from aacmm_pin.effects import (
     register,
 )
 from aacmm_pin.effects.effect import about_axis
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnknownNameError
 from aacmm_pin.planning.causes import cause_of
-from aacmm_pin.plots.partial import partial_residual
-from aacmm_pin.state import State
+from aacmm_pin.report import plots
+from aacmm_pin.report.diagnosis_findings import verdict_in_words
+from aacmm_pin.report.plots.partial import partial_residual
 
 NOISE = 8e-6
 HOOK = (0.0, 0.0, 1000.0)

@@ -10,12 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile, Covariance
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile, Covariance
+from aacmm_pin.calibration.perturbed_arm import perturbed_model
 from aacmm_pin.effects import EncoderEccentricity, ThermalExpansion
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.perturbed import perturbed_model
 
 
 def steps(drawn: ErrorModel, model: ErrorModel) -> np.ndarray:

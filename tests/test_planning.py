@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from aacmm_pin import Arm, ErrorModel, Measurements, plan_measurements, simulate_measurements
-from aacmm_pin.chain import skew
-from aacmm_pin.conditions import Conditions
+from aacmm_pin._support.units import DEG
+from aacmm_pin.arm.chain import skew
+from aacmm_pin.arm.measuring_space import Room, joint_bounds
+from aacmm_pin.calibration.perturbed_arm import perturbed_model
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
@@ -23,17 +25,15 @@ from aacmm_pin.effects import (
     JointPeriodicError,
     ThermalExpansion,
 )
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError, UnsupportedArmError
-from aacmm_pin.noise import Noise
-from aacmm_pin.perturbed import perturbed_model
+from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.planning import MeasurementPlan, advice
 from aacmm_pin.planning.causes import cause_of, label_of
 from aacmm_pin.planning.power import Size
 from aacmm_pin.planning.search import Choosing, informing, telling
 from aacmm_pin.planning.setups import SetUp, set_ups
-from aacmm_pin.room import Room, joint_bounds
-from aacmm_pin.state import State
-from aacmm_pin.units import DEG
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
 NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERENCE}

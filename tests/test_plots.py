@@ -15,12 +15,14 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, circle_accuracy
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import load_arm_file
-from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
+from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError
-from aacmm_pin.plots import (
+from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin.postures.general_ik import reaching_postures
+from aacmm_pin.report.plots import (
     plot_accuracy_of_postures,
     plot_accuracy_over_swivel,
     plot_accuracy_over_theta3,
@@ -30,8 +32,6 @@ from aacmm_pin.plots import (
     plot_flexibility,
     plot_uncertainty,
 )
-from aacmm_pin.reaching_postures import reaching_postures
-from aacmm_pin.workspace import WorkspaceMap, map_workspace
 
 mpl.use("Agg")
 

@@ -21,13 +21,14 @@ import numpy as np
 import pytest
 from tqdm.auto import tqdm
 
-from aacmm_pin import Arm, calibrate, circle_accuracy, configuration_circle, diagnose, plan_measurements, progress
+from aacmm_pin import Arm, calibrate, circle_accuracy, configuration_circle, diagnose, plan_measurements
 from aacmm_pin import simulate_measurements as simulated
-from aacmm_pin.progress import bar, watched
+from aacmm_pin._support import progress
+from aacmm_pin._support.progress import bar, watched
 
 WORK = """
 import time
-from aacmm_pin import progress
+from aacmm_pin._support import progress
 progress.DELAY = 0.0
 with progress.watched(range(5), True, "counting", "step") as steps:
     for _ in steps:
@@ -80,7 +81,7 @@ def test_a_pipe_shows_nothing() -> None:
 def test_an_interrupt_is_told_on_a_clean_line() -> None:
     code = """
     import sys, time
-    from aacmm_pin import progress
+    from aacmm_pin._support import progress
     progress.DELAY = 0.0
     try:
         with progress.watched(range(500), True, "counting", "step") as steps:
@@ -97,7 +98,7 @@ def test_an_interrupt_is_told_on_a_clean_line() -> None:
 
 
 def test_short_work_shows_no_bar() -> None:
-    code = "from aacmm_pin.progress import watched\nwith watched(range(3), True, 'x', 'y') as steps: list(steps)"
+    code = "from aacmm_pin._support.progress import watched\nwith watched(range(3), True, 'x', 'y') as steps: list(steps)"
     out, err, _ = on_a_terminal(code)
     assert (out, err) == ("", "")
 
@@ -181,7 +182,7 @@ def test_a_diagnosis_at_a_terminal(tmp_path: Path, sino6: Arm) -> None:
     simulated(sino6, "free", 80, rng=np.random.default_rng(1)).save(tmp_path / "d.csv")
     code = f"""
     import sys
-    from aacmm_pin import progress
+    from aacmm_pin._support import progress
     progress.DELAY = 0.0
     from aacmm_pin.cli import app
     sys.argv = ["aacmm-pin", "diagnose", "sino6", {str(tmp_path / "d.csv")!r}, "--encoder-noise-rad", "8e-6", "--json", "-"]

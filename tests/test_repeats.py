@@ -8,17 +8,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.calibration.held_out import groups_of
+from aacmm_pin.calibration.cross_validation import groups_of
 from aacmm_pin.calibration.repeats import counted_once, postures_of, together
-from aacmm_pin.calibration_findings import verdict
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.diagnosis.gain import parts_of
+from aacmm_pin.diagnosis.cross_validation import parts_of
 from aacmm_pin.effects import EncoderEccentricity
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report.calibration_findings import verdict
 
 
 def several(table: pd.DataFrame, times: int) -> Measurements:

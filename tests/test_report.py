@@ -16,14 +16,14 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from aacmm_pin import Arm, Measurements, calibrate
-from aacmm_pin.demo import DemoSummary, run_demo
-from aacmm_pin.demo.paper import elbow_goes_round
-from aacmm_pin.display import arm_scene
-from aacmm_pin.display.page import viewer_script
+from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError, OutputError
-from aacmm_pin.report import Bullets, Download, Paragraph, Picture, SceneView, Section, Table, render_report
-from aacmm_pin.workspace import WorkspaceMap
+from aacmm_pin.report.demo import DemoSummary, run_demo
+from aacmm_pin.report.demo.paper import elbow_goes_round
+from aacmm_pin.report.html import Bullets, Download, Paragraph, Picture, SceneView, Section, Table, render_report
+from aacmm_pin.report.scenes import arm_scene
+from aacmm_pin.report.scenes.page import viewer_script
 from tests.browser import Page as Browser
 
 mpl.use("Agg")

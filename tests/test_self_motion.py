@@ -10,10 +10,11 @@ import pinocchio as pin
 import pytest
 from by_newton import by_newton, gaps, off_polylines
 
-from aacmm_pin import ReachingPostures, configuration_circle, reaching_postures
-from aacmm_pin.angles import wrapped
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
+from aacmm_pin import ReachingPostures, configuration_circle
+from aacmm_pin._support.angles import wrapped
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.postures import general_ik as reaching_postures
 
 TURN = 2 * np.pi
 KEPT = Path(__file__).parents[1] / "urdf"

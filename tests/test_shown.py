@@ -28,30 +28,29 @@ from aacmm_pin import (
     ErrorModel,
     accuracy_volume,
     calibrate,
-    cards,
     circle_accuracy,
     configuration_circle,
     diagnose,
     map_workspace,
     plan_measurements,
-    plots,
     simulate_measurements,
     single_point_statistics,
-    sino6_paper,
 )
-from aacmm_pin.arm_file import load_arm_file
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.accuracy.monte_carlo import length_uncertainty, point_uncertainty
+from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.calibration.result import PICTURES
-from aacmm_pin.cards.card import html_of
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError, StylusOffset
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.monte_carlo import length_uncertainty, point_uncertainty
-from aacmm_pin.noise import Noise
-from aacmm_pin.parameter import Parameter
-from aacmm_pin.shown import Shown
-from aacmm_pin.table3_diagnosis import Table3Diagnosis
-from aacmm_pin.table3_diagnosis.contrast import Contrast
-from aacmm_pin.table3_diagnosis.extended import HeldOutSeats
-from aacmm_pin.table3_diagnosis.strict_pick import StrictPick
+from aacmm_pin.measurements.noise import Noise
+from aacmm_pin.papers import sino6 as sino6_paper
+from aacmm_pin.papers.table3 import Table3Diagnosis
+from aacmm_pin.papers.table3.contrast import Contrast
+from aacmm_pin.papers.table3.extended import HeldOutSeats
+from aacmm_pin.papers.table3.strict_pick import StrictPick
+from aacmm_pin.report import cards, plots
+from aacmm_pin.report.cards.card import html_of
 
 mpl.use("Agg")
 
@@ -402,7 +401,9 @@ def test_no_other_module_finds_modules_by_name() -> None:
 
 
 def test_importing_the_package_loads_neither_matplotlib_nor_the_cards() -> None:
-    code = "import aacmm_pin, sys; print(*(n for n in sys.modules if n in ('matplotlib', 'aacmm_pin.cards', 'jinja2')))"
+    code = (
+        "import aacmm_pin, sys; print(*(n for n in sys.modules if n in ('matplotlib', 'aacmm_pin.report.cards', 'jinja2')))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.errors import ShapeError
-from aacmm_pin.single_point import single_point_statistics
 
 
 @pytest.mark.parametrize("n", [2, 3, 12, 50])

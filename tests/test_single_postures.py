@@ -12,10 +12,10 @@ import pinocchio as pin
 import pytest
 from by_newton import by_newton, distances
 
-from aacmm_pin import reaching_postures
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
-from aacmm_pin.reaching_postures import ReachingPostures
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.postures import general_ik as reaching_postures
+from aacmm_pin.postures.general_ik import ReachingPostures
 
 SAME = 1e-6  # rad
 

@@ -4,10 +4,10 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.dh import table
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import ShapeError, UnsupportedArmError
-from aacmm_pin.sino6_paper import (
+from aacmm_pin.papers.sino6 import (
     NominalArm,
     configurations_at_swivel,
     equations,
@@ -23,8 +23,8 @@ from aacmm_pin.sino6_paper import (
     sino6_nominal,
     table3,
 )
-from aacmm_pin.sino6_paper.misprints import draw_sample
-from aacmm_pin.sino6_paper.table2 import generating_grid
+from aacmm_pin.papers.sino6.misprints import draw_sample
+from aacmm_pin.papers.sino6.table2 import generating_grid
 
 MM = 1e-3
 L2, L3, D3, D5 = 60.7309 * MM, 53.10897 * MM, 700.95392 * MM, 500.2211 * MM
@@ -410,7 +410,7 @@ def test_figures_draw_on_given_axes(table_two, table_three):
     mpl.use("Agg")
     from matplotlib.figure import Figure
 
-    from aacmm_pin.sino6_paper import figures
+    from aacmm_pin.papers.sino6 import figures
 
     left, right = Figure().subplots(1, 2)
     assert figures.draw_table2(table_two, left) is left

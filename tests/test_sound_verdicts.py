@@ -10,23 +10,23 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from aacmm_pin.arm import Arm
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.chain import axis
-from aacmm_pin.checks import Array
 from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.diagnosis.cross_validation import Brought
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Scatter, evidence_of
-from aacmm_pin.diagnosis.findings import Alias
-from aacmm_pin.diagnosis.gain import Brought
 from aacmm_pin.diagnosis.result import Finding
+from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Displacement, Effect, EncoderEccentricity, EncoderGain, Term, ZeroDrift
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.state import State
-from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 

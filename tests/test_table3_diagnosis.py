@@ -16,13 +16,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from aacmm_pin import plots
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.sino6_paper import printed_points, printed_table1, printed_table3
-from aacmm_pin.spread import TouchedSeats, evidence, part_and_rest
-from aacmm_pin.table3_diagnosis import (
+from aacmm_pin.papers.sino6 import printed_points, printed_table1, printed_table3
+from aacmm_pin.papers.spread import TouchedSeats, evidence, part_and_rest
+from aacmm_pin.papers.table3 import (
     Table3Diagnosis,
     contrast,
     diagnose_table3,
@@ -31,11 +30,12 @@ from aacmm_pin.table3_diagnosis import (
     simulated_records,
     touched_seats,
 )
-from aacmm_pin.table3_diagnosis.causes import BOTH, CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE, ODD, STAND
-from aacmm_pin.table3_diagnosis.extended import noise_beside, with_encoder_noise
-from aacmm_pin.table3_diagnosis.postures import MEASURED
-from aacmm_pin.table3_diagnosis.sentences import ratio
-from aacmm_pin.table3_diagnosis.strict_pick import strict_pick
+from aacmm_pin.papers.table3.causes import BOTH, CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE, ODD, STAND
+from aacmm_pin.papers.table3.extended import noise_beside, with_encoder_noise
+from aacmm_pin.papers.table3.postures import MEASURED
+from aacmm_pin.papers.table3.sentences import ratio
+from aacmm_pin.papers.table3.strict_pick import strict_pick
+from aacmm_pin.report import plots
 
 ARCSEC = np.pi / 180 / 3600
 FIVE_ARCSEC_MM = [0.0282, 0.0307, 0.0347, 0.0389, 0.0310]

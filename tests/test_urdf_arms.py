@@ -10,10 +10,10 @@ import pinocchio as pin
 import pytest
 
 from aacmm_pin import accuracy_volume
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.measuring_space import random_postures
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.room import random_postures
 
 ARMS = [
     ("ur3_robot.urdf", "tool0", 6),

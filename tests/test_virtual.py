@@ -13,9 +13,9 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from aacmm_pin import workshop
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.measuring_space import MARGIN, Room
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
@@ -27,14 +27,14 @@ from aacmm_pin.effects import (
     ThermalExpansion,
     ZeroDrift,
 )
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MissingConditionError, ShapeError, UnknownNameError, UnsupportedArmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.noise import Noise
-from aacmm_pin.plans import Pool
-from aacmm_pin.postures import posture_features, spread_out
-from aacmm_pin.room import MARGIN, Room
-from aacmm_pin.virtual import simulate_measurements
+from aacmm_pin.measurements import schedule as workshop
+from aacmm_pin.measurements.noise import Noise
+from aacmm_pin.measurements.plans import Pool
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.postures.sampling import posture_features, spread_out
 
 PLANS: list[dict[str, Any]] = [
     {"plan": "free"},

@@ -15,18 +15,18 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from aacmm_pin import workspace
-from aacmm_pin.accuracy import accuracy_volume
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import load_arm_file
-from aacmm_pin.checks import Array
-from aacmm_pin.comprehensive import configuration_weights
-from aacmm_pin.conditions import Conditions
-from aacmm_pin.configurations import ConfigurationCircle, configuration_circle
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy import workspace
+from aacmm_pin.accuracy.comprehensive import configuration_weights
+from aacmm_pin.accuracy.volume import accuracy_volume
+from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.effects import EncoderEccentricity, LinkBending, SeatError, ThermalExpansion
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
-from aacmm_pin.workspace import WorkspaceMap, map_workspace
+from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 
 CELLS, SECTORS = (6, 8), 12
 
@@ -333,8 +333,8 @@ def test_a_stopped_worker_leaves_no_process(
 
 
 INTERRUPTED = """
-from aacmm_pin.arm import Arm
-from aacmm_pin.workspace import map_workspace
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.accuracy.workspace import map_workspace
 if __name__ == "__main__":
     print("begin", flush=True)
     map_workspace(Arm.load("sino6"), (200, 200), 12, processes={processes}, progress=False)

@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from aacmm_pin.arm import Arm
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.units import DEG, MM
-from aacmm_pin.zero_offset_paper import (
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.papers.zero_offset import (
     assembled_arm,
     comparison,
     figures,

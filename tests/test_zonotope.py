@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from aacmm_pin import zonotope
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy import zonotope
 
 
 def vertices(generators: Array) -> Array:

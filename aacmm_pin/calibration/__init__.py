@@ -1,8 +1,8 @@
 """Calibration: parameters of an arm from measurements, with covariance, identifiability and held-out residuals."""
 
 from aacmm_pin.calibration.calibrate import calibrate
-from aacmm_pin.calibration.fold import calibrated_model
-from aacmm_pin.calibration.held_out import HeldOut
+from aacmm_pin.calibration.calibrated_arm import calibrated_model
+from aacmm_pin.calibration.cross_validation import HeldOut
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.result import Calibration
 

@@ -10,23 +10,23 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.blas import one_blas_thread
-from aacmm_pin.calibration.evidence import LENGTH, StatedNoise
+from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.progress import Progress
+from aacmm_pin._support.threads import one_blas_thread
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, redundant
-from aacmm_pin.calibration.held_out import held_out as left_out
-from aacmm_pin.calibration.likeness import first_fit
+from aacmm_pin.calibration.parameters import ASSEMBLED, Target, problem_of
+from aacmm_pin.calibration.plausibility import first_fit
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.repeats import counted_once
 from aacmm_pin.calibration.result import Calibration
-from aacmm_pin.calibration.unknowns import ASSEMBLED, Target, problem_of
-from aacmm_pin.checks import Array, vector
+from aacmm_pin.calibration.stated_noise import LENGTH, StatedNoise
 from aacmm_pin.effects import Effect
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.progress import Progress
-from aacmm_pin.units import DEG, MM
+from aacmm_pin.measurements.records import Measurements
 
 FAR = 2e-3
 """Scatter that no arm has; something else is wrong [m]."""

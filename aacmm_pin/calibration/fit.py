@@ -11,15 +11,15 @@ import scipy
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth
 
-from aacmm_pin.calibration.evidence import StatedNoise, observations_of
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_isf, chi2_sf, f_isf
+from aacmm_pin.calibration.linear_system import assemble
 from aacmm_pin.calibration.problem import OF_WIDTH, Problem
 from aacmm_pin.calibration.solver import MEDIAN, Point, Solution, begin, deviations, noise_of_tips, solve, standing
-from aacmm_pin.calibration.system import assemble
-from aacmm_pin.checks import Array
-from aacmm_pin.distributions import chi2_isf, chi2_sf, f_isf
+from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.observations import NOTHING_KNOWN, Observations
+from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
 
 FALSE_EXCLUSION = 0.01
 """Chance that any good record is excluded, over the whole file."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.shown import Shown
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.checks import Array
-from aacmm_pin.shown import Shown
 
 NEGLIGIBLE = 0.02
 """Parts of a combination smaller than this, beside the largest, are not mentioned."""

@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.calibration.columns import Columns
-from aacmm_pin.chain import exp, skew
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import exp, skew
+from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.calibration.sensitivities import Columns
 from aacmm_pin.effects import Effect, JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTwist
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.parameter import Parameter
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
 """The reference frame has no prior; these only scale its columns, wide enough that it takes up what it can [m, rad]."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from aacmm_pin.checks import Array, Index
-from aacmm_pin.measurements import Measurements
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.measurements.records import Measurements
 
 REPEATED = 1e-3
 """Postures whose readings differ by no more than this in any joint are one, repeated [rad; m where a joint slides].

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from aacmm_pin.arm_file import COVERAGE_FACTOR
-from aacmm_pin.calibration.evidence import StatedNoise
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin._support.shown import Shown, drawn
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.calibration.calibrated_arm import UNTOLD, calibrated_model, origins
+from aacmm_pin.calibration.cross_validation import HeldOut
 from aacmm_pin.calibration.fit import LEAST_DOF, Fit, fit
-from aacmm_pin.calibration.fold import UNTOLD, calibrated_model, origins
-from aacmm_pin.calibration.held_out import HeldOut
 from aacmm_pin.calibration.identifiability import Observability, undetermined
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.checks import Array
-from aacmm_pin.distributions import chi2_sf
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.calibration.stated_noise import StatedNoise
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.shown import Shown, drawn
-from aacmm_pin.units import MM
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ PICTURES = {
     "correlation": "plot_correlation",
     "all": "plot_calibration",
 }
-"""What can be drawn of a calibration, and the functions of :mod:`aacmm_pin.plots` that do it."""
+"""What can be drawn of a calibration, and the functions of :mod:`aacmm_pin.report.plots` that do it."""
 HARDLY = 0.1
 """A parameter that nobody stated and whose u is more than this part of what it may be off is hardly known."""
 UNCHANGED = 0.95

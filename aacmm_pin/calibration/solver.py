@@ -13,12 +13,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_isf
+from aacmm_pin.calibration.linear_system import System, assemble
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
-from aacmm_pin.calibration.system import System, assemble
-from aacmm_pin.checks import Array
-from aacmm_pin.distributions import chi2_isf
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.observations import Observations
+from aacmm_pin.measurements.observations import Observations
 
 MOST_STEPS = 100
 SETTLED = 1e-6

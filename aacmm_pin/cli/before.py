@@ -9,19 +9,19 @@ import numpy as np
 import pandas as pd
 import typer
 
-from aacmm_pin.accuracy import METHODS, AccuracyVolume, Method, circle_accuracy
-from aacmm_pin.arm_file import load_arm_file
+from aacmm_pin._support.units import MM
+from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, circle_accuracy
+from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
+from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.cli.common import ArmName, EncoderNoise, Force, Json, Output, Plot, Results, command, note, say
 from aacmm_pin.cli.given import FrameName, MaybeArm, RotationHalfWidth, TranslationHalfWidth, Urdf, model_of
 from aacmm_pin.cli.reached import Axis, Count, Point, RollPitchYaw, Tip, ToolAxis, postures_at
 from aacmm_pin.cli.tables import show
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.postures_at_point import PosturesAtPoint
-from aacmm_pin.reaching_postures import ReachingPostures
-from aacmm_pin.summaries import accuracy_summary, accuracy_table, map_summary, map_table
-from aacmm_pin.units import MM
-from aacmm_pin.urdf import urdf_text
-from aacmm_pin.workspace import map_caveats, map_workspace
+from aacmm_pin.postures.general_ik import ReachingPostures
+from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.report.summaries import accuracy_summary, accuracy_table, map_summary, map_table
 
 Processes = Annotated[int, typer.Option(min=1, help="Worker processes.")]
 Sectors = Annotated[int, typer.Option(min=1, help="Sectors of the configuration circle.")]
@@ -34,7 +34,7 @@ def demo(
     force: Force = False,
 ) -> None:
     """The whole tour on bundled input: SINO6 at a point and over its workspace, as one HTML page."""
-    from aacmm_pin.demo import run_demo  # here and below: what draws is loaded only where it is drawn
+    from aacmm_pin.report.demo import run_demo  # here and below: what draws is loaded only where it is drawn
 
     summary = run_demo(folder=output, cells=cells, force=force)
     say(str(summary))
@@ -160,7 +160,7 @@ def _method(name: str) -> Method:
 
 
 def _drawn(circle: PosturesAtPoint, result: AccuracyVolume) -> Any:
-    from aacmm_pin import plots
+    from aacmm_pin.report import plots
 
     if isinstance(circle, ReachingPostures):
         return plots.plot_accuracy_of_postures(circle, result).figure

@@ -18,9 +18,9 @@ from typing import Annotated, Any, ParamSpec, Self
 
 import typer
 
-from aacmm_pin.arm_file import bundled_arms
+from aacmm_pin._support.outputs import check_output, whole_file
+from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.outputs import check_output, whole_file
 
 app = typer.Typer(
     name="aacmm-pin",

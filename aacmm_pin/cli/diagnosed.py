@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
-from aacmm_pin.calibration.unknowns import Target
+from aacmm_pin.calibration.parameters import Target
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, command, note
 from aacmm_pin.cli.given import (
     Data,
@@ -26,7 +26,7 @@ from aacmm_pin.cli.given import (
 )
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements.records import Measurements
 
 
 @command("diagnose")
@@ -73,7 +73,7 @@ def diagnose_(
             result.model.save(results.file(extended_arm), comment=f"Extended by aacmm-pin diagnose from {path}: {result}")
         summary = result.summary() | {"source": path, "seed": seed}
         if output is not None:
-            from aacmm_pin.diagnosis_page import diagnosis_page  # here and below: loads what draws
+            from aacmm_pin.report.diagnosis_page import diagnosis_page  # here and below: loads what draws
 
             results.text(diagnosis_page(result, summary, f"{datetime.now(UTC):%Y-%m-%d}"), output)
         if json_ is not None:

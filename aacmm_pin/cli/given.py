@@ -6,12 +6,12 @@ from typing import Annotated
 
 import typer
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import bundled_arms
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.cli.common import note
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.noise import ENCODER, PROBE, REFERENCE, Noise
-from aacmm_pin.units import MM
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 
 BAR_LENGTH_MM = 500.0
 """Length of a ball bar where nothing is stated."""

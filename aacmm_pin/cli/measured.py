@@ -9,12 +9,15 @@ from typing import Annotated, cast
 import numpy as np
 import typer
 
-from aacmm_pin.accuracy import accuracy_volume
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.accuracy.volume import accuracy_volume
+from aacmm_pin.arm.corrected_urdf import corrected_urdf
+from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.calibrate import ReferenceFrame
-from aacmm_pin.calibration.unknowns import Target
-from aacmm_pin.calibration_findings import calibration_summary, comment, not_in_urdf
-from aacmm_pin.checks import Array, Index
+from aacmm_pin.calibration.parameters import Target
+from aacmm_pin.calibration.perturbed_arm import perturbed_model
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Output, Plot, Results, command, note
 from aacmm_pin.cli.effect_option import EffectTexts, check_rows, effects_of, known_effects
 from aacmm_pin.cli.given import (
@@ -35,15 +38,12 @@ from aacmm_pin.cli.given import (
 )
 from aacmm_pin.cli.readings import read_readings
 from aacmm_pin.cli.said import say_calibration
-from aacmm_pin.corrected_urdf import corrected_urdf
 from aacmm_pin.effects import JointErrorCurve, StylusOffset
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.perturbed import perturbed_model
-from aacmm_pin.units import DEG, MM
-from aacmm_pin.urdf import urdf_text
-from aacmm_pin.virtual import PLANS, Plan, simulate_measurements
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import PLANS, Plan, simulate_measurements
+from aacmm_pin.report.calibration_findings import calibration_summary, comment, not_in_urdf
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
 """The columns that ``correct`` adds."""
@@ -162,7 +162,7 @@ def calibrate_(
             results.picture(result.plot("all")[0].figure, plot)
         summary = calibration_summary(result, path, seed)
         if report is not None:
-            from aacmm_pin.calibration_page import calibration_page  # loads what draws
+            from aacmm_pin.report.calibration_page import calibration_page  # loads what draws
 
             results.text(calibration_page(result, summary, when), report)
         if json_ is not None:

@@ -9,15 +9,15 @@ import numpy as np
 import typer
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
-from aacmm_pin.calibration.unknowns import Target
+from aacmm_pin.calibration.parameters import Target
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Output, Results, command, note, say
 from aacmm_pin.cli.given import FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_of
 from aacmm_pin.cli.tables import show
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.plan_tables import pairs_table, tried_table
+from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning import MeasurementPlan, plan_measurements
 from aacmm_pin.planning.plan import POSTURES, Reference
+from aacmm_pin.report.plan_tables import pairs_table, tried_table
 
 MOST_PAIRS = 8
 """Pairs that are told worst are listed up to this number; the JSON has all that are not told."""

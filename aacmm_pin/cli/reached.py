@@ -7,15 +7,15 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw
 from aacmm_pin.cli.common import note
-from aacmm_pin.configurations import configuration_circle
-from aacmm_pin.corrected_urdf import from_roll_pitch_yaw
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures_at_point import PosturesAtPoint
-from aacmm_pin.reaching_postures import reaching_postures
-from aacmm_pin.units import DEG, MM
+from aacmm_pin.postures.configurations import configuration_circle
+from aacmm_pin.postures.general_ik import reaching_postures
+from aacmm_pin.postures.solution_set import PosturesAtPoint
 
 Triple = tuple[float, float, float]
 

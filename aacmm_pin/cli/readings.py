@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 
 from aacmm_pin.errors import MeasurementFileError
-from aacmm_pin.measurement_columns import BAR, REFERENCE, REFERENCE_U
-from aacmm_pin.measurements import FIRST_RECORD, Measurements
+from aacmm_pin.measurements.columns import BAR, REFERENCE, REFERENCE_U
+from aacmm_pin.measurements.records import FIRST_RECORD, Measurements
 
 OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U)
 """What says where the tip should be has no part in where the readings put it."""

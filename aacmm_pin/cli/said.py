@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from aacmm_pin.calibration import Calibration
-from aacmm_pin.calibration_findings import (
+from aacmm_pin.cli.common import note, say
+from aacmm_pin.cli.tables import show
+from aacmm_pin.report.calibration_findings import (
     causes_in_words,
     decimals,
     fit_in_words,
@@ -12,8 +14,6 @@ from aacmm_pin.calibration_findings import (
     sizes_table,
     verdict,
 )
-from aacmm_pin.cli.common import note, say
-from aacmm_pin.cli.tables import show
 
 MOST_EXCLUDED = 10
 """Excluded records that are told one by one; the residuals' file has all."""

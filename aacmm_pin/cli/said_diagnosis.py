@@ -7,14 +7,14 @@ import pandas as pd
 from aacmm_pin.cli.common import say
 from aacmm_pin.cli.tables import show
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.diagnosis_findings import (
+from aacmm_pin.report.diagnosis_findings import (
     group_in_words,
     line_to_remember,
     probability,
     unexplained_in_words,
     verdict_in_words,
 )
-from aacmm_pin.diagnosis_tables import OFF_FORMATS, RANKING_FORMATS, curves_in_words, most_off, ranking
+from aacmm_pin.report.diagnosis_tables import OFF_FORMATS, RANKING_FORMATS, curves_in_words, most_off, ranking
 
 SHORT = {"at the tip [µm]": "tip [µm]", "probability": "prob.", "retained": "left"}
 """Heads that leave room for the values at 80 columns."""

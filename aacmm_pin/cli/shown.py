@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from aacmm_pin.accuracy import AccuracyVolume, circle_accuracy
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli.common import EncoderNoise, Force, Output, Results, command, note, say
 from aacmm_pin.cli.given import FrameName, MaybeArm, RotationHalfWidth, TranslationHalfWidth, Urdf, model_of
 from aacmm_pin.cli.reached import Axis, RollPitchYaw, Tip, ToolAxis, postures_at
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures_at_point import PosturesAtPoint
-from aacmm_pin.units import DEG, MM
+from aacmm_pin.postures.solution_set import PosturesAtPoint
 
 if TYPE_CHECKING:
-    from aacmm_pin.display import Scene
+    from aacmm_pin.report.scenes import Scene
 
 MaybePoint = Annotated[
     tuple[float, float, float] | None,
@@ -60,7 +60,7 @@ def show(
     With -o as a page that needs no network. Else it is served on this computer's loopback address until Ctrl-C, which is
     how it ends, with exit status 0.
     """
-    from aacmm_pin import display  # loads meshcat
+    from aacmm_pin.report import scenes as display  # loads meshcat
 
     if point is not None and theta_deg is not None:
         raise typer.BadParameter("--point and --theta-deg exclude each other")

@@ -12,12 +12,12 @@ import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
-from aacmm_pin.conditions import Conditions
-from aacmm_pin.diagnosis.library import LEAST_SPREAD
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.units import DEG, MM
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.diagnosis.candidates import LEAST_SPREAD
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.measurements.records import Measurements
 
 FEWEST = 3
 """With fewer groups than this nobody can say which one is the odd one out."""

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin.calibration.columns import Columns
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.chain import axis
-from aacmm_pin.checks import Array, Index
+from aacmm_pin.calibration.sensitivities import Columns
+from aacmm_pin.diagnosis.candidates import Candidate
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
-from aacmm_pin.diagnosis.library import Candidate
 from aacmm_pin.effects import Effect, JointZeroOffset
-from aacmm_pin.state import State
+from aacmm_pin.effects.state import State
 
 TYPICAL_SHIFT = 2e-5
 """Usual size of what no cause explains, for each smooth function of it: at the tip, or what is left there if more [m] …"""

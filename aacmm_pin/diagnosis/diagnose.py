@@ -9,34 +9,34 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.blas import one_blas_thread
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_cdf, chi2_sf
+from aacmm_pin._support.progress import Progress
+from aacmm_pin._support.threads import one_blas_thread
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of, require_measurements
-from aacmm_pin.calibration.evidence import StatedNoise
+from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.fit import Fit, fit
-from aacmm_pin.calibration.fold import calibrated_model
-from aacmm_pin.calibration.likeness import first_fit
+from aacmm_pin.calibration.parameters import Target, problem_of
+from aacmm_pin.calibration.plausibility import first_fit
 from aacmm_pin.calibration.problem import OF_KIND, Problem
 from aacmm_pin.calibration.repeats import counted_once, tell_of_posture
-from aacmm_pin.calibration.unknowns import Target, problem_of
-from aacmm_pin.checks import Array
+from aacmm_pin.calibration.stated_noise import StatedNoise
+from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.findings import Alias, Place, Strength, aliases_of, look_alikes, retained, strengths, visible
-from aacmm_pin.diagnosis.gain import brought, gain_of, parts_of, survivors
-from aacmm_pin.diagnosis.library import candidates
-from aacmm_pin.diagnosis.model import Choice, ProblemOf, choose, free, u_of_time
+from aacmm_pin.diagnosis.cross_validation import brought, gain_of, parts_of, survivors
+from aacmm_pin.diagnosis.extension import Choice, ProblemOf, choose, free, u_of_time
+from aacmm_pin.diagnosis.misfit_tables import groups_table, moved_geometry, predicted_covariance
 from aacmm_pin.diagnosis.next_measurements import Doubts, next_measurements
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described
-from aacmm_pin.diagnosis.show import groups_table, moved_geometry, predicted_covariance
+from aacmm_pin.diagnosis.significance import Alias, Place, Strength, aliases_of, look_alikes, retained, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
-from aacmm_pin.distributions import chi2_cdf, chi2_sf
 from aacmm_pin.effects import Effect, EncoderSlip
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning import advice
-from aacmm_pin.progress import Progress
 
 MUCH_MORE = 1.15
 """Residuals larger by this than the stated noise, beyond chance, are not explained by what was found."""

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aacmm_pin.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.design import Block
-from aacmm_pin.diagnosis.products import Gram
+from aacmm_pin.diagnosis.gram import Gram
 from aacmm_pin.diagnosis.projection import Projection
 
 MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0, 10.0])

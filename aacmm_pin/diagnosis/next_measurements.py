@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from aacmm_pin.calibration.problem import OF_KIND
-from aacmm_pin.diagnosis.findings import Alias
-from aacmm_pin.diagnosis.model import OF_ANGLE
+from aacmm_pin.diagnosis.extension import OF_ANGLE
 from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
+from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import CAUSES, SeatError
 

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.shown import Shown, drawn
+from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.checks import Array
-from aacmm_pin.diagnosis.findings import Alias
-from aacmm_pin.diagnosis.gain import Brought, Gain, rms
-from aacmm_pin.diagnosis.model import Choice
+from aacmm_pin.diagnosis.cross_validation import Brought, Gain, rms
+from aacmm_pin.diagnosis.extension import Choice
+from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect, JointErrorCurve
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.shown import Shown, drawn
-from aacmm_pin.units import MM
+from aacmm_pin.effects.error_model import ErrorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -200,7 +200,7 @@ class Diagnosis(Shown):
                 an array of them, and return an array of axes.
 
         Raises:
-            UnknownNameError, AacmmError: see :func:`aacmm_pin.plots.plot_diagnosis`.
+            UnknownNameError, AacmmError: see :func:`aacmm_pin.report.plots.plot_diagnosis`.
         """
         return drawn("plot_diagnosis", self, what, ax)
 

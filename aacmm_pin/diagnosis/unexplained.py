@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin._support.shown import Shown
 from aacmm_pin.diagnosis.covariates import Carried
+from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design import Design
-from aacmm_pin.diagnosis.findings import Strength, score
-from aacmm_pin.diagnosis.gain import Gain
-from aacmm_pin.diagnosis.groups import OddGroup, odd_groups
-from aacmm_pin.diagnosis.model import Choice
-from aacmm_pin.diagnosis.search import conditional
-from aacmm_pin.distributions import chi2_sf
-from aacmm_pin.shown import Shown
+from aacmm_pin.diagnosis.extension import Choice
+from aacmm_pin.diagnosis.forward_selection import conditional
+from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
+from aacmm_pin.diagnosis.significance import Strength, score
 
 
 @dataclass(frozen=True, eq=False)

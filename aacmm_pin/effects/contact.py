@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from aacmm_pin._support.units import MM
 from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.state import State
-from aacmm_pin.units import MM
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from aacmm_pin.chain import axis
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.arm.chain import axis
+from aacmm_pin.arm.parameter import Parameter, Scope
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.parameter import Parameter, Scope
-from aacmm_pin.shown import Shown
-from aacmm_pin.state import State
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Effect(Shown, ABC):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Conditions without which the effect cannot be told, see :class:`aacmm_pin.conditions.Conditions`."""
+        """Conditions without which the effect cannot be told, see :class:`aacmm_pin.effects.conditions.Conditions`."""
         return ()
 
     @property

@@ -7,14 +7,14 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from aacmm_pin.chain import axis, end
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
 from aacmm_pin.effects.gravity import GravityEffect
+from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import SHORT, Tube
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
-from aacmm_pin.state import State
-from aacmm_pin.units import MM
 
 
 @dataclass(frozen=True)

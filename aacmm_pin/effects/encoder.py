@@ -13,10 +13,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.state import State
 
 SAMPLES = 4096
 """Points of a curve of which its spectrum is taken."""

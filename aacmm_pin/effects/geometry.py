@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.chain import axis, end
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
-from aacmm_pin.state import State
-from aacmm_pin.units import MM
+from aacmm_pin.effects.state import State
 
 
 @dataclass(frozen=True)

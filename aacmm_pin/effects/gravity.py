@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
 from aacmm_pin.effects.effect import Effect, Term
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.state import State
 
 TYPICAL_SAG = 1e-4
 """Usual turn under a moment that nobody knows [rad]."""

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from aacmm_pin.chain import BASE
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.chain import BASE
 from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
 from aacmm_pin.effects.gravity import GravityEffect
-from aacmm_pin.state import State
-from aacmm_pin.units import MM
+from aacmm_pin.effects.state import State
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from aacmm_pin.chain import axis, end
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
-from aacmm_pin.state import State
+from aacmm_pin.effects.state import State
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.state import State
 
 
 @dataclass(frozen=True)

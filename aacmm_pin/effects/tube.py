@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.chain import axis, end
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.state import State
-from aacmm_pin.units import MM
 
 SHORT = 1e-3
 """A body shorter than this is no tube [m]."""

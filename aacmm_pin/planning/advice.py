@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import ReferenceFrame
-from aacmm_pin.calibration.unknowns import Target
+from aacmm_pin.calibration.parameters import Target
 from aacmm_pin.effects import Effect
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.plan import Reference, plan_measurements
 
 QUICK = 200

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.measuring_space import joint_bounds
 from aacmm_pin.effects import (
     CAUSES,
     BaseCompliance,
@@ -26,11 +27,10 @@ from aacmm_pin.effects import (
     ThermalExpansion,
     TorsionalWindup,
 )
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist
 from aacmm_pin.effects.tube import tubes
-from aacmm_pin.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.room import joint_bounds
 
 REFITTED = (JointZeroOffset, LinkLength, JointDistance, LinkTwist, LinkTilt, JointPlacement, ReferenceFrame)
 """What a diagnosis refits anyway, so that it is no cause to be told from another."""

@@ -9,16 +9,18 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin.arm import Arm
+from aacmm_pin._support.progress import Progress, watched
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of
-from aacmm_pin.calibration.evidence import StatedNoise
-from aacmm_pin.calibration.unknowns import Target
+from aacmm_pin.calibration.parameters import Target
+from aacmm_pin.calibration.stated_noise import StatedNoise
 from aacmm_pin.effects import Effect, SeatError
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.noise import ENCODER
-from aacmm_pin.noise import REFERENCE as REFERENCE_NOISE
+from aacmm_pin.measurements.noise import ENCODER
+from aacmm_pin.measurements.noise import REFERENCE as REFERENCE_NOISE
+from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.causes import cause_of, checked, identity, usual_causes
 from aacmm_pin.planning.pair import for_two
 from aacmm_pin.planning.pool import Postures, base_temperature
@@ -28,8 +30,6 @@ from aacmm_pin.planning.setups import all_conditions, set_ups
 from aacmm_pin.planning.sheet import sheet
 from aacmm_pin.planning.situation import Asked, Situation
 from aacmm_pin.planning.survey import surveyed
-from aacmm_pin.progress import Progress, watched
-from aacmm_pin.units import MM
 
 Reference = Literal["free", "seats"]
 POSTURES = 2000

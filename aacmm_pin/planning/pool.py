@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.calibration.evidence import StatedNoise, observations_of
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis
+from aacmm_pin.arm.measuring_space import Room, joint_bounds
 from aacmm_pin.calibration.problem import Frame
-from aacmm_pin.chain import axis
-from aacmm_pin.checks import Array
-from aacmm_pin.conditions import Conditions, Labels
+from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
 from aacmm_pin.effects import Effect
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.conditions import Conditions, Labels
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements.plans import Pool, seats_for
+from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.causes import moving_rows
 from aacmm_pin.planning.setups import SetUp
-from aacmm_pin.plans import Pool, seats_for
-from aacmm_pin.room import Room, joint_bounds
-from aacmm_pin.state import State
-from aacmm_pin.units import DEG
 
 STEP = 30.0
 """From one record to the next [s]."""

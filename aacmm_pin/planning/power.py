@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.shown import Shown
 from aacmm_pin.effects import Effect
-from aacmm_pin.shown import Shown
 
 DRAWS = 4000
 """Draws of records behind a probability."""

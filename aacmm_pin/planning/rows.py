@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from aacmm_pin.calibration.evidence import StatedNoise, observations_of
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.solver import noise_of_tips
-from aacmm_pin.checks import Array, Index
+from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
 from aacmm_pin.effects import Effect
-from aacmm_pin.observations import Observations
+from aacmm_pin.measurements.observations import Observations
 from aacmm_pin.planning.causes import typical
 
 SEAT_WIDTH = 1.0

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.planning.power import Size
 
 HARDLY = 1e-3

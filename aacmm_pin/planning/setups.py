@@ -8,13 +8,13 @@ from itertools import combinations
 
 import numpy as np
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.chain import axis, end
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects import Effect, JointHysteresis, ZeroDrift
-from aacmm_pin.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.planning.causes import moving_rows
-from aacmm_pin.units import MM
 
 WARMER = 4.0
 """A room can be warmed by this much [K]."""

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from aacmm_pin.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.effects import Effect
-from aacmm_pin.measurement_columns import REFERENCE
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.measurements.columns import REFERENCE
+from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.pool import STEP
 from aacmm_pin.planning.power import Power
 from aacmm_pin.planning.result import MeasurementPlan, Tried

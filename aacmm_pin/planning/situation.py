@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin.calibration.evidence import StatedNoise, observations_of
+from aacmm_pin._support.checks import Array
+from aacmm_pin.calibration.parameters import Target, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
-from aacmm_pin.calibration.unknowns import Target, problem_of
-from aacmm_pin.checks import Array
+from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
 from aacmm_pin.effects import Effect
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.measurements import Measurements
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.causes import identity
 from aacmm_pin.planning.pool import Postures, candidates
 from aacmm_pin.planning.power import triangle

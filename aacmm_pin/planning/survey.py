@@ -9,7 +9,7 @@ from itertools import combinations, pairwise, permutations
 import numpy as np
 import pandas as pd
 
-from aacmm_pin.checks import Array
+from aacmm_pin._support.checks import Array
 from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.planning.power import SAME, SILENT, Size, distance

@@ -30,8 +30,8 @@ from blind.kinematics import Array
 from blind_spot import ARM, COMPLIANCE, NOISE, BlindSpot
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from aacmm_pin.arm_file import load_arm_file
-from aacmm_pin.units import MM, UM
+from aacmm_pin._support.units import MM, UM
+from aacmm_pin.arm.file import load_arm_file
 
 PEER = "AACMM_PIN_FIGAROH_PYTHON"
 SCRIPT = Path(__file__).parent / "peers" / "solve_with_figaroh.py"

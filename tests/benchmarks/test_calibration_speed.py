@@ -27,12 +27,12 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import load_arm_file
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.checks import Array
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.urdf import urdf_text
+from aacmm_pin.measurements.records import Measurements
 
 RECORDS = 100
 NOISE = 1e-5

@@ -21,12 +21,12 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 import aacmm_pin
-from aacmm_pin.arm import Arm
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import Effect, EncoderEccentricity, JointCompliance
-from aacmm_pin.error_model import ErrorModel
-from aacmm_pin.virtual import Plan, simulate_measurements
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.simulate import Plan, simulate_measurements
 
 HIDDEN: list[Effect] = [EncoderEccentricity(joint=3, values=(6e-5, 8e-5)), JointCompliance(joint=2, values=(2e-5,))]
 TARGETS = {300: 3.0, 12_000: 30.0}

@@ -17,9 +17,9 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 from scipy.spatial import ConvexHull
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.checks import Array
-from aacmm_pin.workspace import map_workspace
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.workspace import map_workspace
+from aacmm_pin.arm.arm import Arm
 
 CONFIGURATIONS = 20_000
 CELLS, SECTORS = 48, 12
@@ -31,8 +31,8 @@ DRAWS = 1000
 MILLION = """
 import resource, time
 import numpy as np
-from aacmm_pin.accuracy import accuracy_volume
-from aacmm_pin.arm import Arm
+from aacmm_pin.accuracy.volume import accuracy_volume
+from aacmm_pin.arm.arm import Arm
 arm = Arm.load("sino6")
 q = np.random.default_rng(1).uniform(*arm.limits.T, (1_000_000, arm.nq))
 accuracy_volume(arm, q[:1000])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-SINO6 = Path(__file__).parents[2] / "aacmm_pin" / "arms" / "sino6.toml"
+SINO6 = Path(__file__).parents[2] / "aacmm_pin" / "arm" / "bundled" / "sino6.toml"
 KINDS = ("a", "d", "alpha", "theta_offset")
 
 

@@ -6,8 +6,8 @@ from math import pi
 
 import pinocchio as pin
 
-from aacmm_pin.arm import Arm
-from aacmm_pin.arm_file import ArmFile
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile
 
 QUARTER = pi / 2
 LIMITS = [-6.3, 6.3]

@@ -10,14 +10,14 @@ import arms
 import numpy as np
 import pytest
 
-from aacmm_pin.arm import Arm
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import ReferenceFrame
-from aacmm_pin.calibration.unknowns import Target
+from aacmm_pin.calibration.parameters import Target
 from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.diagnosis.gain import rms
+from aacmm_pin.diagnosis.cross_validation import rms
 from aacmm_pin.effects import JointErrorCurve
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.units import MM
+from aacmm_pin.measurements.records import Measurements
 
 CASES: dict[str, tuple[str, Callable[[], Arm], ReferenceFrame, Target]] = {
     "ur10": ("ur10_laser_tracker", arms.ur10, "external", "tip"),

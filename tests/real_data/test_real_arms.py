@@ -18,11 +18,11 @@ import pytest
 from plain_least_squares import fitted_distances
 from scipy.cluster.hierarchy import fcluster, linkage
 
-from aacmm_pin.arm import Arm
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.calibrate import ReferenceFrame
-from aacmm_pin.measurements import Measurements
-from aacmm_pin.units import DEG, MM
+from aacmm_pin.measurements.records import Measurements
 
 MARGIN = 0.03
 

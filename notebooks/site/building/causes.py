@@ -8,10 +8,10 @@ import re
 import numpy as np
 
 from aacmm_pin import Arm
-from aacmm_pin.conditions import COLUMNS, Conditions
 from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.effects.conditions import COLUMNS, Conditions
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import MissingConditionError, UnsupportedArmError
-from aacmm_pin.state import State
 
 PLACES = {"joint": "joint", "link": "tube or body", "seat": "seat", "marker": "target"}
 OPTIONAL = {"link": "whole arm, or one body", "marker": "tip, or one target"}

@@ -10,8 +10,8 @@ from sphinx.application import Sphinx
 from sphinx.ext.napoleon import Config, GoogleDocstring
 from sphinx.util.typing import stringify_annotation
 
-from aacmm_pin.checks import Array, Index
-from aacmm_pin.conditions import Labels
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.effects.conditions import Labels
 
 CONFIG = Config(napoleon_use_ivar=True, napoleon_use_rtype=False, napoleon_attr_annotations=False)
 ALIASES = {"Array": Array, "Index": Index, "Labels": Labels, "ArrayLike": ArrayLike}

@@ -20,10 +20,10 @@ from aacmm_pin import (
     configuration_circle,
     diagnose,
     map_workspace,
-    plots,
     simulate_measurements,
 )
 from aacmm_pin.effects import EncoderEccentricity, LinkBending
+from aacmm_pin.report import plots
 
 POINT = np.array([400.0, 0.0, 300.0]) * 1e-3
 NOISE = 8e-6

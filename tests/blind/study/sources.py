@@ -16,7 +16,8 @@ def digest() -> str:
     out, so that moving code or saying something better does not make a measurement of it old.
     """
     found = hashlib.sha256()
-    for statement in sorted(ast.dump(_Bare().visit(node)) for path in modules() for node in _parsed(path)):
+    bare = (_Bare().visit(node) for path in modules() if path.name != "__init__.py" for node in _parsed(path))
+    for statement in sorted(ast.dump(node) for node in bare if not isinstance(node, ast.Pass)):
         found.update(statement.encode())
     return found.hexdigest()[:16]
 

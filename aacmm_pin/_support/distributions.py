@@ -1,0 +1,37 @@
+"""χ² and F, by scipy.special: scipy.stats, which has them too, takes as long to import as all the rest of the package."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import betainc, betaincinv, chdtr, chdtrc, chdtri
+
+from aacmm_pin._support.checks import Array
+
+
+def chi2_cdf(value: ArrayLike, dof: ArrayLike) -> Array:
+    """Probability that χ² with ``dof`` degrees of freedom is at most ``value``."""
+    return np.asarray(chdtr(dof, value))
+
+
+def chi2_sf(value: ArrayLike, dof: ArrayLike) -> Array:
+    """Probability that it is more than ``value``."""
+    return np.asarray(chdtrc(dof, value))
+
+
+def chi2_isf(probability: ArrayLike, dof: ArrayLike) -> Array:
+    """The value that it exceeds with a probability."""
+    return np.asarray(chdtri(dof, probability))
+
+
+def f_sf(value: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:
+    """Probability that F, the ratio of two mean squares of so many degrees of freedom, is more than ``value``."""
+    d, o, x = np.asarray(dof), np.asarray(other), np.asarray(value)
+    return np.asarray(betainc(o / 2, d / 2, o / (o + d * x)))
+
+
+def f_isf(probability: ArrayLike, dof: ArrayLike, other: ArrayLike) -> Array:
+    """The value that F exceeds with a probability."""
+    d, o = np.asarray(dof), np.asarray(other)
+    share = betaincinv(o / 2, d / 2, probability)
+    return np.asarray(o * (1.0 - share) / (d * share))

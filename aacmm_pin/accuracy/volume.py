@@ -1,0 +1,306 @@
+"""Accuracy of an arm at given configurations: covariance, accuracy volume, largest deviation, budget.
+
+``p(κ + δ) ≈ p(κ) + S δ`` with the sensitivity S of :meth:`ErrorModel.sensitivity`; the Monte Carlo method moves the real
+model instead and is the check on the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from aacmm_pin._support.checks import Array, batch, vector
+from aacmm_pin._support.distributions import chi2_isf
+from aacmm_pin._support.shown import Shown, drawn
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.accuracy import zonotope
+from aacmm_pin.accuracy.error_sources import ErrorSources
+from aacmm_pin.accuracy.volume_monte_carlo import exact_volume
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.dh import chunks
+from aacmm_pin.arm.parameter import Scope
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.postures.solution_set import PosturesAtPoint
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
+METHODS: tuple[Method, ...] = get_args(Method)
+
+COVERAGE = 0.95
+COVERAGE_FACTOR = float(np.sqrt(chi2_isf(1.0 - COVERAGE, 3)))
+"""k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM 102:2011, table 1)."""
+ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
+
+
+@dataclass(frozen=True, eq=False)
+class AccuracyVolume(Shown):
+    """Accuracy at many configurations.
+
+    Attributes:
+        sources: what may be off.
+        q: configurations (n, nq) [rad].
+        method: how ``volume`` was found.
+        volume: accuracy volume (n,) [m³].
+        covariance: covariance of the position, all sources (n, 3, 3) [m²]; with ``monte-carlo`` that of the draws.
+        sampling_error: Monte Carlo only: how far half of the draws change the volume (n,) [m³].
+        conditions: of the n configurations; None where nothing was stated.
+    """
+
+    sources: ErrorSources
+    q: Array
+    method: Method
+    volume: Array
+    covariance: Array
+    sampling_error: Array | None = None
+    conditions: Conditions | None = None
+
+    @property
+    def u(self) -> Array:
+        """Standard uncertainty of the position, the root of the summed variances of its three coordinates: (n,) [m]."""
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)))
+
+    @property
+    def not_included(self) -> tuple[str, ...]:
+        """Labels of the causes of error that are left out, see :class:`ErrorSources`."""
+        return self.sources.not_included
+
+    @cached_property
+    def largest_deviation(self) -> Array:
+        """Largest distance that the bounded parameters together can cause, to first order: (n,) [m]."""
+        parts = _parts(self.q, self.conditions)
+        found = [zonotope.largest_deviation(self.sources.generators(q, conditions)) for _, q, conditions in parts]
+        return np.concatenate([np.empty(0), *found])
+
+    def budget(self, by: Literal["parameter", "joint", "kind"] = "parameter") -> pd.DataFrame:
+        """Uncertainty budget (JCGM 100:2008, 5.1): each source's part in the mean variance over the configurations.
+
+        Where parameters are correlated the share of one is ``tr(S_k (C Sᵀ)_k) / tr(S C Sᵀ)``, half of the relative change
+        of the variance for a relative change of its u at the same correlations; what two have in common is parted evenly
+        between them, and a share may be negative. ``u_mm`` is what the parameter (or joint, or kind) does by itself.
+
+        Returns:
+            A table, largest first: the parameter (or joint, or kind; <NA> for the joint of a cause of the whole arm),
+            ``u_mm`` (its root mean square contribution) and ``share`` (of the variance; the shares sum to 1).
+        """
+        together = np.zeros((len(self.sources.parameters),) * 2)
+        for _, q, conditions in _parts(self.q, self.conditions):
+            together += self.sources.shared_variance(self.sources.sensitivity(q, conditions))
+        parameters = self.sources.parameters
+        table = pd.DataFrame(
+            {
+                "parameter": [p.name for p in parameters],
+                "joint": pd.array([p.joint for p in parameters], dtype="Int64"),
+                "kind": [p.kind for p in parameters],
+                "scope": [p.scope for p in parameters],
+            }
+        )
+        if by != "parameter":
+            group, names = pd.factorize(table[by], use_na_sentinel=False)
+            member = np.eye(len(names))[group]
+            table, together = pd.DataFrame({by: names}), member.T @ together @ member
+        table["u_mm"] = np.sqrt(np.diag(together) / max(len(self.q), 1)) / MM
+        table["share"] = together.sum(axis=1) / together.sum()
+        return table.sort_values("share", ascending=False, ignore_index=True)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each configuration: theta1_deg …, volume_mm3, u_mm, and largest_deviation_mm where it is bounded."""
+        table = {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.q.shape[1])}
+        table |= {"volume_mm3": self.volume / MM**3, "u_mm": self.u / MM}
+        if self.sources.bounded:
+            table["largest_deviation_mm"] = self.largest_deviation / MM
+        return pd.DataFrame(table)
+
+    def plot(self, by: Literal["parameter", "joint", "kind"] = "parameter", most: int = 12, ax: Axes | None = None) -> Axes:
+        """The uncertainty budget as bars: share of the variance, with the standard uncertainty at the end of each.
+
+        Args:
+            by: what the bars stand for.
+            most: at most this many bars; what is left is one bar "rest".
+            ax: axes; without them a new pyplot figure is made.
+
+        Raises:
+            AacmmError: see :func:`aacmm_pin.report.plots.plot_budget`.
+        """
+        return drawn("plot_budget", self, by, ax, most)
+
+    def __str__(self) -> str:
+        volume = self.volume / MM**3
+        what = f"{self.sources.arm.name} at {self.sources.at}, {self.method}, {len(self.q)} configurations"
+        without = f"; not included: {', '.join(self.not_included)}" if self.not_included else ""
+        if not len(self.q):
+            return what + without
+        return (
+            f"{what}: volume {volume.min():.3g} to {volume.max():.3g} mm³, "
+            f"standard uncertainty {self.u.min() / MM:.4f} to {self.u.max() / MM:.4f} mm{without}"
+        )
+
+
+def circle_accuracy(
+    circle: PosturesAtPoint,
+    model: Arm | ErrorModel | None = None,
+    *,
+    conditions: Conditions | None = None,
+    method: Method = "zonotope",
+    encoder_noise: ArrayLike | None = None,
+    scopes: tuple[Scope, ...] = ALL_SCOPES,
+    rng: np.random.Generator | None = None,
+    draws: int = 4000,
+    progress: bool = True,
+) -> AccuracyVolume:
+    """Accuracy of those configurations of a circle that are within limits, at the circle's own frame.
+
+    ``model`` is the circle's arm or an extended model of it, by default the circle's arm. ``conditions`` are of one record,
+    or of each configuration within limits. See :func:`accuracy_volume` for the other arguments.
+
+    Raises:
+        AacmmError: no configuration is within limits; see :func:`accuracy_volume` for the rest.
+    """
+    q = circle.q[circle.within_limits]
+    if not len(q):
+        raise AacmmError(f"{circle}; no configuration to judge")
+    return accuracy_volume(
+        circle.arm if model is None else model,
+        q,
+        conditions=conditions,
+        at=circle.at,
+        method=method,
+        encoder_noise=encoder_noise,
+        scopes=scopes,
+        rng=rng,
+        draws=draws,
+        progress=progress,
+    )
+
+
+def accuracy_volume(
+    model: Arm | ErrorModel,
+    q: ArrayLike,
+    *,
+    conditions: Conditions | None = None,
+    at: str | None = None,
+    method: Method = "zonotope",
+    encoder_noise: ArrayLike | None = None,
+    scopes: tuple[Scope, ...] = ALL_SCOPES,
+    rng: np.random.Generator | None = None,
+    draws: int = 4000,
+    progress: bool = True,
+) -> AccuracyVolume:
+    """Accuracy volume and covariance of an arm, or of an arm with its effects, at ``q``.
+
+    - ``zonotope``: volume of everything that the bounded parameters can do together, exact to first order.
+    - ``jointwise``: eq. 14 of Xu You et al. 2019, read as the sum over the rows of each row's own zonotope. Smaller by far
+      than the zonotope: rows do not add their volumes, they multiply the ways in which they combine. Causes of the whole
+      arm count as one more row.
+    - ``ellipsoid``: 95 % coverage ellipsoid of the covariance; the only one in which unbounded noise has a part.
+    - ``monte-carlo``: the real model at corners of the parameter box, convex hull; covariance from random draws.
+
+    The parameters of effects, and those that a calibration states, count as within ± k u, k = 2. Parameters that are known
+    together (``[covariance]`` of the arm file) enter the covariance as S C Sᵀ; in their place ``zonotope``,
+    ``largest_deviation`` and the corners of ``monte-carlo`` take the principal axes of their correlation, each within
+    ± k times its standard uncertainty, see :mod:`aacmm_pin.accuracy.error_sources`. Effects of the reference have no part.
+
+    Args:
+        model: the arm, or the arm with its effects.
+        q: configurations (n, nq) [rad].
+        conditions: of n records, or of one that holds for all. Causes that depend on what they do not state are left out
+            and named in ``not_included``.
+        at: frame whose origin is looked at; default the tip, ``frame5`` for the wrist.
+        method: one of the four.
+        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what the arm states.
+        scopes: which parameters take part: shared by all records (``arm``), by a ``session``, or new each ``record``.
+        rng: needed for ``monte-carlo``.
+        draws: Monte Carlo draws for each configuration.
+        progress: with ``monte-carlo``, show a bar in a notebook, or on stderr at a terminal.
+
+    Raises:
+        ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number of records.
+        UnknownNameError: no such method or frame.
+        UnsupportedArmError: ``jointwise`` with parameters of different rows that are correlated.
+        AacmmError: nothing has an uncertainty, noise is negative, or ``rng`` is missing.
+    """
+    if method not in METHODS:
+        raise UnknownNameError("method", method, list(METHODS))
+    arm = ErrorModel.arm_of(model)
+    q = batch(q, arm.nq, "q", "rad")
+    conditions = _for_each(conditions, len(q))
+    sources = ErrorSources.of(model, at, _noise(arm, encoder_noise), scopes, q, conditions)
+    if method == "monte-carlo":
+        if rng is None:
+            raise AacmmError("method 'monte-carlo' needs rng, a numpy.random.Generator such as numpy.random.default_rng(1)")
+        volume, error, covariance = exact_volume(sources, q, conditions, rng, draws, progress)
+        return AccuracyVolume(sources, q, method, volume, covariance, error, conditions)
+    volume, covariance = np.empty(len(q)), np.empty((len(q), 3, 3))
+    rule = _RULES[method]
+    for part, some, known in _parts(q, conditions):
+        sensitivity = sources.sensitivity(some, known)
+        covariance[part] = sources.covariance_of(sensitivity)
+        volume[part] = rule(sources, sensitivity, covariance[part])
+    return AccuracyVolume(sources, q, method, volume, covariance, conditions=conditions)
+
+
+def _for_each(conditions: Conditions | None, n: int) -> Conditions | None:
+    """Conditions of n records; those of a single one hold for all."""
+    if conditions is None or conditions.n == n:
+        return conditions
+    if conditions.n != 1:
+        raise ShapeError(f"conditions are of {conditions.n} records, expected {n} as q has, or 1")
+    return conditions.take(np.zeros(n, dtype=np.intp))
+
+
+def _parts(q: Array, conditions: Conditions | None) -> Iterator[tuple[slice, Array, Conditions | None]]:
+    """Some configurations at a time, with their conditions."""
+    for part in chunks(len(q)):
+        yield part, q[part], None if conditions is None else conditions.take(part)
+
+
+def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
+    if encoder_noise is None:
+        return None
+    noise = np.asarray(encoder_noise, dtype=np.float64)
+    noise = vector(np.full(arm.nq, noise) if noise.ndim == 0 else noise, arm.nq, "encoder_noise", "rad")
+    if (noise < 0).any():
+        raise AacmmError(f"encoder_noise is {noise.min()} rad, expected numbers that are not negative")
+    return noise
+
+
+def _zonotope(sources: ErrorSources, sensitivity: Array, covariance: Array) -> Array:
+    return zonotope.volume(sources.generators_of(sensitivity))
+
+
+def _jointwise(sources: ErrorSources, sensitivity: Array, covariance: Array) -> Array:
+    generators = sources.generators_of(sensitivity)
+    bounded = [sources.parameters[i] for i in sources.bounded]
+    joints = np.array([p.joint or 0 for p in bounded])
+    if sources.correlation is not None:
+        together = sources.correlation[np.ix_(sources.bounded, sources.bounded)] != 0
+        across = np.argwhere(together & (joints[:, None] != joints))
+        if len(across):
+            first, second = (bounded[i].name for i in across[0])
+            raise UnsupportedArmError(
+                f"{sources.arm.name}: {first} and {second} are correlated and of different rows, so that what one row does "
+                "is not its own; 'jointwise' needs independent rows, take 'zonotope' or 'ellipsoid'"
+            )
+    volumes = [zonotope.volume(generators[:, :, joints == joint]) for joint in np.unique(joints)]
+    return np.asarray(np.sum(volumes, axis=0))
+
+
+def _ellipsoid(sources: ErrorSources, sensitivity: Array, covariance: Array) -> Array:
+    determinant = np.maximum(np.linalg.det(covariance), 0.0)
+    return np.asarray(4.0 / 3.0 * np.pi * COVERAGE_FACTOR**3 * np.sqrt(determinant))
+
+
+_RULES: dict[str, Callable[[ErrorSources, Array, Array], Array]] = {
+    "zonotope": _zonotope,
+    "jointwise": _jointwise,
+    "ellipsoid": _ellipsoid,
+}

@@ -1,0 +1,359 @@
+"""Maps over the workspace: at every cell of a half-plane, how flexible and how accurate the arm is.
+
+The arm turns about joint axis 1, so the half-plane y = 0, x ≥ 0 of the base stands for all of space.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context, resource_tracker
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin._support.progress import bar
+from aacmm_pin._support.shown import Shown, drawn
+from aacmm_pin._support.units import DEG, MM, MM3
+from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy
+from aacmm_pin.accuracy.volume import METHODS, Method, accuracy_volume
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.dh import chunks
+from aacmm_pin.arm.limits import AT_LIMIT, broken_limits, into_limits
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.postures.configurations import WRIST
+from aacmm_pin.postures.curve_sampling import Components, arc_fractions, at_swivel, sector_centres
+from aacmm_pin.postures.reach import reach_of_wrist
+from aacmm_pin.postures.swivel import Swivel
+from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+CELLS_AT_ONCE = 576
+SEEDS_PER_TURN = 3
+"""Held angles of each joint for a map; with the spread seeds they find every component that twenty-four find."""
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceMap(Shown):
+    """Flexibility and accuracy over the half-plane.
+
+    Attributes:
+        data: labelled arrays over ``x_mm`` and ``z_mm`` (cell centres): ``reachable``, ``working_sectors``,
+            ``flexibility``, ``arc_fraction``, ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``, ``best_theta_deg``,
+            ``worst_theta_deg`` (by volume), ``smallest_u_mm``, ``largest_u_mm``, ``smallest_u_theta_deg`` (by standard
+            uncertainty, which ranks the configurations differently), ``sector_works``; nan (or 0) where unreachable.
+        seconds: time that the computation took.
+    """
+
+    data: xr.Dataset
+    seconds: float
+
+    @property
+    def sectors(self) -> int:
+        """Number of sectors of the circle."""
+        return int(self.data.sizes["sector"])
+
+    def working_sectors(self) -> dict[int, int]:
+        """Number of reachable cells for each number of working sectors."""
+        counts = self.data["working_sectors"].values[self.data["reachable"].values.astype(bool)]
+        return {k: int(n) for k, n in enumerate(np.bincount(counts, minlength=self.sectors + 1))}
+
+    @property
+    def unreachable(self) -> int:
+        """Number of cells whose centre no configuration reaches, limits apart."""
+        return int((self.data["reachable"].values == 0).sum())
+
+    @property
+    def not_included(self) -> tuple[str, ...]:
+        """Labels of the causes of error that are left out of the accuracies, see :class:`ErrorSources`."""
+        labels = str(self.data.attrs.get("not_included", ""))
+        return tuple(labels.split("; ")) if labels else ()
+
+    def save(self, path: str | Path) -> None:
+        """Write the map as netCDF (classic format, 64-bit offsets), which xarray, MATLAB, R and ncdump read."""
+        self.data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+
+    @staticmethod
+    def load(path: str | Path) -> WorkspaceMap:
+        """Read a map that :meth:`save` wrote."""
+        import xarray as xr  # loaded where a map is made or read: commands without one start sooner
+
+        with xr.open_dataset(path, engine="scipy") as data:
+            return WorkspaceMap(data.load(), float(data.attrs["seconds"]))
+
+    def plot(self, quantity: str = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
+        """One quantity of the map over the half-plane through joint axis 1.
+
+        Args:
+            quantity: its name in ``data``: ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``, ``smallest_u_mm``,
+                ``largest_u_mm``, ``flexibility``, ``arc_fraction`` or ``working_sectors``.
+            ax: axes; without them a new pyplot figure is made.
+
+        Raises:
+            UnknownNameError: no such quantity.
+        """
+        return drawn("plot_map", self, quantity, ax)
+
+    def __str__(self) -> str:
+        x, z = self.data.sizes["x_mm"], self.data.sizes["z_mm"]
+        full = self.working_sectors()[self.sectors]
+        return (
+            f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors, {self.unreachable} cells out of reach, "
+            f"{full} cells with the full circle, mean flexibility {float(self.data['flexibility'].mean()):.3f}"
+            + (f"; not included: {', '.join(self.not_included)}" if self.not_included else "")
+        )
+
+
+def map_workspace(
+    model: Arm | ErrorModel,
+    cells: tuple[int, int] = (48, 48),
+    sectors: int = 12,
+    *,
+    extent: ArrayLike | None = None,
+    conditions: Conditions | None = None,
+    method: Method = "zonotope",
+    rest: ArrayLike | None = None,
+    processes: int = 1,
+    progress: bool = True,
+) -> WorkspaceMap:
+    """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the half-plane.
+
+    Args:
+        model: an arm with a DH table whose first five rows are joints, or such an arm with its effects.
+        cells: number of cells along x and z.
+        sectors: number of sectors of the configuration circle; each stands for the configuration at its centre, and
+            where several configurations inside the limits have that swivel, for the most accurate of them.
+        extent: x from, x to, z from, z to (4,) [m]; default 0, R, -R, R with the reach R to two digits.
+        conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
+        method: how accuracy volumes are found (not ``monte-carlo``).
+        rest: angles of the joints behind the fourth (nq - 4,) [rad], default 0.
+        processes: worker processes.
+        progress: show a bar in a notebook, or on stderr at a terminal.
+
+    Raises:
+        AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an uncertainty.
+        ShapeError: ``conditions`` of more than one record.
+        UnknownNameError: no such method for a map.
+        UnsupportedArmError: no DH table, or one without the joints that this needs; see :func:`accuracy_volume`.
+    """
+    started = time.perf_counter()
+    if min(*cells, sectors, processes) < 1:
+        raise AacmmError(f"cells are {cells}, sectors {sectors}, processes {processes}; expected at least 1 of each")
+    arm = ErrorModel.arm_of(model)
+    wrist = Wrist.of(arm.require_dh("a map of the workspace"), rest)
+    not_included = _check_method(model, conditions, method)
+    box = _extent(arm, wrist, extent)
+    x, z = _centres(box, cells)
+    grid = np.stack(np.meshgrid(x, z, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = np.column_stack([grid[:, 0], np.zeros(len(grid)), grid[:, 1]])
+    parts = chunks(len(points), CELLS_AT_ONCE)
+    jobs = [_Job(model, arm, conditions, wrist, points[part], sectors, method) for part in parts]
+    results: list[dict[str, Array]] = [{} for _ in jobs]
+    with bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving:
+        for number, result in _run(jobs, processes):
+            results[number] = result
+            moving.update(len(jobs[number].points))
+    seconds = time.perf_counter() - started
+    merged = {name: np.concatenate([r[name] for r in results]) for name in results[0]}
+    data = _dataset(arm, merged, box, cells, sectors, method, wrist.rest, seconds)
+    return WorkspaceMap(data.assign_attrs(not_included="; ".join(not_included)), seconds)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """Some cells, to be worked out together."""
+
+    model: Arm | ErrorModel
+    arm: Arm
+    conditions: Conditions | None
+    wrist: Wrist
+    points: Array
+    sectors: int
+    method: Method
+
+
+def _run(jobs: list[_Job], processes: int) -> Iterator[tuple[int, dict[str, Array]]]:
+    if processes == 1:
+        yield from enumerate(map(_work, jobs))
+        return
+    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
+    try:
+        with _interrupts_held():  # the workers inherit this: an interrupt is the parent's to answer
+            futures = {pool.submit(_work, job): number for number, job in enumerate(jobs)}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Keep an interrupt until the end, and processes that are started meanwhile from being interrupted at all."""
+    resource_tracker.ensure_running()  # it would let interrupts through when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _work(job: _Job) -> dict[str, Array]:
+    curves = wrist_curves(job.wrist, job.points, SEEDS_PER_TURN)
+    swivel = Swivel(job.arm.require_dh("a map"), job.arm.up)
+    components = Components(swivel, wrist_system(job.wrist, job.points), job.points, curves, job.wrist)
+    q, sector, cell = at_swivel(components, sector_centres(job.sectors))
+    q = into_limits(q, job.arm.limits)
+    inside = ~broken_limits(q, job.arm.limits).any(axis=1)
+    reachable = np.zeros(len(job.points), dtype=bool)
+    reachable[[curve.problem for curve in curves]] = True
+    theoretical = _marked(cell, sector, len(job.points), job.sectors)
+    works = _marked(cell[inside], sector[inside], len(job.points), job.sectors)
+    with np.errstate(invalid="ignore"):
+        flexibility = works.sum(axis=1) / theoretical.sum(axis=1)
+    result: dict[str, Array] = {"reachable": reachable, "works": works, "flexibility": flexibility}
+    result["arc_fraction"] = arc_fractions(components, job.arm.limits)
+    return result | _accuracies(job, q[inside], sector[inside], cell[inside])
+
+
+def _marked(cell: Index, sector: Index, cells: int, sectors: int) -> Any:
+    marks = np.zeros((cells, sectors), dtype=bool)
+    marks[cell, sector] = True
+    return marks
+
+
+def _accuracies(job: _Job, q: Array, sector: Index, cell: Index) -> dict[str, Array]:
+    """Best, worst and comprehensive accuracy of each cell from its working configurations."""
+    n = len(job.points)
+    result = {name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "least_u", "most_u")}
+    result |= {name: np.full((n, job.arm.nq), np.nan) for name in ("best_q", "worst_q", "least_u_q")}
+    if not len(q):
+        return result
+    accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
+    volume, u = accuracy.volume, accuracy.u
+    order = np.lexsort((volume, sector, cell))
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (np.diff(cell[order]) != 0) | (np.diff(sector[order]) != 0)
+    chosen = order[first]  # the most accurate configuration of each sector
+    for k, mine in _groups(cell[chosen]):
+        members = chosen[mine]
+        result["comprehensive"][k] = comprehensive_accuracy(volume[members], q[members, 2], job.points[k])
+    for k, members in _groups(cell):
+        best, worst = members[np.argmin(volume[members])], members[np.argmax(volume[members])]
+        least, most = members[np.argmin(u[members])], members[np.argmax(u[members])]
+        result["best"][k], result["worst"][k] = volume[best], volume[worst]
+        result["least_u"][k], result["most_u"][k] = u[least], u[most]
+        result["best_q"][k], result["worst_q"][k], result["least_u_q"][k] = q[best], q[worst], q[least]
+    return result
+
+
+def _groups(labels: Index) -> Iterable[tuple[int, Index]]:
+    """Each label with the positions where it stands."""
+    order = np.argsort(labels, kind="stable")
+    values, first = np.unique(labels[order], return_index=True)
+    return zip((int(v) for v in values), np.split(order, first[1:]), strict=True)
+
+
+def _extent(arm: Arm, wrist: Wrist, extent: ArrayLike | None) -> Array:
+    if extent is None:
+        farthest = reach_of_wrist(wrist, Swivel(arm.require_dh("a map"), arm.up).shoulder)[1]
+        reach = float(f"{farthest:.1e}")  # two digits: 1210.7 mm become 1200 mm, as 121.07 mm become 120 mm
+        return np.array([0.0, reach, -reach, reach])
+    box = vector(extent, 4, "extent", "m")
+    if not (0 <= box[0] < box[1] and box[2] < box[3]):
+        raise AacmmError(f"extent is {(box / MM).tolist()} mm, expected 0 ≤ x from < x to and z from < z to")
+    return box
+
+
+def _check_method(model: Arm | ErrorModel, conditions: Conditions | None, method: Method) -> tuple[str, ...]:
+    """Refuse, before the work begins, what the first cell would refuse; labels of causes that are left out."""
+    if method == "monte-carlo" or method not in METHODS:
+        raise UnknownNameError("method", method, [m for m in METHODS if m != "monte-carlo"], "of a map")
+    arm = ErrorModel.arm_of(model)
+    q = np.clip(np.zeros((1, arm.nq)), arm.limits[:, 0], arm.limits[:, 1])
+    return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method).not_included
+
+
+def map_caveats(arm: Arm) -> tuple[str, ...]:
+    """Why the half-plane y = 0 does not stand for all of space with this arm; empty where it does."""
+    caveats = []
+    lower, upper = arm.limits[0]
+    if upper - lower < 2 * np.pi - AT_LIMIT:
+        caveats.append("joint 1 does not turn all the way round: the map holds for the half-plane y = 0 alone")
+    if abs(arm.up[2]) < 1 - 1e-12:
+        caveats.append("gravity is not along joint axis 1: swivel angles count from another place in other half-planes")
+    return tuple(caveats)
+
+
+def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array]:
+    """Cell centres along x and z [m]."""
+    x = box[0] + (np.arange(cells[0]) + 0.5) * (box[1] - box[0]) / cells[0]
+    z = box[2] + (np.arange(cells[1]) + 0.5) * (box[3] - box[2]) / cells[1]
+    return x, z
+
+
+def _dataset(
+    arm: Arm,
+    merged: dict[str, Array],
+    box: Array,
+    cells: tuple[int, int],
+    sectors: int,
+    method: str,
+    rest: Array,
+    seconds: float,
+) -> xr.Dataset:
+    x, z = _centres(box, cells)
+
+    def over_cells(name: str, unit: str, text: str, scale: float = 1.0, kind: type = float) -> Any:
+        values: Any = (merged[name] / scale if scale != 1.0 else merged[name]).astype(kind)
+        dims = ("x_mm", "z_mm", *{"works": ("sector",)}.get(name, ("joint",) if name.endswith("_q") else ()))
+        return dims, values.reshape(cells + values.shape[1:]), {"units": unit, "long_name": text}
+
+    merged = merged | {"count": merged["works"].sum(axis=1)}
+    variables = {
+        "reachable": over_cells("reachable", "1", "1 where a configuration reaches the cell, limits apart", kind=np.int8),
+        "sector_works": over_cells("works", "1", "1 where the sector's centre has a configuration in limits", kind=np.int8),
+        "working_sectors": over_cells("count", "1", "number of working sectors", kind=np.int32),
+        "flexibility": over_cells("flexibility", "1", "working over theoretical sectors (eq. 1)"),
+        "arc_fraction": over_cells("arc_fraction", "1", "working over theoretical range of swivel"),
+        "comprehensive_mm3": over_cells("comprehensive", "mm3", "comprehensive accuracy (eq. 15)", MM3),
+        "best_mm3": over_cells("best", "mm3", "smallest accuracy volume of a sector's centre", MM3),
+        "worst_mm3": over_cells("worst", "mm3", "largest accuracy volume of a sector's centre", MM3),
+        "smallest_u_mm": over_cells("least_u", "mm", "smallest standard uncertainty of a sector's centre", MM),
+        "largest_u_mm": over_cells("most_u", "mm", "largest standard uncertainty of a sector's centre", MM),
+        "smallest_u_theta_deg": over_cells("least_u_q", "degree", "configuration with the smallest u", DEG),
+        "best_theta_deg": over_cells("best_q", "degree", "configuration with the smallest volume", DEG),
+        "worst_theta_deg": over_cells("worst_q", "degree", "configuration with the largest volume", DEG),
+    }
+    centres = sector_centres(sectors) / DEG
+    coordinates = {
+        "x_mm": ("x_mm", x / MM, {"units": "mm", "long_name": "distance from joint axis 1"}),
+        "z_mm": ("z_mm", z / MM, {"units": "mm", "long_name": "z of the base"}),
+        "sector_deg": ("sector", centres, {"units": "degree", "long_name": "swivel angle of the sector's centre"}),
+        "joint": ("joint", np.arange(1, arm.nq + 1, dtype=np.int32)),
+    }
+    attributes = {
+        "schema": "aacmm-pin/map/1",
+        "arm": arm.name,
+        "source": arm.source,
+        "method": method,
+        "working_point": WRIST,
+        "rest_deg": (rest / DEG).tolist(),
+        "extent_mm": (box / MM).tolist(),
+        "caveats": "; ".join(map_caveats(arm)),
+        "seconds": seconds,
+    }
+    import xarray as xr
+
+    return xr.Dataset(variables, coordinates, attributes)

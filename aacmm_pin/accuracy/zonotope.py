@@ -1,0 +1,109 @@
+"""Zonotopes: the set ``Σ s_k g_k`` with every s_k in [-1, 1], for many configurations at once.
+
+It is, to first order, everything that a point can do when each parameter stays within its bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.dh import chunks
+
+CHUNK = 256
+"""Configurations handled at once: the pair normals of 24 generators then fit in the processor's cache."""
+FLAT = 1e-13
+"""A unit generator that sticks out of a face by less lies in it."""
+
+
+def volume(generators: Array) -> Array:
+    """``8 Σ_{i<j<k} |det(g_i, g_j, g_k)|`` for generators (n, 3, p) [m]: (n,) [m³].
+
+    Source: P. McMullen, "On zonotopes", Trans. AMS 159 (1971); the factor 8 because each s runs over [-1, 1].
+    """
+    n, _, count = generators.shape
+    volumes = np.zeros(n)
+    if count < 3:
+        return volumes
+    first, second = _pairs(count)
+    for part in chunks(n, CHUNK):
+        g = np.ascontiguousarray(generators[part].transpose(1, 2, 0))  # (3, p, n)
+        normal = _normals(g, first, second)
+        for k in range(2, count):
+            upto = k * (k - 1) // 2  # the pairs i < j < k come first
+            triple = normal[0, :upto] * g[0, k]
+            triple += normal[1, :upto] * g[1, k]
+            triple += normal[2, :upto] * g[2, k]
+            volumes[part] += np.abs(triple, out=triple).sum(axis=0)
+    return 8.0 * volumes
+
+
+def largest_deviation(generators: Array) -> Array:
+    """Distance of the farthest point from the centre, ``max_n Σ |n·g_k|``, for generators (n, 3, p) [m]: (n,) [m].
+
+    The farthest point is a vertex; all of :func:`corners` are looked at.
+    """
+    n, _, count = generators.shape
+    if count < 2:
+        return np.asarray(np.linalg.norm(np.abs(generators).sum(axis=2), axis=1))
+    farthest = np.zeros(n)
+    for part in chunks(n, CHUNK):
+        for points in _some_corners(generators[part]):
+            farthest[part] = np.maximum(farthest[part], np.square(points).sum(axis=2).max(axis=1))
+    return np.asarray(np.sqrt(farthest))
+
+
+def corners(generators: Array) -> Array:
+    """Points (n, m, 3) [m] among which are all vertices, for generators (n, 3, p) [m], p at least 2.
+
+    A vertex is ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is spanned by some g_i and g_j;
+    its signs are those of ``n·g_k`` with the face's normal n = g_i × g_j, where that is zero (in the face) those of
+    ±(n × g_i)·g_k, where that is zero too (parallel to g_i) those of ±g_i·g_k; and the set is symmetric.
+    """
+    half = np.concatenate(list(_some_corners(generators)), axis=1)
+    return np.concatenate([half, -half], axis=1)
+
+
+def _some_corners(generators: Array) -> Iterator[Array]:
+    """One of each two opposite :func:`corners`, in four parts (n, pairs, 3)."""
+    first, second = _pairs(generators.shape[2])
+    g = generators.transpose(0, 2, 1)  # (n, p, 3)
+    length = np.linalg.norm(g, axis=2)
+    unit = g / np.where(length > 0, length, 1.0)[:, :, None]
+    along = np.where(length[:, first, None] > 0, unit[:, first], unit[:, second])
+    normal = np.cross(along, unit[:, second])  # (n, pairs, 3)
+    inwards = np.cross(normal, along)
+    above, beside, ahead = (_clear_sign(v @ unit.transpose(0, 2, 1)) for v in (normal, inwards, along))
+    for s in (1.0, -1.0):
+        for t in (1.0, -1.0):
+            sign = np.where(above != 0, above, np.where(beside != 0, s * beside, t * ahead))
+            yield sign @ g
+
+
+def _clear_sign(values: Array) -> Array:
+    """Sign, with 0 for what is zero but for rounding."""
+    return np.where(np.abs(values) > FLAT, np.sign(values), 0.0)
+
+
+def support(generators: Array, directions: Array) -> Array:
+    """Largest deviation along each unit direction, ``h(n) = Σ |n·g_k|``: (n, m) [m].
+
+    Args:
+        generators: (n, 3, p) [m].
+        directions: (m, 3) [1].
+    """
+    return np.asarray(np.abs(directions @ generators).sum(axis=2))
+
+
+def _pairs(count: int) -> tuple[Index, Index]:
+    """Pairs i < j, ordered by j."""
+    second, first = np.tril_indices(count, -1)
+    return first, second
+
+
+def _normals(g: Array, first: Index, second: Index) -> Array:
+    """g_i × g_j for component-first generators (3, p, n): (3, pairs, n)."""
+    a, b = g[:, first], g[:, second]
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -1,0 +1,443 @@
+"""Arms: a DH table, a Pinocchio model, or both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.arm import chain
+from aacmm_pin.arm.chain import Chain
+from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm.file import COVERAGE_FACTOR, ArmFile, Covariance, load_arm_file
+from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm.poses import Poses
+from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.arm.urdf_input import read_urdf
+from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
+
+
+@dataclass(frozen=True, eq=False)
+class Arm(Shown):
+    """A serial arm: its Pinocchio model and, where it has one, its DH table.
+
+    Attributes:
+        name: name for titles and messages.
+        model: the Pinocchio model; treat it as read-only.
+        tip: name of the frame whose origin is the tip.
+        limits: joint limits (nq, 2) [rad].
+        parameters: geometric parameters with their uncertainties, in the order of :meth:`sensitivity`.
+        dh: the DH table, or None for an arm that came as URDF alone.
+        encoder_noise: standard uncertainty of one reading (nq,) [rad], or None.
+        stylus_axis: direction of the stylus in the tip frame (3,), or None.
+        source: where the numbers come from.
+        reference_temperature: temperature for which the numbers hold [°C].
+        file: the arm file it came from, or None.
+        covariance: what a calibration knows of parameters together, or None.
+    """
+
+    name: str
+    model: Any
+    tip: str
+    limits: Array
+    parameters: tuple[Parameter, ...]
+    dh: DHTable | None = None
+    encoder_noise: Array | None = None
+    stylus_axis: Array | None = None
+    source: str = ""
+    reference_temperature: float = 20.0
+    file: ArmFile | None = None
+    covariance: Covariance | None = None
+
+    def __repr__(self) -> str:
+        table = "no DH table" if self.dh is None else f"{self.dh.rows} {self.dh.convention} rows"
+        return f"Arm({self.name!r}, {self.nq} joints, {table}, tip {self.tip!r})"
+
+    @property
+    def without_uncertainty(self) -> tuple[str, ...]:
+        """Names of the geometric parameters for which no uncertainty was stated; they count as exact."""
+        return tuple(p.name for p in self.parameters if p.half_width is None and p.u == 0)
+
+    @staticmethod
+    def load(name_or_path: str | Path) -> Arm:
+        """A bundled arm by name (``sino6``, ``zero6``) or an arm file by path.
+
+        Raises:
+            UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.load_arm_file`.
+        """
+        return Arm.from_file(load_arm_file(name_or_path))
+
+    @staticmethod
+    def from_file(arm: ArmFile) -> Arm:
+        """The arm of a validated arm file: DH table to URDF to Pinocchio."""
+        model = pin.buildModelFromXML(urdf_text(arm))
+        model.gravity.linear = np.array(arm.gravity_m_s2)
+        axis = None if arm.stylus is None else np.array(arm.stylus.axis) / np.linalg.norm(arm.stylus.axis)
+        return Arm(
+            name=arm.name,
+            model=model,
+            tip="tip",
+            limits=arm.limits,
+            parameters=arm.dh_parameters(),
+            dh=arm.dh,
+            encoder_noise=arm.encoder_noise,
+            stylus_axis=axis,
+            source=arm.source,
+            reference_temperature=arm.reference_temperature_c,
+            file=arm,
+            covariance=arm.covariance,
+        )
+
+    @staticmethod
+    def from_urdf(
+        path: str | Path, frame: str, *, translation_half_width: float = 0.0, rotation_half_width: float = 0.0
+    ) -> Arm:
+        """Any fixed-base arm with revolute, continuous or prismatic joints, by its URDF.
+
+        A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle. Joints that do not carry
+        ``frame`` (a gripper's fingers) are locked at zero; a joint that carries it moves by itself, also where it mimics
+        another. The parameters are the six components of every joint placement (three shifts, three turns about the axes of
+        the placement), each known within ± the half-width.
+
+        Args:
+            path: URDF file; meshes are not needed.
+            frame: name of the link or frame whose origin is the tip.
+            translation_half_width: bound of every placement shift [m].
+            rotation_half_width: bound of every placement turn [rad].
+
+        Raises:
+            AacmmError: the file cannot be read or is not URDF.
+            UnsupportedArmError: a joint takes more than one number (planar, floating).
+            UnknownNameError: no such frame; lists the frames.
+        """
+        text = read_urdf(path)
+        try:
+            model = pin.buildModelFromXML(text)
+        except (ValueError, RuntimeError) as error:
+            raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
+        return Arm.from_model(
+            model,
+            frame,
+            source=str(path),
+            translation_half_width=translation_half_width,
+            rotation_half_width=rotation_half_width,
+        )
+
+    @staticmethod
+    def from_model(
+        model: Any,
+        frame: str,
+        *,
+        source: str = "",
+        translation_half_width: float = 0.0,
+        rotation_half_width: float = 0.0,
+    ) -> Arm:
+        """The same from a Pinocchio model that is already there; the joints past ``frame`` are locked at zero.
+
+        Raises:
+            UnsupportedArmError, UnknownNameError: see :meth:`from_urdf`.
+        """
+        for half_width in (translation_half_width, rotation_half_width):
+            if not (np.isfinite(half_width) and half_width >= 0):
+                raise AacmmError(f"half-width is {half_width}, expected a number that is not negative")
+        model = _serial_part(model, frame)
+        return Arm(
+            name=model.name,
+            model=model,
+            tip=frame,
+            limits=np.column_stack([model.lowerPositionLimit, model.upperPositionLimit]),
+            parameters=_placement_parameters(model, translation_half_width, rotation_half_width),
+            source=source,
+        )
+
+    def with_placements(self, steps: Array, covariance: Covariance | None) -> Arm:
+        """An arm that came as URDF, every joint placement moved by a twist in its own axes.
+
+        Args:
+            steps: shifts, then turns (nq, 6) [m, rad].
+            covariance: what is known of the placements now.
+        """
+        steps = batch(steps, 6, "steps", "m, rad")
+        model = self.model.copy()
+        for joint, step in enumerate(steps, start=1):
+            rotation, shift = (part[0] for part in chain.exp(step[None]))
+            model.jointPlacements[joint] = model.jointPlacements[joint] * pin.SE3(rotation, shift)
+        u = {} if covariance is None else dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
+        parameters = tuple(
+            replace(p, u=u[p.name], half_width=COVERAGE_FACTOR * u[p.name]) if p.name in u else p for p in self.parameters
+        )
+        return replace(self, model=model, parameters=parameters, covariance=covariance)
+
+    @property
+    def nq(self) -> int:
+        """Number of joints."""
+        return int(self.model.nq)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, from the base on."""
+        return tuple(self.model.names[1:])
+
+    @property
+    def joint_axes(self) -> Array:
+        """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the joint moves."""
+        return np.array([_joint_axis(self.model, j) for j in range(1, self.model.njoints)])
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration of gravity in the base frame (3,) [m/s²]."""
+        return np.array(self.model.gravity.linear)
+
+    @property
+    def up(self) -> Array:
+        """Unit vector against gravity (3,); +z where the model has no gravity."""
+        length = float(np.linalg.norm(self.gravity))
+        return -self.gravity / length if length > 0 else np.array([0.0, 0.0, 1.0])
+
+    def require_dh(self, purpose: str) -> DHTable:
+        """The DH table.
+
+        Raises:
+            UnsupportedArmError: the arm has none.
+        """
+        if self.dh is None:
+            raise UnsupportedArmError(f"{self.name}: {purpose} needs a DH table; this arm came as URDF alone")
+        return self.dh
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The arm as a chain of places, to be walked without Pinocchio."""
+        return Chain.of_dh(self.dh) if self.dh is not None else _chain_of_model(self.model, self.tip)
+
+    @cached_property
+    def masses(self) -> Array | None:
+        """Mass of the body behind each ``axis`` of the chain (rows,) [kg]; None where no body of the arm has one."""
+        inertias = [self.model.inertias[j] for j in range(1, self.model.njoints)]
+        if not any(inertia.mass for inertia in inertias):
+            return None
+        return self._over_rows(np.array([inertia.mass for inertia in inertias]))
+
+    @cached_property
+    def centres_of_mass(self) -> Array:
+        """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there is no mass."""
+        centres = np.zeros((self.nq, 3))
+        for j in range(1, self.model.njoints):
+            if self.model.inertias[j].mass > 0.0:
+                centres[j - 1] = _onto_z(_joint_axis(self.model, j)).T @ self.model.inertias[j].lever
+        centres = self._over_rows(centres)
+        if self.dh is not None and not self.dh.standard:
+            centres[self.dh.moving, 2] -= self.dh.d[self.dh.moving]
+        return centres
+
+    def _over_rows(self, of_joints: Array) -> Array:
+        values = np.zeros((self.chain.rows, *of_joints.shape[1:]))
+        values[[place // 2 - 1 for place in self.chain.moving_axes()]] = of_joints
+        return values
+
+    def place(self, at: str | None = None) -> int:
+        """Place of the chain that has the origin of frame ``at`` (default: the tip).
+
+        Raises:
+            UnknownNameError: no such frame.
+            UnsupportedArmError: the frame is not one of the chain.
+        """
+        if at is None or at == self.tip:
+            return self.chain.tip
+        dh = self.require_dh(f"looking at frame {at!r}")
+        row = self._known_row(at)
+        return (chain.end if dh.standard else chain.axis)(row) if row else chain.end(0)
+
+    def poses(self, q: Array, at: str | None = None) -> Poses:
+        """The arm at configurations ``q`` (n, nq) [rad], looked at in frame ``at`` (default: the tip), by Pinocchio.
+
+        Raises:
+            ShapeError: ``q`` is not a finite (n, nq) array.
+            UnknownNameError: no such frame.
+        """
+        return Poses(self.model, batch(q, self.nq, "q", "rad"), self._frame_id(at), self.dh, self.dh_row(at))
+
+    def positions(self, q: Array, at: str | None = None) -> Array:
+        """Origin of frame ``at`` (default: the tip) for ``q`` (n, nq) [rad]: (n, 3) [m]."""
+        row = self.dh_row(at)
+        if self.dh is None or row is None:
+            return self.poses(q, at).position
+        return self.dh.positions(q, row)
+
+    def sensitivity(self, q: Array, at: str | None = None) -> Array:
+        """∂(origin of frame ``at``)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit].
+
+        The closed form of :meth:`DHTable.sensitivity` where there is a DH table, Pinocchio's regressor elsewhere.
+        """
+        if self.dh is None:
+            return self.poses(q, at).placement_sensitivity
+        return self.dh.sensitivity(q, self._known_row(at))
+
+    def jacobian(self, q: Array, at: str | None = None) -> Array:
+        """∂(origin of frame ``at``)/∂q for ``q`` (n, nq) [rad]: (n, 3, nq) [m/rad]."""
+        row = self.dh_row(at)
+        if self.dh is None or row is None:
+            return self.poses(q, at).jacobian[:, :3]
+        return self.dh.jacobian(q, row)
+
+    def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
+        """Exact positions under many draws of parameter errors; nothing is linearised.
+
+        Args:
+            q: one configuration (1, nq), or one for each draw (m, nq) [rad].
+            errors: (m, len(parameters)), added to the parameters [their units].
+            at: frame (default: the tip).
+
+        Returns:
+            (m, 3) [m].
+        """
+        q = batch(q, self.nq, "q", "rad")
+        errors = batch(errors, len(self.parameters), "errors", "m or rad")
+        if len(q) not in (1, len(errors)):
+            raise ShapeError(f"q has {len(q)} rows, expected 1 or as many as errors has, {len(errors)}")
+        q = np.broadcast_to(q, (len(errors), self.nq))
+        if self.dh is None:
+            return self._perturbed_by_pinocchio(q, errors, self._frame_id(at))
+        return self.dh.positions(q, self._known_row(at), errors.reshape(len(errors), -1, 4))
+
+    def _perturbed_by_pinocchio(self, q: Array, errors: Array, frame: int) -> Array:
+        model = self.model.copy()
+        nominal = [placement.copy() for placement in self.model.jointPlacements]
+        data = model.createData()
+        positions = np.empty((len(errors), 3))
+        for k, error in enumerate(errors.reshape(len(errors), -1, 6)):
+            for joint, step in enumerate(error, start=1):
+                shift = pin.SE3(pin.exp3(step[3:]), step[:3])
+                model.jointPlacements[joint] = nominal[joint] * shift
+            pin.forwardKinematics(model, data, q[k])
+            positions[k] = pin.updateFramePlacement(model, data, frame).translation
+        return positions
+
+    def _frame_id(self, at: str | None) -> int:
+        name = at or self.tip
+        return _frame_number(self.model, name)
+
+    def _known_row(self, at: str | None) -> int:
+        row = self.dh_row(at)
+        if row is None:
+            raise UnsupportedArmError(f"{self.name}: frame {at!r} is not one of the DH table")
+        return row
+
+    def dh_row(self, at: str | None = None) -> int | None:
+        """Number of the DH row whose frame is ``at`` (default: the tip); None for frames that the table does not know.
+
+        Raises:
+            UnknownNameError: no such frame.
+        """
+        if self.dh is None:
+            return None
+        if at is None or at == self.tip:
+            return self.dh.rows
+        self._frame_id(at)
+        number = at.removeprefix("frame")
+        return int(number) if number.isdigit() else None
+
+
+def require_arm(given: object, name: str = "arm") -> Arm:
+    """``given``, if it is an arm.
+
+    Raises:
+        AacmmError: it is something else; says how to load it where it is a name.
+    """
+    if isinstance(given, Arm):
+        return given
+    if isinstance(given, str | Path):
+        raise AacmmError(f"{name} is {str(given)!r}, expected an arm: Arm.load({str(given)!r})")
+    held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
+    raise AacmmError(f"{name} is of type {type(given).__name__}, expected an Arm{held}")
+
+
+def _frame_number(model: Any, name: str) -> int:
+    """Number of a frame; of a link and a joint with the same name, which URDF allows, the link (getFrameId would raise).
+
+    Raises:
+        UnknownNameError: no such frame; lists the frames.
+    """
+    same = [number for number, frame in enumerate(model.frames) if frame.name == name]
+    if not same:
+        raise UnknownNameError("frame", name, [frame.name for frame in model.frames])
+    links = [number for number in same if model.frames[number].type == pin.FrameType.BODY]
+    return (links or same)[0]
+
+
+def _serial_part(model: Any, frame: str) -> Any:
+    """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their neutral place."""
+    joint = model.frames[_frame_number(model, frame)].parentJoint
+    chain = []
+    while joint > 0:
+        chain.append(joint)
+        joint = model.parents[joint]
+    others = [j for j in range(1, model.njoints) if j not in chain]
+    model = model.copy()
+    if others:
+        _rename(model, others)
+        model = pin.buildReducedModel(model, others, pin.neutral(model))
+    wide = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq != 1 or model.joints[j].nv != 1]
+    if wide:
+        raise UnsupportedArmError(
+            f"{model.name}: joint {', '.join(wide)} takes more than one number; write it as revolute with wide limits"
+        )
+    if model.njoints < 2:
+        raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
+    return model
+
+
+def _rename(model: Any, joints: list[int]) -> None:
+    """Give joints whose name a link has too another one: Pinocchio looks for the frames of locked joints by name alone."""
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for joint in joints:
+        if model.names[joint] in links:
+            frame = next(f for f in model.frames if f.name == model.names[joint] and f.type == pin.FrameType.JOINT)
+            frame.name = model.names[joint] = f"joint {frame.name}"
+
+
+def _chain_of_model(model: Any, tip: str) -> Chain:
+    """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their own axes."""
+    turns = [_onto_z(_joint_axis(model, j)) for j in range(1, model.njoints)]
+    frame = model.frames[_frame_number(model, tip)].placement.homogeneous
+    placements = [*(model.jointPlacements[j].homogeneous for j in range(1, model.njoints)), frame]
+    ends = [_turned(back.T) @ placement for back, placement in zip([np.eye(3), *turns], placements, strict=True)]
+    slides = np.array([not _motion(model, j)[3:].any() for j in range(1, model.njoints)])
+    return Chain.of_pieces([_turned(turn) for turn in turns], ends, np.arange(len(turns)), slides)
+
+
+def _motion(model: Any, joint: int) -> Array:
+    """Twist of a joint per unit of its number, in its own axes (6,)."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    return np.array(pin.getJointJacobian(model, data, joint, pin.LOCAL)).reshape(6, -1)[:, joint - 1]
+
+
+def _joint_axis(model: Any, joint: int) -> Array:
+    motion = _motion(model, joint)
+    return motion[3:] if motion[3:].any() else motion[:3]
+
+
+def _onto_z(axis: Array) -> Array:
+    """A rotation with ``axis`` as its third column."""
+    return np.array(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix())
+
+
+def _turned(rotation: Array) -> Array:
+    placement = np.eye(4)
+    placement[:3, :3] = rotation
+    return placement
+
+
+def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:
+    axes = [("x", "m"), ("y", "m"), ("z", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad")]
+    return tuple(
+        Parameter.bounded(f"{axis}{joint}", axis, joint, unit, 0.0, shift if unit == "m" else turn)
+        for joint in range(1, model.njoints)
+        for axis, unit in axes
+    )

@@ -1,0 +1,206 @@
+"""The arm as a chain of places at which something may be displaced, and the walk along it; pure NumPy.
+
+The places, from the base to the tip, with i from 1 to the number of rows:
+
+- ``base``: the base frame;
+- ``end 0``: where the base ends and joint 1 begins, not yet turned;
+- ``axis i``: on the axis of row i, turned with it, z along the axis: what sits here moves with body i. In standard DH its
+  origin is that of frame i-1, in modified DH that of frame i;
+- ``end i``: where body i ends and the next begins;
+- ``tip``: the origin of the last frame once more, so that a stylus can be shifted apart from the last body.
+
+Each place is a constant transform behind the one before, followed at an ``axis`` by the joint's own motion. A displacement
+is a twist ξ = (v, ω) in the axes of its place, and acts as ``exp(ξ)`` behind it; nothing is linearised. Standard DH puts
+(d, θ) of row i at ``axis i`` and (a, α) at ``end i``; modified DH puts (a, α) at ``end i-1``. Two screws about one axis
+commute, so displacing a place by (δa, δα) is exactly the arm with a + δa, α + δα.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.dh import DHTable
+
+BASE = 0
+
+
+def axis(row: int) -> int:
+    """Place on the axis of ``row`` (from 1)."""
+    return 2 * row
+
+
+def end(row: int) -> int:
+    """Place where body ``row`` (0 is the base) ends."""
+    return 2 * row + 1
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Constant transforms and joints of a serial arm.
+
+    Attributes:
+        constant: constant transform of each place behind the one before (places, 4, 4) [m].
+        joint: number of the joint that moves a place, counted from 0; -1 where none (places,).
+        prismatic: (nq,) True where a joint slides along z instead of turning about it.
+    """
+
+    constant: Array
+    joint: NDArray[np.intp]
+    prismatic: NDArray[np.bool_]
+
+    @staticmethod
+    def of_dh(dh: DHTable) -> Chain:
+        """The chain of a DH table; fixed rows have an ``axis`` that does not move."""
+        turns, slides, tilts = (_screws(*values) for values in ((dh.theta_offset, 0, 2), (0, dh.d, 2), (dh.alpha, dh.a, 0)))
+        axes, ends = [], [np.eye(4)]
+        for turn, slide, tilt in zip(turns, slides, tilts, strict=True):
+            if dh.standard:
+                axes.append(turn)
+                ends.append(slide @ tilt)
+            else:
+                ends[-1] = ends[-1] @ tilt
+                axes.append(turn @ slide)
+                ends.append(np.eye(4))
+        numbers = np.where(dh.moving, np.cumsum(dh.moving) - 1, -1)
+        return Chain.of_pieces(axes, ends, numbers, np.zeros(dh.nq, dtype=bool))
+
+    @staticmethod
+    def of_pieces(axes: list[Array], ends: list[Array], joints: Array | Index, prismatic: NDArray[np.bool_]) -> Chain:
+        """The chain with these constant transforms before ``axis`` 1 … and before ``end`` 0 …; ``joints`` of the axes."""
+        constant, joint = [np.eye(4), ends[0]], [-1, -1]
+        for before_axis, before_end, number in zip(axes, ends[1:], joints, strict=True):
+            constant += [before_axis, before_end]
+            joint += [int(number), -1]
+        return Chain(np.stack([*constant, np.eye(4)]), np.array([*joint, -1]), prismatic)
+
+    @property
+    def places(self) -> int:
+        """Number of places."""
+        return len(self.constant)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows: DH rows, or joints of an arm without a table."""
+        return (self.places - 3) // 2
+
+    @property
+    def tip(self) -> int:
+        """The last place."""
+        return self.places - 1
+
+    @property
+    def nq(self) -> int:
+        """Number of joints."""
+        return len(self.prismatic)
+
+    def moving_axes(self) -> list[int]:
+        """The places that the joints move, in the order of the joints."""
+        return [int(place) for place in np.flatnonzero(self.joint >= 0)]
+
+    def name(self, place: int) -> str:
+        """Words for a place."""
+        if place in (BASE, self.tip):
+            return "base" if place == BASE else "tip"
+        return f"end {place // 2}" if place % 2 else f"axis {place // 2}"
+
+    def walk(self, q: Array, twists: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
+        """Frames of all places for already checked ``q`` (n, nq), each behind the displacement of its own place.
+
+        Args:
+            q: joint values (n, nq) [rad, m].
+            twists: displacement of some places: (n, 6) or (1, 6), v then ω in the place's axes [m, rad].
+
+        Returns:
+            rotation (places, n, 3, 3) and origin (places, n, 3) [m], in the base.
+        """
+        n = len(q)
+        rotation, origin = np.empty((self.places, n, 3, 3)), np.empty((self.places, n, 3))
+        turned, where = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
+        cosine, sine = np.cos(q), np.sin(q)
+        constants, left = self._with_constant(twists or {})
+        for place, (constant, joint) in enumerate(zip(constants, self.joint.tolist(), strict=True)):
+            where = where + turned @ constant[:3, 3]
+            turned = (np.ascontiguousarray(turned).reshape(-1, 3) @ constant[:3, :3]).reshape(n, 3, 3)
+            if joint >= 0 and self.prismatic[joint]:
+                where = where + q[:, joint, None] * turned[:, :, 2]
+            elif joint >= 0:
+                turned = _about_z(turned, cosine[:, joint, None], sine[:, joint, None])
+            if place in left and not left[place][:, :5].any():  # as an encoder's error: a third of the work
+                turn = left[place][:, 5:]
+                turned = _about_z(turned, np.cos(turn), np.sin(turn))
+            elif place in left:
+                step, shift = exp(left[place])
+                where = where + (turned @ shift[:, :, None])[:, :, 0]
+                turned = turned @ step
+            rotation[place], origin[place] = turned, where
+        return rotation, origin
+
+    def _with_constant(self, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
+        """The constant transforms with those displacements that are the same in every record, and the others.
+
+        Behind a joint only a screw about its own z can change places with the joint's motion.
+        """
+        same = [
+            place
+            for place, twist in twists.items()
+            if len(twist) == 1 and (self.joint[place] < 0 or not twist[0, [0, 1, 3, 4]].any())
+        ]
+        if not same:
+            return self.constant, twists
+        steps = np.tile(np.eye(4), (len(same), 1, 1))
+        steps[:, :3, :3], steps[:, :3, 3] = exp(np.concatenate([twists[place] for place in same]))
+        constants = self.constant.copy()
+        constants[same] = constants[same] @ steps
+        return constants, {place: twist for place, twist in twists.items() if place not in same}
+
+
+def exp(twist: Array) -> tuple[Array, Array]:
+    """Rigid motions of twists (n, 6), v then ω: rotations (n, 3, 3) by Rodrigues' formula, and shifts (n, 3).
+
+    ``R = I + A [ω] + B [ω]²``, ``t = v + B ω × v + C ω × (ω × v)`` with A = sin φ/φ, B = (1 - cos φ)/φ²,
+    C = (φ - sin φ)/φ³, φ = |ω| (Murray, Li, Sastry 1994, eqs. 2.14, 2.36).
+    """
+    v, w = twist[:, :3], twist[:, 3:]
+    squared = np.einsum("ni,ni->n", w, w)
+    small = squared < 1e-6
+    phi = np.sqrt(np.where(small, 1.0, squared))
+    a = np.where(small, 1.0 - squared / 6.0, np.sin(phi) / phi)
+    b = np.where(small, 0.5 - squared / 24.0, (1.0 - np.cos(phi)) / phi**2)
+    c = np.where(small, 1.0 / 6.0 - squared / 120.0, (phi - np.sin(phi)) / phi**3)
+    cross = skew(w)
+    square = cross @ cross
+    rotation = np.eye(3) + a[:, None, None] * cross + b[:, None, None] * square
+    shift = v + b[:, None] * (cross @ v[:, :, None])[:, :, 0] + c[:, None] * (square @ v[:, :, None])[:, :, 0]
+    return rotation, shift
+
+
+def skew(w: Array) -> Array:
+    """Matrices of the cross products ω × for (n, 3): (n, 3, 3)."""
+    cross = np.zeros((len(w), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
+    return cross - cross.transpose(0, 2, 1)
+
+
+def _about_z(turned: Array, cosine: Array, sine: Array) -> Array:
+    """Frames (n, 3, 3) turned about their own z."""
+    result = np.empty_like(turned)
+    result[:, :, 0] = cosine * turned[:, :, 0] + sine * turned[:, :, 1]
+    result[:, :, 1] = cosine * turned[:, :, 1] - sine * turned[:, :, 0]
+    result[:, :, 2] = turned[:, :, 2]
+    return result
+
+
+def _screws(angle: Array | float, length: Array | float, axis: int) -> Array:
+    """Screw motions about the x (0) or z (2) axis, (rows, 4, 4)."""
+    angle, length = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), np.asarray(length, dtype=np.float64))
+    twists = np.zeros((len(angle), 6))
+    twists[:, axis], twists[:, 3 + axis] = length, angle
+    rotation, shift = exp(twists)
+    screws = np.tile(np.eye(4), (len(angle), 1, 1))
+    screws[:, :3, :3], screws[:, :3, 3] = rotation, shift
+    return screws

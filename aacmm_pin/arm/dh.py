@@ -1,0 +1,249 @@
+"""The Denavit–Hartenberg table as a value, and its geometry in pure NumPy.
+
+A row is a transform from frame i-1 to frame i:
+
+- ``standard-dh``: ``T_i = Rz(θ_i + θ0_i) Tz(d_i) Tx(a_i) Rx(α_i)``
+- ``modified-dh`` (Craig): ``T_i = Rx(α_i) Tx(a_i) Rz(θ_i + θ0_i) Tz(d_i)``
+
+A row that does not move (``moving[i] = False``: a stylus) has θ_i = 0. Batches run along the *last* axis inside this
+module, because whole-array arithmetic on contiguous components is several times faster than stacks of 3×3 products.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array, Index, batch
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.errors import ShapeError, UnknownNameError
+
+Convention = Literal["standard-dh", "modified-dh"]
+KINDS = ("a", "d", "alpha", "theta_offset")
+"""The four values of a row, in the order in which sensitivities list them."""
+
+CHUNK = 2048
+"""Configurations handled at once: their frames stay in the processor's cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class DHTable(Shown):
+    """Denavit–Hartenberg values of an arm.
+
+    Attributes:
+        a: link lengths, (rows,) [m].
+        d: joint distances, (rows,) [m].
+        alpha: link twists, (rows,) [rad].
+        theta_offset: joint zero offsets, (rows,) [rad].
+        moving: (rows,) True where the row has a joint.
+        convention: ``standard-dh`` or ``modified-dh``.
+    """
+
+    a: Array
+    d: Array
+    alpha: Array
+    theta_offset: Array
+    moving: NDArray[np.bool_]
+    convention: Convention = "standard-dh"
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return int(self.a.shape[0])
+
+    @property
+    def nq(self) -> int:
+        """Number of joints."""
+        return int(self.moving.sum())
+
+    @property
+    def standard(self) -> bool:
+        """True for standard DH."""
+        return self.convention == "standard-dh"
+
+    def values(self) -> Array:
+        """All values as (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad]."""
+        return np.stack([self.a, self.d, self.alpha, self.theta_offset], axis=1)
+
+    def placements(self, q: Array) -> Array:
+        """Placements of all frames in the base for configurations ``q`` (n, nq) [rad]: (n, rows + 1, 4, 4) [m]."""
+        x, y, z, o = self.axes(batch(q, self.nq, "q", "rad"))
+        n = o.shape[2]
+        placements = np.zeros((n, self.rows + 1, 4, 4))
+        for column, axis in enumerate((x, y, z, o)):
+            placements[:, :, :3, column] = axis.transpose(2, 0, 1)
+        placements[:, :, 3, 3] = 1.0
+        return placements
+
+    def positions(self, q: Array, row: int | None = None, errors: Array | None = None) -> Array:
+        """Origin of frame ``row`` (default: the last) for ``q`` (n, nq) [rad]: (n, 3) [m].
+
+        Args:
+            q: configurations (n, nq) [rad].
+            row: number of the frame, 0 the base.
+            errors: (n, rows, 4) or (rows, 4), added to a, d, alpha, theta_offset; exact, nothing is linearised.
+        """
+        q = batch(q, self.nq, "q", "rad")
+        row = self.rows if row is None else row
+        positions = np.empty((q.shape[0], 3))
+        for part in chunks(q.shape[0]):
+            these = errors[part] if errors is not None and errors.ndim == 3 else errors
+            positions[part] = self.axes(q[part], these, row)[3][row].T
+        return positions
+
+    def links(self) -> Array:
+        """Constant transforms L of ``L_0 Rz(q_1) L_1 Rz(q_2) ... Rz(q_nq) L_nq``: (nq + 1, 4, 4) [m]."""
+        links = [np.eye(4)]
+        for i in range(self.rows):
+            before, after = _row_constants(self, i)
+            links[-1] = links[-1] @ before
+            if self.moving[i]:
+                links.append(after)
+            else:
+                links[-1] = links[-1] @ after
+        return np.stack(links)
+
+    def position_and_jacobian(self, q: Array) -> tuple[Array, Array]:
+        """Origin of the last frame and its derivative, for already checked ``q`` (n, nq): (n, 3) [m], (n, 3, nq) [m/rad]."""
+        _, _, z, o = self.axes(q)
+        jacobian = np.empty((self.nq, 3, q.shape[0]))
+        for joint, frame in enumerate(self.joint_frames):
+            cross(z[frame], o[-1] - o[frame], jacobian[joint])
+        return np.ascontiguousarray(o[-1].T), np.ascontiguousarray(jacobian.transpose(2, 1, 0))
+
+    def jacobian(self, q: Array, row: int | None = None) -> Array:
+        """∂(origin of frame ``row``)/∂q for ``q`` (n, nq) [rad]: (n, 3, nq) [m/rad]."""
+        columns = [4 * i + 3 for i in range(self.rows) if self.moving[i]]
+        return self.sensitivity(q, row)[:, :, columns]
+
+    def sensitivity(self, q: Array, row: int | None = None) -> Array:
+        """∂(origin of frame ``row``)/∂(a, d, alpha, theta of each row), closed form: (n, 3, 4 rows) [m/m, m/rad].
+
+        A length moves the point along its own axis, an angle turns the point about its own axis; so for standard DH
+        ``∂p/∂d_i = z_{i-1}``, ``∂p/∂a_i = x_i``, ``∂p/∂θ_i = z_{i-1} × (p - o_{i-1})``, ``∂p/∂α_i = x_i × (p - o_i)``.
+        In modified DH the axis of a and alpha is x_{i-1}, the axis of d and theta is z_i. Rows beyond ``row`` give zeros.
+        """
+        q = batch(q, self.nq, "q", "rad")
+        row = self.rows if row is None else row
+        columns = np.zeros((3, 4 * self.rows, q.shape[0]))
+        for part in chunks(q.shape[0]):
+            self._fill_sensitivity(q[part], row, columns[:, :, part])
+        return columns.transpose(2, 0, 1)
+
+    def _fill_sensitivity(self, q: Array, row: int, out: Array) -> None:
+        x, _, z, o = self.axes(q, None, row)
+        for i in range(row):
+            z_frame, x_frame = (i, i + 1) if self.standard else (i + 1, i)
+            out[:, 4 * i] = x[x_frame]
+            out[:, 4 * i + 1] = z[z_frame]
+            cross(x[x_frame], o[row] - o[x_frame], out[:, 4 * i + 2])
+            cross(z[z_frame], o[row] - o[z_frame], out[:, 4 * i + 3])
+
+    def axes(self, q: Array, errors: Array | None = None, row: int | None = None) -> tuple[Array, Array, Array, Array]:
+        """Axes and origins of the frames 0..row in the base, for already checked ``q`` (n, nq).
+
+        Returns:
+            x, y, z, o: each (row + 1, 3, n), components along the middle axis, the batch last.
+        """
+        row = self.rows if row is None else row
+        n = q.shape[0]
+        values = self.values() if errors is None else self.values() + errors  # (rows, 4) or (n, rows, 4)
+        x, y, z, o = (np.empty((row + 1, 3, n)) for _ in range(4))
+        for axis, unit in ((x, (1, 0, 0)), (y, (0, 1, 0)), (z, (0, 0, 1)), (o, (0, 0, 0))):
+            axis[0] = np.array(unit, dtype=np.float64)[:, None]
+        joint_of_row = np.cumsum(self.moving) - 1
+        step = _standard_row if self.standard else _modified_row
+        for i in range(row):
+            # Plain floats where all configurations share the values: NumPy multiplies by them fastest.
+            a, d, alpha, theta = values[i].tolist() if values.ndim == 2 else values[:, i].T
+            angle = q[:, joint_of_row[i]] + theta if self.moving[i] else theta
+            step(x, y, z, o, i, a, d, alpha, angle)
+        return x, y, z, o
+
+    @property
+    def joint_frames(self) -> Index:
+        """Number of the frame about whose z each joint turns (nq,)."""
+        rows = np.flatnonzero(self.moving)
+        return rows if self.standard else rows + 1
+
+
+Values = float | Array
+"""One value for all configurations, or one for each (n,)."""
+
+
+def _standard_row(
+    x: Array, y: Array, z: Array, o: Array, i: int, a: Values, d: Values, alpha: Values, angle: Values
+) -> None:
+    """Frame i+1 from frame i: turn about z, then shift along z and the new x, then tilt about the new x."""
+    c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+    np.multiply(c, x[i], out=x[i + 1])
+    x[i + 1] += s * y[i]
+    turned = c * y[i]
+    turned -= s * x[i]
+    np.multiply(ca, turned, out=y[i + 1])
+    y[i + 1] += sa * z[i]
+    np.multiply(ca, z[i], out=z[i + 1])
+    z[i + 1] -= sa * turned
+    _shift(o, i, (d, z[i]), (a, x[i + 1]))
+
+
+def _modified_row(
+    x: Array, y: Array, z: Array, o: Array, i: int, a: Values, d: Values, alpha: Values, angle: Values
+) -> None:
+    """Frame i+1 from frame i: tilt about x and shift along it, then turn about the new z and shift along that."""
+    c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+    tilted = ca * y[i] + sa * z[i]
+    z[i + 1] = ca * z[i] - sa * y[i]
+    x[i + 1] = c * x[i] + s * tilted
+    y[i + 1] = c * tilted - s * x[i]
+    _shift(o, i, (a, x[i]), (d, z[i + 1]))
+
+
+def _shift(o: Array, i: int, *steps: tuple[Values, Array]) -> None:
+    """Origin i+1 from origin i by lengths along axes; lengths that are zero for all cost nothing."""
+    o[i + 1] = o[i]
+    for length, axis in steps:
+        if isinstance(length, np.ndarray) or length != 0.0:
+            o[i + 1] += length * axis
+
+
+def _row_constants(dh: DHTable, i: int) -> tuple[Array, Array]:
+    """What stands before and behind the joint of row i; Rz(θ0) commutes with the joint and is put behind it."""
+    ca, sa = np.cos(dh.alpha[i]), np.sin(dh.alpha[i])
+    c, s = np.cos(dh.theta_offset[i]), np.sin(dh.theta_offset[i])
+    turn = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, dh.d[i]], [0, 0, 0, 1]])
+    tilt = np.array([[1, 0, 0, dh.a[i]], [0, ca, -sa, 0], [0, sa, ca, 0], [0, 0, 0, 1]])
+    return (np.eye(4), turn @ tilt) if dh.standard else (tilt, turn)
+
+
+def cross(u: Array, v: Array, out: Array | None = None) -> Array:
+    """u × v of components along the last axis but one (..., 3, n); numpy.cross copies and is several times slower here."""
+    if out is None:
+        out = np.empty(np.broadcast_shapes(u.shape, v.shape))
+    out[..., 0, :] = u[..., 1, :] * v[..., 2, :] - u[..., 2, :] * v[..., 1, :]
+    out[..., 1, :] = u[..., 2, :] * v[..., 0, :] - u[..., 0, :] * v[..., 2, :]
+    out[..., 2, :] = u[..., 0, :] * v[..., 1, :] - u[..., 1, :] * v[..., 0, :]
+    return out
+
+
+def chunks(n: int, size: int = CHUNK) -> list[slice]:
+    """Slices that cover ``range(n)`` in parts of ``size``."""
+    return [slice(start, min(start + size, n)) for start in range(0, n, size)]
+
+
+def table(rows: Array, convention: Convention = "standard-dh", moving: list[bool] | None = None) -> DHTable:
+    """Make a table from ``rows`` (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad].
+
+    Raises:
+        ShapeError: wrong shape, not finite, or another number of ``moving``.
+    """
+    if convention not in get_args(Convention):
+        raise UnknownNameError("convention", convention, list(get_args(Convention)))
+    rows = batch(rows, 4, "rows", "m, m, rad, rad")
+    flags = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
+    if flags.shape != (len(rows),):
+        raise ShapeError(f"moving has {flags.size} entries, expected one for each of the {len(rows)} rows")
+    return DHTable(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], flags, convention)

@@ -1,0 +1,59 @@
+"""Joint limits and full turns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.angles import wrapped
+from aacmm_pin._support.checks import Array
+
+AT_LIMIT = 1e-9
+"""An angle this little beyond a limit is on it [rad]."""
+
+
+def into_limits(q: Array, limits: Array) -> Array:
+    """The same configurations, each angle turned by whole turns to where it is inside its limits or least outside.
+
+    Of several places inside, which limits wider than a turn have, the one nearest to their middle.
+
+    Args:
+        q: (n, nq) [rad].
+        limits: (nq, 2) [rad]; a joint without finite limits is put within half a turn of zero.
+    """
+    lower, upper = np.where(np.isfinite(limits).all(axis=1), limits.T, [[-np.pi], [np.pi]])
+    turns = np.ceil((lower - AT_LIMIT - q) / (2 * np.pi))
+    first = q + 2 * np.pi * turns  # in [lower, lower + 2π); exact where no turn is needed
+    outside = first > upper + AT_LIMIT
+    nearer_below = outside & (lower - (first - 2 * np.pi) < first - upper)
+    more = np.floor((upper + AT_LIMIT - first) / (2 * np.pi))
+    to_middle = np.ceil((0.5 * (lower + upper) - first) / (2 * np.pi) - 0.5 - AT_LIMIT)
+    first = first + 2 * np.pi * np.clip(to_middle, 0.0, np.maximum(more, 0.0))
+    return np.asarray(np.where(nearer_below, first - 2 * np.pi, first))
+
+
+def broken_limits(q: Array, limits: Array) -> NDArray[np.bool_]:
+    """Which angles of ``q`` (n, nq) [rad], as they stand, are outside ``limits`` (nq, 2): (n, nq)."""
+    return np.asarray((q < limits[:, 0] - AT_LIMIT) | (q > limits[:, 1] + AT_LIMIT))
+
+
+def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:
+    """Which part of the way from ``start`` to ``end``, along a straight line, is inside the limits.
+
+    Args:
+        start, end: (n, nq) [rad], any turns; less than half a turn apart.
+        limits: (nq, 2) [rad]; joints that can make a full turn have no limit that matters here.
+
+    Returns:
+        first, last: (n,) in [0, 1]; nothing is inside where last <= first.
+    """
+    half = 0.5 * (limits[:, 1] - limits[:, 0])
+    bounded = half < np.pi - AT_LIMIT
+    if not bounded.any():
+        return np.zeros(len(start)), np.ones(len(start))
+    half, centre = half[bounded] + AT_LIMIT, limits[bounded].mean(axis=1)
+    off = wrapped(start[:, bounded] - centre)
+    way = end[:, bounded] - start[:, bounded]
+    way = np.where(np.abs(way) < 1e-15, 1e-15, way)
+    ends = np.stack([(-half - off) / way, (half - off) / way])
+    return np.clip(ends.min(axis=0).max(axis=1), 0.0, 1.0), np.clip(ends.max(axis=0).min(axis=1), 0.0, 1.0)

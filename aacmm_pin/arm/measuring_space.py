@@ -1,0 +1,91 @@
+"""Where an arm may measure: between the limits of its joints, beside its stand, above a table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.errors import AacmmError, UnsupportedArmError
+
+MARGIN = 1e-3
+"""Postures keep this far from the limits, so that noise and small errors leave them inside [rad, m]."""
+MOST_TURNS = 5
+"""A turning joint with limits beyond so many turns is used within half a turn either way of zero."""
+CLEAR = 0.1
+"""Tips keep this far from the axis of the first joint, where the stand is [m]."""
+MOST_DRAWS = 20
+"""Times that as many postures are drawn as are wanted."""
+
+
+def joint_bounds(arm: Arm) -> Array:
+    """Between which values postures are drawn: the limits less :data:`MARGIN`, (nq, 2) [rad, m].
+
+    Raises:
+        UnsupportedArmError: a sliding joint without limits.
+    """
+    limits = arm.limits.copy()
+    slides = arm.chain.prismatic
+    endless = ~np.isfinite(limits).all(axis=1) | (np.abs(limits).max(axis=1) > MOST_TURNS * 2 * np.pi) & ~slides
+    if (endless & slides).any():
+        joint = int(np.flatnonzero(endless & slides)[0]) + 1
+        raise UnsupportedArmError(f"{arm.name}: joint {joint} slides without limits; drawing postures needs them")
+    limits[endless] = (-np.pi, np.pi)
+    margin = np.minimum(MARGIN, 0.01 * (limits[:, 1] - limits[:, 0]))
+    return np.asarray(limits + margin[:, None] * np.array([1.0, -1.0]))
+
+
+def random_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
+    """Postures drawn uniformly between the bounds of the joints: (count, nq) [rad, m]."""
+    bounds = joint_bounds(arm)
+    return rng.uniform(bounds[:, 0], bounds[:, 1], size=(count, arm.nq))
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """Where a part can stand beside an arm.
+
+    A tip is of use when it is :data:`CLEAR` of the axis of the first joint and not lower than ``above``. Whether the arm
+    meets itself, or its elbow the table, is not looked at.
+
+    Attributes:
+        arm: the arm.
+        above: height of the table over the base origin, along gravity [m]; None where there is no table.
+    """
+
+    arm: Arm
+    above: float | None = None
+
+    def admits(self, tips: Array) -> NDArray[np.bool_]:
+        """Which of the ``tips`` (n, 3) [m] are of use: (n,)."""
+        rotation, origin = self.arm.chain.walk(np.zeros((1, self.arm.nq)))
+        first = self.arm.chain.moving_axes()[0]
+        lever = np.cross(tips - origin[first][0], rotation[first][0, :, 2])
+        clear = np.linalg.norm(lever, axis=1) >= CLEAR
+        return np.asarray(clear if self.above is None else clear & (tips @ self.arm.up >= self.above))
+
+    def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Random postures (count, nq) [rad], uniform in the joints, and their tips (count, 3) [m], which are of use.
+
+        Raises:
+            AacmmError: hardly any posture is of use.
+        """
+        kept, tips, found = [], [], 0
+        for _ in range(MOST_DRAWS):
+            q = random_postures(self.arm, count, rng)
+            tip = self.arm.positions(q)
+            use = self.admits(tip)
+            kept.append(q[use])
+            tips.append(tip[use])
+            found += int(use.sum())
+            if found >= count:
+                return np.concatenate(kept)[:count], np.concatenate(tips)[:count]
+        over = "" if self.above is None else f", and {self.above / MM:g} mm or more over the base"
+        raise AacmmError(
+            f"{self.arm.name}: {found} of {MOST_DRAWS * count} random postures have their tip {CLEAR / MM:g} mm or more "
+            f"from the axis of joint 1{over}; expected {count} at least"
+        )

@@ -1,0 +1,117 @@
+"""From estimated effects back to an arm: geometry goes into its table, the rest stays effects, covariance goes along."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile, Covariance
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.problem import Problem, geometric_parameters
+from aacmm_pin.effects import Effect, StylusOffset
+from aacmm_pin.effects.error_model import ErrorModel, entry_of
+
+FIELDS = {"a": ("a_mm", MM), "d": ("d_mm", MM), "alpha": ("alpha_rad", 1.0), "theta_offset": ("theta_offset_rad", 1.0)}
+"""Where a kind of parameter stands in a row of an arm file, and the file's unit."""
+
+
+UNTOLD = 0.999
+"""A parameter that is as good as all of an unknown combination is not told at all."""
+
+
+def calibrated_model(fit: Fit, encoder_noise: Array | None = None) -> ErrorModel:
+    """The arm and effects with the estimated values; targets of single markers are part of the set-up.
+
+    Args:
+        fit: what was estimated.
+        encoder_noise: of the readings, kept in the arm where it is given (nq,) [rad].
+    """
+    problem = fit.problem
+    arm, u = problem.model.arm, np.sqrt(np.diag(fit.covariance))
+    steps: dict[str, float] = {}
+    effects: list[Effect] = []
+    names: list[str] = []
+    first = 0
+    for effect in problem.effects(fit.solution.point.x):
+        own = slice(first, first + len(effect.terms))
+        first = own.stop
+        if isinstance(effect, StylusOffset) and effect.marker is not None:
+            names += [""] * len(effect.terms)
+            continue
+        of_arm = geometric_parameters(arm, effect)
+        if of_arm:
+            steps |= {p.name: value for p, value in zip(of_arm, effect.values, strict=True)}
+        else:
+            effects.append(effect.at(effect.values, tuple(u[own])))
+        names += [p.name for p in (of_arm or effect.parameters())]
+    # A parameter that the data tell nothing of has no u that means anything.
+    told = np.linalg.norm(fit.unknown[: len(names)], axis=1) < UNTOLD
+    names = [name if tells else "" for name, tells in zip(names, told, strict=True)]
+    known = _covariance(arm, names, fit.covariance[: len(names), : len(names)])
+    every = (*problem.model.effects, *effects)
+    moved = _moved_table(arm, steps, known, every) if arm.dh is not None else _moved_placements(arm, steps, known)
+    if encoder_noise is not None:
+        moved = _with_noise(moved, encoder_noise)
+    return ErrorModel(moved, every)
+
+
+def _covariance(arm: Arm, names: list[str], matrix: Array) -> Covariance | None:
+    """The new covariance, beside what was known together of parameters that were not estimated now."""
+    keep = [i for i, name in enumerate(names) if name and matrix[i, i] > 0]
+    chosen, matrix = [names[i] for i in keep], matrix[np.ix_(keep, keep)]
+    if arm.covariance is not None:
+        old = [i for i, name in enumerate(arm.covariance.parameters) if name not in names]
+        u = np.array(arm.covariance.standard_uncertainty_si)
+        before = arm.covariance.matrix_of_correlation() * np.outer(u, u)
+        chosen += [arm.covariance.parameters[i] for i in old]
+        matrix = block_diag(matrix, before[np.ix_(old, old)])
+    return covariance_block(chosen, matrix) if chosen else None
+
+
+def covariance_block(names: list[str], matrix: Array) -> Covariance:
+    """A covariance matrix as arm files have it."""
+    u = np.sqrt(np.diag(matrix))
+    correlation = np.clip(matrix / np.outer(u, u), -1.0, 1.0)
+    rows = tuple(tuple(float(c) for c in row[:i]) for i, row in enumerate(correlation))
+    return Covariance(parameters=tuple(names), standard_uncertainty_si=tuple(float(v) for v in u), correlation=rows)
+
+
+def _moved_table(arm: Arm, steps: dict[str, float], known: Covariance | None, effects: tuple[Effect, ...]) -> Arm:
+    assert arm.file is not None
+    rows = list(arm.file.joints)
+    for parameter in arm.parameters:
+        if parameter.name in steps and parameter.joint is not None:
+            field, unit = FIELDS[parameter.kind]
+            row = rows[parameter.joint - 1]
+            rows[parameter.joint - 1] = row.model_copy(update={field: getattr(row, field) + steps[parameter.name] / unit})
+    entries = [entry_of(effect) for effect in effects]
+    file: ArmFile = arm.file.model_copy(update={"joints": rows, "covariance": known, "effects": entries})
+    return Arm.from_file(file)
+
+
+def _with_noise(arm: Arm, noise: Array) -> Arm:
+    """The arm with the noise of its readings as it was stated for the calibration."""
+    if arm.file is None:
+        return replace(arm, encoder_noise=noise)
+    of_joint = iter(noise.tolist())
+    rows = [r if r.fixed else r.model_copy(update={"encoder_noise_rad": next(of_joint)}) for r in arm.file.joints]
+    return Arm.from_file(arm.file.model_copy(update={"joints": rows}))
+
+
+def _moved_placements(arm: Arm, steps: dict[str, float], known: Covariance | None) -> Arm:
+    twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
+    return arm.with_placements(twists, known)
+
+
+def origins(problem: Problem) -> Array:
+    """What the arm states of each unknown parameter, to which the effect's value adds; zero for causes (p,)."""
+    found: list[float] = []
+    for effect in problem.estimated:
+        of_arm = geometric_parameters(problem.model.arm, effect)
+        found += [p.value for p in of_arm] if of_arm else [0.0] * len(effect.terms)
+    return np.array(found)

@@ -1,0 +1,79 @@
+"""The whitened linear system of one step, with the unknown points of the seats projected out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.calibration.problem import Prediction
+from aacmm_pin.measurements.observations import Elimination, Observations
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Residual ``r + A δ``, whitened: unit variance, the seats already at their best.
+
+    Attributes:
+        residual: (rows,).
+        jacobian: (rows, p).
+        distance: squared Mahalanobis distance of each record from its target, (n,); NaN where it has none.
+        deviation: tip minus target (n, 3) [m]; NaN where it has none.
+        free: number of rows less the number of coordinates of seats that the rows determine.
+        seats: from a step of the parameters (p,) to that of the seats (s, 3) [m].
+    """
+
+    residual: Array
+    jacobian: Array
+    distance: Array
+    deviation: Array
+    free: int
+    seats: Callable[[Array], Array]
+
+
+def assemble(prediction: Prediction, observations: Observations, points: Array, noise: Array, weights: Array) -> System:
+    """The system at a prediction.
+
+    Args:
+        prediction: tips and derivative.
+        observations: what the records say.
+        points: of the seats (s, 3) [m].
+        noise: covariance of each tip apart from its target (n, 3, 3) [m²].
+        weights: (n,) of the records, 1 for full.
+    """
+    says, p = observations.says, prediction.jacobian.shape[2]
+    deviation = prediction.tips - observations.targets(points)
+    whiten = np.linalg.inv(np.linalg.cholesky(noise + observations.covariance))
+    white = (whiten @ np.where(says[:, None], deviation, 0.0)[:, :, None])[:, :, 0]
+    distance = np.where(says, np.einsum("ni,ni->n", white, white), np.nan)
+    root = np.sqrt(np.where(says, weights, 0.0))
+    whiten = whiten * root[:, None, None]
+    rows = np.empty((len(says), 3, p + 1))
+    np.matmul(whiten, prediction.jacobian, out=rows[:, :, :p])
+    rows[:, :, p] = white * root[:, None]
+    free = 3 * int(says.sum())
+    if not len(observations.labels):
+        every = (rows if says.all() else rows[says]).reshape(-1, p + 1)
+        return System(every[:, p], every[:, :p], distance, deviation, free, lambda _: np.zeros((0, 3)))
+    seats = Elimination(observations, points, whiten)
+    of_seats, of_bars = (_beside(ties, p) for ties in seats.residuals)
+    along = seats.along(rows, of_seats)
+    known = observations.known
+    found = [seats.project(rows, along)[says], seats.of_ties(along, of_seats)[known], seats.bars(along, of_bars)]
+    free += 3 * int(known.sum()) + len(observations.ends) - 3 * len(observations.labels)
+    every = np.concatenate([each.reshape(-1, p + 1) for each in found])
+    return System(
+        every[:, p],
+        every[:, :p],
+        distance,
+        deviation,
+        free,
+        lambda delta: seats.step(along[:, :, p:] + (along[:, :, :p] @ delta)[:, :, None]),
+    )
+
+
+def _beside(residual: Array, p: int) -> Array:
+    """Residuals (…, 1) as rows with p derivatives of zero before them."""
+    return np.concatenate([np.zeros((*residual.shape[:-1], p)), residual], axis=-1)

@@ -1,0 +1,152 @@
+"""Which parameters a calibration looks for, and how far off each may be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.problem import OF_KIND, Problem, geometric_parameters
+from aacmm_pin.effects import Effect, JointPlacement, JointZeroOffset, LinkTilt, StylusOffset
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.measurements.records import Measurements
+
+ParameterSet = Literal["zero-offsets", "geometry"]
+Target = Literal["tip", "unknown"]
+
+ASSEMBLED = {"m": 0.01, "rad": 0.1}
+"""How far off a geometric value may be where nobody stated it: as assembled, 10 mm and 6° [m, rad]."""
+REACH_OF_TARGET = 1.0
+"""How far beyond the tip an unknown target may be [m]."""
+BEYOND_TYPICAL = 1000.0
+"""How many times its typical magnitude a cause may have where nobody stated it."""
+
+
+_Unknown = tuple[Effect, Array, NDArray[np.bool_]]
+"""An effect, the widths of its parameters, and which of those are stated."""
+
+
+PARALLEL = 0.1
+"""Axes that stand at an angle with a smaller sine count as parallel."""
+
+
+def problem_of(
+    model: ErrorModel,
+    measurements: Measurements,
+    parameters: str | Iterable[str | Effect],
+    *,
+    prior: bool,
+    target: Target,
+    external: bool,
+) -> Problem:
+    """The unknowns that ``parameters`` names, those of the set-up (target, frame) included.
+
+    Raises:
+        UnknownNameError: no such set of parameters.
+        AacmmError: nothing to estimate, or the same twice.
+    """
+    chosen: list[_Unknown] = _of_target(model.arm, measurements, target)
+    items = [parameters] if isinstance(parameters, str) else list(parameters)
+    asked = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
+    for item in items:
+        if isinstance(item, Effect):
+            chosen.append(_of_effect(item))
+        elif item == "zero-offsets":
+            chosen += [_geometric(model.arm, JointZeroOffset(row), prior) for row in _moving_rows(model.arm)]
+        elif item == "geometry":
+            # A value that is asked for by itself, with a width of its own, stands in its own place.
+            chosen += [unknown for unknown in _geometry(model.arm, prior) if unknown[0].label not in asked]
+        else:
+            raise UnknownNameError("set of parameters", str(item), [*get_args(ParameterSet), "an Effect"])
+    labels = [effect.label for effect, _, _ in chosen]
+    for label in labels:
+        if labels.count(label) > 1 and not label.startswith("joint_periodic_error"):
+            raise AacmmError(f"{label} is to be estimated twice")
+    fixed = tuple(e for e in model.effects if e.label not in labels)
+    widths = np.concatenate([np.empty(0), *(w for _, w, _ in chosen)])
+    stated = np.concatenate([np.empty(0, dtype=bool), *(s for _, _, s in chosen)])
+    stay = [p.name for p in (*model.arm.parameters, *(p for e in fixed for p in e.parameters()))]
+    known = None if model.arm.covariance is None else model.arm.covariance.restricted(stay)
+    base = ErrorModel(replace(model.arm, covariance=known), fixed)
+    effects = tuple(e for e, _, _ in chosen)
+    correlation = _correlation(model.arm, effects, np.where(stated, widths, np.nan))
+    arm_u = [[p.u for p in geometric_parameters(model.arm, e)] or [0.0] * len(e.terms) for e in effects]
+    return Problem(base, effects, widths, stated, np.concatenate([[], *arm_u]), correlation, measurements, external)
+
+
+def _correlation(arm: Arm, effects: tuple[Effect, ...], stated: Array) -> Array:
+    """Correlation of what is known of the parameters (p, p), as the arm's file states it with their u.
+
+    Args:
+        arm: with its file's covariance.
+        effects: what is estimated.
+        stated: standard uncertainties with which the search starts (p,), NaN where none is stated; a parameter that is
+            given another one than the file's, such as a cause that may have changed, is known by itself.
+    """
+    found = np.eye(stated.size)
+    if arm.covariance is None:
+        return found
+    names = [p.name for effect in effects for p in (geometric_parameters(arm, effect) or effect.parameters())]
+    place = {name: i for i, name in enumerate(arm.covariance.parameters)}
+    u = np.array(arm.covariance.standard_uncertainty_si)
+    mine = [
+        i for i, name in enumerate(names) if name in place and np.isclose(stated[i], u[place[name]], rtol=1e-9, atol=0.0)
+    ]
+    theirs = [place[names[i]] for i in mine]
+    found[np.ix_(mine, mine)] = arm.covariance.matrix_of_correlation()[np.ix_(theirs, theirs)]
+    return found
+
+
+def _moving_rows(arm: Arm) -> list[int]:
+    return [place // 2 for place in arm.chain.moving_axes()]
+
+
+def _geometry(arm: Arm, prior: bool) -> list[_Unknown]:
+    """Every geometric value; with ``prior``, but for those that the arm states to be exact."""
+    if arm.dh is None:
+        return [_geometric(arm, JointPlacement(row), prior) for row in range(1, arm.chain.rows + 1)]
+    parameters = [p for p in arm.parameters if not (prior and p.half_width == 0.0)]
+    rows = [_geometric(arm, OF_KIND[p.kind](joint=p.joint), prior) for p in parameters]  # type: ignore[call-arg]
+    return rows + [_geometric(arm, LinkTilt(row), prior) for row in _before_parallel_axes(arm)]
+
+
+def _before_parallel_axes(arm: Arm) -> list[int]:
+    """Rows whose axis is nearly parallel to the next joint's: there DH has no value for one of the tilts."""
+    dh = arm.require_dh("geometry by DH rows")
+    found = []
+    for row in range(1, dh.rows):
+        twist = dh.alpha[row - 1] if dh.standard else dh.alpha[row]
+        if dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL:
+            found.append(row if dh.standard else row + 1)
+    return found
+
+
+def _geometric(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
+    of_arm = geometric_parameters(arm, effect)
+    u = np.array([p.u for p in of_arm]) if of_arm else np.zeros(len(effect.terms))
+    stated = (u > 0) & prior
+    assembled = np.array([ASSEMBLED[t.unit] for t in effect.terms])
+    return effect, np.where(stated, u, assembled), stated
+
+
+def _of_effect(effect: Effect) -> _Unknown:
+    u = np.array(effect.u)
+    stated = u > 0
+    return effect, np.where(stated, u, [BEYOND_TYPICAL * t.typical for t in effect.terms]), stated
+
+
+def _of_target(arm: Arm, measurements: Measurements, target: Target) -> list[_Unknown]:
+    """Where the target sits on the last body: one for each marker, one where nobody says that it is the tip."""
+    if target not in get_args(Target):
+        raise UnknownNameError("target", target, list(get_args(Target)))
+    width, unstated = np.full(3, REACH_OF_TARGET), np.zeros(3, dtype=bool)
+    markers = measurements.conditions.marker
+    if markers is not None and any(markers):
+        return [(StylusOffset(str(m)), width, unstated) for m in dict.fromkeys(markers) if m]
+    return [(StylusOffset(), width, unstated)] if target == "unknown" else []

@@ -1,0 +1,54 @@
+"""A virtual arm that differs from its file as a real one does: its geometry drawn from what the file states of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.parameter_draws import parameter_errors
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.calibrated_arm import FIELDS
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError
+
+
+def perturbed_model(model: ErrorModel, rng: np.random.Generator) -> ErrorModel:
+    """The model with all parameters drawn: uniform within half-widths, normal and together where a calibration says so.
+
+    Its values are the truth of a virtual arm, so it states no uncertainty of them.
+
+    Args:
+        model: the arm and its effects, with uncertainties.
+        rng: for the draw.
+
+    Raises:
+        AacmmError: no parameter has an uncertainty, or an arm with a DH table was not made from a file.
+    """
+    errors = parameter_errors(model, rng, 1)[0]
+    if not errors.any():
+        raise AacmmError(
+            f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths with the arm or its URDF"
+        )
+    geometric = len(model.arm.parameters)
+    ends = geometric + np.cumsum([len(effect.terms) for effect in model.effects])
+    own = np.split(errors[geometric:], ends[:-1] - geometric) if model.effects else []
+    effects = [e.at(np.array(e.values) + error) for e, error in zip(model.effects, own, strict=True)]
+    return ErrorModel(_exact(model.arm, errors[:geometric]), tuple(effects))
+
+
+def _exact(arm: Arm, errors: Array) -> Arm:
+    """The arm with its parameters off by ``errors`` (p,) [m, rad]."""
+    if arm.dh is None:
+        exact = tuple(replace(parameter, half_width=0.0, u=0.0) for parameter in arm.parameters)
+        return replace(arm.with_placements(errors.reshape(-1, 6), None), parameters=exact)
+    if arm.file is None:
+        raise AacmmError(f"{arm.name}: was not made from an arm file, so there are no half-widths to draw from")
+    rows = [row.model_copy(update={"uncertainty": None}) for row in arm.file.joints]
+    for parameter, error in zip(arm.parameters, errors, strict=True):
+        name, unit = FIELDS[parameter.kind]
+        row = rows[(parameter.joint or 0) - 1]
+        rows[(parameter.joint or 0) - 1] = row.model_copy(update={name: getattr(row, name) + float(error) / unit})
+    source = f"drawn within the uncertainties of: {arm.source or arm.name}"
+    return Arm.from_file(arm.file.model_copy(update={"joints": rows, "covariance": None, "source": source}))

@@ -1,0 +1,157 @@
+"""Many effects at once, for one set of records: what does not depend on where the arm is, is worked out a single time.
+
+The same numbers as effect by effect, several times faster: a geometric value has the same twist in every record, an
+encoder error or a thermal length the same twists in every step of a search; only what bends under weight changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects import Displacement, Effect
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.effect import moved
+from aacmm_pin.effects.error_model import settled
+from aacmm_pin.effects.state import State
+
+Twists = dict[int, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class _Same:
+    """Parameters whose twist is the same in every record: their places (k,), twists (k, 6), and numbers (k,)."""
+
+    place: Index
+    twist: Array
+    number: Index
+    of_reference: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Varying:
+    """One place, twists per unit that change from record to record (n, 6, k), and the numbers of the parameters."""
+
+    displacement: Displacement
+    number: slice
+    of_reference: bool
+    straight: bool
+    """False where the exact effect is not the linear one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Effects on the records of one arm.
+
+    Attributes:
+        state: the arm in its records, as drawn.
+        effects: the effects.
+        numbers: which of all parameters are an effect's own.
+    """
+
+    state: State
+    effects: tuple[Effect, ...]
+    numbers: tuple[slice, ...]
+    same: _Same
+    varying: tuple[_Varying, ...]
+
+    @staticmethod
+    def of(arm: Arm, q: Array, conditions: Conditions, effects: Iterable[Effect]) -> Columns:
+        """Work out what stays."""
+        state = State(arm, q, conditions, arm.chain.tip)
+        effects, numbers, first = tuple(effects), [], 0
+        varying: list[_Varying] = []
+        places: list[int] = []
+        twists: list[Array] = [np.empty((0, 6))]
+        which: list[int] = []
+        of_reference: list[bool] = []
+        for effect in effects:
+            own = slice(first, first + len(effect.terms))
+            first = own.stop
+            numbers.append(own)
+            if effect.elastic:
+                continue
+            straight = type(effect).exact is Effect.exact
+            for d in effect.displacements(state):
+                if len(d.columns) == 1 and straight:
+                    count = d.columns.shape[2]
+                    places += [d.place] * count
+                    twists.append(d.columns[0].T)
+                    which += range(own.start, own.stop)
+                    of_reference += [effect.of_reference] * count
+                else:
+                    varying.append(_Varying(d, own, effect.of_reference, straight))
+        same = _Same(
+            np.array(places, dtype=np.intp),
+            np.vstack(twists),
+            np.array(which, dtype=np.intp),
+            np.array(of_reference, dtype=bool),
+        )
+        return Columns(state, effects, tuple(numbers), same, tuple(varying))
+
+    @property
+    def alike(self) -> Index:
+        """Numbers of the parameters that displace a place of the arm by the same twist in every record."""
+        return np.unique(self.same.number[~self.same.of_reference])
+
+    def bends(self, x: Array) -> bool:
+        """Whether any effect at the values ``x`` (p,) bends under weight."""
+        return any(effect.elastic and x[own].any() for effect, own in zip(self.effects, self.numbers, strict=True))
+
+    def at(self, x: Array) -> State:
+        """The arm with all effects at the values ``x`` (p,), as the references state it."""
+        state = replace(self.state, twists=self._twists(x, False))
+        given = zip(self.effects, self.numbers, strict=True)
+        elastic = [effect.at(tuple(x[own])) for effect, own in given if effect.elastic and x[own].any()]
+        state = settled(elastic, state) if elastic else state
+        return replace(state, twists=_sum(dict(state.twists), self._twists(x, True)))
+
+    def jacobian(self, state: State) -> Array:
+        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]."""
+        total = np.zeros((state.n, 3, self.numbers[-1].stop if self.numbers else 0))
+        if self.same.place.size:
+            total[:, :, self.same.number] = self._same_columns(state)
+        for part in self.varying:
+            total[:, :, part.number] += moved(state, part.displacement)
+        for effect, own in zip(self.effects, self.numbers, strict=True):
+            if effect.elastic:
+                total[:, :, own] = effect.sensitivity(state)
+        return total
+
+    def _same_columns(self, state: State) -> Array:
+        """``R v + (R ω) × (p - o)`` for all of them together (n, 3, k)."""
+        turned = state.rotation[self.same.place]
+        shift = np.einsum("knij,kj->ikn", turned, self.same.twist[:, :3])
+        wx, wy, wz = np.einsum("knij,kj->ikn", turned, self.same.twist[:, 3:])
+        rx, ry, rz = np.moveaxis(state.position - state.origin[self.same.place], 2, 0)
+        shift[0] += wy * rz - wz * ry
+        shift[1] += wz * rx - wx * rz
+        shift[2] += wx * ry - wy * rx
+        return np.asarray(shift.transpose(2, 0, 1))
+
+    def _twists(self, x: Array, of_reference: bool) -> Twists:
+        chosen = self.same.of_reference == of_reference
+        places, number = np.unique(self.same.place[chosen], return_inverse=True)
+        sums = np.zeros((places.size, 1, 6))
+        np.add.at(sums[:, 0], number, self.same.twist[chosen] * x[self.same.number[chosen], None])
+        twists: Twists = dict(zip(places.tolist(), sums, strict=True))
+        for part in self.varying:
+            if part.of_reference == of_reference and part.straight and x[part.number].any():
+                _sum(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})
+        for effect, own in zip(self.effects, self.numbers, strict=True):
+            curved = not effect.elastic and type(effect).exact is not Effect.exact
+            if curved and effect.of_reference == of_reference and x[own].any():
+                for place, twist in effect.at(tuple(x[own])).exact(self.state):
+                    _sum(twists, {place: twist})
+        return twists
+
+
+def _sum(twists: Twists, more: Twists) -> Twists:
+    for place, twist in more.items():
+        twists[place] = twists[place] + twist if place in twists else twist
+    return twists

@@ -1,0 +1,249 @@
+"""What the extended model is worth on records that had no part in choosing or fitting it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.progress import Progress, watched
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.calibration.cross_validation import blocks
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.repeats import postures_of, together
+from aacmm_pin.diagnosis.evidence import Conditional
+from aacmm_pin.diagnosis.extension import Choice
+from aacmm_pin.diagnosis.forward_selection import search
+from aacmm_pin.diagnosis.gram import Gram
+
+PARTS = 10
+FEWEST = 5
+"""Fewer seats than this are no groups to leave out in turn; blocks of joint space are taken instead."""
+FEWEST_GROUPS = 3
+"""With fewer parts than this nothing can be said of how much the gain differs from part to part."""
+RESAMPLES = 2000
+SURVIVES = 1.64
+"""Standard errors by which a cause has to help, or may at most harm, on held-out parts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gain(Shown):
+    """Residuals of records left out in turn, by groups.
+
+    Attributes:
+        kind: ``seats`` or ``blocks`` of joint space.
+        groups: how many parts were left out in turn.
+        simulation, recalibrated, extended: distances of the records by each model (n,) [m]; nan where there is none.
+        smooth: the same with the smooth corrections of what no cause explains (n,) [m].
+        part: part of each record (n,).
+        chosen: labels that were chosen without each part.
+        interval: 95 % interval of the gain, by resampling the parts.
+    """
+
+    kind: str
+    groups: int
+    simulation: Array
+    recalibrated: Array
+    extended: Array
+    smooth: Array
+    part: Index
+    chosen: tuple[tuple[str, ...], ...]
+    interval: tuple[float, float]
+
+    @property
+    def gain(self) -> float:
+        """1 - RMS(extended)/RMS(recalibrated)."""
+        return 1.0 - rms(self.extended) / rms(self.recalibrated)
+
+    @property
+    def smooth_gain(self) -> float:
+        """1 - RMS(smooth)/RMS(extended): what the smooth corrections add to the causes."""
+        return 1.0 - rms(self.smooth) / rms(self.extended)
+
+
+def rms(distance: Array) -> float:
+    """Root mean square of what is there [m]."""
+    return float(np.sqrt(np.nanmean(np.square(distance))))
+
+
+def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
+    """Which records are left out together: seats (those of a bar together); where these are few, blocks of joint space.
+
+    Repeats of a posture are always left out together.
+    """
+    records = fit.problem.measurements
+    postures, seat = postures_of(records.q), fit.observations.seat
+    touched = seat >= 0
+    label = np.zeros(records.n, dtype=np.intp)
+    label[touched] = fit.observations.clusters[seat[touched]]
+    label = together(label, postures)
+    count = int(label.max()) + 1
+    if count >= FEWEST and touched.sum() > 0.9 * records.n:
+        return "seats", (np.argsort(rng.permutation(count)) % PARTS)[label]
+    clusters = blocks(records.q, postures, min(PARTS, max(2, records.n // 5)), rng)
+    return "blocks", np.unique(clusters, return_inverse=True)[1].astype(np.intp)
+
+
+def gain_of(
+    choice: Choice,
+    before: Fit,
+    kind: str,
+    rng: np.random.Generator,
+    progress: Progress = None,
+) -> Gain | None:
+    """Leave out every part in turn; choose and fit with the rest; predict it.
+
+    Args:
+        choice: what was chosen with all records; only its columns and inner products are used.
+        before: the arm as it was, set-up fitted.
+        kind: of the parts, for the record.
+        rng: for the interval.
+        progress: whether to show a bar, or a function that wraps the parts.
+
+    Returns:
+        None where no part that is left out has anything to be compared with, such as one record only of each unknown seat.
+    """
+    n = choice.fit.problem.measurements.n
+    simulation, recalibrated, extended, smooth = np.full((4, n), np.nan)
+    chosen: list[tuple[str, ...]] = []
+    numbers = choice.held.parts
+    with watched(numbers, progress, f"held-out {kind}", "part") as parts:
+        for number in parts:
+            out = choice.fit.used & (choice.parts == number)
+            training = choice.held.without(number)
+            admitted = survivors(choice, search(choice.question, training), training)
+            causes = tuple(k for k in admitted if choice.question.owner(k) < choice.design.causes)
+            chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
+            simulation[out] = _by(before, out)
+            recalibrated[out] = _predicted(choice, training, (), out)
+            extended[out] = _predicted(choice, training, causes, out)
+            smooth[out] = _predicted(choice, training, admitted, out)
+    if not np.isfinite(extended).any():
+        return None
+    interval = _interval(recalibrated, extended, choice.parts, rng)
+    return Gain(kind, len(numbers), simulation, recalibrated, extended, smooth, choice.parts, tuple(chosen), interval)
+
+
+def survivors(choice: Choice, admitted: tuple[int, ...], training: Gram) -> tuple[int, ...]:
+    """The admitted blocks without which held-out records are predicted worse.
+
+    Where the noise is known and suffices, a cause goes only if it makes prediction worse beyond its own scatter from part
+    to part; where residuals scatter more than any stated noise, evidence alone says too much, and a cause has to prove
+    that it helps. The weakest is asked first.
+
+    Args:
+        choice: columns and inner products.
+        admitted: the blocks, strongest first.
+        training: the parts that take turns in being left out.
+    """
+    kept = admitted
+    known = choice.fit.stated and choice.fit.unmodelled == 0.0
+    for block in reversed(admitted):
+        if choice.in_one_part(block):  # left out whole, a group has nothing to say of itself
+            continue
+        with_it, without = (_losses(choice, training, blocks) for blocks in (kept, tuple(k for k in kept if k != block)))
+        better = without - with_it
+        error = float(np.std(better, ddof=1) / np.sqrt(len(better))) if len(better) > 1 else np.inf
+        helps = float(np.mean(better)) > (-SURVIVES if known else SURVIVES) * error
+        if not helps:
+            kept = tuple(k for k in kept if k != block)
+    return kept
+
+
+class Brought(NamedTuple):
+    """What one cause brings on held-out records: its part of the gain in RMS, and the 95 % interval of that."""
+
+    gain: float
+    low: float
+    high: float
+
+
+def brought(choice: Choice, admitted: tuple[int, ...], block: int) -> Brought | None:
+    """By how much one of the admitted blocks lowers the RMS of held-out records, each distance over its own noise.
+
+    Every part is predicted by the others with and without the block. The squares that it saves are a ratio of sums over the
+    parts, whose interval is Student's t for as few parts as there are (Cochran 1977, 6.4).
+
+    Returns:
+        None where fewer than :data:`FEWEST_GROUPS` parts say something of it, such as of a group that is left out whole.
+    """
+    if choice.in_one_part(block):
+        return None
+    without = tuple(k for k in admitted if k != block)
+    weight = 1.0 / np.trace(choice.fit.residual_noise, axis1=1, axis2=2)
+    pairs = [
+        [float(np.nansum(d**2 * weight[out])) for d in distances]
+        for out, distances in _predictions(choice, choice.held, (admitted, without))
+    ]
+    count = len(pairs)
+    if count < FEWEST_GROUPS:
+        return None
+    left, whole = np.array(pairs).T
+    share = float(left.sum() / whole.sum())
+    error = float(np.sqrt(count / (count - 1) * np.sum((left - share * whole) ** 2)) / whole.sum())
+    reach = error * float(scipy.special.stdtrit(count - 1, 0.975))
+    gain, low, high = (1.0 - np.sqrt(max(share + off, 0.0)) for off in (0.0, reach, -reach))
+    return Brought(float(gain), float(low), float(high))
+
+
+def _predictions(
+    choice: Choice, training: Gram, sets: tuple[tuple[int, ...], ...]
+) -> Iterator[tuple[NDArray[np.bool_], list[Array]]]:
+    """Each part that takes its turn in being left out: its records (n,), and their distances with each set of blocks [m].
+
+    A part that has one record only of each of its unknown seats has nothing to be compared with, and does not count.
+    """
+    for number in training.parts:
+        out = choice.fit.used & (choice.parts == number)
+        found = [_predicted(choice, training.without(number), blocks, out) for blocks in sets]
+        if np.isfinite(found[0]).any():
+            yield out, found
+
+
+def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
+    """Mean squared distance of the records of each part, predicted by the others with these blocks admitted [m²]."""
+    return np.array([float(np.nanmean(d**2)) for _, (d,) in _predictions(choice, training, (blocks,))])
+
+
+def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], out: Array) -> Array:
+    """Distances of the records ``out`` by a model fitted to ``training``."""
+    left = Conditional(training, choice.question.blocks, choice.question.nuisances, admitted)
+    step = left.solution()
+    rows = np.flatnonzero(out)
+    tips = choice.design.tips[rows] + choice.design.jacobian[np.ix_(rows, np.arange(3), left.refitted)] @ step
+    return _distances(choice.fit, tips, rows)
+
+
+def _by(fit: Fit, out: Array) -> Array:
+    rows = np.flatnonzero(out)
+    return _distances(fit, fit.solution.point.prediction.tips[rows], rows)
+
+
+def _distances(fit: Fit, tips: Array, rows: Index) -> Array:
+    """From the stated coordinates, or else from the mean of the same seat, widened for having been taken from the same."""
+    records = fit.problem.measurements.take(rows)
+    distance = np.linalg.norm(tips - records.reference, axis=1)
+    for members in records.seats().values():
+        unknown = members[~records.known[members]]
+        if unknown.size > 1:
+            spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
+            distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
+    return np.asarray(distance)
+
+
+def _interval(recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator) -> tuple[float, float]:
+    sums = []
+    for number in np.unique(part):
+        mine = part == number
+        if np.isfinite(extended[mine]).any():
+            sums.append([np.nansum(recalibrated[mine] ** 2), np.nansum(extended[mine] ** 2)])
+    table = np.array(sums)
+    drawn = table[rng.integers(0, len(table), (RESAMPLES, len(table)))].sum(axis=1)
+    gains = 1.0 - np.sqrt(drawn[:, 1] / drawn[:, 0])
+    low, high = np.quantile(gains, [0.025, 0.975])
+    return float(low), float(high)

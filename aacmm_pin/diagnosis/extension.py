@@ -1,0 +1,322 @@
+"""From chosen blocks to an extended arm: refine what was tried in steps, refit everything, choose again until it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.distributions import chi2_isf
+from aacmm_pin._support.progress import bar
+from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.stated_noise import StatedNoise
+from aacmm_pin.diagnosis.candidates import PER_COEFFICIENT, Candidate
+from aacmm_pin.diagnosis.covariates import Covariate
+from aacmm_pin.diagnosis.design import Design, design_of
+from aacmm_pin.diagnosis.forward_selection import Question, conditional, search
+from aacmm_pin.diagnosis.gram import Gram, products_of
+from aacmm_pin.diagnosis.projection import freedom
+from aacmm_pin.effects import Effect, EncoderSlip, JointErrorCurve, JointPeriodicError, ZeroDrift
+
+MOST_ROUNDS = 10
+"""The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
+LIBRARY = 0.9
+"""Probability, if anything is there, that it is a cause of the library."""
+LESS_USUAL = {
+    "bearing_tilt": 0.2,
+    "torsional_windup": 0.2,
+    "counterbalance": 0.2,
+    "stylus_bending": 0.2,
+    "joint_error_curve": 0.3,
+    "link_length": 0.2,
+    "joint_distance": 0.2,
+    "link_twist": 0.2,
+    "stylus_offset": 0.2,
+    "reference_frame": 0.2,
+}
+"""Causes that are rarer, beside the others."""
+OF_ANGLE = ("encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error", "encoder_gain")
+"""Functions of one joint's angle: a free curve at the same joint is all of them, and none stands beside it."""
+FEWEST = 3
+"""So many records have to make sense at once before they are more than gross errors."""
+A_FEW = 0.005
+"""A smaller part of the records than this is left out without asking whether they make sense together."""
+NOT_FAR = 5.0
+"""Excluded records up to so many times the limit away are tried with the others."""
+WHOLE = 2.0
+"""A whole number of periods per turn is what teeth and gratings have: it is taken unless the log evidence falls by this."""
+LETTERS = 40
+"""Of the causes found so far, a bar shows this much."""
+FINE = 15
+"""Steps in which an inner parameter is refined around the one that was tried."""
+
+ProblemOf = Callable[[Sequence[Effect]], Problem]
+"""The calibration problem with these effects estimated too."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was chosen, at the point where the refit with it ended.
+
+    Attributes:
+        fit: refit of geometry and causes.
+        design: columns there; the chosen causes are candidates.
+        question, gram: what the search was asked, and the inner products it used.
+        admitted: blocks, strongest first.
+        library, others: the candidates.
+        parts: part of each record for leaving out (n,).
+    """
+
+    fit: Fit
+    design: Design
+    question: Question
+    gram: Gram
+    admitted: tuple[int, ...]
+    library: tuple[Candidate, ...]
+    others: tuple[Covariate, ...]
+    parts: Index
+
+    @cached_property
+    def held(self) -> Gram:
+        """The inner products from which parts can be left out."""
+        return Gram(products_of(self.design, self.parts)) if _torn(self.design.fit, self.parts) else self.gram
+
+    @property
+    def effects(self) -> list[Effect]:
+        """The admitted causes of the library, with the values that the refit gave them."""
+        return [self.variant(k) for k in self.causes]
+
+    @property
+    def causes(self) -> tuple[int, ...]:
+        """Admitted blocks that are causes of the library."""
+        return tuple(k for k in self.admitted if self.question.owner(k) < self.design.causes)
+
+    def in_one_part(self, block: int) -> bool:
+        """Whether a block moves only records that are left out together, so that the others say nothing of it."""
+        moved = self.design.jacobian[:, :, self.question.blocks[block].columns].any(axis=(1, 2))
+        inside, every = (np.unique(self.parts[records]).size for records in (moved & self.fit.used, self.fit.used))
+        return bool(inside == 1 < every)
+
+    def variant(self, block: int) -> Effect:
+        """The effect of a block."""
+        b = self.design.blocks[block]
+        return self.library[b.candidate].variants[b.variant]
+
+
+def choose(
+    problem_of: ProblemOf,
+    noise: StatedNoise,
+    first: Fit,
+    library: Sequence[Candidate],
+    others: Sequence[Covariate],
+    parts: Index,
+    progress: bool = False,
+) -> Choice:
+    """Search at the recalibrated arm, refit with what was found, search again there, until the choice stays.
+
+    A strong cause in few records (a moved seat, a place in the room) makes these look like gross errors, which hides it.
+    So where records were excluded, the search is tried with the nearer of them put back too; what it finds is taken if it
+    makes sense of them.
+    """
+    found = _standing(problem_of, noise, first, tuple(library), tuple(others), parts, progress)
+    nearer = _put_back(first)
+    if nearer.sum() - first.used.sum() < max(FEWEST, A_FEW * len(nearer)):
+        return found
+    wider = fit(problem_of([]), noise, used=nearer)
+    again = _standing(problem_of, noise, wider, tuple(library), tuple(others), parts, progress)
+    return again if _doubtful(again, first) <= _doubtful(found, first) - FEWEST else found
+
+
+def _doubtful(choice: Choice, first: Fit) -> int:
+    """How many records do not fit with all that was admitted, covariates included, by the scatter of the first fit."""
+    left = conditional(choice.question, choice.gram, choice.admitted)
+    tips = choice.design.tips + choice.design.jacobian[:, :, left.refitted] @ left.solution()
+    return int(np.sum(_times_the_limit(choice.fit, tips, first) > 1.0))
+
+
+def _put_back(first: Fit) -> NDArray[np.bool_]:
+    """The records that count, and those that were excluded but not by far (n,)."""
+    far = _times_the_limit(first, first.solution.point.prediction.tips, first)
+    return np.asarray(first.used | (first.excluded & (far < NOT_FAR)))
+
+
+def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:
+    """Distance of each record's tip from its target, over what a good one may have by the scatter of ``judge`` (n,)."""
+    says = at.observations.says
+    off = tips - at.observations.targets(at.solution.point.seats)
+    found, limit = np.zeros(len(tips)), chi2_isf(FALSE_EXCLUSION / len(tips), 3)
+    found[says] = np.sqrt(squared_distances(off[says], judge.residual_noise[says]) / limit)
+    return found
+
+
+def _standing(
+    problem_of: ProblemOf,
+    noise: StatedNoise,
+    first: Fit,
+    library: tuple[Candidate, ...],
+    others: tuple[Covariate, ...],
+    parts: Index,
+    progress: bool,
+) -> Choice:
+    """Rounds of search and refit from one start."""
+    with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
+        found = _chosen(first, library, others, parts, [])
+        rounds.update()
+        for _ in range(MOST_ROUNDS):
+            if not found.causes:
+                return found
+            effects = [_refined(found, k) for k in found.causes]
+            rounds.set_postfix_str(", ".join(effect.label for effect in effects)[:LETTERS])
+            del found  # its columns are as large as those that come
+            refit = fit(problem_of([free(e) for e in effects]), noise)
+            if not refit.tells_noise:  # more causes than these records can carry
+                return replace(_chosen(first, library, others, parts, []), admitted=())
+            found = _chosen(refit, _with_variants(library, effects), others, parts, effects)
+            rounds.update()
+            if set(map(_inner, found.effects)) == set(map(_inner, effects)):
+                return found
+        return found
+
+
+def free(effect: Effect) -> Effect:
+    """The effect as the search took it: anywhere within a few typical magnitudes."""
+    return effect.at((), tuple(freedom(len(effect.terms)) * t.typical for t in effect.terms))
+
+
+def _chosen(
+    at: Fit,
+    library: tuple[Candidate, ...],
+    others: tuple[Covariate, ...],
+    parts: Index,
+    effects: list[Effect],
+) -> Choice:
+    design = design_of(at, library, others, len(effects))
+    # With all records there is no need to take an observation's unknown points apart.
+    gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts))
+    question = question_of(design, at.stated)
+    start = tuple(_block_of(design, library, effect) for effect in effects)
+    admitted = search(question, gram, start)
+    return Choice(at, design, question, gram, admitted, library, others, parts)
+
+
+def _torn(at: Fit, parts: Index) -> bool:
+    """Whether the records of a seat, or of seats that a bar connects, are in several parts."""
+    touched = at.observations.seat >= 0
+    pairs = np.stack([at.observations.clusters[at.observations.seat[touched]], parts[touched]], axis=1)
+    return len(np.unique(pairs, axis=0)) > len(np.unique(pairs[:, 0]))
+
+
+def question_of(design: Design, stated: bool) -> Question:
+    """The search's question with the prior probabilities of the candidates."""
+    count = len(design.names)
+    usual = np.array([LESS_USUAL.get(name.split(":")[0], 1.0) for name in design.names[: design.causes]])
+    rest = count - design.causes
+    prior = np.concatenate([LIBRARY * usual / usual.sum(), np.full(rest, (1 - LIBRARY) / max(rest, 1))])
+    number = {name: k for k, name in enumerate(design.names)}
+    curves = {name: name.split(":")[1] for name in number if name.startswith("joint_error_curve:")}
+    contained = {
+        number[curve]: frozenset(number[name] for cause in OF_ANGLE if (name := f"{cause}:{joint}") in number)
+        for curve, joint in curves.items()
+    }
+    return Question(design.blocks, count, design.nuisances, np.log(prior), stated, contained)
+
+
+def _block_of(design: Design, library: tuple[Candidate, ...], effect: Effect) -> int:
+    for number, block in enumerate(design.blocks):
+        if block.candidate < len(library) and _inner(library[block.candidate].variants[block.variant]) == _inner(effect):
+            return number
+    raise LookupError(effect.label)
+
+
+def _inner(effect: Effect) -> tuple[object, ...]:
+    return (effect.cause, *(getattr(effect, name) for name in effect.structure()))
+
+
+def _with_variants(library: Sequence[Candidate], effects: list[Effect]) -> tuple[Candidate, ...]:
+    """The library with the refined variants among those that are tried."""
+    refined = {e.label: e.at(()) for e in effects}
+    found = []
+    for candidate in library:
+        effect = refined.get(candidate.label)
+        if effect is None or _inner(effect) in {_inner(v) for v in candidate.variants}:
+            found.append(candidate)
+        else:
+            found.append(Candidate((*candidate.variants, effect)))
+    return tuple(found)
+
+
+def _refined(choice: Choice, block: int) -> Effect:
+    """The effect with its inner parameter where the evidence is largest, the others held."""
+    effect = choice.variant(block).at(())
+    tried = _around(choice, effect)
+    if len(tried) < 2:
+        return effect
+    evidences = _evidences(choice, block, tried)
+    best = int(np.argmax(evidences))
+    whole = [k for k, e in enumerate(tried) if isinstance(e, JointPeriodicError) and e.order == round(e.order)]
+    nearest = max(whole, key=lambda k: evidences[k], default=best)
+    if whole and evidences[nearest] > evidences[best] - WHOLE:
+        return tried[nearest]
+    return _between(tried, evidences, best)
+
+
+def _between(tried: list[Effect], evidences: Array, best: int) -> Effect:
+    """The effect at the top of the parabola through the best of those tried and its neighbours."""
+    effect = tried[best]
+    if not effect.inner_widths() or not 0 < best < len(tried) - 1:
+        return effect
+    name = next(iter(effect.inner_widths()))
+    places, heights = (
+        np.array(each)
+        for each in zip(*((getattr(tried[k], name), evidences[k]) for k in (best - 1, best, best + 1)), strict=True)
+    )
+    bend, slope, _ = np.polyfit(places - places[1], heights, 2)
+    top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
+    inner: dict[str, Any] = {name: float(places[1] + np.clip(top, places[0] - places[1], places[2] - places[1]))}
+    return replace(effect, **inner)
+
+
+def _evidences(choice: Choice, block: int, tried: list[Effect]) -> Array:
+    """Log evidence of each effect in the place of a block, the others held."""
+    rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
+    design = design_of(choice.fit, [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)], [], choice.design.taken_out)
+    gram = Gram(products_of(design, np.zeros(len(choice.parts), dtype=np.intp)))
+    others = tuple(range(len(tried), len(tried) + len(rest)))
+    return conditional(question_of(design, choice.fit.stated), gram, others).evidences[: len(tried)]
+
+
+def u_of_time(choice: Choice, block: int) -> float:
+    """Standard uncertainty of the time of a slip: of its posterior over the gaps between records near it [s]."""
+    tried = [effect for effect in _around(choice, choice.variant(block).at(())) if isinstance(effect, EncoderSlip)]
+    times = np.array([effect.time_s for effect in tried])
+    odds = _evidences(choice, block, list(tried))
+    share = np.exp(odds - logsumexp(odds))
+    gaps = np.gradient(times) if times.size > 1 else np.zeros(1)
+    return float(np.sqrt(share @ (np.square(times - share @ times) + np.square(gaps) / 12.0)))
+
+
+def _around(choice: Choice, effect: Effect) -> list[Effect]:
+    """Values of the inner parameter near the one that was tried."""
+    if isinstance(effect, JointPeriodicError):
+        steps = effect.order + np.linspace(-0.5, 0.5, 2 * FINE + 1)
+        orders = {round(float(order), 4) for order in (*steps, round(effect.order)) if order > 0.3}
+        return [replace(effect, order=order) for order in sorted(orders)]
+    if isinstance(effect, JointErrorCurve):
+        finer = [effect.coefficients, 2 * effect.coefficients]
+        return [replace(effect, values=(), u=(), coefficients=c) for c in finer if PER_COEFFICIENT * c <= len(choice.parts)]
+    if isinstance(effect, EncoderSlip):
+        time = choice.fit.problem.measurements.conditions.time
+        times = np.unique(time) if time is not None else np.array([effect.time_s])
+        between = np.concatenate([[times[0]], (times[1:] + times[:-1]) / 2])
+        near = np.argsort(np.abs(between - effect.time_s))[: 4 * FINE]
+        return [replace(effect, time_s=float(t)) for t in np.sort(between[near])]
+    if isinstance(effect, ZeroDrift):
+        return [replace(effect, time_constant_s=float(effect.time_constant_s * f)) for f in np.geomspace(1 / 3, 3, FINE)]
+    return [effect]

@@ -1,0 +1,243 @@
+"""Inner products of whitened residuals, nuisances and candidate columns, worked out as far as they are asked for.
+
+Everything that choosing among causes needs, a projection, a score, an evidence, a held-out prediction, is arithmetic on
+these inner products, so that trying another set of causes, or leaving out a part of the records, costs next to nothing.
+The nuisances are what is refitted anyway: geometry with its prior, the reference frame; the unknown points of the
+observations are projected out of the rows.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.diagnosis.design import Block, Design
+from aacmm_pin.measurements.observations import Elimination
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Whitened rows of records that are left out together.
+
+    Attributes:
+        rows: columns and, last, the residual (m, columns + 1).
+        free: rows less the unknown points that were projected out.
+    """
+
+    rows: Array
+    free: int
+
+    def strip(self, columns: slice) -> Array:
+        """Products of some columns with all, and with the residual (q, columns + 1)."""
+        found = np.zeros((columns.stop - columns.start, self.rows.shape[1]))
+        for rows in self._exact():
+            found += rows[:, columns].T @ rows
+        return found
+
+    def drawn(self, draws: int, rng: np.random.Generator) -> Array:
+        """Products of all columns with residuals that are noise alone (columns, draws)."""
+        found = np.zeros((self.rows.shape[1] - 1, draws))
+        for rows in self._exact():
+            found += rows[:, :-1].T @ rng.standard_normal((len(rows), draws))
+        return found
+
+    def insides(self, columns: Index) -> Array:
+        """Products of the columns of each block with one another, for columns (blocks, q): (blocks, q, q)."""
+        found = np.zeros((*columns.shape, columns.shape[1]))
+        for rows in self._exact():
+            mine = rows.T[columns]
+            found += mine @ mine.transpose(0, 2, 1)
+        return found
+
+    def _exact(self) -> Iterator[Array]:
+        """The rows, some at a time, in double precision: products of rounded columns are to be exact."""
+        for first in range(0, max(len(self.rows), 1), CHUNK):
+            yield self.rows[first : first + CHUNK].astype(np.float64, copy=False)
+
+
+class Products:
+    """Inner products of the columns of a design, by part and over all; kept once they are worked out.
+
+    Attributes:
+        of_size: numbers of the blocks of each size.
+    """
+
+    def __init__(self, design: Design, parts: list[Part]) -> None:
+        self.design, self.parts = design, parts
+        prior = np.zeros((len(design.prior), design.jacobian.shape[2] + 1))
+        prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
+        self.prior = Part(prior, 0)
+        self._strips: dict[tuple[int | None, int, int], Array] = {}
+        by_size: dict[int, list[Block]] = defaultdict(list)
+        for block in design.blocks:
+            by_size[block.size].append(block)
+        sizes = np.array([block.size for block in design.blocks])
+        self.of_size = {q: np.flatnonzero(sizes == q) for q in by_size}
+        self._columns = {q: np.array([b.columns.start for b in some])[:, None] + np.arange(q) for q, some in by_size.items()}
+        self._place = {id(b): (q, k) for q, some in by_size.items() for k, b in enumerate(some)}
+        self._insides: dict[int | None, dict[int, Array]] = {}
+
+    def strip(self, part: int | None, columns: slice) -> Array:
+        """Products of some columns with all, and with the residual (q, columns + 1): of one part, or of all with prior."""
+        key = (part, columns.start, columns.stop)
+        if key not in self._strips:
+            if part is None:
+                found = self.prior.strip(columns)
+                for each in self.parts:
+                    found += each.strip(columns)
+            else:
+                found = self.parts[part].strip(columns)
+            self._strips[key] = found
+        return self._strips[key]
+
+    def insides(self, part: int | None) -> dict[int, Array]:
+        """Products of the columns of each block with one another: size -> (blocks of that size, q, q)."""
+        if part not in self._insides:
+            each = [self.insides(k) for k in range(len(self.parts))] if part is None else []
+            found = {}
+            for size, columns in self._columns.items():
+                found[size] = (
+                    np.sum([one[size] for one in each], axis=0) if part is None else self.parts[part].insides(columns)
+                )
+            self._insides[part] = found
+        return self._insides[part]
+
+    def drawn(self, draws: int, rng: np.random.Generator) -> Array:
+        """Products of all columns with residuals that are noise alone (columns, draws)."""
+        return np.asarray(sum(part.drawn(draws, rng) for part in (self.prior, *self.parts)))
+
+    def columns_of_size(self, size: int) -> Index:
+        """Columns of each block of a size (blocks, q)."""
+        return self._columns[size]
+
+    def place(self, block: Block) -> tuple[int, int]:
+        """Size of a block, and its number among those of that size."""
+        return self._place[id(block)]
+
+
+@dataclass(frozen=True, eq=False)
+class Gram:
+    """The products of all records, or of all but some parts.
+
+    Attributes:
+        products: where they come from.
+        left_out: numbers of the parts that do not count.
+    """
+
+    products: Products
+    left_out: frozenset[int] = frozenset()
+
+    def without(self, part: int) -> Gram:
+        """All but this part too."""
+        return Gram(self.products, self.left_out | {part})
+
+    @property
+    def parts(self) -> list[int]:
+        """Numbers of the parts that count and have something to say."""
+        return [k for k, part in enumerate(self.products.parts) if k not in self.left_out and part.free > 0]
+
+    @property
+    def free(self) -> int:
+        """Rows less the unknown points that were projected out."""
+        return sum(self.products.parts[k].free for k in self.parts)
+
+    def strip(self, columns: slice, others: slice | Index = slice(None)) -> Array:
+        """Products of some columns with others, or with all and with the residual (q, columns + 1)."""
+        total = self.products.strip(None, columns)[:, others]
+        for part in self.left_out:
+            total = total - self.products.strip(part, columns)[:, others]
+        return total
+
+    @property
+    def residual(self) -> Array:
+        """Products of the residual with all columns and itself (columns + 1,)."""
+        last = self.products.design.jacobian.shape[2]
+        return np.asarray(self.strip(slice(last, last + 1))[0])
+
+    def insides(self, size: int) -> Array:
+        """Products inside each block of a size (blocks, q, q)."""
+        total = self.products.insides(None)[size]
+        for part in self.left_out:
+            total = total - self.products.insides(part)[size]
+        return total
+
+    def inside(self, block: Block) -> Array:
+        """Products inside one block (q, q)."""
+        size, number = self.products.place(block)
+        return np.asarray(self.insides(size)[number])
+
+
+def products_of(design: Design, part: Index) -> Products:
+    """Whitened rows of the used records; a seat with records in several parts has coordinates of its own in each.
+
+    Args:
+        design: the columns.
+        part: number of the part of each record, from 0 (n,).
+    """
+    fit = design.fit
+    used = fit.used & fit.observations.says
+    part = np.where(used, part, -1)
+    observations, old, of_seat = fit.observations.divided(part)
+    points = fit.solution.point.seats[old]
+    whiten = np.linalg.inv(np.linalg.cholesky(fit.noise + observations.covariance)) * used[:, None, None]
+    elimination = Elimination(observations, points, whiten)
+    off = np.where(used[:, None], design.tips - observations.targets(points), 0.0)[:, :, None]
+    of_bar = of_seat[observations.ends[:, 0]]
+    numbers = range(int(part.max(initial=0)) + 1)
+    rows = [_Rows.of(k, part, np.where(observations.known, of_seat, -1), of_bar) for k in numbers]
+    width = design.jacobian.shape[2]
+    found = [np.empty((each.count, width + 1), dtype=design.jacobian.dtype) for each in rows]
+    for first in range(0, width + 1, STRIP):
+        own = slice(first, min(first + STRIP, width))
+        last = (off,) if first + STRIP > width else ()
+        strip = whiten @ np.concatenate([design.jacobian[:, :, own], *last], axis=2)
+        ties = [_last(residual, strip.shape[2]) if last else None for residual in elimination.residuals]
+        along = elimination.along(strip, ties[0])
+        whole = (elimination.project(strip, along), elimination.of_ties(along, ties[0]), elimination.bars(along, ties[1]))
+        for into, each in zip(found, rows, strict=True):
+            into[:, first : first + strip.shape[2]] = each.taken(*whole)
+    seats = np.bincount(of_seat[of_seat >= 0], minlength=len(rows))
+    return Products(
+        design, [Part(r, max(each.count - 3 * int(s), 0)) for r, each, s in zip(found, rows, seats, strict=True)]
+    )
+
+
+CHUNK = 400
+"""Rows of which products are taken at once."""
+STRIP = 64
+"""Columns that are whitened at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Numbers of the records, of the seats with stated coordinates and of the bars in one part."""
+
+    records: Index
+    seats: Index
+    bars: Index
+
+    @staticmethod
+    def of(number: int, *parts: Index) -> _Rows:
+        """Those of which the part has this number."""
+        return _Rows(*(np.flatnonzero(part == number) for part in parts))
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return 3 * self.records.size + 3 * self.seats.size + self.bars.size
+
+    def taken(self, records: Array, seats: Array, bars: Array) -> Array:
+        """The part's rows (rows, c) of all records (n, 3, c), seats (s, 3, c) and bars (b, c)."""
+        c = records.shape[2]
+        return np.concatenate([records[self.records].reshape(-1, c), seats[self.seats].reshape(-1, c), bars[self.bars]])
+
+
+def _last(residual: Array, width: int) -> Array:
+    """Residuals (…, 1) in the last of ``width`` columns, zero in the others."""
+    found = np.zeros((*residual.shape[:-1], width))
+    found[..., -1:] = residual
+    return found

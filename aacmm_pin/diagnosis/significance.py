@@ -1,0 +1,267 @@
+"""What an admitted cause is worth: probability beside its look-alikes, family-wise p-value, retained fraction, aliases."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_sf, f_sf
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.diagnosis.design import Block
+from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
+from aacmm_pin.diagnosis.extension import Choice
+from aacmm_pin.diagnosis.forward_selection import Question, conditional
+from aacmm_pin.diagnosis.gram import Gram
+
+DRAWS = 400
+"""Draws of records with nothing hidden, for the distribution of the largest evidence."""
+ALIASES = 5
+"""So many look-alikes are listed at most."""
+WORTH_LISTING = 1e-3
+"""A look-alike less probable than this is listed only if its columns are nearly the same."""
+SHOWS = 15.0
+"""Noncentrality at which a cause is found more often than not among all others."""
+SAME = 0.95
+"""Causes whose columns have a larger canonical correlation are listed as look-alikes whatever their probability."""
+UNSEEN = 10.0
+"""Structure of which only the scatter is seen counts as spread over so many directions, as many as a smooth function has."""
+TOLD = 0.95
+"""Causes of usual size are told apart where the true one is expected to be at least this probable beside the other."""
+
+
+@dataclass(frozen=True)
+class Alias(Shown):
+    """A cause that looks like a finding in these records.
+
+    Attributes:
+        label: the cause and its place.
+        correlation: largest canonical correlation of the two causes' columns, geometry refitted.
+        probability: of this cause in the finding's place.
+        block: number of its columns in the diagnosis's design.
+    """
+
+    label: str
+    correlation: float
+    probability: float
+    block: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Strength:
+    """How sure an admitted block is.
+
+    Attributes:
+        block: its number.
+        probability: of this candidate, among all in its place and none.
+        p_value: chance that the best of all candidates is as good when nothing is there.
+        retained: part of its columns' effect that refitting the rest does not swallow.
+        aliases: look-alikes, most probable first.
+    """
+
+    block: int
+    probability: float
+    p_value: float
+    retained: float
+    aliases: tuple[Alias, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The place of an admitted block, the others held: all candidates compete for it.
+
+    Attributes:
+        left: what is left without the block.
+        odds: log odds of each candidate (candidates,).
+        shares: their probabilities (candidates,).
+        own: number of the block's candidate.
+    """
+
+    left: Conditional
+    odds: Array
+    shares: Array
+    own: int
+
+    @staticmethod
+    def of(question: Question, gram: Gram, admitted: tuple[int, ...], block: int) -> Place:
+        """The place of one of the admitted blocks, by the scatter that is left beside all of them."""
+        rest = tuple(other for other in admitted if other != block)
+        whole = conditional(question, gram, admitted)
+        left = Conditional(gram, question.blocks, question.nuisances, rest, whole.variance, whole.dof)
+        out = question.struck_out(rest)
+        evidences = np.array([-np.inf if question.owner(i) in out else e for i, e in enumerate(left.evidences)])
+        odds = question.log_prior + question.per_candidate(evidences)
+        return Place(left, odds, np.exp(odds - logsumexp([*odds, 0.0])), question.owner(block))
+
+    @staticmethod
+    def beside(question: Question, gram: Gram, admitted: tuple[int, ...], own: int) -> Place:
+        """A place beside all that were admitted, for which the candidate ``own`` competes with all others."""
+        left = conditional(question, gram, admitted)
+        out = question.struck_out(admitted) - {own}
+        evidences = np.array([-np.inf if question.owner(i) in out else e for i, e in enumerate(left.evidences)])
+        odds = question.log_prior + question.per_candidate(evidences)
+        return Place(left, odds, np.exp(odds - logsumexp([*odds, 0.0])), own)
+
+    @property
+    def probability(self) -> float:
+        """Of the block's own candidate."""
+        return float(self.shares[self.own])
+
+
+def strengths(
+    question: Question,
+    gram: Gram,
+    admitted: tuple[int, ...],
+    causes: int,
+    names: tuple[str, ...],
+    excess: float,
+    rng: np.random.Generator,
+) -> list[Strength]:
+    """Of each admitted block, the others held in place; the first ``causes`` candidates are causes of the library.
+
+    ``excess`` is by how much χ² is larger than the stated noise explains, where structure is left that nothing has.
+
+    Beside structure that no cause explains a cause may be no more than a part of that structure: its probability is lowered
+    by the chance that as many directions of the structure look as strong (F test of the two mean squares, times the
+    number of candidates that have as many).
+    """
+    places = {k: Place.of(question, gram, admitted, k) for k in admitted}
+    structure = [_energy(places[k].left, question.blocks[k]) for k in admitted if question.owner(k) >= causes]
+    structure += [(excess, UNSEEN)] if excess > 0.0 else []
+    found = []
+    for k, place in places.items():
+        chance = 0.0
+        if structure and question.owner(k) < causes:
+            own, q = score(place.left, question.blocks[k]), question.blocks[k].size
+            alike = len({b.candidate for b in question.blocks if b.size >= q})
+            chance = min(1.0, alike * max(_as_strong(own, q, *one) for one in structure))
+        found.append(
+            Strength(
+                k,
+                place.probability * (1.0 - chance),
+                family_wise(question, place.left, float(place.odds[place.own]), k, rng),
+                retained(place.left, question.blocks[k]),
+                tuple(aliases_of(question, place, k, names)),
+            )
+        )
+    return found
+
+
+def family_wise(question: Question, left: Conditional, observed: float, block: int, rng: np.random.Generator) -> float:
+    """Chance that the best odds of all candidates reach ``observed`` when nothing is there.
+
+    Bonferroni's bound over all that is tried, where that is smaller than any number of draws could tell; else by draws of
+    the gradients of residuals that are noise alone.
+    """
+    b = question.blocks[block]
+    bound = len(question.blocks) * float(chi2_sf(score(left, b), b.size))
+    if bound < 1 / DRAWS:
+        return bound
+    drawn = left.gradients(left.gram.products.drawn(DRAWS, rng)) * np.sqrt(left.variance)
+    per_block = np.stack([evidence_of(left.information(b)[None], drawn[b.columns][None])[0] for b in question.blocks])
+    owners, first, variants = np.unique([b.candidate for b in question.blocks], return_index=True, return_counts=True)
+    each = np.logaddexp.reduceat(per_block, first, axis=0) + (question.log_prior[owners] - np.log(variants))[:, None]
+    reached = int(np.sum(each.max(axis=0) >= observed))
+    return min((reached + 1) / (DRAWS + 1), max(bound, 1 / (DRAWS + 1)), 1.0)
+
+
+def score(left: Conditional, block: Block) -> float:
+    """Likelihood ratio of a block: at most χ² with as many degrees as it has columns when it is not there.
+
+    Its parameters are known to within the largest magnitudes that its evidence averages over. Else columns of which the
+    records tell next to nothing would explain everything: an arm that shrinks to a point meets every unknown seat.
+    """
+    values, vectors = np.linalg.eigh(left.information(block))
+    along = vectors.T @ left.gradient[block.columns]
+    return float(np.sum(along**2 / (np.maximum(values, 0.0) + 1.0 / MAGNITUDES.max() ** 2)))
+
+
+def _as_strong(own: float, q: int, energy: float, size: float) -> float:
+    """Chance that q directions of a structure with so much energy over ``size`` directions have as much as a cause."""
+    taken = min(float(q), size)
+    return float(f_sf((own / taken) / (energy / size), taken, size))
+
+
+def _energy(left: Conditional, block: Block) -> tuple[float, float]:
+    """Likelihood ratio of a block, and over how many directions it is spread: ``(Σ e)² / Σ e²``."""
+    values, vectors = np.linalg.eigh(left.information(block))
+    each = np.square(vectors.T @ left.gradient[block.columns]) / (np.maximum(values, 0.0) + 1.0 / MAGNITUDES.max() ** 2)
+    return float(each.sum()), float(each.sum() ** 2 / max(np.square(each).sum(), 1e-300))
+
+
+def retained(left: Conditional, block: Block) -> float:
+    """``‖M G β‖ / ‖G β‖`` at the block's best β."""
+    information = left.information(block)
+    step = np.asarray(np.linalg.lstsq(information, left.gradient[block.columns], rcond=1e-10)[0])
+    kept, size = (float(step @ matrix @ step) for matrix in (information, left.whole(block)))
+    return float(np.sqrt(max(kept, 0.0) / size)) if size > 0 else 0.0
+
+
+def aliases_of(question: Question, place: Place, k: int, names: tuple[str, ...]) -> list[Alias]:
+    """The candidates that compete with block ``k`` for its place, most probable first."""
+    own, left, shares = place.own, place.left, place.shares
+    found = []
+    for candidate, block in enumerate(question.best_blocks(left.evidences)):
+        if candidate == own or not np.isfinite(shares[candidate]):
+            continue
+        correlation = canonical(left, question.blocks[k], question.blocks[block])
+        if shares[candidate] > WORTH_LISTING or correlation > SAME:
+            found.append(Alias(names[candidate], correlation, float(shares[candidate]), block))
+    found.sort(key=lambda alias: (-alias.probability, -alias.correlation))
+    return found[:ALIASES]
+
+
+def canonical(left: Conditional, one: Block, other: Block) -> float:
+    """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
+    roots = []
+    for block in (one, other):
+        values, vectors = np.linalg.eigh(left.information(block))
+        keep = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-300)
+        roots.append(vectors[:, keep] / np.sqrt(values[keep]))
+    if not (roots[0].size and roots[1].size):
+        return 0.0
+    cross = roots[0].T @ left.cross(one, other) @ roots[1]
+    return float(min(np.linalg.svd(cross, compute_uv=False)[0], 1.0))
+
+
+def look_alikes(question: Question, gram: Gram, names: tuple[str, ...], causes: int) -> list[tuple[str, str]]:
+    """Pairs of causes of usual size that these records would not tell apart, though they would show each of them.
+
+    With one of them true at its typical size β, the other can take up all but ``T = min ‖G_k β - G_l β_l‖²`` of what it
+    does; the expected difference of their log evidences is about T/2, which is to be the log odds of :data:`TOLD`.
+    """
+    left = Conditional(gram, question.blocks, question.nuisances, ())
+    alone = np.bincount(question.owners, minlength=question.candidates) == 1
+    single = [k for k, owner in enumerate(question.owners) if owner < causes and alone[owner]]
+    informations = {k: left.information(question.blocks[k]) for k in single}
+    shown = [k for k in single if np.trace(informations[k]) >= SHOWS * len(informations[k])]
+    found = []
+    for n, i in enumerate(shown):
+        for j in shown[n + 1 :]:
+            cross = left.cross(question.blocks[i], question.blocks[j])
+            apart = min(_apart(informations[i], cross, informations[j]), _apart(informations[j], cross.T, informations[i]))
+            if 0.5 * apart < np.log(TOLD / (1.0 - TOLD)):
+                found.append((names[question.owner(i)], names[question.owner(j)]))
+    return found
+
+
+def _apart(mine: Array, cross: Array, its: Array) -> float:
+    """T for typical values in the mean over all directions, from informations (q, q), (q', q') and cross (q, q')."""
+    taken = cross @ np.linalg.solve(its + np.eye(len(its)) / MAGNITUDES.max() ** 2, cross.T)
+    return float(np.trace(mine - taken)) / len(mine)
+
+
+def visible(choice: Choice) -> tuple[int, int]:
+    """How many causes of the library these records would have shown at their usual size, and of how many.
+
+    A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least :data:`SHOWS`.
+    """
+    left = Conditional(choice.gram, choice.question.blocks, choice.question.nuisances, ())
+    best: dict[int, float] = {}
+    for block in choice.design.blocks:
+        if block.candidate < choice.design.causes:
+            size = float(np.diag(left.information(block)).max())
+            best[block.candidate] = max(best.get(block.candidate, 0.0), size)
+    return sum(size >= SHOWS for size in best.values()), len(best)

@@ -1,0 +1,262 @@
+"""An arm with the causes of error that are known of it: prediction, sensitivity, correction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.outputs import whole_file
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.arm.arm import Arm, require_arm
+from aacmm_pin.arm.file import ArmFile, EffectEntry, load_arm_file
+from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm.text import arm_text
+from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.geometry import of_geometry
+from aacmm_pin.effects.state import State
+from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
+
+MOST_ROUNDS = 20
+"""The weight's moments are found again in the bent arm until nothing moves; the arm is stiff, so three or four do."""
+SETTLED = 1e-15
+"""Twists that change by less than this have settled [m, rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel(Shown):
+    """An arm plus effects.
+
+    Attributes:
+        arm: the arm, with what its file knows of its parameters together.
+        effects: causes of error with the values of their parameters.
+    """
+
+    arm: Arm
+    effects: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [p.name for p in self.parameters]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise AacmmError(f"{self.arm.name}: the parameter {twice[0]} is there twice; merge the two effects into one")
+        if self.arm.covariance is not None:
+            for name in self.arm.covariance.parameters:
+                if name not in names:
+                    raise UnknownNameError("parameter in covariance", name, names)
+
+    def __repr__(self) -> str:
+        return f"ErrorModel({self.arm.name!r}, {', '.join(e.label for e in self.effects) or 'no effects'})"
+
+    @staticmethod
+    def of(model: Arm | ErrorModel) -> ErrorModel:
+        """``model`` itself, or an arm with the effects of its file.
+
+        Raises:
+            AacmmError: it is neither, such as a name.
+        """
+        if isinstance(model, ErrorModel):
+            return model
+        model = require_arm(model, "model")
+        entries = [] if model.file is None else model.file.effects
+        return ErrorModel(model, tuple(_effect(entry, model.name, n) for n, entry in enumerate(entries, start=1)))
+
+    @staticmethod
+    def arm_of(model: Arm | ErrorModel) -> Arm:
+        """The arm of a model, or the arm itself.
+
+        Raises:
+            AacmmError: it is neither, such as a name.
+        """
+        return model.arm if isinstance(model, ErrorModel) else require_arm(model, "model")
+
+    @staticmethod
+    def load(name_or_path: str | Path) -> ErrorModel:
+        """A bundled arm by name or an arm file by path, with its ``[[effects]]``.
+
+        Raises:
+            UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.load_arm_file`; an effect that is none.
+        """
+        file = load_arm_file(name_or_path)
+        effects = tuple(_effect(entry, str(name_or_path), n) for n, entry in enumerate(file.effects, start=1))
+        arm = Arm.from_file(file)
+        try:
+            model = ErrorModel(arm, effects)
+        except UnknownNameError as error:
+            raise ArmFileError(str(name_or_path), "covariance.parameters", str(error)) from None
+        except AacmmError as error:
+            raise ArmFileError(str(name_or_path), "effects", str(error)) from None
+        for number, effect in enumerate(effects, start=1):
+            model.check(effect, f"effects[{number}]", str(name_or_path))
+        return model
+
+    def check(self, effect: Effect, key: str, path: str) -> None:
+        """Refuse an effect on a row that the arm does not have."""
+        if effect.row is not None and not 1 <= effect.row <= self.arm.chain.rows:
+            raise ArmFileError(path, key, f"{effect.label}: {self.arm.name} has rows 1 to {self.arm.chain.rows}")
+
+    def file(self) -> ArmFile:
+        """The arm file of this model.
+
+        Raises:
+            UnsupportedArmError: the arm came as URDF alone and has none.
+        """
+        if self.arm.file is None:
+            self.arm.require_dh("an arm file")
+            raise AacmmError(f"{self.arm.name}: was not made from an arm file, so there is none to extend")
+        return self.arm.file.model_copy(update={"effects": [entry_of(effect) for effect in self.effects]})
+
+    def save(self, path: str | Path, force: bool = False, comment: str = "") -> None:
+        """Write the arm file of this model; ``comment`` stands in front.
+
+        Raises:
+            OutputError: see :func:`aacmm_pin._support.outputs.whole_file`.
+            UnsupportedArmError: see :meth:`file`.
+        """
+        text = arm_text(self.file(), comment)
+        with whole_file(path, force) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+    def with_effects(self, *effects: Effect) -> ErrorModel:
+        """The model with more effects; one that sits where another of the same cause sits takes its place."""
+        new = {_identity(effect) for effect in effects}
+        return replace(self, effects=(*(e for e in self.effects if _identity(e) not in new), *effects))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The arm's parameters, then those of the effects: the columns of :meth:`sensitivity`.
+
+        The file's covariance overrides the u of the effects that it names, as it does for the arm's own parameters.
+        """
+        known = self.arm.covariance
+        u = {} if known is None else dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
+        of_effects = (p for effect in self.effects for p in effect.parameters())
+        return (*self.arm.parameters, *(replace(p, u=u.get(p.name, p.u)) for p in of_effects))
+
+    def covariance(self) -> Array:
+        """Covariance of all parameters (p, p) [their units]: independent, but for those that the file knows together."""
+        parameters = self.parameters
+        matrix = np.diag([p.u**2 for p in parameters])
+        known = self.arm.covariance
+        if known is not None:
+            position = {p.name: i for i, p in enumerate(parameters)}
+            where = np.array([position[name] for name in known.parameters])
+            u = np.array(known.standard_uncertainty_si)
+            matrix[np.ix_(where, where)] = known.matrix_of_correlation() * np.outer(u, u)
+        return matrix
+
+    def predict(
+        self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None, *, as_referenced: bool = False
+    ) -> Array:
+        """Where the tip (or frame ``at``) is, by exact physics, for indications ``q`` (n, nq) [rad]: (n, 3) [m].
+
+        Args:
+            q: encoder indications (n, nq) [rad].
+            conditions: of the records; needed by causes that depend on them.
+            at: name of a frame.
+            as_referenced: with the errors of the references too: the coordinates that the reference would state.
+
+        Raises:
+            ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number of records.
+            MissingConditionError: an effect depends on a condition that is not there.
+        """
+        return self.state(q, conditions, at, as_referenced=as_referenced).position
+
+    def correct(self, readings: ArrayLike, conditions: Conditions | None = None) -> Array:
+        """Compensated coordinates of the tip for encoder readings (n, nq) [rad]: (n, 3) [m]; see :meth:`predict`.
+
+        Readings of which :meth:`known_at` is not all True are refused; leave them out.
+        """
+        return self.predict(readings, conditions)
+
+    def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:
+        """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error curve has a range.
+
+        Raises:
+            ShapeError: ``q`` is not a finite (n, nq) array.
+        """
+        q = batch(q, self.arm.nq, "q", "rad")
+        state = State(self.arm, q, Conditions(len(q)), self.arm.place())
+        return np.array([effect.known(state) for effect in self.effects], dtype=bool).reshape(-1, len(q)).T
+
+    def sensitivity(self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None) -> Array:
+        """∂(position)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit]. See :meth:`predict`."""
+        state = self.state(q, conditions, at)
+        columns = [effect.sensitivity(state) for effect in self.effects]
+        if not state.twists:
+            return np.concatenate([self.arm.sensitivity(state.q, at), *columns], axis=2)
+        # A target 0.1 m from the tip has another lever than the tip: the geometry too acts on the arm as displaced.
+        return np.concatenate([*(e.sensitivity(state) for e in of_geometry(self.arm)), *columns], axis=2)
+
+    def state(
+        self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None, *, as_referenced: bool = False
+    ) -> State:
+        """The arm in its records, displaced by the effects at their values; see :meth:`predict`."""
+        q = batch(q, self.arm.nq, "q", "rad")
+        conditions = Conditions(len(q)) if conditions is None else conditions
+        if conditions.n != len(q):
+            raise ShapeError(f"conditions are of {conditions.n} records, expected {len(q)} as q has")
+        return displaced(self.arm, self.effects, q, conditions, self.arm.place(at), as_referenced)
+
+
+def displaced(
+    arm: Arm, effects: tuple[Effect, ...], q: Array, conditions: Conditions, target: int, as_referenced: bool
+) -> State:
+    """The arm with every place displaced by the exact effects; weights act on the arm as it is bent."""
+    acting = [e for e in effects if any(e.values)]
+    rigid = _twists([e for e in acting if not (e.elastic or e.of_reference)], State(arm, q, conditions, target), {})
+    state = settled([e for e in acting if e.elastic], State(arm, q, conditions, target, rigid))
+    # What is wrong with the references does not turn the arm against gravity: it comes when the arm has settled.
+    of_reference = [e for e in acting if e.of_reference and as_referenced]
+    return replace(state, twists=_twists(of_reference, state, state.twists)) if of_reference else state
+
+
+def settled(elastic: list[Effect], state: State) -> State:
+    """The arm bent so far that the displacements are those of the weights in the bent arm."""
+    rigid = state.twists
+    for _ in range(MOST_ROUNDS if elastic else 0):
+        twists = _twists(elastic, state, rigid)
+        change = max(float(np.abs(twists[p] - state.twists.get(p, 0.0)).max(initial=0.0)) for p in twists)
+        state = replace(state, twists=twists)
+        if change < SETTLED:
+            return state
+    if elastic:
+        labels = ", ".join(e.label for e in elastic)
+        raise AacmmError(f"{state.arm.name}: {labels} does not settle: the arm is too soft to stand")
+    return state
+
+
+def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) -> dict[int, Array]:
+    """Sum of the effects' twists at each place, and of those already there."""
+    twists = dict(others)
+    for effect in effects:
+        for place, twist in effect.exact(state):
+            twists[place] = twists[place] + twist if place in twists else twist
+    return twists
+
+
+def _identity(effect: Effect) -> tuple[object, ...]:
+    return (effect.cause, *(getattr(effect, name) for name in effect.structure()))
+
+
+def entry_of(effect: Effect) -> EffectEntry:
+    """The effect as an arm file has it."""
+    structure = {name: getattr(effect, name) for name in effect.structure()}
+    fields = {k: list(v) if isinstance(v, tuple) else v for k, v in structure.items() if v not in (None, ())}
+    u = {term.key: float(u / term.scale) for term, u in zip(effect.terms, effect.u, strict=True) if u}
+    return EffectEntry.model_validate({"cause": effect.cause, **fields, "parameters": effect.described(), "uncertainty": u})
+
+
+def _effect(entry: EffectEntry, path: str, number: int) -> Effect:
+    key = f"effects[{number}]"
+    if entry.cause not in CAUSES:
+        raise ArmFileError(path, f"{key}.cause", str(UnknownNameError("cause", entry.cause, list(CAUSES))))
+    try:
+        return CAUSES[entry.cause].from_description(entry.structure, entry.parameters, entry.uncertainty)
+    except (AacmmError, TypeError, ValueError) as error:
+        raise ArmFileError(path, key, str(error)) from None

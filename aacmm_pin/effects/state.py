@@ -1,0 +1,160 @@
+"""An arm in n records: where every place of its chain is, which weights pull at it, and under which conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.errors import AacmmError, UnsupportedArmError
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What a cause of error may look at. Places are those of :mod:`aacmm_pin.arm.chain`.
+
+    Attributes:
+        arm: the arm.
+        q: encoder indications (n, nq) [rad].
+        conditions: what else is known of the records.
+        target: the place whose origin is looked at.
+        twists: displacements of places, see :meth:`Chain.walk`.
+        looked_at: a point of the last body near the target, whose motion is asked for (n, 3) [m]; None for the target.
+    """
+
+    arm: Arm
+    q: Array
+    conditions: Conditions
+    target: int
+    twists: Mapping[int, Array] = field(default_factory=dict)
+    looked_at: Array | None = None
+
+    @cached_property
+    def _frames(self) -> tuple[Array, Array]:
+        return self.arm.chain.walk(self.q, self.twists)
+
+    @property
+    def rotation(self) -> Array:
+        """Axes of every place in the base (places, n, 3, 3)."""
+        return self._frames[0]
+
+    @property
+    def origin(self) -> Array:
+        """Origin of every place in the base (places, n, 3) [m]."""
+        return self._frames[1]
+
+    @property
+    def n(self) -> int:
+        """Number of records."""
+        return len(self.q)
+
+    @property
+    def position(self) -> Array:
+        """Origin of the target, or what is looked at in its stead (n, 3) [m]."""
+        if self.looked_at is not None:
+            return self.looked_at
+        return np.asarray(self.origin[self.target])
+
+    def joint(self, row: int) -> int:
+        """Number, from 0, of the joint that moves ``row`` (from 1).
+
+        Raises:
+            AacmmError: no such row, or it does not move.
+        """
+        number = int(self.arm.chain.joint[axis(self.known_row(row))])
+        if number < 0:
+            raise AacmmError(f"row {row} of {self.arm.name} is rigid, expected one with a joint")
+        return number
+
+    def known_row(self, row: int) -> int:
+        """``row`` itself (from 1), if the arm has it.
+
+        Raises:
+            AacmmError: no such row.
+        """
+        rows = self.arm.chain.rows
+        if not 1 <= row <= rows:
+            raise AacmmError(f"{self.arm.name} has no row {row}, expected 1 to {rows}")
+        return row
+
+    def angle(self, row: int) -> Array:
+        """Indication of the encoder of ``row`` (n,) [rad]."""
+        return self.q[:, self.joint(row)]
+
+    def in_axes_of(self, place: int, vectors: Array) -> Array:
+        """Vectors (n, 3) of the base in the axes of ``place``."""
+        return np.asarray(np.einsum("nji,nj->ni", self.rotation[place], vectors))
+
+    def span(self, row: int) -> Array:
+        """From ``axis`` to ``end`` of body ``row``, in the base (n, 3) [m]; for standard DH d and a of the row."""
+        return np.asarray(self.origin[end(row)] - self.origin[axis(row)])
+
+    @property
+    def down(self) -> Array:
+        """Unit vector along gravity (3,)."""
+        return -self.arm.up
+
+    def moment_at_axis(self, row: int) -> Array:
+        """Moment of the weight of body ``row`` and all beyond, about the origin of its ``axis``: (n, 3) [N·m].
+
+        Raises:
+            UnsupportedArmError: the arm states no masses.
+        """
+        return self._moment(row, self.origin[axis(row)])
+
+    def moment_at_end(self, row: int) -> Array:
+        """Moment of the weight of all bodies beyond ``row`` about the origin of ``end row``: (n, 3) [N·m]."""
+        return self._moment(row + 1, self.origin[end(row)])
+
+    def weight_beyond(self, row: int) -> Array:
+        """Weight of all bodies beyond ``row`` (3,) [N]."""
+        return np.asarray(self._masses[row:].sum() * self.arm.gravity)
+
+    def own_weight(self, row: int) -> Array:
+        """Weight of body ``row`` (3,) [N]."""
+        return np.asarray(self._masses[row - 1] * self.arm.gravity)
+
+    def moment_at_base(self) -> Array:
+        """Moment of the weight of all bodies about the base origin: (n, 3) [N·m]."""
+        return self._moment(1, np.zeros((self.n, 3)))
+
+    def unit_moments(self, row: int) -> Array:
+        """The same moment for unknown masses: columns of the unknown first moments of body ``row`` and each beyond.
+
+        The static moment about ``axis row`` is ``Σ (R_k H_k) × g`` with one constant vector H_k in each body, into which
+        the masses farther out have been gathered at the body's end; per unit of |g| |H_k|: (n, 3, 3 · bodies).
+
+        Raises:
+            UnsupportedArmError: a joint beyond ``row`` slides, and H_k is not constant.
+        """
+        rows = [place // 2 for place in self.arm.chain.moving_axes() if place // 2 >= row]
+        slide = [k for k in rows if k > row and self.arm.chain.prismatic[self.joint(k)]]
+        if slide:
+            raise UnsupportedArmError(f"{self.arm.name}: joint {slide[0]} slides; unknown masses need joints that turn")
+        columns = [self.rotation[axis(k)] for k in rows]
+        return np.cross(np.concatenate(columns, axis=2), self.down[None, :, None], axis=1)
+
+    @property
+    def _masses(self) -> Array:
+        if self.arm.masses is None:
+            raise UnsupportedArmError(f"{self.arm.name}: gravity needs masses (mass_kg); the arm states none")
+        return self.arm.masses
+
+    @cached_property
+    def _first_moments(self) -> Array:
+        """Σ m_k c_k over each body and all beyond, (rows + 1, n, 3) [kg·m]."""
+        axes = slice(2, 2 * self.arm.chain.rows + 1, 2)
+        centres = self.origin[axes] + np.einsum("rnij,rj->rni", self.rotation[axes], self.arm.centres_of_mass)
+        moments = np.zeros((len(centres) + 1, self.n, 3))
+        moments[:-1] = np.cumsum((self._masses[:, None, None] * centres)[::-1], axis=0)[::-1]
+        return moments
+
+    def _moment(self, row: int, about: Array) -> Array:
+        lever = self._first_moments[row - 1] - self._masses[row - 1 :].sum() * about
+        return np.asarray(np.cross(lever, self.arm.gravity))

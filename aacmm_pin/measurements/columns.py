@@ -1,0 +1,413 @@
+"""The columns of a measurement file: what they are called, and what is wrong with a table that has them.
+
+A table is judged in three steps: its header, each cell, and what cells say together. Each step gathers its complaints in
+:class:`Problems`, so that one message tells the first few of them.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.effects.conditions import Labels
+from aacmm_pin.errors import MeasurementFileError
+
+AngleUnit = Literal["deg", "rad"]
+Mask = NDArray[np.bool_]
+
+REFERENCE = ("x_mm", "y_mm", "z_mm")
+REFERENCE_U = ("u_x_mm", "u_y_mm", "u_z_mm")
+BAR = ("bar", "bar_end", "bar_length_mm")
+LABELS = ("seat", "marker", "bar", "bar_end", "session", "operator", "record")
+MAY_BE_EMPTY = (*REFERENCE, *REFERENCE_U, "bar_length_mm")
+SINGLE = (*LABELS, *MAY_BE_EMPTY, "time_s", "temperature_c")
+THETA: dict[AngleUnit, str] = {"deg": "theta#_deg", "rad": "theta#_rad"}
+APPROACH, TORQUE, LINK_TEMPERATURE = "approach#", "torque#_nm", "temperature#_c"
+NUMBERED = (*THETA.values(), APPROACH, TORQUE, LINK_TEMPERATURE)
+"""Names with a number in place of #, from 1: of the joint, or of the DH row for temperatures."""
+
+ALIKE = 0.9
+"""Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter wrong in ten."""
+OTHER_UNITS = frozenset(["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm", "mrad", "gon", "arcsec"])
+MOST_TURNS = 5
+"""An angle in radians beyond so many turns is taken for degrees."""
+ENOUGH_RECORDS = 5
+"""So many records tell degrees from radians."""
+COLDEST, HOTTEST = -50.0, 150.0
+MOST_PROBLEMS = 10
+
+
+@dataclass
+class Problems:
+    """What is wrong with a table from ``source``; ``lines`` (n,) are the line numbers of its records."""
+
+    source: str
+    lines: Index
+    found: list[tuple[int | None, str, str]] = field(default_factory=list)
+
+    def add(self, column: str, message: str) -> None:
+        """A problem of a whole column, or of the whole table where ``column`` is ""."""
+        self.found.append((None, column, message))
+
+    def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
+        """A problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first, and which others share it."""
+        where = np.flatnonzero(bad)
+        if where.size:
+            lines = [str(line) for line in self.lines[where[:6]]]
+            others = f" (and {where.size - 1} more: row {', '.join(lines[1:])}{', …' * (where.size > 6)})"
+            said = message.format(*(v[where[0]] for v in values))
+            self.found.append((int(lines[0]), column, said + others * (where.size > 1)))
+
+    def stop(self) -> None:
+        """Raise MeasurementFileError with the first problems, one a line, if there are any."""
+        if not self.found:
+            return
+        row, column, message = self.found[0]
+        for problem in self.found[1:MOST_PROBLEMS]:
+            message += f"\n{MeasurementFileError(self.source, *problem)}"
+        if len(self.found) > MOST_PROBLEMS:
+            message += f"\n{self.source}: and {len(self.found) - MOST_PROBLEMS} more problems"
+        raise MeasurementFileError(self.source, row, column, message)
+
+
+# --- the header
+
+
+@dataclass(frozen=True)
+class Header:
+    """Names of the columns that come in numbers, in the order of these numbers, and of those that nobody knows."""
+
+    unit: AngleUnit
+    theta: tuple[str, ...]
+    approach: tuple[str, ...]
+    torque: tuple[str, ...]
+    link_temperature: tuple[str, ...]
+    extra: tuple[str, ...]
+
+
+def named(form: str, count: int) -> list[str]:
+    """The names of ``form`` with the numbers 1 … ``count``."""
+    return [form.replace("#", str(k)) for k in range(1, count + 1)]
+
+
+def span(names: Sequence[str]) -> str:
+    """First and last of ``names``."""
+    return names[0] if len(names) == 1 else f"{names[0]} … {names[-1]}"
+
+
+def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> Header:
+    """Sort the names of columns; ``nq`` is the number of joints of the arm, None where any will do.
+
+    Raises:
+        MeasurementFileError: a name is missing, there twice, almost a known one, or one that does not stand alone.
+    """
+    texts = [name if isinstance(name, str) else "" for name in names]
+    for place, name in enumerate(names, start=1):
+        if not isinstance(name, str) or not name.strip():
+            came = "" if isinstance(name, str) else f" but {name!r}, which is not text"
+            problems.add("", f"column {place} of {len(names)} has no name{came}; expected a name for each column")
+    for name, count in Counter(texts).items():
+        if count > 1 and name.strip():
+            problems.add(name, f"is there {count} times, expected each name once in the header")
+    extra = [name for name in dict.fromkeys(texts) if name not in SINGLE and not any(_number(name, f) for f in NUMBERED)]
+    for name in extra:
+        if meant := _near_miss(name, texts):
+            other = "if something else is meant, a name that cannot be taken for it"
+            problems.add(name, f"is not a known name; expected {meant}, or {other}")
+    problems.stop()
+    unit, theta = _theta(texts, nq, problems)
+    approach, torque, link_temperature = (_numbered(texts, f, problems) for f in (APPROACH, TORQUE, LINK_TEMPERATURE))
+    for columns in filter(None, (approach, torque)):
+        if len(columns) != len(theta):
+            problems.add(span(columns), f"{len(columns)} columns, expected one for each of the {len(theta)} joints")
+    _companions(texts, len(theta), link_temperature, problems)
+    problems.stop()
+    return Header(unit, theta, approach, torque, link_temperature, tuple(extra))
+
+
+def _number(name: str, form: str) -> str | None:
+    match = re.fullmatch(form.replace("#", "(0|[1-9][0-9]*)"), name)
+    return match[1] if match else None
+
+
+def _near_miss(name: str, present: Sequence[str]) -> str | None:
+    """The known name that was meant: one of the same letters, or a missing one that is similar or has another unit."""
+    if f"{name.lower()}_mm" in REFERENCE and f"{name.lower()}_mm" not in present:
+        return f"{name.lower()}_mm"  # a reference that would be lost in silence
+    digits = re.search("[0-9]+", name)
+    known = [form.replace("#", str(int(digits[0]))) for form in NUMBERED] if digits else list(SINGLE)
+    letters = {_letters(k): k for k in known}
+    if _letters(name) in letters:
+        return letters[_letters(name)]
+    stems = {_stem(k) for k in known if k in present}
+    missing = {key: k for key, k in letters.items() if _stem(k) not in stems}
+    if name.rpartition("_")[2] in OTHER_UNITS:
+        for k in missing.values():
+            if _stem(k) == _stem(name):
+                return k
+    close = difflib.get_close_matches(_letters(name), missing, n=1, cutoff=ALIKE)
+    return missing[close[0]] if close else None
+
+
+def _stem(name: str) -> str:
+    return name.rpartition("_")[0] or name
+
+
+def _letters(name: str) -> str:
+    return "".join(c for c in name.casefold() if c.isalnum())
+
+
+def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str, ...]:
+    """The columns of ``form`` in the order of their numbers."""
+    numbers = sorted(int(number) for name in names if (number := _number(name, form)))
+    found = [form.replace("#", str(k)) for k in numbers]
+    if numbers and numbers != list(range(1, len(numbers) + 1)):
+        missing = next(name for name in named(form, len(numbers)) if name not in found)
+        came = ", ".join(map(str, numbers))
+        problems.add(span(found), f"numbered {came}; expected numbers from 1 without gap, but {missing} is missing")
+    return tuple(found)
+
+
+def _theta(names: Sequence[str], nq: int | None, problems: Problems) -> tuple[AngleUnit, tuple[str, ...]]:
+    in_degrees, in_radians = (tuple(n for n in names if _number(n, form)) for form in THETA.values())
+    if in_degrees and in_radians:
+        came = f"{', '.join(in_degrees)} in degrees beside {', '.join(in_radians)} in radians"
+        problems.add("", f"{came}; expected one unit for all joints")
+        return "deg", in_degrees
+    unit: AngleUnit = "rad" if in_radians else "deg"
+    theta = _numbered(names, THETA[unit], problems)
+    if not theta:
+        came = ", ".join(map(repr, names[:8])) + ", …" * (len(names) > 8)
+        problems.add("", f"no angles: expected columns theta1_deg … (or theta1_rad …) in the first line, which has {came}")
+    elif nq is not None and len(theta) != nq:
+        expected = span(named(THETA[unit], nq))
+        problems.add(span(theta), f"angles of {len(theta)} joints, but the arm has {nq}; expected {expected}")
+    return unit, theta
+
+
+def _companions(names: Sequence[str], joints: int, link_temperature: Sequence[str], problems: Problems) -> None:
+    """Names that need others, or exclude them."""
+    there = set(names)
+    for group in (REFERENCE, REFERENCE_U, BAR):
+        present, missing = [n for n in group if n in there], [n for n in group if n not in there]
+        if present and missing:
+            problems.add(", ".join(missing), f"missing beside {', '.join(present)}; expected all of {', '.join(group)}")
+    if there.intersection(REFERENCE_U) and not there.intersection(REFERENCE):
+        problems.add("u_x_mm", "uncertainty of a reference that is not there; expected x_mm, y_mm, z_mm too")
+    if there.intersection(BAR) and "seat" not in there:
+        problems.add("seat", "missing beside bar; expected the label of the seat that each end of a bar stands for")
+    if link_temperature and "temperature_c" in there:
+        problems.add("temperature_c", f"beside {span(link_temperature)}; expected one temperature, or one for each DH row")
+    if 0 < len(link_temperature) < joints:
+        expected = f"expected one for each DH row, so {joints} or more; temperature_c is that of the whole arm"
+        problems.add(span(link_temperature), f"{len(link_temperature)} columns, {expected}")
+
+
+# --- the cells
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A table that may be used: its header, its columns of numbers (n,) in their own units, its columns of labels (n,)."""
+
+    header: Header
+    numbers: dict[str, Array]
+    labels: dict[str, Labels]
+
+    @property
+    def n(self) -> int:
+        """Number of records."""
+        return len(self.numbers[self.header.theta[0]])
+
+    def block(self, names: Sequence[str]) -> Array:
+        """The columns ``names`` side by side, (n, len(names)); NaN where one is not there."""
+        nothing = np.full(self.n, np.nan)
+        return np.column_stack([self.numbers.get(name, nothing) for name in names])
+
+    def label(self, name: str) -> Labels:
+        """The column ``name``; "" where it is not there."""
+        return self.labels.get(name, np.full(self.n, "", dtype=object))
+
+
+def checked_columns(table: pd.DataFrame, lines: Index, nq: int | None, source: str) -> Columns:
+    """The known columns of ``table``, cells being text or numbers; ``lines`` (n,) are for messages.
+
+    Raises:
+        MeasurementFileError: the header, a cell, or what cells say together is not as expected.
+    """
+    problems = Problems(source, lines)
+    header = read_header(list(table.columns), nq, problems)
+    if not len(table):
+        problems.add("", "has a header but no records")
+    known = [name for name in table.columns if name not in header.extra]
+    labels = {name: _labels(table[name]) for name in known if name in LABELS}
+    numbers = {name: _numbers(table[name], problems) for name in known if name not in LABELS}
+    problems.stop()
+    columns = Columns(header, numbers, labels)
+    for check in (_angles, _references, _conditions, _seats, _bars):
+        check(columns, problems)
+    problems.stop()
+    return columns
+
+
+def _labels(column: pd.Series) -> Labels:
+    """Cells as text, exactly as they are; "" where there is nothing."""
+    cells = np.array(column, dtype=object)
+    if set(map(type, cells)) <= {str}:
+        return cells
+    nothing = column.isna().to_numpy()
+    return np.array(["" if n else str(c) for c, n in zip(cells, nothing, strict=True)], dtype=object)
+
+
+def _numbers(column: pd.Series, problems: Problems) -> Array:
+    """Cells as numbers, NaN where there is nothing."""
+    name = str(column.name)
+    if column.dtype.kind in "iuf":
+        values = column.to_numpy(dtype=np.float64, copy=True, na_value=np.nan)
+        cells, empty = values.astype(object), np.isnan(values)
+    else:
+        cells = _labels(column)
+        values = _floats(cells)
+        empty = np.zeros(len(cells), dtype=bool)
+        empty[np.isnan(values)] = [not cell.strip() for cell in cells[np.isnan(values)]]
+    unreadable = ~np.isfinite(values) & ~empty
+    comma = np.zeros(len(values), dtype=bool)
+    comma[unreadable] = [_DECIMAL_COMMA.fullmatch(str(cell)) is not None for cell in cells[unreadable]]
+    problems.at(comma, name, "is {!r}, expected a number with a decimal point, not a decimal comma", cells)
+    problems.at(unreadable & ~comma, name, "is {!r}, expected a finite number", cells)
+    if name not in MAY_BE_EMPTY:
+        problems.at(empty, name, "is empty (or NaN), expected a number in every row")
+    return values
+
+
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9.]*,[0-9]+\s*")
+
+
+def _floats(cells: Labels) -> Array:
+    """Texts as numbers, NaN where one is none; Python's 1_000 is none."""
+    try:
+        values = cells.astype(np.float64)
+    except ValueError:
+        values = np.array([_float(cell) for cell in cells], dtype=np.float64)
+    if "_" in "".join(cells):
+        values[["_" in cell for cell in cells]] = np.nan
+    return values
+
+
+def _float(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan
+
+
+# --- what cells say together
+
+
+def looks_like_radians(degrees: Array) -> bool:
+    """Whether ``degrees`` (n, nq) are radians: at least 5 records, and the largest of all angles between 1 and 2π.
+
+    Measurements turn several joints by tens of degrees. An arm that stays within ±1° of zero in all joints, or fewer
+    records than 5, get the benefit of the doubt.
+    """
+    return len(degrees) >= ENOUGH_RECORDS and bool(1.0 < np.abs(degrees).max() <= 2.0 * np.pi)
+
+
+def _angles(columns: Columns, problems: Problems) -> None:
+    theta = columns.header.theta
+    q = columns.block(theta)
+    if columns.header.unit == "deg" and looks_like_radians(q):
+        problems.add(
+            span(theta),
+            f"all angles of all {len(q)} records lie within ±{np.abs(q).max():.4g}°, so these look like radians; if they "
+            f"are, rename the columns to {span(named(THETA['rad'], len(theta)))}; if they are degrees, convert them to "
+            f"radians under these names (from {ENOUGH_RECORDS} records on, a largest angle of 1 to 2π is taken for radians)",
+        )
+    if columns.header.unit == "rad":
+        expected = f"expected at most {MOST_TURNS} turns; if these are degrees, rename the columns to theta1_deg …"
+        for name in theta:
+            angle = columns.numbers[name]
+            problems.at(np.abs(angle) > MOST_TURNS * 2.0 * np.pi + 1e-9, name, "is {:g} rad, " + expected, angle)
+
+
+def _references(columns: Columns, problems: Problems) -> None:
+    for names in (REFERENCE, REFERENCE_U):
+        stated = np.isfinite(columns.block(names))
+        partly = stated.any(axis=1) & ~stated.all(axis=1)
+        for k, name in enumerate(names):
+            expected = f"is empty in a row that states others of {', '.join(names)}; expected all three or none"
+            problems.at(partly & ~stated[:, k], name, expected)
+    for name in filter(columns.numbers.__contains__, REFERENCE_U):
+        u = columns.numbers[name]
+        problems.at(u <= 0.0, name, "is {:g}, expected a standard uncertainty above zero", u)
+
+
+def _conditions(columns: Columns, problems: Problems) -> None:
+    for name in filter(columns.numbers.__contains__, ("temperature_c", *columns.header.link_temperature)):
+        celsius = columns.numbers[name]
+        expected = f"is {{:g}} °C, expected {COLDEST:g} to {HOTTEST:g}; is it in kelvin or Fahrenheit?"
+        problems.at((celsius < COLDEST) | (celsius > HOTTEST), name, expected, celsius)
+    for name in columns.header.approach:
+        sign = columns.numbers[name]
+        problems.at(~np.isin(sign, (-1.0, 0.0, 1.0)), name, "is {:g}, expected -1, 0 or 1", sign)
+
+
+def _seats(columns: Columns, problems: Problems) -> None:
+    seat, bar = columns.label("seat"), columns.label("bar")
+    known = np.isfinite(columns.block(REFERENCE)).any(axis=1)
+    alone = pd.Series(seat).map(Counter(seat)).to_numpy() == 1
+    problems.at(
+        (seat != "") & alone & ~known & (bar == ""),
+        "seat",
+        "seat {!r} has this record only, without reference coordinates, and so contributes nothing; "
+        "expected two records or more with this label, or an empty cell",
+        seat,
+    )
+
+
+def _bars(columns: Columns, problems: Problems) -> None:
+    if "bar" not in columns.labels:
+        return
+    bar, end, seat, length = *(columns.label(n) for n in ("bar", "bar_end", "seat")), columns.numbers["bar_length_mm"]
+    held = bar != ""
+    problems.at(~held & (end != ""), "bar_end", "is {!r} in a row without bar, expected an empty cell", end)
+    problems.at(~held & np.isfinite(length), "bar_length_mm", "is {:g} in a row without bar, expected an empty cell", length)
+    problems.at(held & ~np.isin(end, ("A", "B")), "bar_end", "is {!r}, expected A or B", end)
+    problems.at(held & (seat == ""), "seat", "is empty in a row of bar {!r}, expected the label of the seat at its end", bar)
+    problems.at(held & np.isnan(length), "bar_length_mm", "is empty in a row of bar {!r}, expected its length", bar)
+    problems.at(held & (length <= 0.0), "bar_length_mm", "is {:g}, expected a length above zero", length)
+    _bars_agree(bar, end, seat, length, problems)
+
+
+def _bars_agree(bar: Labels, end: Labels, seat: Labels, length: Array, problems: Problems) -> None:
+    """Whether the rows of each bar state one length, both ends, and another seat at each."""
+    table = pd.DataFrame({"bar": bar, "end": end, "seat": seat, "length": length, "row": np.arange(len(bar))})
+    by_bar, by_end = table.groupby("bar"), table.groupby(["bar", "end"])
+    first, first_of_end = by_bar["row"].transform("first").to_numpy(), by_end["row"].transform("first").to_numpy()
+    held = (bar != "") & np.isin(end, ("A", "B"))
+    problems.at(
+        held & (length != length[first]) & np.isfinite(length) & np.isfinite(length[first]),
+        "bar_length_mm",
+        "is {} for bar {!r}, which row {} says is {} long; expected one length for each bar",
+        *(length, bar, problems.lines[first], length[first]),
+    )
+    problems.at(
+        held & (seat != seat[first_of_end]) & (seat != "") & (seat[first_of_end] != ""),
+        "seat",
+        "is {!r} at end {} of bar {!r}, which row {} says is seat {!r}; expected one seat for each end",
+        *(seat, end, bar, problems.lines[first_of_end], seat[first_of_end]),
+    )
+    ends = by_bar["end"].transform("nunique").to_numpy()
+    only = "bar {!r} has records of end {} only, expected records of A and of B"
+    problems.at(held & (ends == 1) & (np.arange(len(bar)) == first), "bar_end", only, bar, end)
+    both = table.groupby(["bar", "seat"])["end"].transform("nunique").to_numpy() == 2
+    problems.at(held & both & (seat != ""), "seat", "{!r} is at both ends of bar {!r}, expected two seats", seat, bar)

@@ -1,0 +1,59 @@
+"""How noisy readings, references and contacts are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.errors import AacmmError, ShapeError
+
+ENCODER = 8e-6
+"""Standard uncertainty of one reading where nothing is stated [rad]: a good optical encoder, 1.6″."""
+REFERENCE = 1.2e-5
+"""Standard uncertainty of a coordinate of a reference where nothing is stated [m]: a laser tracker at 2 m."""
+PROBE = 0.0
+"""Standard uncertainty of a contact where nothing is stated [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise(Shown):
+    """Standard uncertainties of what is new in every record, or in every reference.
+
+    Attributes:
+        encoder: of one reading of each encoder (nq,) [rad; m where a joint slides].
+        reference: of each coordinate of a stated reference [m]: drawn once for a seat, once a record for free points.
+        probe: of each coordinate of one contact, how exactly the ball sits; new in every record [m].
+    """
+
+    encoder: Array
+    reference: float = REFERENCE
+    probe: float = PROBE
+
+    def __post_init__(self) -> None:
+        encoder = np.array(self.encoder, dtype=np.float64)
+        if encoder.ndim != 1:
+            raise ShapeError(f"encoder noise has shape {encoder.shape}, expected (nq,) [rad]; Noise.of takes one number")
+        object.__setattr__(self, "encoder", encoder)
+        for name, value, unit in (
+            ("encoder", encoder, "rad"),
+            ("reference", self.reference, "m"),
+            ("probe", self.probe, "m"),
+        ):
+            wrong = np.atleast_1d(value)[~(np.isfinite(np.atleast_1d(value)) & (np.atleast_1d(value) >= 0))]
+            if wrong.size:
+                raise AacmmError(f"{name} noise is {wrong[0]:g} {unit}, expected a number that is not negative")
+
+    @staticmethod
+    def of(nq: int, *, encoder: ArrayLike = ENCODER, reference: float = REFERENCE, probe: float = PROBE) -> Noise:
+        """Noise of an arm with ``nq`` joints; ``encoder`` is (nq,), or one number for all [rad].
+
+        Raises:
+            ShapeError: ``encoder`` has another number of entries than ``nq``, or is not finite.
+            AacmmError: a number is negative or not finite.
+        """
+        each = np.full(nq, encoder, dtype=np.float64) if np.ndim(encoder) == 0 else encoder
+        return Noise(vector(each, nq, "encoder noise", "rad"), float(reference), float(probe))

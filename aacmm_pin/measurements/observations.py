@@ -1,0 +1,220 @@
+"""What records say of where their tips were, as arrays: known coordinates, one point touched again, known distances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from aacmm_pin._support.checks import Array, Index
+
+NOTHING_KNOWN = 1e-4
+"""With less information than this nothing is known of a seat, which is somewhere within a hundred metres [1/m²]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Targets of the tips of n records, some of them at s seats: points of unknown coordinates (nuisances).
+
+    The residual of a record is tip - target, so that its derivative by the tip is one. What is known of the seats
+    themselves, their coordinates or the lengths of bars between them, comes as further residuals, the *ties*: an error of a
+    seat's stated coordinates is common to its records, and does not average out over them.
+
+    Attributes:
+        reference: known coordinates (n, 3) [m]; NaN where there are none, or where the record touches a seat.
+        seat: number of the seat that a record touches (n,); -1 where none.
+        covariance: of each record's own target, apart from the arm (n, 3, 3) [m²].
+        labels: of the seats (s,).
+        stated: stated coordinates of the seats (s, 3) [m]; NaN where there are none.
+        stated_u: their standard uncertainty (s, 3) [m].
+        ends: seats at the two ends of each bar (b, 2).
+        length: calibrated lengths of the bars (b,) [m].
+        length_u: their standard uncertainties (b,) [m].
+    """
+
+    reference: Array
+    seat: Index
+    covariance: Array
+    labels: tuple[str, ...]
+    stated: Array
+    stated_u: Array
+    ends: Index
+    length: Array
+    length_u: Array
+
+    @cached_property
+    def says(self) -> NDArray[np.bool_]:
+        """(n,) True for records that say something."""
+        return np.asarray((self.seat >= 0) | np.isfinite(self.reference).all(axis=1))
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(s,) True for seats whose coordinates are stated."""
+        return np.asarray(np.isfinite(self.stated).all(axis=1))
+
+    @cached_property
+    def clusters(self) -> Index:
+        """Number of the cluster of each seat (s,): seats that bars connect, directly or by way of others."""
+        shape = (len(self.labels), len(self.labels))
+        graph = coo_array((np.ones(len(self.ends)), (self.ends[:, 0], self.ends[:, 1])), shape=shape)
+        return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
+
+    def start(self, tips: Array) -> Array:
+        """First coordinates of the seats (s, 3): the stated ones, else the median of their tips (n, 3) [m]."""
+        touched = self.seat >= 0
+        if not touched.any():
+            return np.empty((0, 3))
+        medians = pd.DataFrame(tips[touched]).groupby(self.seat[touched]).median()
+        found = self.stated.copy()
+        open_ = [k for k in medians.index if not self.known[k]]
+        found[open_] = medians.loc[open_].to_numpy()
+        return np.nan_to_num(found)
+
+    def targets(self, points: Array) -> Array:
+        """Where the tips should be with the seats at ``points`` (s, 3): (n, 3) [m]; NaN for records that say nothing."""
+        found = self.reference.copy()
+        found[self.seat >= 0] = points[self.seat[self.seat >= 0]]
+        return found
+
+    def of_seats(self, points: Array) -> Array:
+        """Residual of each seat's stated coordinates over their u (s, 3); zero where none are stated."""
+        known = self.known[:, None]
+        return np.where(known, (points - self.stated) / np.where(known, self.stated_u, 1.0), 0.0)
+
+    def of_bars(self, points: Array) -> tuple[Array, Array]:
+        """Residuals of lengths over their u (b,), and derivatives by the first ends (b, 3): minus those by the others."""
+        way = points[self.ends[:, 0]] - points[self.ends[:, 1]]
+        distance = np.linalg.norm(way, axis=1)
+        along = way / np.where(distance > 0.0, distance, 1.0)[:, None]
+        return (distance - self.length) / self.length_u, along / self.length_u[:, None]
+
+    def divided(self, part: Index) -> tuple[Observations, Index, Index]:
+        """The same with seats of their own in each part of the records (n,); and of each seat
+        its number before and its part (s',).
+        """
+        touched = self.seat >= 0
+        pairs, number = np.unique(np.stack([part[touched], self.seat[touched]], axis=1), axis=0, return_inverse=True)
+        seat = np.full(len(self.seat), -1)
+        seat[touched] = number.ravel()
+        place = {(int(p), int(s)): k for k, (p, s) in enumerate(pairs)}
+        bars = [
+            (place[p, a], place[p, b], k)
+            for p in np.unique(pairs[:, 0]).tolist()
+            for k, (a, b) in enumerate(self.ends.tolist())
+            if (p, a) in place and (p, b) in place
+        ]
+        table, old = np.array(bars, dtype=np.intp).reshape(-1, 3), pairs[:, 1].astype(np.intp)
+        divided = replace(
+            self,
+            seat=seat,
+            labels=tuple(self.labels[k] for k in old),
+            stated=self.stated[old],
+            stated_u=self.stated_u[old],
+            ends=table[:, :2],
+            length=self.length[table[:, 2]],
+            length_u=self.length_u[table[:, 2]],
+        )
+        return divided, old, pairs[:, 0].astype(np.intp)
+
+
+class Elimination:
+    """Projection of whitened rows onto what no coordinates of seats can change: variable projection (Golub, Pereyra 1973).
+
+    With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ R``; a bar, which couples
+    two seats, then gives one row more, see :meth:`bars`. No loop over records or seats.
+    """
+
+    def __init__(self, observations: Observations, points: Array, whiten: Array) -> None:
+        """At seats ``points`` (s, 3), with each record's residual whitened by ``whiten`` (n, 3, 3)."""
+        self.observations = observations
+        self.touched = np.flatnonzero(observations.seat >= 0)
+        self.numbers = observations.seat[self.touched]
+        count = len(observations.labels)
+        ones = np.ones(self.touched.size)
+        self._sum = csr_array((ones, (self.numbers, np.arange(self.touched.size))), shape=(count, self.touched.size))
+        tie = np.where(
+            observations.known[:, None], 1.0 / np.where(observations.known[:, None], observations.stated_u, 1.0), 0
+        )
+        by, by_tie = -whiten[self.touched], tie[:, :, None] * np.eye(3)
+        # Cholesky QR twice: orthonormal to rounding, however uneven a seat's directions are known.
+        self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
+        for least in (NOTHING_KNOWN, 0.5):
+            square = self._added(by.transpose(0, 2, 1) @ by) + by_tie.transpose(0, 2, 1) @ by_tie
+            touched = np.trace(square, axis1=1, axis2=2) > least  # the others have nothing to be made orthonormal
+            square = np.where(touched[:, None, None], square, np.eye(3))
+            upper = np.linalg.cholesky(square).transpose(0, 2, 1)
+            inverse = np.linalg.inv(upper)
+            by, by_tie, self._root = by @ inverse[self.numbers], by_tie @ inverse, upper @ self._root
+        self._q, self._q_tie = by, by_tie
+        self._bar_residual, along = observations.of_bars(points)
+        self._ties = observations.of_seats(points)
+        inverse = np.linalg.inv(self._root)
+        self._along = [along[:, None, :] @ inverse[observations.ends[:, k]] * sign for k, sign in ((0, 1.0), (1, -1.0))]
+
+    def _added(self, each: Array) -> Array:
+        """Sum over the records of each seat of arrays (touched, …): (s, …)."""
+        flat = each.reshape(len(each), int(np.prod(each.shape[1:])))
+        return np.asarray(self._sum @ flat).reshape(len(self.observations.labels), *each.shape[1:])
+
+    def along(self, rows: Array, ties: Array | None = None) -> Array:
+        """``Qᵀ R`` of whitened rows (n, 3, c), and of the seats' own (s, 3, c) where there are any: (s, 3, c)."""
+        found = self._added(self._q.transpose(0, 2, 1) @ rows[self.touched])
+        return found if ties is None else found + self._q_tie.transpose(0, 2, 1) @ ties
+
+    def project(self, rows: Array, along: Array) -> Array:
+        """Whitened rows (n, 3, c) with the seats at their best; in place."""
+        rows[self.touched] -= self._q @ along[self.numbers]
+        return rows
+
+    def of_ties(self, along: Array, ties: Array | None = None) -> Array:
+        """The seats' own rows (s, 3, c) with the seats at their best."""
+        found = -self._q_tie @ along
+        return found if ties is None else found + ties
+
+    def bars(self, along: Array, residual: Array | None = None) -> Array:
+        """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``, H of the bars."""
+        if not len(self.observations.ends):
+            return np.zeros((0, along.shape[2]))
+        rows = -self._of_bars(along)
+        if residual is not None:
+            rows += residual
+        return np.asarray(solve_triangular(self._factor, rows, lower=True))
+
+    def _of_bars(self, along: Array) -> Array:
+        """``H`` times vectors of the seats (s, 3, c): (b, c)."""
+        ends = self.observations.ends
+        return np.asarray(sum((h @ along[ends[:, k]])[:, 0] for k, h in enumerate(self._along)))
+
+    @cached_property
+    def _dense(self) -> Array:
+        dense = np.zeros((len(self.observations.ends), len(self.observations.labels), 3))
+        number = np.arange(len(dense))
+        for k, h in enumerate(self._along):
+            dense[number, self.observations.ends[:, k]] += h[:, 0]
+        return dense.reshape(len(dense), -1)
+
+    @cached_property
+    def _factor(self) -> Array:
+        return np.asarray(np.linalg.cholesky(np.eye(len(self._dense)) + self._dense @ self._dense.T))
+
+    @property
+    def residuals(self) -> tuple[Array, Array]:
+        """Residuals of the ties at the points: of the seats (s, 3, 1), of the bars (b, 1)."""
+        return self._ties[:, :, None], self._bar_residual[:, None]
+
+    def step(self, along: Array) -> Array:
+        """Best step of the seats (s, 3) for ``Qᵀ`` of the residual, its ties included (s, 3, 1) [m]."""
+        best = -along
+        if len(self.observations.ends):
+            rows = self._bar_residual[:, None] - self._of_bars(along)
+            pull = self._dense.T @ solve_triangular(
+                self._factor.T, solve_triangular(self._factor, rows, lower=True), lower=False
+            )
+            best = best - pull.reshape(best.shape)
+        return np.asarray(np.linalg.solve(self._root, best)[:, :, 0]) if len(best) else np.zeros((0, 3))

@@ -1,0 +1,184 @@
+"""Where to measure in a virtual workshop: free postures, seats, and bars that the arm can reach in many postures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.measuring_space import MOST_DRAWS, Room, joint_bounds
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.postures.sampling import StateOf, agile, brought_to, different_postures, spread_out
+
+SEATS_APART = 0.05
+"""Least distance of two seats [m]."""
+POOL = 20_000
+"""Random postures from which places and first guesses are taken."""
+GUESSES = 4
+"""First guesses for each posture that is wanted, and at least :data:`LEAST_GUESSES`."""
+LEAST_GUESSES = 100
+CANDIDATES = 30
+"""Places looked at for each that is wanted."""
+TRIES = 4
+"""Places tried in earnest for each that is wanted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Points that are touched together: one seat, or the two ends of a bar.
+
+    Attributes:
+        points: (k, 3) [m].
+        postures: of each point, (m, nq) [rad].
+    """
+
+    points: Array
+    postures: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Random postures of an arm that stand for all that it can do.
+
+    Attributes:
+        room: the arm and where its tip may be.
+        state_of: the arm with those of its errors that are always there.
+        q: postures (n, nq) [rad].
+        tips: (n, 3) [m].
+        tree: of the tips.
+    """
+
+    room: Room
+    state_of: StateOf
+    q: Array
+    tips: Array
+    tree: scipy.spatial.cKDTree
+
+    @staticmethod
+    def draw(room: Room, state_of: StateOf, each: int, rng: np.random.Generator) -> Pool:
+        """A pool from which a point can be touched in ``each`` postures.
+
+        Raises:
+            AacmmError: see :meth:`Room.postures`.
+        """
+        q, tips = room.postures(max(POOL, 10 * GUESSES * each), rng)
+        return Pool(room, state_of, q, tips, scipy.spatial.cKDTree(tips))
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        return self.room.arm
+
+    def thinness(self, points: Array) -> Array:
+        """Radius about each point (n, 3) that holds the nearest tips of the pool; large where few postures reach [m]."""
+        return np.asarray(self.tree.query(points, k=LEAST_GUESSES)[0][:, -1])
+
+    def dense(self, rng: np.random.Generator, count: int) -> Array:
+        """The better half of ``2 count`` random tips, those that many postures reach: (count, 3) [m]."""
+        points = self.tips[rng.permutation(len(self.tips))[: 2 * count]]
+        return points[np.argsort(self.thinness(points))[: len(points) // 2]]
+
+    def touched(self, points: Array, each: int) -> list[Array]:
+        """Up to ``each`` different postures with the tip at each of the ``points`` (k, 3), from guesses near it."""
+        guesses = max(LEAST_GUESSES, GUESSES * each)
+        near = self.tree.query(points, k=guesses)[1]
+        bounds, target = joint_bounds(self.arm), np.repeat(points, guesses, axis=0)
+        q, arrived = brought_to(self.state_of, self.q[near.ravel()], target, bounds)
+        arrived &= ((q > bounds[:, 0]) & (q < bounds[:, 1])).all(axis=1)
+        arrived[arrived] = agile(self.state_of(q[arrived], np.flatnonzero(arrived))) if arrived.any() else False
+        here = arrived.reshape(len(points), guesses)
+        return [different_postures(self.arm, q.reshape(*here.shape, -1)[k][here[k]], each) for k in range(len(points))]
+
+    def places(self, candidates: Array, wanted: int, each: int, what: str) -> list[Place]:
+        """The first ``wanted`` of the ``candidates`` (c, k, 3) all of whose points can be touched in ``each`` postures.
+
+        Raises:
+            AacmmError: there are fewer.
+        """
+        found: list[Place] = []
+        most, at = 0, 0
+        while len(found) < wanted and at < len(candidates):
+            part = candidates[at : at + wanted - len(found)]
+            at += len(part)
+            postures = self.touched(part.reshape(-1, 3), each)
+            for k, points in enumerate(part):
+                own = tuple(postures[k * len(points) : (k + 1) * len(points)])
+                fewest = min(len(q) for q in own)
+                if fewest == each:
+                    found.append(Place(points, own))
+                else:
+                    most = max(most, fewest)
+        if len(found) < wanted:
+            raise AacmmError(
+                f"{self.arm.name}: {len(found)} of {wanted} {what} found that can be touched in {each} different postures "
+                f"inside the limits, of {at} tried; the others in {most} at most. Expected fewer records, or fewer {what}"
+            )
+        return found
+
+
+def seats_for(pool: Pool, wanted: int, each: int, rng: np.random.Generator) -> list[Place]:
+    """Kinematic seats spread over where many postures reach, each with ``each`` postures.
+
+    Raises:
+        AacmmError: there is no room for so many, or they cannot be touched in so many postures.
+    """
+    points = pool.dense(rng, CANDIDATES * wanted)
+    order = spread_out(points, TRIES * wanted, SEATS_APART)
+    if len(order) < wanted:
+        raise AacmmError(
+            f"{pool.arm.name}: room for {len(order)} seats {SEATS_APART / MM:g} mm or more apart, expected {wanted}; "
+            "ask for fewer seats"
+        )
+    return pool.places(points[order][:, None], wanted, each, "seats")
+
+
+def bars_for(pool: Pool, wanted: int, length: float, each: int, rng: np.random.Generator) -> list[Place]:
+    """Ball bars of ``length`` [m] in ``wanted`` places, each end with ``each`` postures.
+
+    One end is a random tip, the other lies on the way to another random tip, where postures are as many as about seats.
+
+    Raises:
+        AacmmError: the arm does not reach both ends anywhere, or not in so many postures.
+    """
+    a = pool.dense(rng, CANDIDATES * wanted)
+    b, found = a.copy(), np.zeros(len(a), dtype=bool)
+    enough = float(pool.thinness(a).max())
+    for _ in range(MOST_DRAWS):
+        way = pool.tips[rng.integers(len(pool.tips), size=len(a))] - a
+        distance = np.linalg.norm(way, axis=1, keepdims=True)
+        end = a + length * way / np.maximum(distance, MM)
+        fits = ~found & (distance[:, 0] > MM) & pool.room.admits(end) & (pool.thinness(end) <= enough)
+        b[fits], found = end[fits], found | fits
+    if found.sum() < wanted:
+        extent = np.linalg.norm(pool.tips.max(axis=0) - pool.tips.min(axis=0))
+        raise AacmmError(
+            f"{pool.arm.name}: {found.sum()} of {wanted} bars of {length / MM:g} mm found with both ends where many "
+            f"postures reach, in {MOST_DRAWS * len(a)} tries; all tips lie in a box with a diagonal of {extent / MM:.0f} mm"
+        )
+    a, b = a[found], b[found]
+    order = spread_out((a + b) / 2, TRIES * wanted, 0.0)
+    return pool.places(np.stack([a, b], axis=1)[order], wanted, each, "bars")
+
+
+def visits(counts: Index, session: Index, rng: np.random.Generator) -> tuple[Index, Index]:
+    """In which order points are touched: point by point in each session, each session with its share of every point.
+
+    Args:
+        counts: records of each point (k,).
+        session: session of each record, ascending (n,), n the sum of the counts.
+        rng: draws the order of the points in a session, and of the postures at a point.
+
+    Returns:
+        point and number of its posture, of each record (n,).
+    """
+    point = np.repeat(np.arange(len(counts)), counts)
+    posture = np.concatenate([np.arange(count) for count in counts])
+    several = int(session[-1]) + 1
+    dealt = np.arange(len(point)) % several
+    turn = np.stack([rng.permutation(len(counts)) for _ in range(several)])
+    order = np.lexsort((rng.random(len(point)), turn[dealt, point], dealt))
+    return point[order], posture[order]

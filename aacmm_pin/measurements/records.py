@@ -1,0 +1,453 @@
+"""Measurements of an arm: encoder indications, references where they are known, and conditions; their CSV file.
+
+The file speaks millimetres and degrees (or radians); :class:`Measurements` speaks SI.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from aacmm_pin._support.checks import Array, Index, batch, vector
+from aacmm_pin._support.outputs import whole_file
+from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels
+from aacmm_pin.errors import MeasurementFileError, ShapeError, UnknownNameError
+from aacmm_pin.measurements import columns as names
+from aacmm_pin.measurements.columns import Columns, Problems, checked_columns, named, read_header
+
+FIRST_RECORD = 2
+"""Line of the first record in a file: the header is line 1."""
+
+
+class Bar(NamedTuple):
+    """Two seats at a known distance [m]."""
+
+    bar: str
+    seat_a: str
+    seat_b: str
+    length: float
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements(Shown):
+    """Records of one arm, n of them.
+
+    Attributes:
+        q: encoder indications (n, nq) [rad].
+        reference: coordinates of the tip (n, 3) [m], NaN rows where they are not known.
+        reference_u: their standard uncertainty (n, 3) [m], NaN rows where it is not stated.
+        conditions: what else is known of each record.
+        bar: label of the bar that the seat of a record is an end of (n,), "" where none.
+        bar_end: ``A``, ``B`` or "" (n,).
+        bar_length: length of the bar (n,) [m], NaN where none.
+        operator: label (n,), "" where none.
+        record: label (n,), "" where none.
+        extra: columns of unknown meaning as they came, n rows.
+        row: line of each record in the file (n,), the header being line 1; in a table, the line it would have.
+        source: the file as the caller named it, or ``table``.
+    """
+
+    q: Array
+    reference: Array
+    reference_u: Array
+    conditions: Conditions
+    bar: Labels | None
+    bar_end: Labels | None
+    bar_length: Array | None
+    operator: Labels | None
+    record: Labels | None
+    extra: pd.DataFrame
+    row: Index
+    source: str
+
+    @staticmethod
+    def read(path: str | Path, nq: int | None = None) -> Measurements:
+        """Read a measurement file (CSV) of an arm with ``nq`` joints, of any arm where ``nq`` is None.
+
+        Raises:
+            MeasurementFileError: the file cannot be read, is not such a table, or a column or cell is not as expected;
+                the message names the row and column of the first ten problems.
+        """
+        table, lines = _read_csv(str(path))
+        return _from_columns(checked_columns(table, lines, nq, str(path)), table, lines, str(path))
+
+    @staticmethod
+    def from_frame(table: pd.DataFrame, nq: int | None = None, source: str = "table") -> Measurements:
+        """The same from a table with the columns of a measurement file; cells may be numbers or text.
+
+        Raises:
+            MeasurementFileError: see :meth:`read`; rows are counted as in a file, the first record being row 2.
+        """
+        lines = np.arange(len(table)) + FIRST_RECORD
+        return _from_columns(checked_columns(table, lines, nq, source), table, lines, source)
+
+    @staticmethod
+    def of(
+        q: ArrayLike,
+        reference: ArrayLike | None = None,
+        reference_u: ArrayLike | None = None,
+        conditions: Conditions | None = None,
+        *,
+        bar: ArrayLike | None = None,
+        bar_end: ArrayLike | None = None,
+        bar_length: ArrayLike | None = None,
+        operator: ArrayLike | None = None,
+        record: ArrayLike | None = None,
+        extra: pd.DataFrame | None = None,
+        source: str = "table",
+    ) -> Measurements:
+        """Measurements from arrays in SI units, see the attributes; None where nothing is known.
+
+        Shapes and numbers are checked, but not whether seats and bars suffice for a calibration, as :meth:`read` does.
+
+        Raises:
+            ShapeError: an array has another shape or numbers that cannot be, or ``extra`` a known column.
+            MeasurementFileError: the columns of a file with these data would contradict each other, such as an
+                unknown column named like a known one, a bar without seat, or another number of approaches than joints.
+        """
+        q = batch(q, _width(q), "q", "rad")
+        n = len(q)
+        extra = pd.DataFrame(index=range(n)) if extra is None else extra.reset_index(drop=True)
+        if len(extra) != n:
+            raise ShapeError(f"extra has {len(extra)} rows, expected {n}: one a record")
+        measurements = Measurements(
+            q=q,
+            reference=_triples(reference, n, "reference"),
+            reference_u=_triples(reference_u, n, "reference_u"),
+            conditions=_checked(conditions, n),
+            bar=_labels(bar, n, "bar"),
+            bar_end=_labels(bar_end, n, "bar_end"),
+            bar_length=None if bar_length is None else _with_gaps(bar_length, lambda v: vector(v, n, "bar_length", "m")),
+            operator=_labels(operator, n, "operator"),
+            record=_labels(record, n, "record"),
+            extra=extra,
+            row=np.arange(n) + FIRST_RECORD,
+            source=source,
+        )
+        if (measurements.reference_u <= 0.0).any():
+            raise ShapeError("reference_u holds numbers that are not above zero")
+        header = read_header(list(measurements.to_frame().columns), None, Problems(source, measurements.row))
+        if list(header.extra) != list(extra.columns):
+            known = [name for name in extra.columns if name not in header.extra]
+            raise ShapeError(f"extra has columns of known names: {', '.join(known)}; these are arguments of their own")
+        return measurements
+
+    @property
+    def n(self) -> int:
+        """Number of records."""
+        return int(self.q.shape[0])
+
+    @property
+    def nq(self) -> int:
+        """Number of joints."""
+        return int(self.q.shape[1])
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(n,) True where the reference is known."""
+        return np.asarray(np.isfinite(self.reference).all(axis=1))
+
+    def take(self, rows: Index | slice | NDArray[np.bool_] | Sequence[int]) -> Measurements:
+        """Some of the records; seats and bars may lose what made them useful, which only reading a file checks."""
+        index = np.arange(self.n)[rows]
+        chosen: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            chosen[field.name] = value[index] if isinstance(value, np.ndarray) else value
+        chosen["conditions"] = self.conditions.take(index)
+        chosen["extra"] = self.extra.iloc[index].reset_index(drop=True)
+        return Measurements(**chosen)
+
+    def copies(self) -> Index:
+        """Number of the first record (n,) that each says the same as; its own where it is the first.
+
+        Copies agree in every column, to the last digit, but for ``time_s``, ``record``, ``operator`` and unknown columns:
+        no second measurement does, while a file that was appended to itself does.
+        """
+        if not pd.DataFrame(self.q).duplicated().any():
+            return np.arange(self.n)
+        table = self.to_frame().drop(columns=["time_s", "record", "operator", *self.extra.columns], errors="ignore")
+        group = table.groupby(list(table.columns), sort=False, dropna=False).ngroup().to_numpy()
+        return np.asarray(np.unique(group, return_index=True)[1][group], dtype=np.intp)
+
+    def seats(self) -> dict[str, Index]:
+        """The records of each seat, by its label, in the order of their first records."""
+        seat = self.conditions.seat
+        if seat is None:
+            return {}
+        records = pd.Series(np.arange(self.n)).groupby(seat).indices
+        return {label: np.asarray(records[label], dtype=np.intp) for label in dict.fromkeys(seat) if label}
+
+    def bars(self) -> list[Bar]:
+        """The bars that have records of both ends, in the order of their first records."""
+        seat = self.conditions.seat
+        if self.bar is None or self.bar_end is None or self.bar_length is None or seat is None:
+            return []
+        seat_at: dict[tuple[str, str], str] = {}
+        length: dict[str, float] = {}
+        for bar, end, label, metres in zip(self.bar, self.bar_end, seat, self.bar_length, strict=True):
+            if bar:
+                seat_at.setdefault((bar, end), label)
+                length.setdefault(bar, float(metres))
+        both = [bar for bar in length if (bar, "A") in seat_at and (bar, "B") in seat_at]
+        return [Bar(bar, seat_at[bar, "A"], seat_at[bar, "B"], length[bar]) for bar in both]
+
+    def to_frame(self, angle_unit: names.AngleUnit = "deg") -> pd.DataFrame:
+        """The columns of a measurement file, those that are present, unknown ones last.
+
+        Raises:
+            UnknownNameError: ``angle_unit`` is neither ``deg`` nor ``rad``.
+        """
+        if angle_unit not in names.THETA:
+            raise UnknownNameError("angle unit", angle_unit, list(names.THETA))
+        known = self.conditions
+        approach = None if known.approach is None else known.approach.astype(np.int64)
+        columns = _block(named(names.THETA[angle_unit], self.nq), self.q / (DEG if angle_unit == "deg" else 1.0))
+        stated = np.isfinite(self.reference_u).any()
+        columns |= _block(names.REFERENCE, self.reference / MM if stated or self.known.any() else None)
+        columns |= _block(names.REFERENCE_U, self.reference_u / MM if stated else None)
+        single = {
+            "seat": known.seat,
+            "marker": known.marker,
+            "bar": self.bar,
+            "bar_end": self.bar_end,
+            "bar_length_mm": None if self.bar_length is None else self.bar_length / MM,
+            "time_s": known.time,
+            "temperature_c": known.temperature,
+        }
+        columns |= {name: values for name, values in single.items() if values is not None}
+        columns |= _numbered(names.LINK_TEMPERATURE, known.link_temperature)
+        columns |= _numbered(names.APPROACH, approach) | _numbered(names.TORQUE, known.torque)
+        labels = {"session": known.session, "operator": self.operator, "record": self.record}
+        columns |= {name: values for name, values in labels.items() if values is not None}
+        return pd.concat([pd.DataFrame(columns), self.extra], axis=1)
+
+    def save(self, path: str | Path, force: bool = False) -> None:
+        """Write the CSV file, whole or not at all; :meth:`read` gives the same numbers back.
+
+        Angles are in degrees, or in radians where :meth:`read` would take the degrees for radians.
+
+        Raises:
+            OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
+        """
+        table = self.to_frame("rad" if names.looks_like_radians(self.q / DEG) else "deg")
+        texts = table.select_dtypes(exclude="number")
+        # A lone carriage return ends a line for readers, but is no reason to quote for the writer.
+        returns = any(texts[name].astype(str).str.contains("\r", regex=False, na=False).any() for name in texts)
+        quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
+        with whole_file(path, force) as temporary:
+            table.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8", quoting=quoting, compression=None)
+
+    def summary(self) -> pd.DataFrame:
+        """What there is, as text for people: ``what`` and ``value``."""
+        table = self.to_frame()
+        seats, bars = self.seats(), self.bars()
+        per_seat = np.array([len(rows) for rows in seats.values()])
+        lengths = np.array([bar.length for bar in bars]) / MM
+        shown = {
+            "records": str(self.n),
+            "joints": str(self.nq),
+            "with reference": str(self.known.sum()),
+            "seats": f"{len(seats)}, records of each: {_range(per_seat)}" if seats else "none",
+            "bars": f"{len(bars)}, mm: {_range(lengths)}" if bars else "none",
+        }
+        for name in table.columns.drop(["seat", *names.BAR, *self.extra.columns], errors="ignore"):
+            values = table[name].to_numpy()
+            shown[name] = _distinct(values) if name in names.LABELS else _range(values)
+        if len(self.extra.columns):
+            shown["unknown columns"] = f"{', '.join(self.extra.columns)} (kept; candidates for 'depends on')"
+        return pd.DataFrame({"what": list(shown), "value": list(shown.values())})
+
+    def __str__(self) -> str:
+        unknown = f", unknown columns {', '.join(self.extra.columns)}" if len(self.extra.columns) else ""
+        return (
+            f"{self.source}: {self.n} records of {self.nq} joints, {self.known.sum()} with reference, "
+            f"{len(self.seats())} seats, {len(self.bars())} bars{unknown}"
+        )
+
+
+def _range(values: NDArray[Any]) -> str:
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return "none"
+    low, high = values.min(), values.max()
+    return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
+
+
+def _distinct(labels: NDArray[Any], most: int = 6) -> str:
+    found = [label for label in dict.fromkeys(labels) if label]
+    return f"{len(found)} ({', '.join(found[:most])}{', …' * (len(found) > most)})" if found else "none"
+
+
+def _block(columns: Sequence[str], values: NDArray[Any] | None) -> dict[str, NDArray[Any]]:
+    return {} if values is None else dict(zip(columns, values.T, strict=True))
+
+
+def _numbered(form: str, values: NDArray[Any] | None) -> dict[str, NDArray[Any]]:
+    return {} if values is None else _block(named(form, values.shape[1]), values)
+
+
+# --- from a table
+
+
+def _from_columns(columns: Columns, table: pd.DataFrame, lines: Index, source: str) -> Measurements:
+    header, numbers, labels = columns.header, columns.numbers, columns.labels
+    q = columns.block(header.theta)
+    length = numbers.get("bar_length_mm")
+    conditions = Conditions(
+        n=columns.n,
+        time=numbers.get("time_s"),
+        temperature=numbers.get("temperature_c"),
+        link_temperature=columns.block(header.link_temperature) if header.link_temperature else None,
+        approach=columns.block(header.approach) if header.approach else None,
+        torque=columns.block(header.torque) if header.torque else None,
+        seat=labels.get("seat"),
+        marker=labels.get("marker"),
+        session=labels.get("session"),
+    )
+    return Measurements(
+        q=q * DEG if header.unit == "deg" else q,
+        reference=columns.block(names.REFERENCE) * MM,
+        reference_u=columns.block(names.REFERENCE_U) * MM,
+        conditions=conditions,
+        bar=labels.get("bar"),
+        bar_end=labels.get("bar_end"),
+        bar_length=None if length is None else length * MM,
+        operator=labels.get("operator"),
+        record=labels.get("record"),
+        extra=table[list(header.extra)].reset_index(drop=True),
+        row=lines,
+        source=source,
+    )
+
+
+def _read_csv(path: str) -> tuple[pd.DataFrame, Index]:
+    """Cells as text, and the line of each record; pandas would fill short rows up and lose count of the lines."""
+    lines, rows, end = [], [], 0
+    reader = csv.reader(io.StringIO(_text(path), newline=""), strict=True)
+    try:
+        for cells in reader:
+            if cells:
+                lines.append(end + 1)
+                rows.append(cells)
+            end = reader.line_num
+    except csv.Error as error:
+        raise MeasurementFileError(path, end + 1, "", f"not CSV: {error}; look at the quotes") from None
+    header = rows[0]
+    if header[0].lstrip().startswith("#"):
+        message = f"begins with {header[0][:20]!r}: a measurement file has no comments, expected the names of the columns"
+        raise MeasurementFileError(path, lines[0], "", message)
+    for mark, called in ((";", "semicolons"), ("\t", "tabulators")):
+        if len(header) == 1 and mark in header[0]:
+            message = (
+                f"{called} between the names; expected commas between cells, and decimal points in numbers: "
+                f"pandas.read_csv({path!r}, sep={mark!r}, decimal=',').to_csv('new.csv', index=False) makes them"
+            )
+            raise MeasurementFileError(path, lines[0], "", message)
+    problems = Problems(path, np.array(lines, dtype=np.intp))
+    cells_of = np.array([len(cells) for cells in rows])
+    expected = f"{{}} cells, expected {len(header)} as in the header (decimal points; quotes around text with commas)"
+    problems.at(cells_of != len(header), "", expected, cells_of)
+    problems.stop()
+    table = pd.DataFrame({k: cells[1:] for k, cells in enumerate(zip(*rows, strict=True))}, dtype=object)
+    return table.set_axis(header, axis=1), problems.lines[1:]
+
+
+def _text(path: str) -> str:
+    if Path(path).is_dir():
+        raise MeasurementFileError(path, None, "", "is a folder, expected a measurement file, *.csv")
+    try:
+        content = Path(path).read_bytes()
+        text = content.decode("utf-8-sig")
+    except FileNotFoundError:
+        raise MeasurementFileError(path, None, "", "no such file") from None
+    except OSError as error:
+        raise MeasurementFileError(path, None, "", f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        expected = "expected a CSV file in UTF-8, as every spreadsheet can save it"
+        message = f"not UTF-8 text (byte {error.start}); {expected}"
+        raise MeasurementFileError(path, line, "", message) from None
+    if "\0" in text:
+        raise MeasurementFileError(path, None, "", "not text, or in UTF-16; expected a CSV file in UTF-8")
+    if not text.strip():
+        raise MeasurementFileError(path, None, "", "is empty, expected a header and one row a record")
+    return text
+
+
+# --- from arrays
+
+
+def _labels(values: ArrayLike | None, n: int, name: str) -> Labels | None:
+    if values is None:
+        return None
+    labels = np.array(values, dtype=object)
+    if labels.shape != (n,):
+        raise ShapeError(f"{name} has shape {labels.shape}, expected ({n},) labels")
+    for i, label in enumerate(labels):
+        if not isinstance(label, str):
+            raise ShapeError(f"{name}[{i}] is {label!r}, expected text, '' where there is none")
+    return labels
+
+
+def _triples(values: ArrayLike | None, n: int, name: str) -> Array:
+    """(n, 3) [m], NaN in the rows that are not known."""
+    if values is None:
+        return np.full((n, 3), np.nan)
+    array = _with_gaps(values, lambda filled: _long(batch(filled, 3, name, "m"), n, name))
+    unknown = np.isnan(array)
+    partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
+    if partly.size:
+        raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all where not known")
+    return array
+
+
+def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
+    """``values`` after a ``check`` for which NaN counts as a number; masks stay what they are and do not pass it."""
+    if isinstance(values, np.ma.MaskedArray):
+        return check(values)
+    unknown = pd.isna(values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object))
+    array = check(np.where(unknown, 0.0, values) if np.any(unknown) else values)
+    array[unknown] = np.nan
+    return array
+
+
+def _long(values: Array, n: int, name: str) -> Array:
+    if len(values) != n:
+        raise ShapeError(f"{name} has {len(values)} rows, expected {n}: one a record")
+    return values
+
+
+def _width(values: ArrayLike) -> int:
+    shape = values.shape if isinstance(values, np.ndarray) else np.asarray(values, dtype=object).shape
+    return int(shape[-1]) if shape else 1
+
+
+def _checked(conditions: Conditions | None, n: int) -> Conditions:
+    """The conditions as arrays of their own, after a look at shapes and numbers."""
+    if conditions is None:
+        return Conditions(n)
+    if conditions.n != n:
+        raise ShapeError(f"conditions are of {conditions.n} records, expected {n}")
+    checked: dict[str, Any] = {}
+    for name in conditions.present:
+        values = getattr(conditions, name)
+        if name in names.LABELS:
+            checked[name] = _labels(values, n, name)
+        elif name in ("time", "temperature"):
+            checked[name] = vector(values, n, name, COLUMNS[name])
+        else:
+            checked[name] = _long(batch(values, _width(values), name, COLUMNS[name]), n, name)
+    if not np.isin(checked.get("approach", 0.0), (-1.0, 0.0, 1.0)).all():
+        raise ShapeError("approach holds other numbers than -1, 0 and 1")
+    return Conditions(n, **checked)

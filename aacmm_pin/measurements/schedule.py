@@ -1,0 +1,90 @@
+"""When and how a virtual workshop measures: pauses, a room that warms up, joints that come from either side."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.effects.conditions import Conditions, Labels
+from aacmm_pin.errors import AacmmError
+
+MOST_IN_SESSION = 200
+"""Records after which a session ends."""
+STEP = (20.0, 40.0)
+"""From one record to the next [s]."""
+PAUSE = (180.0, 900.0)
+"""A pause [s]."""
+PAUSES = 1 / 40
+"""Pauses a record."""
+BREAK = (3600.0, 3 * 3600.0)
+"""Between two sessions [s]; the arm stays switched on."""
+DAY = 24 * 3600.0
+OVERSHOOT = 0.2
+"""Share of joints that go too far and come back, so that their last motion is the other way."""
+
+
+def sessions(records: int) -> Index:
+    """Session of each of ``records`` records, from 0, as many in each: (records,)."""
+    count = -(-records // MOST_IN_SESSION)
+    return np.sort(np.arange(records) % count)
+
+
+def workshop_conditions(
+    session: Index,
+    q: Array,
+    *,
+    rng: np.random.Generator,
+    reference_temperature: float,
+    temperature_range: float,
+    seat: Labels | None = None,
+) -> Conditions:
+    """Conditions of records in the order in which they are taken.
+
+    Time runs from switching the arm on. The temperature stays within ± ``temperature_range`` of the reference: a constant
+    offset (4/10), a drift (3/10), the sine of the day (2/10) and noise (1/10), each drawn. The approach is the sign of the
+    way from the record before, turned round for one joint in five, which overshot; the first record is approached from the
+    mean of all postures.
+
+    Args:
+        session: number of each record's session, ascending (n,).
+        q: indications (n, nq) [rad].
+        rng: for all that is drawn.
+        reference_temperature: of the arm [°C].
+        temperature_range: half of the range [K].
+        seat: label of each record's seat (n,).
+
+    Raises:
+        AacmmError: the range is negative or not finite.
+    """
+    if not (np.isfinite(temperature_range) and temperature_range >= 0):
+        raise AacmmError(f"temperature_range is {temperature_range:g} K, expected a number that is not negative")
+    time = _time(session, rng)
+    several = len(session) > 0 and session[-1] > 0
+    return Conditions(
+        n=len(session),
+        time=time,
+        temperature=reference_temperature + temperature_range * _warmth(time, rng),
+        approach=_approach(q, rng),
+        seat=seat,
+        session=np.array([str(number + 1) for number in session], dtype=object) if several else None,
+    )
+
+
+def _time(session: Index, rng: np.random.Generator) -> Array:
+    n = len(session)
+    steps = rng.uniform(*STEP, size=n)
+    steps += (rng.random(n) < PAUSES) * rng.uniform(*PAUSE, size=n)
+    steps += (np.diff(session, prepend=session[:1]) > 0) * rng.uniform(*BREAK, size=n)
+    return np.cumsum(steps)
+
+
+def _warmth(time: Array, rng: np.random.Generator) -> Array:
+    """Temperature above the reference, within ±1: (n,)."""
+    offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
+    slow = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
+    return np.asarray(slow + 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase) + rng.uniform(-0.1, 0.1, size=len(time)))
+
+
+def _approach(q: Array, rng: np.random.Generator) -> Array:
+    way = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
+    return np.asarray(np.where(rng.random(q.shape) < OVERSHOOT, -way, way) + 0.0)  # + 0.0: no minus zero

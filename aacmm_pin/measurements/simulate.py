@@ -1,0 +1,254 @@
+"""Virtual measurements: what an arm with known errors would record, by exact physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.measuring_space import MARGIN, Room
+from aacmm_pin.effects import SeatError
+from aacmm_pin.effects.conditions import Conditions, Labels
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
+from aacmm_pin.measurements.noise import ENCODER, Noise
+from aacmm_pin.measurements.plans import SEATS_APART, Place, Pool, bars_for, seats_for, visits
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.schedule import sessions, workshop_conditions
+from aacmm_pin.postures.sampling import StateOf, brought_to
+
+Plan = Literal["free", "seats", "ball-bar", "single-point"]
+PLANS: tuple[Plan, ...] = get_args(Plan)
+
+
+def simulate_measurements(
+    model: Arm | ErrorModel,
+    plan: Plan,
+    records: int,
+    *,
+    rng: np.random.Generator,
+    noise: Noise | None = None,
+    seats: int = 10,
+    known: bool = True,
+    bar_length: float | None = None,
+    above: float | None = None,
+    temperature_range: float = 3.0,
+) -> Measurements:
+    """Measurements of an arm that has just the errors of ``model``, by :meth:`ErrorModel.predict`, plus noise.
+
+    - ``free``: random postures, uniform in the joints, each with a reference of its own (a laser tracker).
+    - ``seats``: kinematic seats spread over the workspace, each touched in different postures of all branches; each with
+      one stated reference, or with none (``known=False``).
+    - ``ball-bar``: ``seats // 2`` bars of ``bar_length``, both ends touched; no coordinates. Each stated length is off by
+      its own draw of the reference noise.
+    - ``single-point``: one seat without reference.
+
+    The postures are exact: before noise, the tip of the arm with all its errors is at the point touched, which is the seat
+    plus the draw of this contact (``free``: the tracker's target sits that much off the tip). What is recorded is posture
+    plus encoder noise. Effects ``of_reference`` act where coordinates are stated. Postures avoid what :class:`Room` names,
+    and keep 1e-3 rad from the limits. Conditions: see :func:`aacmm_pin.measurements.schedule.workshop_conditions`; a session ends after
+    200 records at most.
+
+    Args:
+        model: the arm with its errors.
+        plan: one of the four.
+        records: number of records.
+        rng: for all that is drawn; its seed goes into ``source`` of the result.
+        noise: default what the arm states of its encoders (or 8 µrad, which ``source`` then says), references of 12 µm.
+        seats: number of seats; two for each bar.
+        known: for plan ``seats``, whether their coordinates are stated.
+        bar_length: for plan ``ball-bar`` [m].
+        above: height of a table over the base origin, along gravity, under which no tip goes [m].
+        temperature_range: temperatures stay within ± this of the arm's reference temperature [K].
+
+    Raises:
+        UnknownNameError: no such plan; a ``seat_error`` of a seat that the plan does not have.
+        ShapeError: noise of another number of encoders.
+        MissingConditionError: an effect depends on something that a virtual workshop does not record.
+        AacmmError: a number is of no use, or the plan cannot be carried out: says why.
+    """
+    if plan not in PLANS:
+        raise UnknownNameError("plan", plan, list(PLANS))
+    model = ErrorModel.of(model)
+    points = {"free": 0, "single-point": 1}.get(plan, seats)
+    stated = plan == "free" or (plan == "seats" and known)
+    _check_numbers(plan, records, points, stated, bar_length, above)
+    for effect in model.effects:
+        if plan == "seats" and known and isinstance(effect, SeatError) and effect.seat not in _seat_labels(seats):
+            raise UnknownNameError("seat of seat_error", effect.seat, _seat_labels(seats))
+    used, assumed = _noise(model.arm, noise)
+    source = f"simulated, {model.arm.name}, plan {plan}, {_seed(rng)}{assumed}"
+    shop = _Workshop(model, used, temperature_range, rng, source)
+    room = Room(model.arm, above)
+    if plan == "free":
+        return shop.free(room.postures(records, rng)[0])
+    counts = np.bincount(np.arange(records) % points)
+    pool = Pool.draw(room, _steady(model), int(counts.max()), rng)
+    if bar_length is not None:
+        return shop.bars(bars_for(pool, points // 2, bar_length, int(counts.max()), rng), counts, bar_length)
+    return shop.seats(seats_for(pool, points, int(counts.max()), rng), counts, stated)
+
+
+@dataclass(frozen=True, eq=False)
+class _Workshop:
+    """What is the same for all records of a simulation."""
+
+    model: ErrorModel
+    noise: Noise
+    temperature_range: float
+    rng: np.random.Generator
+    source: str
+
+    def free(self, q: Array) -> Measurements:
+        """Records at the postures ``q`` (n, nq), each with its own reference."""
+        conditions = self._conditions(sessions(len(q)), q, None)
+        tips = self.model.predict(q, conditions, as_referenced=True)
+        stated = tips + self._normal(self.noise.probe, tips) + self._normal(self.noise.reference, tips)
+        return self._recorded(q, conditions, stated)
+
+    def seats(self, places: list[Place], counts: Index, stated: bool) -> Measurements:
+        """Records at seats, ``counts`` (k,) at each."""
+        labels = np.array(_seat_labels(len(places)), dtype=object)
+        q, conditions, _, reference = self._touched(places, counts, labels, stated)
+        return self._recorded(q, conditions, reference)
+
+    def bars(self, places: list[Place], counts: Index, length: float) -> Measurements:
+        """Records at both ends of bars."""
+        names = [f"B{k}" for k in range(1, len(places) + 1)]
+        labels = np.array([name + end for name in names for end in "AB"], dtype=object)
+        q, conditions, point, _ = self._touched(places, counts, labels, stated=False)
+        lengths = length + self._normal(self.noise.reference, np.empty(len(names)))
+        bar, end = np.array(names, dtype=object)[point // 2], np.array(["A", "B"], dtype=object)[point % 2]
+        return self._recorded(q, conditions, None, bar, end, lengths[point // 2])
+
+    def _touched(
+        self, places: list[Place], counts: Index, labels: Labels, stated: bool
+    ) -> tuple[Array, Conditions, Index, Array | None]:
+        """Exact indications (n, nq), conditions, number of the point touched (n,) and stated coordinates (n, 3)."""
+        points = np.concatenate([place.points for place in places])
+        postures = [q for place in places for q in place.postures]
+        session = sessions(int(counts.sum()))
+        point, posture = visits(counts, session, self.rng)
+        q = np.stack([postures[k][j] for k, j in zip(point, posture, strict=True)])
+        conditions = self._conditions(session, q, labels[point])
+        q = self._exactly(q, points[point], conditions)
+        reference = None
+        if stated:
+            first = np.unique(point, return_index=True)[1]
+            seats = self.model.predict(q[first], conditions.take(first), as_referenced=True)
+            reference = (seats + self._normal(self.noise.reference, seats))[point]
+        if self.noise.probe > 0:
+            q = self._exactly(q, points[point] + self._normal(self.noise.probe, points[point]), conditions)
+        return q, conditions, point, reference
+
+    def _exactly(self, q: Array, target: Array, conditions: Conditions) -> Array:
+        """Postures near ``q`` in which the tip, with every error, is at ``target`` (n, 3) [m].
+
+        Raises:
+            AacmmError: a tip cannot be brought there.
+        """
+        arm = self.model.arm
+        q, arrived = brought_to(lambda q, rows: self.model.state(q, conditions.take(rows)), q, target, arm.limits)
+        if not arrived.all():
+            causes = ", ".join(effect.label for effect in self.model.effects if effect.needs) or "the contacts"
+            raise AacmmError(
+                f"{arm.name}: in {(~arrived).sum()} of {len(q)} records no posture inside the limits has its tip at the "
+                f"seat: {causes} differ more from record to record than {MARGIN:g} rad, which postures keep from the limits"
+            )
+        return q
+
+    def _conditions(self, session: Index, q: Array, seat: Labels | None) -> Conditions:
+        return workshop_conditions(
+            session,
+            q,
+            rng=self.rng,
+            reference_temperature=self.model.arm.reference_temperature,
+            temperature_range=self.temperature_range,
+            seat=seat,
+        )
+
+    def _normal(self, u: float, like: Array) -> Array:
+        return np.asarray(u * self.rng.normal(size=like.shape))
+
+    def _recorded(
+        self,
+        q: Array,
+        conditions: Conditions,
+        reference: Array | None,
+        bar: Labels | None = None,
+        bar_end: Labels | None = None,
+        bar_length: Array | None = None,
+    ) -> Measurements:
+        """The records, with noisy readings; exact references state no uncertainty."""
+        u = self.noise.reference
+        return Measurements.of(
+            q + self.noise.encoder * self.rng.normal(size=q.shape),
+            reference,
+            np.full((len(q), 3), u) if reference is not None and u > 0 else None,
+            conditions,
+            bar=bar,
+            bar_end=bar_end,
+            bar_length=bar_length,
+            record=np.array([str(k) for k in range(1, len(q) + 1)], dtype=object),
+            source=self.source,
+        )
+
+
+def _seat_labels(count: int) -> list[str]:
+    return [f"S{k}" for k in range(1, count + 1)]
+
+
+def _steady(model: ErrorModel) -> StateOf:
+    """The arm with those effects that are there in every record, whatever its conditions."""
+    steady = ErrorModel(model.arm, tuple(effect for effect in model.effects if not effect.needs))
+    return lambda q, _: steady.state(q)
+
+
+def _check_numbers(
+    plan: Plan, records: int, points: int, stated: bool, bar_length: float | None, above: float | None
+) -> None:
+    """Whether there are enough records for so many points, and a bar where one is needed.
+
+    Raises:
+        AacmmError: a number is of no use.
+    """
+    if plan != "free" and points < 1:
+        raise AacmmError(f"seats is {points}, expected at least 1")
+    least = 1 if stated else 2
+    if records < max(1, least * points):
+        each = f": {least} at each of {points} seats" if points else ""
+        raise AacmmError(f"records is {records}, expected at least {max(1, least * points)}{each}")
+    if plan == "ball-bar" and points % 2:
+        raise AacmmError(f"seats is {points}, expected an even number for plan 'ball-bar': two for each bar")
+    if (bar_length is not None) != (plan == "ball-bar"):
+        came = "was not given" if bar_length is None else f"is {bar_length:g} m"
+        expected = "the length of the bar" if bar_length is None else "none: only plan 'ball-bar' has bars"
+        raise AacmmError(f"bar_length {came} for plan {plan!r}, expected {expected}")
+    if bar_length is not None and not (np.isfinite(bar_length) and bar_length >= SEATS_APART):
+        raise AacmmError(f"bar_length is {bar_length:g} m, expected at least {SEATS_APART:g} m")
+    if above is not None and not np.isfinite(above):
+        raise AacmmError(f"above is {above:g} m, expected a height")
+
+
+def _noise(arm: Arm, noise: Noise | None) -> tuple[Noise, str]:
+    """The noise to use, and words for what of it was assumed."""
+    if noise is None and arm.encoder_noise is None:
+        return Noise.of(arm.nq), f", encoder noise {ENCODER * 1e6:g} µrad (assumed)"
+    noise = Noise.of(arm.nq, encoder=ENCODER if arm.encoder_noise is None else arm.encoder_noise) if noise is None else noise
+    if noise.encoder.shape != (arm.nq,):
+        raise ShapeError(f"noise is of {len(noise.encoder)} encoders, expected {arm.nq} for {arm.name}")
+    return noise, ""
+
+
+def _seed(rng: np.random.Generator) -> str:
+    """The seed of a generator, as far as it can be told."""
+    bits = rng.bit_generator
+    seed = getattr(bits, "seed_seq", None)
+    if not isinstance(seed, np.random.SeedSequence):
+        return "seed unknown"
+    fresh = repr(type(bits)(seed).state) == repr(bits.state)
+    spawned = f" spawn {seed.spawn_key}" if seed.spawn_key else ""
+    return f"seed {seed.entropy}{spawned}" + ("" if fresh else " (not fresh: numbers were drawn before)")

@@ -1,0 +1,52 @@
+"""The nominal offset-orthogonal arm: every twist ±90°, and only four lengths that are not zero.
+
+The paper writes l2, l3, d3, d5 and mixes signed table values with magnitudes; here the four lengths are magnitudes, and
+the signs (a2 < 0, a3 > 0, d3 < 0, d5 < 0) stand once, in :attr:`NominalArm.dh`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.dh import DHTable, table
+from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.papers.sino6.tables import printed_table1
+
+
+@dataclass(frozen=True)
+class NominalArm(Shown):
+    """Magnitudes of the lengths of an offset-orthogonal arm.
+
+    Attributes:
+        l2: offset of the axis of joint 3 from the shoulder, where the axes of joints 1 and 2 meet [m].
+        l3: offset of the elbow (axis of joint 4) from the axis of joint 3 [m].
+        d3: length of the upper tube, along the axis of joint 3 [m].
+        d5: length of the fore tube, along the axis of joint 5 [m].
+    """
+
+    l2: float
+    l3: float
+    d3: float
+    d5: float
+
+    def __post_init__(self) -> None:
+        bad = [name for name, value in zip(("l2", "l3", "d3", "d5"), astuple(self), strict=True) if not value > 0]
+        if bad:
+            raise UnsupportedArmError(f"{', '.join(bad)} not positive in {self}; expected magnitudes [m]")
+
+    @property
+    def dh(self) -> DHTable:
+        """Standard DH table of joints 1 to 5; the origin of frame 5 is the working point, that of frame 3 the elbow."""
+        quarter = np.pi / 2
+        a, d = (0.0, -self.l2, self.l3, 0.0, 0.0), (0.0, 0.0, -self.d3, 0.0, -self.d5)
+        return table(np.column_stack([a, d, quarter * np.array([-1, 1, -1, 1, 1]), np.zeros(5)]))
+
+
+def sino6_nominal() -> NominalArm:
+    """The nominal SINO6: the four lengths of Table 1, all else ideal."""
+    a, d = (np.abs(printed_table1()[column].to_numpy()) * MM for column in ("a_mm", "d_mm"))
+    return NominalArm(l2=float(a[1]), l3=float(a[2]), d3=float(d[2]), d5=float(d[4]))

@@ -1,0 +1,87 @@
+"""Table 2 as printed beside the same numbers computed: what can be made again, and what cannot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.papers.zero_offset.gauss_newton import MRAD, OFFSETS_DEG, RUNS, iterations, simulated_run
+from aacmm_pin.papers.zero_offset.tables import printed_postures, printed_table2
+
+HALF_DIGIT = 0.0005 + 1e-9
+"""Half of the last printed digit [mm or deg]."""
+
+KEYS = ["run", "iteration"]
+KINDS = {"x": "coordinate", "y": "coordinate", "z": "coordinate", "theta_offset": "offset", "error": "error"}
+
+NOTES = {
+    (1, 0, "x3_mm"): "printed 14257, read as 142.57",
+    (2, 0, "error3_mm"): "printed 3930: the last digit is lost, compared with 39.303",
+    (1, 2, "theta_offset5_deg"): "with the keying slip; without it 1.203",
+    (1, 3, "error2_mm"): "one digit differs; with 0.206 the paper's limit of 0.3 mm would have ended the run here",
+    (1, 4, "error2_mm"): "printed as in iteration 3",
+}
+"""Remarks by run, iteration and quantity."""
+
+
+def comparison(*, keying_slip: bool = True) -> pd.DataFrame:
+    """Every number of Table 2 as printed and as computed with increments rounded to 1 mrad, one row a number.
+
+    Iteration 0 holds the reference coordinates and the position errors before the first iteration.
+
+    Columns:
+        run, iteration; kind: ``coordinate``, ``first error``, ``error`` or ``offset``; quantity: ``x1_mm`` (of point 1),
+        ``error1_mm`` (of point 1), ``theta_offset1_deg`` (of joint 1), ...;
+        unit: ``mm`` or ``deg``; printed, reproduced, difference (reproduced - printed): in that unit;
+        verdict: ``reproduced`` where all printed digits agree; ``not derivable`` for offsets that are no whole number of
+        milliradians and for errors beside such offsets; ``not reproduced`` elsewhere;
+        note: a remark, or "".
+
+    Args:
+        keying_slip: see :func:`aacmm_pin.papers.zero_offset.iterations`.
+    """
+    reproduced = _long(_reproduced(keying_slip), "reproduced")
+    table = _long(_printed(), "printed").merge(reproduced, how="left", on=[*KEYS, "quantity"], validate="1:1")
+    table["difference"] = table["reproduced"] - table["printed"]
+    table["verdict"] = _verdicts(table)
+    table["note"] = [NOTES.get(key, "") for key in zip(*(table[name] for name in [*KEYS, "quantity"]), strict=True)]
+    kind = table["quantity"].str.extract(r"^([a-z_]+)\d_", expand=False).map(KINDS)
+    table.insert(3, "unit", table["quantity"].str.rpartition("_")[2])
+    table.insert(2, "kind", kind.mask((kind == "error") & (table["iteration"] == 0), "first error"))
+    return table
+
+
+def _printed() -> pd.DataFrame:
+    """One row an iteration; row 0 of each run has the coordinates and first errors of its three points."""
+    names = {"x_mm": "x", "y_mm": "y", "z_mm": "z", "position_error_mm": "error"}
+    start = printed_postures().rename(columns=names).pivot(index="run", columns="point", values=list(names.values()))
+    start.columns = start.columns.map("{0[0]}{0[1]}_mm".format)
+    return pd.concat([printed_table2(), start.reset_index().assign(iteration=0)])
+
+
+def _reproduced(keying_slip: bool) -> pd.DataFrame:
+    runs = []
+    for run in RUNS:
+        rows = iterations(run, MRAD, keying_slip=keying_slip).assign(run=run).drop(columns="condition_number")
+        for point, position in enumerate(simulated_run(run).references / MM, start=1):
+            for axis, coordinate in zip("xyz", position, strict=True):
+                rows.loc[0, f"{axis}{point}_mm"] = coordinate
+        runs.append(rows)
+    return pd.concat(runs)
+
+
+def _long(wide: pd.DataFrame, name: str) -> pd.DataFrame:
+    """One row a number, ordered by run and iteration."""
+    table = wide.melt(KEYS, var_name="quantity", value_name=name).dropna()
+    return table.sort_values(KEYS, kind="stable", ignore_index=True)
+
+
+def _verdicts(table: pd.DataFrame) -> NDArray[np.str_]:
+    offset = table["quantity"].isin(OFFSETS_DEG)
+    whole = (table["printed"] * DEG / MRAD).round() * MRAD / DEG
+    broken = offset & ((table["printed"] - whole).abs() > HALF_DIGIT)
+    beside_broken = broken.groupby([table[key] for key in KEYS]).transform("any") & ~offset
+    agrees = table["difference"].abs() <= HALF_DIGIT
+    return np.select([agrees, broken | beside_broken], ["reproduced", "not derivable"], "not reproduced")

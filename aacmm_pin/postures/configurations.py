@@ -1,0 +1,224 @@
+"""The configuration circle: every configuration with which the arm reaches a working point.
+
+The working point is the wrist (the origin of frame 5) with the joints behind the fourth held, or the tip with the stylus
+along a given axis. Source of the notions: Xu You et al. 2019, section 1; its closed forms hold for the nominal geometry,
+the enumeration here for the calibrated one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from aacmm_pin._support.angles import wrapped
+from aacmm_pin._support.checks import Array, batch, unit_vector, vector, whole
+from aacmm_pin._support.shown import drawn
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm, require_arm
+from aacmm_pin.arm.limits import broken_limits, into_limits
+from aacmm_pin.errors import AacmmError, UnsupportedArmError
+from aacmm_pin.postures.curve_sampling import Components, Flexibility, flexibility, resample
+from aacmm_pin.postures.reach import reach_of_wrist
+from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.postures.swivel import Swivel
+from aacmm_pin.postures.tip_ik import tip_curves, tip_system
+from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D
+
+WRIST = "frame5"
+"""Name of the frame whose origin is the working point of the source paper."""
+SEEDS_PER_TURN = 24
+
+
+@dataclass(frozen=True, eq=False)
+class ConfigurationCircle(PosturesAtPoint):
+    """Every configuration that reaches a working point, in order along its closed components.
+
+    ``at`` is ``frame5`` or the tip; what else it has in common with other enumerations is in the base class.
+
+    Attributes:
+        components: the closed curves that were sampled.
+    """
+
+    components: Components
+
+    @property
+    def theta3(self) -> Array:
+        """Angle of joint 3, by which the paper orders the configurations, (n,) [rad] in [-π, π)."""
+        return wrapped(self.q[:, 2])
+
+    @cached_property
+    def branch(self) -> NDArray[np.intp]:
+        """Branch signs (n, 2): the wrist's side of the plane of joint axes 1 and 2, and the side to which the elbow bends.
+
+        The second is the sign of d|shoulder → wrist|/dθ4: +1 where a growing θ4 stretches the arm.
+        """
+        _, _, z, o = self.arm.require_dh("a branch").axes(self.q)
+        first, second, fourth, elbow = (0, 1, 3, 3) if self.components.swivel.dh.standard else (1, 2, 4, 4)
+        wrist = o[5] - self.components.swivel.shoulder[:, None]
+        side = np.einsum("in,in->n", np.cross(z[first], z[second], axis=0), wrist)
+        stretch = np.einsum("in,in->n", np.cross(z[fourth], o[5] - o[elbow], axis=0), wrist)
+        return np.where(np.column_stack([side, stretch]) >= 0, 1, -1)
+
+    def flexibility(self, sectors: int = 12) -> Flexibility:
+        """Flexibility ζ (eq. 1 of the paper): how much of the circle lies inside the limits.
+
+        Args:
+            sectors: number of equal sectors of the swivel angle; each is judged at its centre.
+        """
+        return flexibility(self.components, self.arm.limits, sectors)
+
+    def to_frame(self) -> pd.DataFrame:
+        """As :meth:`PosturesAtPoint.to_frame`, with the branch signs behind."""
+        table = super().to_frame()
+        table["shoulder_side"], table["elbow_side"] = self.branch.T
+        return table
+
+    def plot(self, accuracy: Any = None, postures: int = 5, ax: Axes3D | None = None) -> Axes3D:
+        """The path of the elbow round the working point, and the arm in a few of its postures.
+
+        Args:
+            accuracy: an :class:`~aacmm_pin.AccuracyVolume` of the configurations within limits; it colours the path.
+            postures: number of postures that are drawn.
+            ax: three-dimensional axes; without them a new pyplot figure is made.
+
+        Raises:
+            ShapeError, AacmmError: see :func:`aacmm_pin.report.plots.plot_circle`.
+        """
+        return drawn("plot_circle", self, accuracy, postures, ax)
+
+    def _row(self, number: int) -> dict[str, Any]:
+        mine = self.component == number
+        row = super()._row(number)
+        joints = row.pop("joints_outside_limits")
+        sides = {"shoulder_side": _sides(self.branch[mine, 0]), "elbow_side": _sides(self.branch[mine, 1])}
+        return row | sides | {"joints_outside_limits": joints}
+
+    def __str__(self) -> str:
+        where = self._where()
+        if self.reason:
+            return f"{where}: no configuration; {self.reason}"
+        zeta = self.flexibility()
+        return (
+            f"{where}: {len(self)} configurations on {self.component.max()} components, {self.within_limits.sum()} of them "
+            f"within limits, flexibility {zeta.zeta:.3f} by {len(zeta.sectors)} sectors, {zeta.arc_fraction:.3f} of arc"
+        )
+
+
+def configuration_circle(
+    arm: Arm,
+    point: ArrayLike,
+    *,
+    tip: bool = False,
+    axis: ArrayLike | None = None,
+    rest: ArrayLike | None = None,
+    count: int = 360,
+    seeds_per_turn: int = SEEDS_PER_TURN,
+) -> ConfigurationCircle:
+    """Enumerate the configurations of ``arm`` that reach ``point``.
+
+    Args:
+        arm: an arm with a DH table whose first five rows are joints.
+        point: working point (3,) [m].
+        tip: False: the wrist (origin of frame 5) is there, the joints behind the fourth are held at ``rest``.
+            True: the tip is there with the stylus along ``axis``; all six joints move.
+        axis: direction of the stylus in the base (3,), any length; needed with ``tip``, refused without.
+        rest: angles of the joints behind the fourth (nq - 4,) [rad], default 0. Row 5 of SINO6 has a length of
+            0.037 mm, so the circle of the wrist depends, a little, on θ5.
+        count: configurations on each closed component, evenly spaced along the elbow's path.
+        seeds_per_turn: angles at which each of the joints 1 to 4 is held to find the components.
+
+    Returns:
+        The circle; empty, with a ``reason``, for a point out of reach.
+
+    Raises:
+        ShapeError: a vector of the wrong shape or not finite.
+        AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count below 3.
+        UnsupportedArmError: no DH table, or one without the joints that this needs.
+    """
+    points = vector(point, 3, "point", "m")[None, :]
+    (circle,) = configuration_circles(arm, points, tip=tip, axis=axis, rest=rest, count=count, seeds_per_turn=seeds_per_turn)
+    return circle
+
+
+def configuration_circles(
+    arm: Arm,
+    points: ArrayLike,
+    *,
+    tip: bool = False,
+    axis: ArrayLike | None = None,
+    rest: ArrayLike | None = None,
+    count: int = 360,
+    seeds_per_turn: int = SEEDS_PER_TURN,
+) -> list[ConfigurationCircle]:
+    """The circles of many ``points`` (m, 3) [m], each as by :func:`configuration_circle`, in a fraction of the time.
+
+    Raises:
+        ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.
+    """
+    dh = require_arm(arm).require_dh("a configuration circle")
+    points = batch(points, 3, "points", "m")
+    count, seeds_per_turn = whole(count, 3, "count"), whole(seeds_per_turn, 2, "seeds_per_turn")
+    if tip:
+        if rest is not None:
+            raise AacmmError("rest was given, but with tip=True every joint moves")
+        wrist, stylus, direction = None, _stylus(arm), _direction(axis)
+        curves = tip_curves(dh, points, stylus, direction, seeds_per_turn)
+        systems = [tip_system(dh, point[None, :], stylus, direction) for point in points]
+    else:
+        if axis is not None:
+            raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
+        wrist = Wrist.of(dh, rest)
+        curves = wrist_curves(wrist, points, seeds_per_turn)
+        systems = [wrist_system(wrist, point[None, :]) for point in points]
+    swivel, circles = Swivel(dh, arm.up), []
+    for number, (point, system) in enumerate(zip(points, systems, strict=True)):
+        mine = [replace(curve, problem=0) for curve in curves if curve.problem == number]
+        components = Components(swivel, system, point[None, :], mine, wrist)
+        circles.append(_sampled(arm, point, arm.tip if tip else WRIST, components, count))
+    return circles
+
+
+def _sampled(arm: Arm, point: Array, at: str, components: Components, count: int) -> ConfigurationCircle:
+    q, component = resample(components, count)
+    q = into_limits(q, arm.limits)
+    points = np.broadcast_to(point, (len(q), 3))
+    swivel = components.swivel.angle(q, points)
+    reason = "" if len(q) else _why_not(components, point, at == arm.tip)
+    broken = broken_limits(q, arm.limits)
+    return ConfigurationCircle(arm, point, at, q, component, swivel, broken, components, reason=reason)
+
+
+def _why_not(components: Components, point: Array, tip: bool) -> str:
+    distance = float(np.linalg.norm(point - components.swivel.shoulder))
+    if tip or components.wrist is None:
+        return f"the point is {distance / MM:.3f} mm from the shoulder and cannot be reached with that stylus axis"
+    nearest, farthest = reach_of_wrist(components.wrist, components.swivel.shoulder)
+    return (
+        f"the point is {distance / MM:.3f} mm from the shoulder; the wrist reaches "
+        f"from {nearest / MM:.3f} mm to {farthest / MM:.3f} mm"
+    )
+
+
+def _sides(signs: NDArray[np.intp]) -> str:
+    """The sign that all configurations share, or both."""
+    return " ".join(f"{sign:+d}" for sign in np.unique(signs))
+
+
+def _stylus(arm: Arm) -> Array:
+    if arm.stylus_axis is None:
+        raise UnsupportedArmError(f"{arm.name}: tip=True needs the axis of the stylus ([stylus] in the arm file)")
+    return arm.stylus_axis
+
+
+def _direction(axis: ArrayLike | None) -> Array:
+    if axis is None:
+        raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
+    return unit_vector(axis, "axis")

@@ -1,0 +1,377 @@
+"""Closed curves of solutions of k equations in k + 1 angles, many at once, by predictor and corrector.
+
+Source of the method: E. Allgower, K. Georg, "Introduction to Numerical Continuation Methods", SIAM 2003.
+Each curve keeps its own step length. The sign of ``det [J; tᵀ]`` is constant along a smooth curve and changes where a step
+jumps across a narrow gap to another branch; such a step is taken back and shortened. Where no step is short enough, curves
+cross (as they do for an arm with parallel axes in an upright pose), and the trace leaps over to go straight on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.angles import wrapped
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.dh import chunks
+
+System = Callable[[Array, Index], tuple[Array, Array]]
+"""``system(q, problem) -> F (n, k), J (n, k, k + 1)`` for angles q (n, k + 1) and the number of each row's problem (n,)."""
+
+CLOSE_ENOUGH = 1e-12
+"""Largest residual of a solution [unit of F: m, or 1 for directions]."""
+SURE_STEP = 5e-7
+"""After a Newton step shorter than this the residual is about the arm's length times step²/2, below 2e-13 m."""
+LONGEST_STEP = 0.20
+"""Of a predictor along the curve [rad]."""
+SHORTEST_STEP = 1e-5
+"""Nearer than this to a crossing the residual's rounding, over the distance, hides the direction of the curve; a gap that
+narrow is a crossing [rad]."""
+STEADY = 0.01
+"""A vertex reached by a step this long knows its tangent and curvature, however near a crossing is [rad]."""
+LEAPS = (0.03, 0.1, 0.01)
+"""How far beyond a crossing, where no step succeeds, the curve is looked for again [rad]."""
+MOST_LEAPS = 100
+LARGEST_TURN = 0.30
+"""Largest angle between the tangents at the two ends of a step [rad]."""
+BULGE = 0.1
+"""A curve that turns by less than ``LARGEST_TURN`` between vertices leaves the chord by less than this part of it."""
+PICKS = 7
+"""Vertices of a curve that are looked for on the others."""
+SAME_POINT = 1e-6
+"""Two solutions nearer to each other than this are one [rad]."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve: its vertices in order (the first is not repeated at the end) and whether it returned to its start.
+
+    Attributes:
+        q: (m, k + 1) [rad], unwrapped: it follows the curve and may leave [-π, π].
+        closed: True where the last vertex is followed by the first.
+        problem: number of the problem that it belongs to.
+    """
+
+    q: Array
+    closed: bool
+    problem: int
+
+
+def polish(system: System, q: Array, problem: Index, iterations: int = 40) -> tuple[Array, NDArray[np.bool_]]:
+    """Move each row to the nearest solution by damped least-norm Newton steps.
+
+    Returns:
+        q (n, k + 1) [rad] and the flags (n,) of those that reached a residual of ``CLOSE_ENOUGH``.
+    """
+    q, best = q.copy(), np.full(len(q), np.inf)
+    result = q.copy()
+    active = np.arange(len(q))
+    for _ in range(iterations):
+        f, jacobian = system(q[active], problem[active])
+        size = np.abs(f).max(axis=1, initial=0.0)
+        better = size < best[active]
+        result[active[better]], best[active[better]] = q[active[better]], size[better]
+        going = size > 0.02 * CLOSE_ENOUGH
+        active, f, jacobian = active[going], f[going], jacobian[going]
+        if not active.size:
+            break
+        step = -_least_norm(jacobian, f)
+        length = np.linalg.norm(step, axis=1)
+        q[active] += step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))[:, None]
+        sure = active[length < SURE_STEP]
+        result[sure], best[sure] = q[sure], 0.0
+        active = active[length >= SURE_STEP]
+    return result, best <= CLOSE_ENOUGH
+
+
+def trace(system: System, start: Array, problem: Index, max_vertices: int = 4000) -> list[Curve]:
+    """Follow the curve through each of ``start`` (n, k + 1), which must be solutions, once round.
+
+    Args:
+        system: the equations.
+        start: solutions to start from (n, k + 1) [rad].
+        problem: number of the problem of each (n,).
+        max_vertices: a curve longer than that is returned with ``closed = False``.
+
+    Returns:
+        One curve for each start, in order. Two starts on one curve give it twice: see :func:`on_curves`.
+    """
+    state = _State(system, start, problem)
+    for _ in range(max_vertices):
+        if not state.step():
+            break
+    return state.curves()
+
+
+class _State:
+    """All curves that are still under way."""
+
+    def __init__(self, system: System, start: Array, problem: Index) -> None:
+        self.system, self.start, self.problem = system, start, problem
+        n = len(start)
+        self.q = start.copy()
+        self.tangent = _null_vectors(system(start, problem)[1])
+        self.start_tangent = self.tangent.copy()
+        self.sign = self._orientation(np.arange(n), start, self.tangent)
+        self.curvature = np.zeros_like(start)
+        self.length = np.full(n, 0.25 * LONGEST_STEP)
+        self.steady = (self.q.copy(), self.tangent.copy(), self.curvature.copy())
+        self.leaps = np.zeros(n, dtype=np.intp)
+        self.travelled = np.zeros(n)
+        self.closed = np.zeros(n, dtype=bool)
+        self.active = np.arange(n)
+        self.history: list[tuple[Index, Array]] = [(self.active, start.copy())]
+
+    def step(self) -> bool:
+        """One step of every active curve; False when none is left."""
+        who = self.active
+        if not who.size:
+            return False
+        h, t = self.length[who, None], self.tangent[who]
+        guess = self.q[who] + h * t + 0.5 * h**2 * self.curvature[who]
+        q, jacobian, good = _correct(self.system, guess, t, self.problem[who])
+        tangent, sign = _next_tangent(jacobian, t)
+        cosine = np.einsum("ni,ni->n", tangent, t)
+        good &= (cosine > np.cos(LARGEST_TURN)) & (np.linalg.norm(q - guess, axis=1) < 0.4 * h[:, 0])
+        good &= sign == self.sign[who]
+        self.length[who[~good]] *= 0.4
+        stuck = self.length[who] < SHORTEST_STEP
+        self._accept(who[good], q[good], tangent[good], sign[good], np.sqrt(np.maximum(0.0, 1 - cosine[good] ** 2)))
+        stuck[stuck] = ~self._leap(who[stuck])
+        self.active = who[~(self.closed[who] | stuck)]
+        return True
+
+    def _leap(self, who: Index) -> NDArray[np.bool_]:
+        """Go on beyond the crossing that stops each of ``who``; which of them got there.
+
+        Where curves cross, J loses rank. From the last vertex that knew its tangent well, the curve is foretold beyond the
+        crossing and corrected there.
+        """
+        over = np.zeros(len(who), dtype=bool)
+        for leap in LEAPS:
+            left = np.flatnonzero(~over & (self.leaps[who] < MOST_LEAPS))
+            some = who[left]
+            if not some.size:
+                break
+            base, t, curvature = (part[some] for part in self.steady)
+            h = 2 * np.linalg.norm(self.q[some] - base, axis=1)[:, None] + leap
+            guess = base + h * t + 0.5 * h**2 * curvature
+            q, jacobian, good = _correct(self.system, guess, t, self.problem[some])
+            tangent, sign = _next_tangent(jacobian, t)
+            good &= np.einsum("ni,ni->n", tangent, t) > np.cos(LARGEST_TURN)
+            good &= np.linalg.norm(q - guess, axis=1) < BULGE * h[:, 0]
+            there = some[good]
+            self._accept(there, q[good], tangent[good], sign[good], np.full(len(there), LARGEST_TURN))
+            self.length[there], self.curvature[there] = STEADY, curvature[good]
+            self.leaps[there] += 1
+            over[left[good]] = True
+        return over
+
+    def _accept(self, who: Index, q: Array, tangent: Array, sign: Array, turn: Array) -> None:
+        moved = q - self.q[who]
+        distance = np.linalg.norm(moved, axis=1)
+        closed = self._returned(who, moved, distance)
+        keep = ~closed
+        self.closed[who[closed]] = True
+        self.history.append((who[keep], q[keep]))
+        self.curvature[who] = (tangent - self.tangent[who]) / distance[:, None]
+        self.q[who], self.tangent[who], self.sign[who] = q, tangent, sign
+        steady = who[distance >= STEADY]
+        for kept, now in zip(self.steady, (self.q, self.tangent, self.curvature), strict=True):
+            kept[steady] = now[steady]
+        self.travelled[who] += distance
+        wanted = np.clip(0.6 * LARGEST_TURN / np.maximum(turn, 1e-3), 0.5, 1.8)
+        self.length[who] = np.clip(self.length[who] * wanted, SHORTEST_STEP, LONGEST_STEP)
+
+    def _returned(self, who: Index, moved: Array, distance: Array) -> NDArray[np.bool_]:
+        """Did this step pass the start (modulo full turns)? Near it, the start is solved for and compared."""
+        to_start = wrapped(self.start[who] - self.q[who])
+        along = np.einsum("ni,ni->n", to_start, moved) / distance
+        aside = np.linalg.norm(to_start - (along / distance)[:, None] * moved, axis=1)
+        near = (along > 0) & (along <= distance * 1.0001) & (aside < 0.3 * distance) & (self.travelled[who] > 0)
+        returned = np.zeros(len(who), dtype=bool)
+        if near.any():
+            some = np.flatnonzero(near)
+            guess = self.q[who[some]] + (along[some] / distance[some])[:, None] * moved[some]
+            goal = guess + wrapped(self.start[who[some]] - guess)
+            returned[some] = _meets(self.system, guess, goal, self.start_tangent[who[some]], self.problem[who[some]])
+        return returned
+
+    def _orientation(self, who: Index, q: Array, tangent: Array) -> Array:
+        jacobian = self.system(q, self.problem[who])[1]
+        return np.asarray(np.sign(np.linalg.det(_bordered(jacobian, tangent))))
+
+    def curves(self) -> list[Curve]:
+        """The vertices gathered by curve."""
+        who = np.concatenate([w for w, _ in self.history])
+        q = np.concatenate([v for _, v in self.history])
+        order = np.argsort(who, kind="stable")
+        parts = np.split(q[order], np.searchsorted(who[order], np.arange(1, len(self.start))))
+        return [Curve(part, bool(c), int(p)) for part, c, p in zip(parts, self.closed, self.problem, strict=True)]
+
+
+def all_curves(system: System, seeds: Array, problem: Index) -> list[Curve]:
+    """Every curve that holds one of the ``seeds`` (n, k + 1), which must be solutions, once."""
+    rounds: list[list[Curve]] = []
+    while len(seeds):
+        _, first = np.unique(problem, return_index=True)
+        new = trace(system, seeds[first], problem[first])
+        left = np.ones(len(seeds), dtype=bool)
+        left[first] = False
+        left[left] = ~on_curves(system, seeds[left], problem[left], new)
+        seeds, problem = seeds[left], problem[left]
+        rounds.append(without_known(system, new, rounds))
+    return sorted((curve for curves in rounds for curve in curves), key=lambda curve: curve.problem)
+
+
+def without_known(system: System, new: list[Curve], rounds: list[list[Curve]]) -> list[Curve]:
+    """The ``new`` curves without those found before: from a seed next to a crossing a known curve may not be recognised,
+    but most of some vertices all round it are.
+    """
+    for known in rounds:
+        if not new:
+            break
+        picks = [curve.q[np.linspace(0, len(curve.q) - 1, PICKS).astype(np.intp)] for curve in new]
+        problem = np.repeat([curve.problem for curve in new], PICKS)
+        on = on_curves(system, np.concatenate(picks), problem, known).reshape(-1, PICKS).sum(axis=1)
+        new = [curve for curve, count in zip(new, on, strict=True) if 2 * count < PICKS]
+    return new
+
+
+def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> NDArray[np.bool_]:
+    """Which of the solutions ``q`` (n, k + 1) lie on one of the ``curves`` (at most one for each problem): (n,).
+
+    From the pieces at the vertices nearest to a solution, the curve's point in the plane through the solution and across its
+    tangent is solved for; the solution is on the curve where that point is the solution itself. It must be as near to the
+    piece as the curve is: from farther away Newton's method finds the solution from a neighbouring curve as well.
+    """
+    found = np.zeros(len(q), dtype=bool)
+    row_of = {curve.problem: row for row, curve in enumerate(curves)}
+    open_ = np.array([i for i, p in enumerate(problem) if int(p) in row_of], dtype=np.intp)
+    if not open_.size:
+        return found
+    longest = max(len(curve.q) for curve in curves)
+    vertices = np.empty((len(curves), longest, q.shape[1]))
+    for row, curve in enumerate(curves):
+        vertices[row, : len(curve.q)] = curve.q
+        vertices[row, len(curve.q) :] = curve.q[0]
+    lengths = np.array([len(curve.q) for curve in curves])
+    rows = np.array([row_of[int(p)] for p in problem[open_]])
+    tangents = _null_vectors(system(q[open_], problem[open_])[1])
+    nearest = _nearest(q[open_], vertices, lengths, rows)
+    for k, side in product(range(nearest.shape[1]), (1, -1)):  # then the next nearest: the first may be on another strand
+        left = np.flatnonzero(~found[open_])
+        mine, vertex = rows[left], nearest[left, k]
+        start, piece = vertices[mine, vertex], vertices[mine, (vertex + side) % lengths[mine]]
+        piece = wrapped(piece - start)
+        goal = start + wrapped(q[open_[left]] - start)
+        size = np.maximum(np.linalg.norm(piece, axis=1), 1e-100)
+        part = np.clip(np.einsum("ni,ni->n", goal - start, piece) / size**2, 0.0, 1.0)
+        guess = start + part[:, None] * piece
+        close = np.linalg.norm(goal - guess, axis=1) < BULGE * size + SAME_POINT  # else Newton might come from another curve
+        left, who = left[close], open_[left[close]]
+        found[who] = _meets(system, guess[close], goal[close], tangents[left], problem[who])
+    return found
+
+
+def _nearest(q: Array, vertices: Array, lengths: Index, rows: Index, count: int = 3) -> Index:
+    """Numbers of the ``count`` vertices of row ``rows[i]`` that are nearest to ``q[i]``: (n, count).
+
+    Beyond its ``lengths`` a row is padded; copies of one vertex would crowd out the second and third nearest.
+    """
+    count = min(count, vertices.shape[1])
+    nearest = np.empty((len(q), count), dtype=np.intp)
+    real = np.arange(vertices.shape[1]) < lengths[:, None]
+    there, here = (_on_circles(vertices) * real[:, :, None]).transpose(0, 2, 1), _on_circles(q)
+    for part in chunks(len(q), max(1, 200_000 // vertices.shape[1])):
+        closeness = (here[part, None, :] @ there[rows[part]])[:, 0, :]  # Σ cos(difference): largest where nearest
+        pick = np.argpartition(-closeness, count - 1, axis=1)[:, :count]
+        order = np.argsort(-np.take_along_axis(closeness, pick, axis=1), axis=1)
+        nearest[part] = np.take_along_axis(pick, order, axis=1)
+    return nearest
+
+
+def _on_circles(angles: Array) -> Array:
+    """Each angle as a point of the unit circle, (..., 2 k)."""
+    return np.concatenate([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def _meets(system: System, guess: Array, goal: Array, tangent: Array, problem: Index) -> NDArray[np.bool_]:
+    """Does the curve near ``guess`` cut the plane through ``goal`` across ``tangent`` in ``goal`` itself?"""
+    if not len(guess):
+        return np.zeros(0, dtype=bool)
+    shifted = guess - np.einsum("ni,ni->n", guess - goal, tangent)[:, None] * tangent
+    near = np.linalg.norm(shifted - goal, axis=1) < 2 * LONGEST_STEP
+    met = np.zeros(len(guess), dtype=bool)
+    if near.any():
+        q, _, good = _correct(system, shifted[near], tangent[near], problem[near], iterations=8)
+        met[near] = good & (np.linalg.norm(q - goal[near], axis=1) < SAME_POINT)
+    return met
+
+
+def _correct(
+    system: System, guess: Array, tangent: Array, problem: Index, iterations: int = 5
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Newton across the tangent: solutions, their Jacobians, and which of them converged."""
+    q = guess.copy()
+    f, jacobian = system(q, problem)
+    good = np.abs(f).max(axis=1) <= 0.2 * CLOSE_ENOUGH
+    open_ = np.flatnonzero(~good)
+    for _ in range(iterations):
+        right = np.zeros((len(open_), q.shape[1], 1))
+        right[:, :-1, 0] = -f[open_]
+        step = _solve(_bordered(jacobian[open_], tangent[open_]), right)[:, :, 0]
+        q[open_] += step
+        sure = np.linalg.norm(step, axis=1) < SURE_STEP
+        good[open_[sure]] = True
+        open_ = open_[~sure]
+        if not open_.size:
+            break
+        f[open_], jacobian[open_] = system(q[open_], problem[open_])
+        there = np.abs(f[open_]).max(axis=1) <= 0.2 * CLOSE_ENOUGH
+        good[open_[there]] = True
+        open_ = open_[~there]
+    return q, jacobian, good
+
+
+def _next_tangent(jacobian: Array, tangent: Array) -> tuple[Array, Array]:
+    """Unit null vectors that go on in the sense of ``tangent``, and the sign of the bordered determinant."""
+    matrix = _bordered(jacobian, tangent)
+    right = np.zeros((len(matrix), matrix.shape[1], 1))
+    right[:, -1] = 1.0
+    new = _solve(matrix, right)[:, :, 0]
+    new /= np.linalg.norm(new, axis=1)[:, None]
+    return new, np.sign(np.linalg.det(matrix))
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    """Batched solve; a singular matrix gives a step that the caller refuses, not an exception for the whole batch."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(matrix) @ right)
+
+
+def _bordered(jacobian: Array, tangent: Array) -> Array:
+    return np.concatenate([jacobian, tangent[:, None, :]], axis=1)
+
+
+def _null_vectors(jacobian: Array) -> Array:
+    """Unit null vectors of J (n, k, k + 1), from one solve each: any border that is not orthogonal to them will do."""
+    n, k, _ = jacobian.shape
+    border = np.broadcast_to(np.sqrt(np.arange(2.0, k + 3.0)), (n, k + 1))
+    right = np.zeros((n, k + 1, 1))
+    right[:, -1] = 1.0
+    vectors = _solve(_bordered(jacobian, border), right)[:, :, 0]
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+
+
+def _least_norm(jacobian: Array, f: Array) -> Array:
+    """Least-norm solution of J x = f, damped only where J is nearly singular."""
+    gram = jacobian @ jacobian.transpose(0, 2, 1)
+    damping = 1e-14 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
+    return np.asarray((jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram + damping, f[:, :, None]))[:, :, 0])

@@ -1,0 +1,247 @@
+"""Sampling closed curves of configurations: evenly, at given swivel angles, and how much of them is inside the limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.angles import wrapped
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.postures.continuation import Curve, System
+from aacmm_pin.postures.even_spacing import evenly, to_solution
+from aacmm_pin.postures.swivel import Swivel
+from aacmm_pin.postures.wrist_ik import Wrist
+
+ARC_BINS = 3600
+"""Resolution of the fraction of arc: a tenth of a degree of swivel."""
+SAME_SWIVEL = 1e-10
+"""How well a wanted swivel angle is met [rad]."""
+MOST_TRIALS = 100
+CURVED = 0.02
+"""More than a curve leaves the chord between two of its vertices [rad]."""
+LIMIT_PARTS = 16
+"""Parts of a piece that may meet a limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Segments:
+    """Pieces between neighbouring vertices of all curves.
+
+    Attributes:
+        start, end: configurations of the curves (s, k) [rad], not wrapped.
+        swivel: at the start (s,) [rad].
+        turn: change of the swivel along the piece (s,) [rad], in (-π, π).
+        problem: number of the point (s,).
+    """
+
+    start: Array
+    end: Array
+    swivel: Array
+    turn: Array
+    problem: Index
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """Closed curves of configurations of one arm that reach one or many points.
+
+    Attributes:
+        swivel: swivel angles of the arm.
+        system: the equations that the curves solve.
+        points: working points (m, 3) [m].
+        curves: the curves, each with the number of its point.
+        wrist: how joints 1 to 4 make a whole configuration; None where the curves have all joints.
+    """
+
+    swivel: Swivel
+    system: System
+    points: Array
+    curves: list[Curve]
+    wrist: Wrist | None
+
+    def full(self, q: Array) -> Array:
+        """Whole configurations (n, nq) from those of the curves."""
+        return q if self.wrist is None else self.wrist.full(q)
+
+    @property
+    def nq(self) -> int:
+        """Number of joints of a whole configuration."""
+        return self.swivel.dh.nq
+
+    @cached_property
+    def segments(self) -> _Segments:
+        """Pieces between neighbouring vertices of all curves."""
+        curves = self.curves
+        start = np.concatenate([c.q for c in curves])
+        problem = np.concatenate([np.full(len(c.q), c.problem) for c in curves])
+        ends = np.concatenate([np.roll(c.q, -1, axis=0) for c in curves])
+        end = start + wrapped(ends - start)
+        swivel = self.swivel.angle(self.full(start), self.points[problem])
+        lengths = np.array([len(c.q) for c in curves])
+        following = np.arange(1, len(start) + 1)
+        following[np.cumsum(lengths) - 1] = np.cumsum(lengths) - lengths  # the last vertex is followed by the first
+        turn = wrapped(swivel[following] - swivel)
+        open_ends = (np.cumsum(lengths) - 1)[[not c.closed for c in curves]]
+        keep = np.delete(np.arange(len(start)), open_ends)
+        return _Segments(start[keep], end[keep], swivel[keep], turn[keep], problem[keep])
+
+    def divided(self, pieces: _Segments, which: NDArray[np.bool_]) -> _Segments:
+        """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at the cuts."""
+        start, chord = pieces.start[which], (pieces.end - pieces.start)[which]
+        problem = np.repeat(pieces.problem[which], LIMIT_PARTS + 1)
+        parts = np.linspace(0.0, 1.0, LIMIT_PARTS + 1)
+        guess = (start[:, None, :] + parts[:, None] * chord[:, None, :]).reshape(-1, start.shape[1])
+        q = to_solution(self.system, guess, problem)
+        swivel = self.swivel.angle(self.full(q), self.points[problem]).reshape(-1, LIMIT_PARTS + 1)
+        turn = wrapped(np.diff(swivel, axis=1))
+        q = q.reshape(-1, LIMIT_PARTS + 1, start.shape[1])
+        return _Segments(
+            q[:, :-1].reshape(-1, start.shape[1]),
+            q[:, 1:].reshape(-1, start.shape[1]),
+            swivel[:, :-1].ravel(),
+            turn.ravel(),
+            np.repeat(pieces.problem[which], LIMIT_PARTS),
+        )
+
+
+@dataclass(frozen=True)
+class Flexibility(Shown):
+    """Flexibility ζ of a working point (eq. 1 of Xu You et al. 2019): working over theoretical configurations.
+
+    A swivel angle is theoretical where some configuration, limits apart, has it; working where one inside the limits has.
+
+    Attributes:
+        zeta: working over theoretical sectors, judged at their centres; nan where nothing is theoretical.
+        sectors: which sectors work; sector k, from 0, has its centre at swivel k 360°/count.
+        arc_fraction: working over theoretical range of the swivel angle, to 0.1°; nan where nothing is theoretical.
+    """
+
+    zeta: float
+    sectors: tuple[bool, ...]
+    arc_fraction: float
+
+
+def resample(components: Components, count: int) -> tuple[Array, NDArray[np.intp]]:
+    """``count`` configurations on each curve, evenly spaced along the elbow's path, and their component from 1."""
+    if not components.curves:
+        return np.empty((0, components.nq)), np.empty(0, dtype=np.intp)
+    q, number = evenly(components.system, components.curves, count, lambda q: components.swivel.elbow(components.full(q)))
+    return components.full(q), number + 1
+
+
+def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Index]:
+    """Every configuration whose swivel angle is one of ``angles`` (s,) [rad].
+
+    Returns:
+        whole configurations (n, nq) [rad], the number of the angle (n,), the number of the point (n,).
+    """
+    if not components.curves:
+        return np.empty((0, components.nq)), np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+    pieces = components.segments
+    ahead = wrapped(angles[None, :] - pieces.swivel[:, None])
+    turn = pieces.turn[:, None]
+    passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
+    piece, which = np.nonzero(passed)
+    q = _between(components, pieces, piece, angles[which], ahead[piece, which])
+    return components.full(q), which, pieces.problem[piece]
+
+
+def _between(components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array) -> Array:
+    """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its start: (n, k) [rad].
+
+    False position with Illinois' halving along the chord; every trial point is moved onto the curve. The bracket never
+    opens, so that a swivel that changes unevenly costs steps but not accuracy.
+    """
+    start, chord, problem = pieces.start[piece], pieces.end[piece] - pieces.start[piece], pieces.problem[piece]
+    low, high = np.zeros(len(piece)), np.ones(len(piece))
+    gap_low, gap_high = ahead.copy(), ahead - pieces.turn[piece]
+    q, last = start.copy(), np.zeros(len(piece))
+    left = np.arange(len(piece))
+    for _ in range(MOST_TRIALS):
+        part = low[left] + (high - low)[left] * gap_low[left] / (gap_low - gap_high)[left]
+        q[left] = to_solution(components.system, start[left] + part[:, None] * chord[left], problem[left])
+        gap = wrapped(wanted[left] - components.swivel.angle(components.full(q[left]), components.points[problem[left]]))
+        before = np.sign(gap) == np.sign(gap_low[left])  # still on the near side of the wanted swivel
+        near, far = left[before], left[~before]
+        low[near], gap_low[near] = part[before], gap[before]
+        high[far], gap_high[far] = part[~before], gap[~before]
+        gap_high[near] *= np.where(last[near] > 0, 0.5, 1.0)
+        gap_low[far] *= np.where(last[far] < 0, 0.5, 1.0)
+        last[near], last[far] = 1.0, -1.0
+        left = left[(np.abs(gap) > SAME_SWIVEL) & ((high - low)[left] > 1e-14)]
+        if not left.size:
+            break
+    return q
+
+
+def sector_centres(sectors: int) -> Array:
+    """Swivel angles of the centres of equal sectors (sectors,) [rad]; the first is the highest place of the elbow."""
+    return np.asarray(np.arange(sectors) * (2 * np.pi / sectors), dtype=np.float64)
+
+
+def flexibility(components: Components, limits: Array, sectors: int) -> Flexibility:
+    """Flexibility of the one point of ``components``.
+
+    Raises:
+        AacmmError: ``sectors`` is below 1.
+    """
+    if sectors < 1:
+        raise AacmmError(f"sectors is {sectors}, expected at least 1")
+    q, which, _ = at_swivel(components, sector_centres(sectors))
+    inside = ~broken_limits(into_limits(q, limits), limits).any(axis=1)
+    theoretical = np.bincount(which, minlength=sectors) > 0
+    working = np.bincount(which[inside], minlength=sectors) > 0
+    zeta = working.sum() / theoretical.sum() if theoretical.any() else float("nan")
+    arc = arc_fractions(components, limits, ARC_BINS)
+    return Flexibility(float(zeta), tuple(bool(w) for w in working), float(arc[0]))
+
+
+def arc_fractions(components: Components, limits: Array, bins: int = ARC_BINS) -> Array:
+    """Working over theoretical range of the swivel angle for every point: (m,), nan where nothing is theoretical.
+
+    Pieces between vertices that may meet a limit are divided into ``LIMIT_PARTS``, with solutions in between.
+    """
+    m = len(components.points)
+    if not components.curves:
+        return np.full(m, np.nan)
+    pieces = components.segments
+    start, end = components.full(pieces.start), components.full(pieces.end)
+    nothing = np.less_equal(*inside_part(start, end, _moved_out(limits, CURVED))[::-1])
+    first, last = inside_part(start, end, _moved_out(limits, -CURVED))
+    whole = (first == 0.0) & (last == 1.0)
+    fine = components.divided(pieces, ~(nothing | whole))
+    first, last = inside_part(components.full(fine.start), components.full(fine.end), limits)
+    some = last > first
+    problem = np.concatenate([pieces.problem[whole], fine.problem[some]])
+    swivel = np.concatenate([pieces.swivel[whole], (fine.swivel + first * fine.turn)[some]])
+    turn = np.concatenate([pieces.turn[whole], ((last - first) * fine.turn)[some]])
+    theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m, bins)
+    working = _covered(problem, swivel, turn, m, bins)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(working.sum(axis=1) / theoretical.sum(axis=1))
+
+
+def _moved_out(limits: Array, distance: float) -> Array:
+    """Limits moved outwards; moved inwards by too much they leave nothing."""
+    return np.asarray(limits + np.array([-distance, distance]))
+
+
+def _covered(problem: Index, start: Array, turn: Array, points: int, bins: int) -> NDArray[np.bool_]:
+    """Which bins of the full turn are covered by arcs from ``start`` over ``turn``: (points, bins).
+
+    A bin counts when an arc covers its centre; arcs are marked by +1 and -1 at their ends and summed up.
+    """
+    low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * (bins / (2 * np.pi))
+    first = np.ceil(low - 0.5).astype(np.intp)
+    end = np.ceil(low + np.abs(turn) * (bins / (2 * np.pi)) - 0.5).astype(np.intp)
+    marks = np.zeros((points, 2 * bins + 2), dtype=np.intp)
+    np.add.at(marks, (problem, first), 1)
+    np.add.at(marks, (problem, end), -1)
+    count = np.cumsum(marks, axis=1)
+    return np.asarray((count[:, :bins] > 0) | (count[:, bins : 2 * bins] > 0))

@@ -1,0 +1,266 @@
+"""Every posture with which any serial arm of turning joints holds its tip at a point, and oriented as wanted.
+
+With as many conditions as joints the postures are single ones; with one joint more they lie on closed curves, the
+self-motion of the arm. Point: 3 conditions; point and direction of one axis of the tip: 5; whole pose: 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aacmm_pin._support.angles import wrapped
+from aacmm_pin._support.checks import Array, Index, unit_vector, vector, whole
+from aacmm_pin._support.units import DEG
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
+from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
+from aacmm_pin.postures.constraints import PoseConditions
+from aacmm_pin.postures.continuation import Curve
+from aacmm_pin.postures.curve_sampling import Flexibility
+from aacmm_pin.postures.isolated_solutions import Isolated
+from aacmm_pin.postures.newton_search import FLAT, MOST_STARTS, Search, flattest, search
+from aacmm_pin.postures.self_motion import SelfMotion
+from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.postures.swivel import Swivel
+
+CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
+ELBOW_JOINT = 4
+"""The elbow of an AACMM is on the axis of this joint."""
+ORTHONORMAL = 1e-6
+"""A matrix whose columns are this nearly orthonormal is a rotation, and is made one."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachingPostures(PosturesAtPoint):
+    """Every posture that meets the conditions: single ones, each a component of its own, or closed curves.
+
+    Attributes:
+        conditions: what the tip was asked for.
+        curves: closed curves of self-motion that were sampled; empty where postures are single.
+        search: how they were found, and how sure it is that they are all.
+        notes: what else is to be known, such as singular postures that form families and are not listed.
+    """
+
+    conditions: PoseConditions
+    curves: tuple[Curve, ...]
+    search: Search
+    notes: tuple[str, ...]
+
+    @property
+    def single(self) -> bool:
+        """True where postures are single ones, False where they lie on curves."""
+        return self.conditions.free == 0
+
+    @property
+    def travel(self) -> Array:
+        """Way of all angles together from the first posture of a component to each, (n,) [rad]; zero of single postures."""
+        way = np.zeros(len(self))
+        for mine in self._by_component():
+            way[mine[1:]] = np.cumsum(np.linalg.norm(wrapped(np.diff(self.q[mine], axis=0)), axis=1))
+        return way
+
+    @property
+    def arc_fraction(self) -> float:
+        """Which part of the curves, by the way of the angles, is within limits; nan where postures are single."""
+        if self.single or not len(self):
+            return float("nan")
+        start, way = [], []
+        for number, mine in enumerate(self._by_component()):
+            closed = self.curves[number].closed
+            following = np.roll(mine, -1) if closed else mine[1:]
+            start.append(self.q[mine if closed else mine[:-1]])
+            way.append(wrapped(self.q[following] - start[-1]))
+        begin, moved = np.concatenate(start), np.concatenate(way)
+        first, last = inside_part(begin, begin + moved, self.arm.limits)
+        length = np.linalg.norm(moved, axis=1)
+        return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
+
+    def flexibility(self, sectors: int = 12) -> Flexibility:
+        """Only ``arc_fraction`` exists, of the way along the curves: an arm without an elbow has no sectors."""
+        return Flexibility(float("nan"), (), self.arc_fraction)
+
+    def _by_component(self) -> list[Index]:
+        return [np.flatnonzero(self.component == number) for number in np.unique(self.component)]
+
+    def _row(self, number: int) -> dict[str, Any]:
+        arrivals = {"arrivals": self.search.hits[number - 1]}
+        if self.single:
+            angles = " ".join(f"{angle:.2f}" for angle in self.q[self.component == number][0] / DEG)
+            return super()._row(number) | {"theta_deg": angles} | arrivals
+        return super()._row(number) | {"travel_rad": self._way_round(number)} | arrivals
+
+    def _way_round(self, number: int) -> float:
+        """Way of all angles along a whole curve [rad]."""
+        mine = np.flatnonzero(self.component == number)
+        back = wrapped(self.q[mine[0]] - self.q[mine[-1]]) if self.curves[number - 1].closed else np.zeros(self.arm.nq)
+        return float(self.travel[mine[-1]] + np.linalg.norm(back))
+
+    def __str__(self) -> str:
+        where = f"{self._where()}, {CONDITIONS[self.conditions.count]}"
+        if self.reason:
+            return f"{where}: no configuration; {self.reason}"
+        inside = f"{self.within_limits.sum()} of them within limits"
+        if self.single:
+            return f"{where}: {len(self)} single postures, {inside}; {self.search}"
+        return (
+            f"{where}: {len(self)} configurations on {len(self.curves)} closed curves, {inside}, "
+            f"{self.arc_fraction:.3f} of arc; {self.search}"
+        )
+
+
+def reaching_postures(
+    arm: Arm,
+    point: ArrayLike,
+    *,
+    axis: ArrayLike | None = None,
+    tool: ArrayLike | None = None,
+    rotation: ArrayLike | None = None,
+    count: int = 360,
+    most_starts: int = MOST_STARTS,
+) -> ReachingPostures:
+    """Enumerate the postures of ``arm`` that bring its tip to ``point``; limits are flags, not conditions.
+
+    Newton's method from evenly spread starts, in rounds, until some hundred arrivals in a row bring nothing new; curves are
+    followed once round. Singular postures that form families of more dimensions than the arm has joints to spare are not
+    sampled but told in ``notes``, or in ``reason`` where there is nothing else.
+
+    Args:
+        arm: serial, all joints turning; as many joints as conditions, or one more.
+        point: place of the tip in the base (3,) [m].
+        axis: direction in the base (3,), any length, along which ``tool`` shall lie: five conditions.
+        tool: direction in the tip's frame (3,); default the axis of the stylus where the arm has one, else z.
+        rotation: orientation of the tip's frame in the base (3, 3): six conditions.
+        count: configurations on each closed curve, evenly spaced by the way that the angles go.
+        most_starts: starts after which the search ends in any case.
+
+    Raises:
+        ShapeError: a vector or matrix of the wrong shape, not finite, or not a rotation.
+        AacmmError: both ``axis`` and ``rotation``, a direction of length zero, ``tool`` without ``axis``, a count below 3.
+        UnsupportedArmError: a joint slides, or the conditions leave another number of joints free than 0 or 1.
+    """
+    count, most_starts = whole(count, 3, "count"), whole(most_starts, 1, "most_starts")
+    conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
+    system = conditions.system()
+    if conditions.free == 0:
+        single = Isolated(system, np.empty((0, arm.nq)))
+        found = search(system, arm.nq, single, most_starts)
+        notes = (*_families(single, found), *_next_to_singular(single, found))
+        return _result(arm, conditions, single.q, np.arange(len(single.q)), (), found, notes)
+    motion = SelfMotion(system)
+    found = search(system, arm.nq, motion, most_starts)
+    q, component = motion.spaced(count) if motion.curves else (np.empty((0, arm.nq)), np.empty(0, dtype=np.intp))
+    curves = tuple(motion.curves)
+    unfinished = [n for n, curve in enumerate(curves, start=1) if not curve.closed]
+    more = [f"component {n} could not be followed all the way round" for n in unfinished]
+    return _result(arm, conditions, q, component, curves, found, (*_families(motion, found), *more))
+
+
+def _conditions(
+    arm: Arm, point: Array, axis: ArrayLike | None, tool: ArrayLike | None, rotation: ArrayLike | None
+) -> PoseConditions:
+    slides = np.flatnonzero(arm.chain.prismatic) + 1
+    if slides.size:
+        raise UnsupportedArmError(
+            f"{arm.name}: joint {', '.join(str(j) for j in slides)} slides; postures are enumerated where all joints turn"
+        )
+    if axis is not None and rotation is not None:
+        raise AacmmError("axis and rotation were given; expected one of them: a rotation holds every axis")
+    if tool is not None and axis is None:
+        raise AacmmError("tool was given without axis, the direction in the base along which it shall lie")
+    if axis is not None:
+        stylus = arm.stylus_axis if arm.stylus_axis is not None else np.array([0.0, 0.0, 1.0])
+        mine = stylus if tool is None else unit_vector(tool, "tool")
+        conditions = PoseConditions(arm.chain, point, tool=mine, axis=unit_vector(axis, "axis"))
+    else:
+        turned = None if rotation is None else _rotation(rotation)
+        conditions = PoseConditions(arm.chain, point, rotation=turned)
+    if conditions.free not in (0, 1):
+        raise UnsupportedArmError(_what_fits(arm, conditions))
+    return conditions
+
+
+def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
+    joints, free, asked = arm.nq, conditions.free, CONDITIONS[conditions.count]
+    fitting = [
+        f"{words} ({'single postures' if n == joints else 'closed curves'})"
+        for n, words in CONDITIONS.items()
+        if joints - n in (0, 1)
+    ]
+    expected = f"state {' or '.join(fitting)}" if fitting else "only arms of 3 to 7 joints have conditions that fit"
+    if free < 0:
+        return f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of {asked}; {expected}"
+    return f"{arm.name}: {joints} joints and {asked} leave {free} joints free; {expected}"
+
+
+def _rotation(values: ArrayLike) -> Array:
+    matrix = np.asarray(values)
+    if matrix.shape != (3, 3):
+        raise ShapeError(f"rotation has shape {matrix.shape}, expected (3, 3)")
+    matrix = vector(matrix.ravel(), 9, "rotation", "1").reshape(3, 3)
+    off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+    if off > ORTHONORMAL or np.linalg.det(matrix) < 0:
+        what = f"its columns are off by {off:.1e}" if off > ORTHONORMAL else "it is a reflection"
+        raise ShapeError(f"rotation is not one: {what}; expected orthonormal columns, right-handed")
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ right)
+
+
+def _families(finds: Isolated | SelfMotion, found: Search) -> tuple[str, ...]:
+    """That there are singular postures in families, which are not listed."""
+    if finds.family is None:
+        return ()
+    angles = ", ".join(f"{angle:.1f}" for angle in wrapped(finds.family) / DEG)
+    where = f"{finds.families} of {found.arrived} arrivals at singular postures"
+    return (f"{where} that go on in families, such as ({angles})°; they are not listed",)
+
+
+def _next_to_singular(single: Isolated, found: Search) -> tuple[str, ...]:
+    """That some postures are so flat that rounding decides whether a neighbour is found, and whether it is another one."""
+    near = np.flatnonzero(flattest(single.system, single.q)[0] < FLAT) if len(single.q) else np.empty(0)
+    notes = []
+    if near.size:
+        which = f"posture {near[0] + 1} is" if near.size == 1 else f"postures {', '.join(str(n + 1) for n in near)} are"
+        notes.append(f"{which} singular or nearly so: a neighbour may be missed there, or one posture be listed twice")
+    if found.stalled:
+        notes.append(
+            f"{found.stalled} of {found.starts} starts came to a stand next to singular postures: some there may be missed"
+        )
+    return tuple(notes)
+
+
+def _result(
+    arm: Arm,
+    conditions: PoseConditions,
+    q: Array,
+    component: Index,
+    curves: tuple[Curve, ...],
+    found: Search,
+    notes: tuple[str, ...],
+) -> ReachingPostures:
+    reason = "" if len(q) else "; ".join(notes) or f"{found}: out of reach"
+    q = into_limits(q, arm.limits)
+    return ReachingPostures(
+        arm,
+        conditions.point,
+        arm.tip,
+        q,
+        component + 1,
+        _swivel(arm, q, conditions.point),
+        broken_limits(q, arm.limits),
+        conditions,
+        curves,
+        found,
+        notes,
+        reason=reason,
+    )
+
+
+def _swivel(arm: Arm, q: Array, point: Array) -> Array:
+    """Swivel angles where the arm has the elbow of an AACMM: a DH table whose first four rows are joints."""
+    if arm.dh is None or arm.dh.rows <= ELBOW_JOINT or not arm.dh.moving[:ELBOW_JOINT].all():
+        return np.full(len(q), np.nan)
+    return Swivel(arm.dh, arm.up).angle(q, np.broadcast_to(point, (len(q), 3)))

@@ -1,0 +1,80 @@
+"""What all enumerations of postures have in common: postures with which one frame of an arm is at one point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.postures.curve_sampling import Flexibility
+
+
+@dataclass(frozen=True, eq=False)
+class PosturesAtPoint(Shown):
+    """Postures that reach a working point, in order along their components.
+
+    Attributes:
+        arm: the arm.
+        point: working point (3,) [m].
+        at: name of the frame whose origin is there.
+        q: configurations (n, nq) [rad]; each angle inside its limits where a full turn can bring it there.
+        component: number of the component of each, from 1, (n,).
+        swivel: swivel angle of the elbow (n,) [rad] in [-π, π], 0 where it is highest; nan for an arm without such an elbow.
+        broken: which joints are outside their limits (n, nq).
+        reason: why there is no configuration; "" where there are some.
+    """
+
+    arm: Arm
+    point: Array
+    at: str
+    q: Array
+    component: NDArray[np.intp]
+    swivel: Array
+    broken: NDArray[np.bool_]
+    reason: str = field(default="", kw_only=True)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def within_limits(self) -> NDArray[np.bool_]:
+        """True where no limit is broken, (n,)."""
+        return np.asarray(~self.broken.any(axis=1))
+
+    def flexibility(self, sectors: int = 12) -> Flexibility:
+        """How much of what reaches the point is inside the limits."""
+        raise NotImplementedError
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each configuration, in the columns of ``aacmm-pin configurations``; x, y, z by Pinocchio."""
+        broken = [" ".join(str(j + 1) for j in np.flatnonzero(row)) for row in self.broken]
+        table: dict[str, ArrayLike] = {"component": self.component, "swivel_deg": self.swivel / DEG}
+        table |= {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.arm.nq)}
+        table |= {"within_limits": self.within_limits, "broken_limits": broken}
+        position = self.arm.poses(self.q, self.at).position / MM
+        table |= {f"{axis}_mm": position[:, i] for i, axis in enumerate("xyz")}
+        return pd.DataFrame(table)
+
+    def summary(self) -> pd.DataFrame:
+        """One row for each component: its configurations, how many are within limits, joints that are outside somewhere."""
+        return pd.DataFrame([self._row(number) for number in np.unique(self.component)])
+
+    def _row(self, number: int) -> dict[str, Any]:
+        mine = self.component == number
+        return {
+            "component": int(number),
+            "configurations": int(mine.sum()),
+            "within_limits": int(self.within_limits[mine].sum()),
+            "joints_outside_limits": " ".join(str(j + 1) for j in np.flatnonzero(self.broken[mine].any(axis=0))),
+        }
+
+    def _where(self) -> str:
+        x, y, z = self.point / MM
+        return f"{self.arm.name}, {self.at} at ({x:z.4f}, {y:z.4f}, {z:z.4f}) mm"

@@ -1,0 +1,63 @@
+"""The swivel angle: where on its circle the elbow is.
+
+The elbow turns about the line from the shoulder to the working point. Its angle is 0 where it is highest (against
+gravity) and grows by the right-hand rule about the direction shoulder → point. Straight above or below the shoulder no
+direction is "highest"; the axis of the base frame that is least along gravity (x, where gravity is along z) takes its place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.dh import DHTable
+
+UPRIGHT = 1e-9
+"""Sine below which the line shoulder → point counts as vertical."""
+
+
+@dataclass(frozen=True)
+class Swivel:
+    """Swivel angles of one arm.
+
+    Attributes:
+        dh: its table.
+        up: unit vector against gravity (3,).
+    """
+
+    dh: DHTable
+    up: Array
+
+    @property
+    def shoulder(self) -> Array:
+        """The point of joint axis 1 next to joint axis 2, (3,) [m]; it does not move."""
+        x, _, _, o = self.dh.axes(np.zeros((1, self.dh.nq)), row=1)
+        origin = o[1, :, 0]
+        return np.asarray(origin - self.dh.a[0] * x[1, :, 0] if self.dh.standard else origin)
+
+    @property
+    def elbow_row(self) -> int:
+        """Frame whose origin lies on joint axis 4."""
+        return 3 if self.dh.standard else 4
+
+    def elbow(self, q: Array) -> Array:
+        """Position of the elbow for checked ``q`` (n, nq): (n, 3) [m]."""
+        return np.asarray(self.dh.axes(q, row=self.elbow_row)[3][self.elbow_row].T)
+
+    def angle(self, q: Array, points: Array) -> Array:
+        """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in [-π, π]."""
+        axis = _unit(points - self.shoulder)
+        reference = self.up - axis * (axis @ self.up)[:, None]
+        upright = np.linalg.norm(reference, axis=1) < UPRIGHT
+        level = np.eye(3)[np.argmin(np.abs(self.up))]
+        reference[upright] = level - axis[upright] * (axis[upright] @ level)[:, None]
+        arm = self.elbow(q) - self.shoulder
+        sideways = np.einsum("ni,ni->n", np.cross(axis, reference), arm)
+        upwards = np.einsum("ni,ni->n", reference, arm)
+        return np.asarray(np.arctan2(sideways, upwards))
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None])

@@ -1,0 +1,138 @@
+"""All configurations that bring the tip to a place with the stylus along an axis, as closed curves.
+
+Five conditions for six joints. Seeds come from the curves of the wrist (:mod:`aacmm_pin.postures.wrist_ik`) for many turns of the
+body about the stylus, and from evenly spread starts where windows are too narrow for those.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.dh import DHTable, cross
+from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.postures.continuation import Curve, System, all_curves, polish
+from aacmm_pin.postures.wrist_ik import POSITIONING, Wrist, turns_about_z, with_spread, wrist_curves
+
+SPREAD = 600
+"""Evenly spread starts."""
+
+
+def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int, directions: int = 48) -> list[Curve]:
+    """Curves of six joints on which the tip is at one of ``points`` and the stylus points along ``axis``.
+
+    The body behind joint 6 may still turn about the stylus. For each of many such turns the wrist's place is known; where
+    along its circle joint axis 5 makes the angle with joint axis 6 that row 5 demands, there is a seed.
+
+    Args:
+        dh: table with exactly six joints, the first six rows.
+        points: (m, 3) [m]; many together take much less time than one after the other.
+        stylus: unit direction of the stylus in the last frame (3,).
+        axis: unit direction that it shall have in the base (3,).
+        per_turn: see :func:`wrist_curves`.
+        directions: number of turns about the stylus that are tried.
+
+    Returns:
+        The curves, sorted by the number of their point.
+
+    Raises:
+        UnsupportedArmError: the arm has not six joints in its first six rows.
+    """
+    if dh.nq != 6 or not dh.moving[:6].all():
+        raise UnsupportedArmError("configurations of the tip need an arm with six joints in its first six DH rows")
+    system = tip_system(dh, points, stylus, axis)
+    seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis, per_turn, directions), len(points), SPREAD)
+    seeds, good = polish(system, seeds, problem)
+    towards = np.einsum("nij,j,i->n", dh.placements(seeds)[:, -1, :3, :3], stylus, axis) > 0
+    return all_curves(system, seeds[good & towards], problem[good & towards])
+
+
+def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System:
+    """Residual (n, 5): the tip's place from its point among ``points`` (m, 3) [m], and the stylus across two directions
+    normal to ``axis`` [1].
+    """
+    normals, frames = np.linalg.svd(axis[None, :])[2][1:], dh.joint_frames
+
+    def system(q: Array, problem: Index) -> tuple[Array, Array]:
+        x, y, z, o = dh.axes(q)
+        direction = stylus[0] * x[-1] + stylus[1] * y[-1] + stylus[2] * z[-1]
+        f = np.concatenate([o[-1] - points[problem].T, normals @ direction]).T
+        about = z[frames]
+        moved, turned = cross(about, o[-1] - o[frames]), cross(about, direction)
+        jacobian = np.concatenate([moved, normals @ turned], axis=1)  # (joints, 5, n)
+        return f, np.ascontiguousarray(jacobian.transpose(2, 1, 0))
+
+    return system
+
+
+def _tip_seeds(
+    dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int, directions: int
+) -> tuple[Array, Index]:
+    """Starting values (n, 6) [rad], near solutions, and the number of their point (n,)."""
+    links = dh.links()
+    behind = links[6]  # from joint 6 to the tip
+    stylus_in_6 = behind[:3, :3] @ stylus
+    bodies = _bodies_about(axis, stylus_in_6, directions)
+    # The origin of frame 5 lies where the axes of joint 6 start.
+    back = bodies @ behind[:3, 3] + np.einsum("nij,j->ni", bodies, _wrist_in_6(dh, links))
+    wrist = Wrist.of(dh)
+    places = (points[:, None, :] - back).reshape(-1, 3)
+    seeds, problem = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
+    for curve in wrist_curves(wrist, places, per_turn):
+        point, body = divmod(curve.problem, directions)
+        seeds.append(_wrist_angles(wrist.full(curve.q), bodies[body], links))
+        problem.append(np.full(len(seeds[-1]), point))
+    return np.concatenate(seeds), np.concatenate(problem)
+
+
+def _wrist_in_6(dh: DHTable, links: Array) -> Array:
+    """Origin of frame 5 seen from the axes of joint 6 before it turns: zero for standard DH (the frames coincide)."""
+    return np.zeros(3) if dh.standard else -links[5][:3, 3]
+
+
+def _bodies_about(axis: Array, stylus: Array, count: int) -> Array:
+    """Orientations (n, 3, 3) of the body behind joint 6 that have ``stylus`` along ``axis``."""
+    start = _rotation_between(stylus, axis)
+    angles = np.arange(count) * (2 * np.pi / count)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    turn = np.eye(3) + np.sin(angles)[:, None, None] * cross + (1 - np.cos(angles))[:, None, None] * (cross @ cross)
+    return np.asarray(turn @ start)
+
+
+def _rotation_between(u: Array, v: Array) -> Array:
+    """A rotation that takes the unit vector u to the unit vector v."""
+    frames = []
+    for direction in (u, v):
+        other = np.eye(3)[np.argmin(np.abs(direction))]
+        second = np.cross(direction, other)
+        second /= np.linalg.norm(second)
+        frames.append(np.column_stack([direction, second, np.cross(direction, second)]))
+    return np.asarray(frames[1] @ frames[0].T)
+
+
+def _wrist_angles(q: Array, body: Array, links: Array) -> Array:
+    """Of one wrist curve, the places where joint 6 can carry ``body``, with θ5 and θ6: (n, 6) [rad].
+
+    In the axes of joint 5 joint 6's axis is ``Rz(θ5) L5 e_z``; its z component does not depend on θ5, which gives the
+    condition on joints 1 to 4.
+    """
+    before = _rotation_before_5(q, links)
+    axis = np.einsum("nji,j->ni", before, body[:, 2])
+    wanted = links[5][:3, 2]
+    gap = axis[:, 2] - wanted[2]
+    following = np.roll(gap, -1)
+    size = np.abs(gap)
+    least = (size <= np.roll(size, 1)) & (size <= np.abs(following)) & (size < 0.05)
+    pick = np.flatnonzero((gap * following <= 0) | least)
+    seeds = q[pick].copy()
+    seeds[:, 4] = np.arctan2(axis[pick, 1], axis[pick, 0]) - np.arctan2(wanted[1], wanted[0])
+    rest = np.einsum("nji,jk->nik", before[pick] @ turns_about_z(seeds[:, 4])[:, :3, :3] @ links[5][:3, :3], body)
+    seeds[:, 5] = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
+    return seeds
+
+
+def _rotation_before_5(q: Array, links: Array) -> Array:
+    rotation = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
+    for joint in range(POSITIONING):
+        rotation = rotation @ turns_about_z(q[:, joint])[:, :3, :3] @ links[joint + 1][:3, :3]
+    return np.asarray(rotation)

@@ -1,0 +1,145 @@
+"""All configurations that bring the wrist to given places, as closed curves; limits play no part here.
+
+Seeds come from the closed form of :mod:`aacmm_pin.postures.three_revolutes` with each of the joints 1 to 4 held in turn at many
+angles: no single joint will do, because near the base axis the curves run at almost constant θ3, and on it θ1 is free.
+Newton's method then moves every candidate to the nearest solution, and continuation follows each curve once round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.postures.continuation import Curve, System, all_curves, polish
+from aacmm_pin.postures.three_revolutes import candidates
+
+POSITIONING = 4
+"""Number of joints that place the wrist."""
+WRIST_ROW = 5
+"""The wrist is the origin of this frame."""
+NEAR = 0.1
+"""Candidates of the closed form that miss the point by more solve only one of its two equations [m]."""
+
+
+@dataclass(frozen=True)
+class Wrist:
+    """The origin of frame 5 as a function of joints 1 to 4, the others held.
+
+    Attributes:
+        table: rows 1 to 5 with the fifth fixed at its held angle.
+        rest: held angles of the joints after the fourth, (nq - 4,) [rad].
+    """
+
+    table: DHTable
+    rest: Array
+
+    @staticmethod
+    def of(dh: DHTable, rest: ArrayLike | None = None) -> Wrist:
+        """Hold joints 5 and up at ``rest`` (nq - 4,) [rad], default 0.
+
+        Raises:
+            ShapeError: ``rest`` has another shape or is not finite.
+            UnsupportedArmError: fewer than five rows, or one of the first five has no joint.
+        """
+        if dh.rows < WRIST_ROW or not dh.moving[:WRIST_ROW].all():
+            raise UnsupportedArmError("configurations need an arm whose first five DH rows are joints")
+        behind = dh.nq - POSITIONING
+        held = np.zeros(behind) if rest is None else vector(rest, behind, "rest", "rad")
+        offsets = dh.theta_offset[:WRIST_ROW].copy()
+        offsets[-1] += held[0]
+        moving = np.array([True] * POSITIONING + [False])
+        first = slice(0, WRIST_ROW)
+        return Wrist(DHTable(dh.a[first], dh.d[first], dh.alpha[first], offsets, moving, dh.convention), held)
+
+    def full(self, q: Array) -> Array:
+        """All joints from the first four: (n, nq) [rad]."""
+        return np.column_stack([q, np.broadcast_to(self.rest, (len(q), len(self.rest)))])
+
+
+def wrist_system(wrist: Wrist, points: Array) -> System:
+    """The wrist's distance (n, 3) [m] from its point among ``points`` (m, 3), as a function of joints 1 to 4."""
+
+    def system(q: Array, problem: Index) -> tuple[Array, Array]:
+        position, jacobian = wrist.table.position_and_jacobian(q)
+        return position - points[problem], jacobian
+
+    return system
+
+
+def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:
+    """Curves of joints 1 to 4 on which the wrist is at ``points`` (m, 3) [m], sorted by the number of the point.
+
+    Args:
+        wrist: which point of the arm.
+        points: where it shall be (m, 3) [m].
+        per_turn: angles at which each of the joints 1 to 4 is held to find seeds.
+    """
+    system = wrist_system(wrist, points)
+    seeds, problem = with_spread(*_held_seeds(wrist.table, points, per_turn), len(points), 4 * per_turn)
+    seeds, good = polish(system, seeds, problem)
+    return all_curves(system, seeds[good], problem[good])
+
+
+def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:
+    """Seeds (n, joints) [rad] and the numbers of their problems (n,), with ``count`` spread ones more for each problem."""
+    spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
+    return np.concatenate([seeds, spread]), np.concatenate([problem, np.repeat(np.arange(problems), count)])
+
+
+def spread_angles(count: int, joints: int) -> Array:
+    """Evenly spread configurations (count, joints) [rad]: starts for Newton's method where a curve is so small that no held
+    angle meets it, as at the ends of the reach.
+
+    Additive recurrence with the powers of the root of x^(d+1) = x + 1 (M. Roberts, 2018).
+    """
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (joints + 1))
+    steps = root ** -np.arange(1.0, joints + 1)
+    return np.asarray((np.arange(1, count + 1)[:, None] * steps % 1.0) * (2 * np.pi) - np.pi)
+
+
+def _held_seeds(table: DHTable, points: Array, per_turn: int) -> tuple[Array, Index]:
+    """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
+    links = table.links()
+    angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37  # off the symmetric angles 0 and ±π
+    seeds, numbers = [], []
+    for held in range(POSITIONING):
+        (b0, b1, b2), c = _chain_with_held(links, held, angles)
+        which, angle = (grid.ravel() for grid in np.meshgrid(np.arange(len(points)), np.arange(per_turn), indexing="ij"))
+        found, who = candidates(b0[angle], b1[angle], b2[angle], c[angle], points[which])
+        free = [joint for joint in range(POSITIONING) if joint != held]
+        q = np.empty((len(found), POSITIONING))
+        q[:, free], q[:, held] = found, angles[angle[who]]
+        seeds.append(q)
+        numbers.append(which[who])
+    q, number = np.concatenate(seeds), np.concatenate(numbers)
+    near = np.linalg.norm(table.positions(q) - points[number], axis=1) < NEAR
+    return q[near], number[near]
+
+
+def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array], Array]:
+    """Constants B0, B1, B2 (n, 4, 4) and the point c (n, 3) of the three joints that stay free."""
+    turns = turns_about_z(angles)
+    constants = [np.broadcast_to(links[0], turns.shape)]
+    for joint in range(POSITIONING):
+        if joint == held:
+            constants[-1] = constants[-1] @ turns @ links[joint + 1]
+        else:
+            constants.append(np.broadcast_to(links[joint + 1], turns.shape))
+    return constants[:3], np.ascontiguousarray(constants[3][:, :3, 3])
+
+
+def turns_about_z(angles: Array) -> Array:
+    """Rz of each angle (n,) [rad]: (n, 4, 4)."""
+    turns = np.zeros((len(angles), 4, 4))
+    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
+    turns[:, 1, 0] = np.sin(angles)
+    turns[:, 0, 1] = -turns[:, 1, 0]
+    turns[:, 2, 2] = turns[:, 3, 3] = 1.0
+    return turns

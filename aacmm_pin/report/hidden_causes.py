@@ -1,0 +1,129 @@
+"""A cause to be found: drawn without being shown, and laid beside what a diagnosis made of its records afterwards."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.units import UM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm.measuring_space import Room
+from aacmm_pin.diagnosis import Diagnosis, Finding
+from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError, ZeroDrift
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.state import State
+from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.planning.causes import moving_rows, usual_causes
+from aacmm_pin.report.diagnosis_findings import in_words, label_in_words, listed, parameters_in_words, probability
+from aacmm_pin.report.diagnosis_tables import motion_of
+
+TIMES_TYPICAL = (1.0, 2.5)
+"""How large a drawn cause is, in usual magnitudes."""
+ORDERS = (3, 12)
+"""Periods per turn of a drawn periodic error."""
+SLIPS_AT = (1500.0, 4500.0)
+"""When a drawn encoder slips: inside the first session of a virtual workshop [s]."""
+WARM_UPS = (900.0, 5400.0)
+"""Time constant of a drawn warm-up [s]."""
+SHOWS = 2e-6
+"""A cause that moves the tip by less than this, at its usual magnitude, is not worth hiding [m]."""
+POSTURES = 100
+SURE = 0.95
+ONE_WAY = ("compliance", "flexibility", "expansion", "level_sag")
+"""Parameters that nature has above zero only, by how files write them."""
+
+
+def hideable(arm: Arm) -> tuple[str, ...]:
+    """Names of the causes that can be hidden in an arm: those that move its tip somewhere."""
+    return tuple(sorted({effect.cause for effect in _everywhere(arm, np.random.default_rng(0))}))
+
+
+def hidden_cause(arm: Arm, rng: np.random.Generator, choose: str | None = None) -> Effect:
+    """A cause of usual size at a place where the arm can have it.
+
+    Args:
+        arm: the arm.
+        rng: draws the cause, each kind being as likely, then its place, then its size in any direction.
+        choose: name of the cause; None draws it too.
+
+    Raises:
+        UnknownNameError: the arm cannot have such a cause; lists those that it can.
+    """
+    names = hideable(arm)
+    if choose is not None and choose not in names:
+        raise UnknownNameError("cause", choose, list(names))
+    drawn = str(rng.choice(names))  # drawn in any case, so that place and size are the seed's alone
+    places = [effect for effect in _everywhere(arm, rng) if effect.cause == (choose or drawn)]
+    effect = places[int(rng.integers(len(places)))]
+    direction = rng.normal(size=len(effect.terms))
+    size = rng.uniform(*TIMES_TYPICAL) / np.linalg.norm(direction)
+    values = size * direction * np.array([term.typical for term in effect.terms])
+    one_way = [term.key.startswith(ONE_WAY) for term in effect.terms]
+    return effect.at(tuple(np.where(one_way, np.abs(values), values)))
+
+
+def _everywhere(arm: Arm, rng: np.random.Generator) -> list[Effect]:
+    """Every cause that the arm can have, at every place where it shows, once; orders and times are drawn."""
+    state = State(arm, Room(arm).postures(POSTURES, np.random.default_rng(0))[0], Conditions(POSTURES), arm.chain.tip)
+    found: list[Effect] = [effect for effect in usual_causes(arm) if effect.needs or _motion(effect, state) > SHOWS]
+    for row in moving_rows(arm):
+        found += [
+            JointPeriodicError(row, float(rng.integers(ORDERS[0], ORDERS[1], endpoint=True))),
+            EncoderSlip(row, float(rng.uniform(*SLIPS_AT))),
+            ZeroDrift(row, float(rng.uniform(*WARM_UPS))),
+        ]
+    return found
+
+
+def _motion(effect: Effect, state: State) -> float:
+    """RMS by which a cause of usual magnitude moves the tip [m]."""
+    moved = effect.sensitivity(state) * np.array([term.typical for term in effect.terms])
+    return float(np.sqrt(np.square(moved).sum(axis=(1, 2)).mean()))
+
+
+def finding_of(result: Diagnosis, hidden: Effect) -> Finding | None:
+    """The finding that names the hidden cause at its place, if there is one."""
+    return next((f for f in result.findings if f.label == hidden.label), None)
+
+
+def uncovered(result: Diagnosis, hidden: Effect) -> pd.DataFrame:
+    """What was hidden beside what was found, one row a value; found is empty where the cause was not named.
+
+    Columns: value, hidden, found, U (k = 2), times_u (found minus hidden over u; a phase the shorter way round).
+    """
+    finding = finding_of(result, hidden)
+    rows = []
+    for name, true in hidden.described().items():
+        value, u = finding.parameters.get(name, (np.nan, np.nan)) if finding is not None else (np.nan, np.nan)
+        off = value - true
+        if name.startswith("phase"):
+            off = (off + np.pi) % (2 * np.pi) - np.pi
+        rows.append({"value": name, "hidden": true, "found": value, "U": COVERAGE_FACTOR * u, "times_u": off / u})
+    return pd.DataFrame(rows)
+
+
+def uncovered_in_words(result: Diagnosis, hidden: Effect) -> str:
+    """What was hidden, how far it moves the tip, and what became of it."""
+    moves = f"{motion_of(result, hidden) / UM:.0f} µm RMS at the tip, beside {result.noise / UM:.0f} µm of noise"
+    was = f"Hidden was: {in_words(hidden)} ({moves})."
+    finding = finding_of(result, hidden)
+    if finding is not None:
+        sure = "settled" if finding.probability >= SURE else "not settled beside its look-alikes"
+        found = f"It is named, {parameters_in_words(finding)}, with probability {probability(finding.probability)}: {sure}."
+        others = [in_words(f.effect) for f in result.findings if f is not finding]
+        return f"{was} {found}" + (f" Named beside it, though not hidden: {listed(others)}." if others else "")
+    for other in result.findings:
+        alias = next((a for a in other.aliases if a.label == hidden.label), None)
+        if alias is not None:
+            return (
+                f"{was} Named is a look-alike, {in_words(other.effect)} (probability {probability(other.probability)}); "
+                f"what was hidden stands beside it, correlation {alias.correlation:.3f}, "
+                f"probability {probability(alias.probability)}."
+            )
+    alike = next((group for group in result.cannot_tell_apart if hidden.label in group), None)
+    if result.findings:
+        named = listed([in_words(f.effect) for f in result.findings])
+        same = f" In these records it looks like {listed([label_in_words(a) for a in alike])}." if alike else ""
+        return f"{was} It is not named; named is {named}.{same}"
+    return f"{was} Nothing is named: in these records, geometry refitted, it does not stand out from the noise."

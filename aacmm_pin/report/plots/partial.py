@@ -1,0 +1,240 @@
+"""What each record says of one cause, once everything else in the extended model is as fitted: partial residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.diagnosis import Diagnosis
+from aacmm_pin.effects import Displacement, Effect, JointErrorCurve, JointPeriodicError
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.effect import moved
+from aacmm_pin.effects.error_model import displaced
+from aacmm_pin.effects.state import State
+from aacmm_pin.errors import AacmmError
+
+MICRO = 1e-6
+FOLDED = 3.0
+"""Waves of a higher order are shown over one period; over the whole turn nobody could see them."""
+DENSE = 1500
+"""Points of a curve over an angle."""
+AWAY = 0.02
+"""A curve over an angle breaks off where the nearest record is farther than this part of the range."""
+LOADS = {
+    "joint_compliance": "moment of the weight about the axis",
+    "bearing_tilt": "moment of the weight across the axis",
+    "base_compliance": "moment of the weight about the base",
+    "torsional_windup": "moment of the weight about the tube",
+    "link_bending": "bending load of the tube",
+    "counterbalance": "horizontal part of the body",
+    "stylus_bending": "horizontal part of the stylus",
+}
+"""What an elastic cause goes with, in words; others go with ``load``."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartialResidual:
+    """A cause as the records show it one by one; only records that say something of it.
+
+    Attributes:
+        x: what the cause depends on, in the unit of ``x_label`` (n,).
+        value, u: amount of the cause by each record, and its standard uncertainty, in the unit of ``y_label`` (n,).
+        fitted: amount by the fitted cause (n,).
+        curve: x and amount of the fitted cause, in the order in which a line joins them; nan where it
+            breaks off (2, m).
+        bins: into how many parts of x the records may be gathered.
+    """
+
+    x: Array
+    x_label: str
+    value: Array
+    u: Array
+    fitted: Array
+    y_label: str
+    curve: Array
+    bins: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Amount:
+    """How much of a cause there is in each record, and how one unit of it moves the target.
+
+    Attributes:
+        amount: at the fitted values (n,) [rad, m, or m/m].
+        lever: displacement of the target by one unit of amount, in the base (n, 3).
+        turns: True where it is a turn, False a shift, None a strain.
+        direction: twist of one unit, at one place in all records alike (6,); None where it varies.
+    """
+
+    amount: Array
+    lever: Array
+    turns: bool | None
+    direction: Array | None = None
+
+
+def is_constant(effect: Effect, state: State) -> bool:
+    """Whether the cause displaces every record alike, as a geometric value does: then it depends on nothing."""
+    return all(len(d.columns) == 1 for d in effect.displacements(state))
+
+
+def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = None) -> State:
+    """The arm as fitted, in the records of the fit or in others."""
+    problem = fit.problem
+    effects = (*problem.model.effects, *problem.effects(fit.solution.point.x))
+    records, arm = problem.measurements, problem.model.arm
+    own = conditions if conditions is not None else records.conditions
+    return displaced(arm, effects, records.q if q is None else q, own, arm.place(), as_referenced=False)
+
+
+def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
+    """What each record says of a cause that the extended model has, everything else as fitted.
+
+    With L the displacement of the target per unit of the cause's amount a (a joint's turn, such as), C the noise and e the
+    residual of a record, its own estimate of the amount is ``a - (Lᵀ C⁻¹ e)/(Lᵀ C⁻¹ L)`` with u = ``(Lᵀ C⁻¹ L)^(-1/2)``:
+    generalised least squares of one number (partial residual, Larsen, McCleary 1972, Technometrics 14).
+
+    Args:
+        result: the diagnosis.
+        effect: the cause with its fitted values, as a finding has it.
+
+    Raises:
+        AacmmError: the cause displaces all records alike, so there is nothing to draw it over.
+    """
+    fit = result.extended
+    state = state_of(fit)
+    if is_constant(effect, state):
+        raise AacmmError(f"{effect.label} displaces every record alike, expected a cause that depends on something")
+    found = _amount(effect, state)
+    lever = found.lever @ fit.solution.point.frame.rotation.T
+    weighted = np.linalg.solve(fit.residual_noise, lever[:, :, None])[:, :, 0]
+    information = np.einsum("ni,ni->n", lever, weighted)
+    there = fit.used & (information > 1e-6 * np.nanmax(information))
+    off = np.einsum("ni,ni->n", weighted, np.nan_to_num(fit.solution.system.deviation))
+    value = found.amount - off / np.where(there, information, 1.0)
+    u = 1.0 / np.sqrt(np.where(there, information, 1.0))
+    x, x_label = _covariate(effect, state, found)
+    ordered = np.argsort(x[there], kind="stable")
+    curve = np.stack([x[there][ordered], found.amount[there][ordered]])
+    if _of_angle(effect, state):
+        curve = _over_angle(effect, state, found, there)
+    curve = curve * np.array([[1.0], [1 / MICRO]])
+    return PartialResidual(
+        x[there],
+        x_label,
+        value[there] / MICRO,
+        u[there] / MICRO,
+        found.amount[there] / MICRO,
+        _y_label(effect, found),
+        curve,
+        72 if isinstance(effect, JointErrorCurve) else 18,
+    )
+
+
+def _amount(effect: Effect, state: State) -> _Amount:
+    places = effect.displacements(state)
+    values = np.array(effect.values)
+    warmth = state.conditions.temperature
+    if "temperature" in effect.needs and warmth is not None and len(values) == 1:
+        warmer = warmth - state.arm.reference_temperature
+        apart = np.abs(warmer) > 0.0
+        safe = np.where(apart, warmer, 1.0)
+        return _Amount(values[0] * warmer, effect.sensitivity(state)[:, :, 0] * (apart / safe)[:, None], None)
+    if len(places) == 1:
+        columns = np.broadcast_to(places[0].columns, (state.n, 6, len(values)))
+        direction = _common_direction(columns)
+        if direction is not None:
+            lever = moved(state, Displacement(places[0].place, direction[None, :, None]))[:, :, 0]
+            amount = np.einsum("i,nip,p->n", direction, columns, values)
+            return _Amount(amount, np.broadcast_to(lever, (state.n, 3)), bool(direction[3:].any()), direction)
+        twist = columns @ values
+        turns = bool(twist[:, 3:].any())
+        size = np.linalg.norm(twist[:, 3:] if turns else twist[:, :3], axis=1) * np.sign(
+            values[0] if len(values) == 1 else 1
+        )
+    else:
+        turns, size = False, np.linalg.norm(effect.sensitivity(state) @ values, axis=1)
+    safe = np.where(size == 0.0, 1.0, size)
+    return _Amount(size, (effect.sensitivity(state) @ values) / safe[:, None], turns)
+
+
+def _common_direction(columns: Array) -> Array | None:
+    """Unit twist (6,) that all columns (n, 6, p) are multiples of, largest component positive; None if there is none."""
+    left, size, _ = np.linalg.svd(columns.transpose(1, 0, 2).reshape(6, -1), full_matrices=False)
+    if size[0] == 0.0 or (size[1:] > 1e-9 * size[0]).any():
+        return None
+    direction = np.where(np.abs(left[:, 0]) > 1e-9, left[:, 0], 0.0)
+    return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
+
+
+def _of_angle(effect: Effect, state: State) -> bool:
+    """Whether the cause is a function of the angle of its own joint alone."""
+    if effect.elastic or effect.needs or not hasattr(effect, "joint") or effect.row is None:
+        return False
+    number = state.joint(effect.row)
+    alone = np.zeros_like(state.q)
+    alone[:, number] = state.q[:, number]
+    whole, own = effect.displacements(state), effect.displacements(replace(state, q=alone))
+    return len(whole) == 1 and np.array_equal(whole[0].columns, own[0].columns)
+
+
+def _period(effect: Effect) -> float | None:
+    """Period over which a wave is shown [rad]; None for the whole range."""
+    return 2 * np.pi / effect.order if isinstance(effect, JointPeriodicError) and effect.order > FOLDED else None
+
+
+def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str]:
+    """What the cause depends on, and its name with its unit."""
+    conditions, needs = state.conditions, effect.needs
+    if "time" in needs:
+        return conditions.require("time", effect.label) / 60.0, "time [min]"
+    if "temperature" in needs and conditions.temperature is not None:
+        return conditions.temperature, "temperature [°C]"
+    if "approach" in needs and effect.row is not None:
+        return conditions.require("approach", effect.label)[:, state.joint(effect.row)], "direction of the last motion [1]"
+    if _of_angle(effect, state) and effect.row is not None:
+        angle, period = state.angle(effect.row), _period(effect)
+        if period is None:
+            return angle / DEG, f"joint {effect.row} [°]"
+        return np.mod(angle, period) / DEG, f"joint {effect.row}, folded into one period of {period / DEG:.4g}° [°]"
+    if len(effect.values) == 1 and effect.values[0] and found.turns is not None:
+        term = effect.terms[0]
+        unit = term.unit.partition("/")[2].strip("()") or "1"
+        words = "minus the measured torque" if "torque" in needs else LOADS.get(effect.cause, "load")
+        return found.amount / effect.values[0], f"{words} [{unit}]"
+    return found.amount / MICRO, f"the same, as fitted [{_unit(found)}]"
+
+
+def _over_angle(effect: Effect, state: State, found: _Amount, there: NDArray[np.bool_]) -> Array:
+    """The fitted cause over the covered range of its joint, x [°] and amount (2, m)."""
+    assert effect.row is not None
+    assert found.direction is not None  # a function of one joint's angle turns about its axis
+    number, period = state.joint(effect.row), _period(effect)
+    angle = state.angle(effect.row)[there]
+    grid = np.linspace(0.0, period, DENSE) if period else np.linspace(angle.min(), angle.max(), DENSE)
+    q = np.zeros((DENSE, state.q.shape[1]))
+    q[:, number] = grid
+    (shown,) = effect.displacements(State(state.arm, q, Conditions(DENSE), state.target))
+    amount = np.einsum("i,nip,p->n", found.direction, shown.columns, np.array(effect.values))
+    if period is None:  # where no record is near, nobody knows the curve
+        ordered = np.sort(angle)
+        after = np.clip(np.searchsorted(ordered, grid), 1, len(ordered) - 1)
+        away = np.minimum(np.abs(grid - ordered[after - 1]), np.abs(ordered[after] - grid))
+        amount[away > AWAY * np.ptp(ordered)] = np.nan
+    return np.stack([grid / DEG, amount])
+
+
+def _unit(found: _Amount) -> str:
+    return "µm/m" if found.turns is None else "µrad" if found.turns else "µm"
+
+
+def _y_label(effect: Effect, found: _Amount) -> str:
+    if found.turns is None:
+        return "expansion [µm/m]"
+    if hasattr(effect, "joint") and found.direction is not None:
+        return f"joint angle minus indication [{_unit(found)}]"
+    return f"{'turn' if found.turns else 'shift'} [{_unit(found)}]"

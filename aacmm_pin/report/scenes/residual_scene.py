@@ -1,0 +1,159 @@
+"""Residuals where they are: lines from each stated place towards the tip, with the arm in the posture of the record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.colors import to_hex
+from meshcat.geometry import Sphere, TriangularMeshGeometry
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration import Calibration
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.diagnosis import Diagnosis
+from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.report.plots.diagnosis import magnification, models, off_stated, postures_of, some_of
+from aacmm_pin.report.plots.style import VERMILLION
+from aacmm_pin.report.scenes.arm_parts import GHOST, Bodies
+from aacmm_pin.report.scenes.arm_scene import (
+    ARM_SWATCHES,
+    TO_SCALE,
+    angle_labels,
+    angle_texts,
+    moving,
+    place_text,
+    placed_at,
+    view_of,
+)
+from aacmm_pin.report.scenes.frames import Frames
+from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
+from aacmm_pin.report.scenes.meshes import ahead, flat, solid, tube
+from aacmm_pin.report.scenes.scene import Scene
+from aacmm_pin.report.scenes.stage import set_stage
+
+SIZE_COLOURS = "plasma"
+CORNERS = 6
+"""Corners of the foot of a residual's spike."""
+FOOT = 0.005
+"""Radius of the foot of a residual's spike, in sizes of the scene."""
+PER_SECOND = 4.0
+
+
+def diagnosis_scene(result: Diagnosis, model: str = "extended") -> Scene:
+    """Residuals of a diagnosis by one of its models, magnified, and the arm in the postures of the records.
+
+    Spikes go from each stated place towards the tip; where nobody states a place, from where the records of the seat put it.
+    The slider goes from the largest residual to the smallest.
+
+    Args:
+        result: the diagnosis.
+        model: ``simulation``, ``recalibrated`` or ``extended``.
+
+    Raises:
+        UnknownNameError: no such model.
+    """
+    fits = models(result)
+    if model not in fits:
+        raise UnknownNameError("model", model, list(fits))
+    return _scene(result.model.arm, fits, model, result.extended, f"residuals of the {model} model")
+
+
+def calibration_scene(result: Calibration, when: str = "after") -> Scene:
+    """The same of a calibration.
+
+    Args:
+        result: the calibration.
+        when: ``before``, by the arm as it was, or ``after``.
+
+    Raises:
+        UnknownNameError: ``when`` is something else.
+    """
+    fits = {"before": result.before, "after": result.fit}
+    if when not in fits:
+        raise UnknownNameError("when", when, list(fits))
+    return _scene(result.model.arm, fits, when, result.fit, f"residuals {when} calibration")
+
+
+def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str) -> Scene:
+    fit, frame = fits[name], fits[name].solution.point.frame
+    records = fit.problem.measurements
+    chosen = some_of(np.flatnonzero(judge.used))
+    off = {which: np.linalg.norm(off_stated(one)[chosen], axis=1) / MM for which, one in fits.items()}
+    order = np.argsort(-off[name], kind="stable")
+    chosen, off = chosen[order], {which: sizes[order] for which, sizes in off.items()}
+    factor = magnification(fit, judge.used)
+    deviation = off_stated(fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
+    target = frame.back(fit.solution.point.prediction.tips[chosen]) - deviation
+    bar, bodies = ColourBar.of("distance of tip and stated place [mm]", off[name], SIZE_COLOURS), Bodies.of(arm)
+    q = records.q[chosen]
+    points = np.vstack([bodies.corners(q).reshape(-1, 3), target, target + factor * deviation])
+    size = float(np.ptp(points, axis=0).max())
+
+    scene = Scene(f"{arm.name}: {words}", _caption(judge, chosen, off))
+    bodies.draw(scene)
+    for number, posture in enumerate(postures_of(judge), start=1):
+        scene[f"ghosts/{number}"].set_object(tube(frame.back(posture * MM), 0.3 * bodies.radius), solid(GHOST, 0.45))
+    vertices, faces, colours = spikes(target, target + factor * deviation, FOOT * size, bar.colours(off[name]))
+    scene["residuals"].set_object(TriangularMeshGeometry(vertices, faces, colours), flat(by_vertex=True))
+    scene["record"].set_object(Sphere(1.6 * FOOT * size), ahead(VERMILLION, 0.7))
+    scene["record"].set_transform(placed_at(target)[0])
+    scene.frames = Frames(
+        moving(bodies, q, scene) | {"record": placed_at(target)},
+        ["row", "seat", "stated place", *(f"off, {which}" for which in off), *angle_labels(arm)],
+        _readings(arm, records.take(chosen), target, off),
+        [to_hex(colour) for colour in bar.colours(off[name])],
+        per_second=PER_SECOND,
+    )
+    stage = set_stage(scene, points)
+    marks = [
+        Swatch(VERMILLION, "stated place of this record"),
+        Swatch(GHOST, "other postures", "line"),
+        *ARM_SWATCHES,
+        *stage,
+    ]
+    notes = [
+        f"Residuals are magnified {factor:g} times: a spike stands with its foot on the stated place and points to the tip.",
+        "The slider goes from the largest residual to the smallest.",
+        TO_SCALE.replace("Lengths are", "The arm is"),
+    ]
+    scene.legend = Legend(marks, [bar], notes)
+    scene.view = view_of(bodies, points, target.mean(axis=0))
+    return scene
+
+
+def _readings(arm: Arm, records: Measurements, places: Array, off: Mapping[str, Array]) -> list[list[str]]:
+    seats = ["–"] * records.n if records.conditions.seat is None else [str(seat or "–") for seat in records.conditions.seat]
+    sizes = [[f"{size:.4f} mm" for size in row] for row in zip(*off.values(), strict=True)]
+    rows = zip(records.row, seats, places, sizes, records.q, strict=True)
+    return [[str(row), seat, place_text(at), *size, *angle_texts(arm, q)] for row, seat, at, size, q in rows]
+
+
+def _caption(judge: Fit, chosen: Index, off: Mapping[str, Array]) -> str:
+    sizes = ", ".join(f"{which} {np.sqrt(np.mean(np.square(values))):.4f} mm" for which, values in off.items())
+    excluded = int(judge.excluded.sum())
+    without = f"; {excluded} excluded" if excluded else ""
+    return (
+        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance from the stated places, whose "
+        f"own noise is in it: {sizes}."
+    )
+
+
+def spikes(start: Array, end: Array, radius: float, colours: Array) -> tuple[Array, Index, Array]:
+    """Thin pyramids from a foot about ``start`` (n, 3) to ``end`` (n, 3) [m]: vertices, triangles, colours."""
+    along = end - start
+    away = np.eye(3)[np.abs(along).argmin(axis=1)]
+    across = np.cross(along, away)
+    across *= radius / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
+    beside = np.cross(along / length, across)
+    turn = np.arange(CORNERS) * (2 * np.pi / CORNERS)
+    foot = start[:, None] + np.cos(turn)[:, None] * across[:, None] + np.sin(turn)[:, None] * beside[:, None]
+    vertices = np.concatenate([foot, end[:, None]], axis=1)
+    corner = np.arange(CORNERS)
+    one = np.column_stack([corner, (corner + 1) % CORNERS, np.full(CORNERS, CORNERS)])
+    faces = one + (CORNERS + 1) * np.arange(len(start))[:, None, None]
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3), np.repeat(colours, CORNERS + 1, axis=0)

@@ -1,0 +1,180 @@
+"""Results as plain dictionaries for JSON: what ``aacmm-pin accuracy --json`` and ``aacmm-pin map --json`` write."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.cells import spread
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM, MM3, UM
+from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy
+from aacmm_pin.accuracy.configuration_choice import paired
+from aacmm_pin.accuracy.volume import AccuracyVolume
+from aacmm_pin.accuracy.workspace import WorkspaceMap
+from aacmm_pin.postures.general_ik import ReachingPostures
+from aacmm_pin.postures.solution_set import PosturesAtPoint
+
+ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
+MAP_SCHEMA = "aacmm-pin/map/1"
+DIGITS = 9
+"""Decimals kept of lengths and angles [mm, deg]: hides what binary fractions do to decimal input, and nothing else."""
+
+
+def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors: int = 12) -> dict[str, Any]:
+    """Schema ``aacmm-pin/accuracy/1``: accuracy over the configurations of ``circle`` that are within limits.
+
+    ``best`` and ``worst`` are by accuracy volume, ``smallest_u`` and ``largest_u`` by standard uncertainty; the budget is
+    the mean over the configurations; ``taken_as_exact`` names the parameters for which no uncertainty is stated,
+    ``not_included`` the causes of error that are left out, see :class:`aacmm_pin.accuracy.error_sources.ErrorSources`.
+    Numbers that do not exist are None: without a configuration all of them, and ``reason`` says why; for an arm that came
+    as URDF swivel angles, sectors (an empty list) and the comprehensive accuracy, whose weights are those of SINO6.
+    ``arc_fraction`` of :func:`aacmm_pin.postures.general_ik` is of the way along the curves, and None for single postures;
+    what was asked for, how it was searched, and what is to be known besides, stand in ``conditions``, ``search``, ``notes``.
+
+    Args:
+        circle: every configuration at the point.
+        accuracy: ``circle_accuracy(circle)``, or that of an extended model of the circle's arm.
+        sectors: number of sectors for the flexibility.
+
+    Raises:
+        ShapeError: ``accuracy`` was worked out for other configurations.
+    """
+    inside = paired(circle, accuracy)
+    flexibility = circle.flexibility(sectors)
+    summary: dict[str, Any] = {
+        "schema": ACCURACY_SCHEMA,
+        "arm": circle.arm.name,
+        "point_mm": _rounded(circle.point / MM),
+        "at": circle.at,
+        "method": accuracy.method,
+        "configurations": len(inside),
+        "flexibility": {
+            "zeta": _number(flexibility.zeta),
+            "sectors": list(flexibility.sectors),
+            "arc_fraction": _number(flexibility.arc_fraction),
+        },
+        "volume_mm3": _volumes(circle, accuracy),
+        "u_mm": _spread(accuracy.u / MM),
+        "largest_deviation_mm": _spread(accuracy.largest_deviation / MM) if accuracy.sources.bounded else None,
+        "best": _posture(circle, accuracy, accuracy.volume, np.argmin),
+        "worst": _posture(circle, accuracy, accuracy.volume, np.argmax),
+        "smallest_u": _posture(circle, accuracy, accuracy.u, np.argmin),
+        "largest_u": _posture(circle, accuracy, accuracy.u, np.argmax),
+        "budget": _budget(accuracy),
+        "taken_as_exact": list(accuracy.sources.taken_as_exact),
+        "not_included": list(accuracy.not_included),
+    }
+    if isinstance(circle, ReachingPostures):
+        summary |= _search(circle)
+    if not len(inside):
+        summary["reason"] = circle.reason or "no configuration is within the joint limits"
+    return summary
+
+
+def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
+    """Schema ``aacmm-pin/map/1``: sizes of a map and how many reachable cells have how many working sectors.
+
+    ``not_included``, only where there are some, names the causes of error that are left out of the accuracies.
+    """
+    data = map_.data
+    box = np.asarray(data.attrs["extent_mm"])
+    summary = {
+        "schema": MAP_SCHEMA,
+        "arm": str(data.attrs["arm"]),
+        "cells": [int(data.sizes["x_mm"]), int(data.sizes["z_mm"])],
+        "sectors": map_.sectors,
+        "extent_mm": {"x": _rounded(box[:2]), "z": _rounded(box[2:])},
+        "working_sectors": {str(count): cells for count, cells in map_.working_sectors().items()},
+        "unreachable": map_.unreachable,
+        "seconds": round(map_.seconds, 3),
+    }
+    return summary | ({"not_included": list(map_.not_included)} if map_.not_included else {})
+
+
+def map_table(map_: WorkspaceMap) -> pd.DataFrame:
+    """Least, median and largest of what a map holds, over the cells where it is known, as text."""
+    rows = {
+        "comprehensive accuracy [mm³]": map_.data["comprehensive_mm3"],
+        "smallest accuracy volume [mm³]": map_.data["best_mm3"],
+        "largest accuracy volume [mm³]": map_.data["worst_mm3"],
+        "smallest standard uncertainty [µm]": MM / UM * map_.data["smallest_u_mm"],
+        "largest standard uncertainty [µm]": MM / UM * map_.data["largest_u_mm"],
+        "flexibility [1]": map_.data["flexibility"],
+    }
+    return pd.DataFrame([{"over the cells": name} | spread(data.values, ".4g") for name, data in rows.items()])
+
+
+def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.DataFrame:
+    """The configurations within limits as in :meth:`PosturesAtPoint.to_frame`, with their accuracy behind.
+
+    Raises:
+        ShapeError: ``accuracy`` was worked out for other configurations.
+    """
+    inside = circle.to_frame().iloc[paired(circle, accuracy)].reset_index(drop=True)
+    return inside.join(accuracy.to_frame().filter(regex="_mm"))
+
+
+def _search(postures: ReachingPostures) -> dict[str, Any]:
+    search = postures.search
+    return {
+        "conditions": postures.conditions.count,
+        "components": int(postures.component.max(initial=0)),
+        "search": {"starts": search.starts, "arrived": search.arrived, "unseen_at_most": search.unseen},
+        "notes": list(postures.notes),
+    }
+
+
+def _volumes(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, float | None]:
+    volume = accuracy.volume / MM3
+    weighted = circle.arm.dh is not None  # by the θ3 of an arm built like SINO6
+    comprehensive = comprehensive_accuracy(volume, accuracy.q[:, 2], circle.point) if weighted else math.nan
+    return _spread(volume) | {"comprehensive": _number(comprehensive)}
+
+
+def _spread(values: Array) -> dict[str, float | None]:
+    if not len(values):
+        return {"min": None, "median": None, "max": None}
+    return {"min": _number(values.min()), "median": _number(np.median(values)), "max": _number(values.max())}
+
+
+def _posture(
+    circle: PosturesAtPoint, accuracy: AccuracyVolume, values: Array, pick: Callable[[Array], np.intp]
+) -> dict[str, Any]:
+    if not len(values):
+        return {"theta_deg": None, "swivel_deg": None, "volume_mm3": None, "u_mm": None}
+    number = int(pick(values))
+    swivel = _number(circle.swivel[circle.within_limits][number] / DEG)
+    return {
+        "theta_deg": _rounded(accuracy.q[number] / DEG),
+        "swivel_deg": None if swivel is None else round(swivel, DIGITS),
+        "volume_mm3": _number(accuracy.volume[number] / MM3),
+        "u_mm": _number(accuracy.u[number] / MM),
+    }
+
+
+def _budget(accuracy: AccuracyVolume) -> list[dict[str, Any]]:
+    if not len(accuracy.q):
+        return []
+    rows = accuracy.budget("parameter").to_dict("records")
+    return [
+        {
+            "parameter": str(r["parameter"]),
+            "joint": None if pd.isna(r["joint"]) else int(r["joint"]),
+            "share": _number(r["share"]),
+            "u_mm": _number(r["u_mm"]),
+        }
+        for r in rows
+    ]
+
+
+def _rounded(values: Array) -> list[float]:
+    return [round(float(value), DIGITS) + 0.0 for value in values]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
