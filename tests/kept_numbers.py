@@ -1,6 +1,6 @@
 """Every number that the commands write for fixed inputs, so that a change which should change none can be held to it.
 
-``python -m tests.kept_numbers NUMBERS.json`` runs all of them, ``python -m tests.kept_numbers OLD.json NEW.json`` lists what differs.
+``python -m tests.kept_numbers NUMBERS.json`` runs all of them, and with two such files lists what differs.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from tqdm import tqdm
 
 NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
 AT_SEATS = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.01 --probe-noise-mm 0.005"
+FREE, SEATS = "simulate sino6 --plan free", "simulate sino6 --plan seats --records 120"
 POINT = "--point 33.6323 -671.8702 182.9355"
 FEW = [
     "urdf sino6 -o sino6.urdf",
     f"configurations sino6 {POINT} --count 24 -o circle.csv",
     f"accuracy sino6 {POINT} --count 24 --json accuracy.json",
     "map sino6 --cells 5 5 --sectors 4 -o map.nc --json map.json",
-    "simulate sino6 --plan free --records 60 --effect encoder_eccentricity:joint=3,amplitude_rad=3e-4 --seed 1 -o free.csv",
+    f"{FREE} --records 60 --effect encoder_eccentricity:joint=3,amplitude_rad=3e-4 --seed 1 -o free.csv",
     f"calibrate sino6 free.csv {NOISE} -o calibrated.toml --json calibrate.json",
     f"diagnose sino6 free.csv {NOISE} --json diagnose.json --extended-arm extended.toml",
     "correct extended.toml free.csv -o corrected.csv",
@@ -40,9 +41,9 @@ MORE = [
     "urdf zero6 -o zero6.urdf",
     "configurations sino6 --tip --point 500 200 400 --axis 0 0 -1 --count 12 -o axis.csv",
     *(f"accuracy sino6 {POINT} --count 24 --method {m} --json {m}.json" for m in ("jointwise", "ellipsoid", "monte-carlo")),
-    "simulate sino6 --plan seats --records 120 --effect bearing_tilt:joint=2,compliance_rad_per_nm=2e-6 --seed 2 -o seats.csv",
-    "simulate sino6 --plan free --records 300 --perturb --effect thermal_expansion:expansion_per_k=2e-5 --seed 3 -o warm.csv",
-    "simulate sino6 --plan free --records 80 --seed 4 -o nothing.csv",
+    f"{SEATS} --effect bearing_tilt:joint=2,compliance_rad_per_nm=2e-6 --seed 2 -o seats.csv",
+    f"{FREE} --records 300 --perturb --effect thermal_expansion:expansion_per_k=2e-5 --seed 3 -o warm.csv",
+    f"{FREE} --records 80 --seed 4 -o nothing.csv",
     f"calibrate sino6 seats.csv {AT_SEATS} --json seats-calibrate.json -o seats.toml",
     f"calibrate sino6 warm.csv {NOISE} --reference-frame external --json external.json --urdf-out external.urdf",
     f"calibrate sino6 nothing.csv {NOISE} --parameters zero-offsets --json zero.json --residuals residuals.csv",

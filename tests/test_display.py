@@ -43,8 +43,8 @@ from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import OutputError, ShapeError, UnknownNameError
-from aacmm_pin.postures import general_ik as reaching_postures
-from aacmm_pin.report import scenes as display
+from aacmm_pin.postures.general_ik import reaching_postures
+from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Scene
 from aacmm_pin.report.scenes.accuracy_set import AccuracySet
 from aacmm_pin.report.scenes.frames import Frames
@@ -111,7 +111,7 @@ def random_q(arm: Arm, rng: np.random.Generator, n: int = 7) -> Array:
 def test_bodies_are_where_pinocchio_has_them(arm_file: ArmFile, rng: np.random.Generator) -> None:
     arm = Arm.from_file(arm_file)
     dh, q = arm.require_dh("this test"), random_q(arm, rng)
-    scene = display.arm_scene(arm, q)
+    scene = scenes.arm_scene(arm, q)
     for row in range(1, dh.rows + 1):
         expected = frame_placements(arm, q, f"link{row}")
         if not dh.standard:  # the axis of modified DH has d before it
@@ -123,7 +123,7 @@ def test_bodies_are_where_pinocchio_has_them(arm_file: ArmFile, rng: np.random.G
 def test_the_drawn_tip_is_the_tip(arm_file: ArmFile, rng: np.random.Generator) -> None:
     arm = Arm.from_file(arm_file)
     q = random_q(arm, rng)
-    scene = display.arm_scene(ErrorModel(arm), q)
+    scene = scenes.arm_scene(ErrorModel(arm), q)
     last = f"arm/body {arm.require_dh('this test').rows}"
     tip = decoded(scene, last) @ transform(scene, f"{last}/tip")
     np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, "tip")[:, :3, 3], atol=SINGLE)
@@ -135,7 +135,7 @@ def test_an_arm_that_came_as_urdf(
 ) -> None:
     arm = Arm.from_urdf(robot_file(file), frame)
     q = random_q(arm, rng)
-    scene, data = display.arm_scene(arm, q), arm.model.createData()
+    scene, data = scenes.arm_scene(arm, q), arm.model.createData()
     tip = decoded(scene, f"arm/body {arm.nq}") @ transform(scene, f"arm/body {arm.nq}/tip")
     np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, frame)[:, :3, 3], atol=SINGLE)
     for number, row in enumerate(q):
@@ -157,7 +157,7 @@ def test_a_sliding_joint(rng: np.random.Generator) -> None:
     model.addFrame(pin.Frame("hand", swing, pin.SE3(np.eye(3), np.array([0.5, 0, 0])), pin.FrameType.OP_FRAME))
     arm = Arm.from_model(model, "hand")
     q = rng.uniform(-1, 1, (5, 2))
-    scene = display.arm_scene(arm, q)
+    scene = scenes.arm_scene(arm, q)
     tip = decoded(scene, "arm/body 2") @ transform(scene, "arm/body 2/tip")
     np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, "hand")[:, :3, 3], atol=SINGLE)
     assert scene.frames is not None
@@ -171,7 +171,7 @@ def test_a_sliding_joint(rng: np.random.Generator) -> None:
 def test_tubes_lie_along_d_and_then_along_a(sino6: Arm, rng: np.random.Generator) -> None:
     """From the frame of the row before, along its joint's axis, by d; to the row's own frame, along its x, by a."""
     q = random_q(sino6, rng, 1)
-    scene, dh = display.arm_scene(sino6, q), sino6.require_dh("this test")
+    scene, dh = scenes.arm_scene(sino6, q), sino6.require_dh("this test")
     expected = []
     for row in range(1, 7):
         before, after = (frame_placements(sino6, q, name)[0] for name in (f"link{row}", f"frame{row}"))
@@ -190,14 +190,14 @@ def test_tubes_lie_along_d_and_then_along_a(sino6: Arm, rng: np.random.Generator
 def test_readings_and_refusals(sino6: Arm) -> None:
     q = np.zeros((2, 6))
     q[1, 1] = 0.5  # joint 2 stays below 0
-    scene = display.arm_scene(sino6, q)
+    scene = scenes.arm_scene(sino6, q)
     assert scene.frames is not None
     assert scene.frames.readings[0][-1] == "within"
     assert scene.frames.readings[1][-1] == "outside: joint 2"
     assert scene.frames.readings[1][2] == f"{0.5 / DEG:.2f}°"
     for bad in (np.zeros(6), np.zeros((1, 5)), np.full((1, 6), np.nan), np.zeros((0, 6))):
         with pytest.raises(ShapeError):
-            display.arm_scene(sino6, bad)
+            scenes.arm_scene(sino6, bad)
 
 
 # --- the circle
@@ -211,7 +211,7 @@ def sino6_circle() -> Any:
 @cache
 def circle_of(shape: str) -> Scene:
     circle = sino6_circle()
-    return display.circle_scene(circle, circle_accuracy(circle), shape=display.shape_of(shape), most_frames=24)
+    return scenes.circle_scene(circle, circle_accuracy(circle), shape=scenes.shape_of(shape), most_frames=24)
 
 
 def shown_rows(scene: Scene) -> Array:
@@ -244,7 +244,7 @@ def test_the_slider_holds_the_postures_within_limits() -> None:
 
 def test_postures_outside_the_limits_when_asked_for() -> None:
     circle = sino6_circle()
-    scene = display.circle_scene(circle, circle_accuracy(circle), outside=True)
+    scene = scenes.circle_scene(circle, circle_accuracy(circle), outside=True)
     assert scene.frames is not None
     assert len(scene.frames) == len(circle.q)
     for within, broken, row, colour in zip(
@@ -385,7 +385,7 @@ def test_the_ghosts_are_other_postures() -> None:
 
 def test_an_arm_without_uncertainties_has_no_accuracy(zero6: Arm) -> None:
     circle = configuration_circle(zero6, np.array([0.4, 0.0, 0.1]), count=12)
-    scene = display.circle_scene(circle)
+    scene = scenes.circle_scene(circle)
     assert scene.legend.bars == []
     assert "accuracy" not in commands(scene, "set_object")
     assert scene.frames is not None
@@ -414,7 +414,7 @@ def test_an_enumeration_without_a_dh_table(robot_file: Callable[[str], Path]) ->
     q = np.array([0.3, -1.2, 1.4, -1.6, -1.5, 0.4]) + 0.3 * np.column_stack([np.sin(turn + k) for k in range(6)])
     q[3, 2] = 9.0
     found = Reached(arm, arm.positions(q[:1])[0], "tool0", q, np.ones(30, dtype=np.intp), broken_limits(q, arm.limits))
-    scene = display.circle_scene(found)
+    scene = scenes.circle_scene(found)
     origins, data = np.zeros((30, 6, 3)), arm.model.createData()
     for k, row in enumerate(q):
         pin.forwardKinematics(arm.model, data, row)
@@ -425,14 +425,14 @@ def test_an_enumeration_without_a_dh_table(robot_file: Callable[[str], Path]) ->
     assert np.linalg.norm(drawn[:, None] - origins[None, :, widest], axis=2).min(axis=1).max() < 1e-6
     assert any(f"joint {widest + 1}" in swatch.text for swatch in scene.legend.swatches)
     accuracy = circle_accuracy(found)  # type: ignore[arg-type]
-    assert len(display.circle_scene(found, accuracy).frames or ()) == 29
+    assert len(scenes.circle_scene(found, accuracy).frames or ()) == 29
 
 
 def test_single_postures_have_no_path(robot_file: Callable[[str], Path]) -> None:
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5, rotation_half_width=1e-4)
     pose = arm.poses(np.array([[0.3, -1.2, 1.4, -1.6, -1.5, 0.4]])).placement[0]
     found = reaching_postures(arm, pose[:3, 3], rotation=pose[:3, :3])
-    scene = display.circle_scene(found, circle_accuracy(found))
+    scene = scenes.circle_scene(found, circle_accuracy(found))
     assert not any(path.startswith("path") for path in commands(scene, "set_object"))
     assert "path of" not in " ".join([*scene.legend.notes, *(swatch.text for swatch in scene.legend.swatches)])
 
@@ -440,16 +440,16 @@ def test_single_postures_have_no_path(robot_file: Callable[[str], Path]) -> None
 def test_what_a_circle_refuses(sino6: Arm) -> None:
     circle = sino6_circle()
     with pytest.raises(AacmmError, match="no configuration"):
-        display.circle_scene(configuration_circle(sino6, [0.0, 5.0, 0.0]))
+        scenes.circle_scene(configuration_circle(sino6, [0.0, 5.0, 0.0]))
     other = circle_accuracy(configuration_circle(sino6, POINT, count=30))
     with pytest.raises(ShapeError, match="within limits"):
-        display.circle_scene(circle, other)
+        scenes.circle_scene(circle, other)
     with pytest.raises(UnknownNameError, match="ellipsoid, zonotope"):
-        display.circle_scene(circle, circle_accuracy(circle), shape="cube")  # type: ignore[arg-type]
+        scenes.circle_scene(circle, circle_accuracy(circle), shape="cube")  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="volume, u"):
-        display.circle_scene(circle, quantity="mass")  # type: ignore[arg-type]
+        scenes.circle_scene(circle, quantity="mass")  # type: ignore[arg-type]
     with pytest.raises(AacmmError, match="most_frames is 2"):
-        display.circle_scene(circle, most_frames=2)
+        scenes.circle_scene(circle, most_frames=2)
 
 
 # --- map, diagnosis, calibration
@@ -465,7 +465,7 @@ def small_map() -> Any:
 )
 def test_the_cells_of_a_map(sino6: Arm, quantity: str, colours: str, scale: float) -> None:
     found = small_map()
-    scene = display.map_scene(found, sino6, quantity)
+    scene = scenes.map_scene(found, sino6, quantity)
     values = np.where(found.data["reachable"].values == 1, found.data[quantity].values, np.nan)
     low, high = np.nanmin(values), np.nanmax(values)
     (bar,) = scene.legend.bars
@@ -489,7 +489,7 @@ def test_the_cells_of_a_map(sino6: Arm, quantity: str, colours: str, scale: floa
 
 def test_the_arm_reaches_into_the_cells(sino6: Arm) -> None:
     found = small_map()
-    scene = display.map_scene(found, sino6)
+    scene = scenes.map_scene(found, sino6)
     assert scene.frames is not None
     point = decoded(scene, "point")[:, :3, 3]
     labels = scene.frames.labels
@@ -503,9 +503,9 @@ def test_the_arm_reaches_into_the_cells(sino6: Arm) -> None:
 
 def test_what_a_map_refuses(sino6: Arm, zero6: Arm) -> None:
     with pytest.raises(UnknownNameError, match="comprehensive_mm3"):
-        display.map_scene(small_map(), sino6, "colour")
+        scenes.map_scene(small_map(), sino6, "colour")
     with pytest.raises(AacmmError, match="the map is of SINO6"):
-        display.map_scene(small_map(), zero6)
+        scenes.map_scene(small_map(), zero6)
 
 
 @cache
@@ -530,7 +530,7 @@ def spikes_of(scene: Scene) -> tuple[Array, Array, Array]:
 
 def test_residuals_of_the_simulation_by_pinocchio(sino6: Arm) -> None:
     data = measured()
-    scene = display.diagnosis_scene(diagnosed(), "simulation")
+    scene = scenes.diagnosis_scene(diagnosed(), "simulation")
     foot, end, colour = spikes_of(scene)
     assert scene.frames is not None
     rows = np.array([int(row[0]) for row in scene.frames.readings])
@@ -550,13 +550,13 @@ def test_residuals_of_the_simulation_by_pinocchio(sino6: Arm) -> None:
 def test_the_extended_model_leaves_less() -> None:
     sizes = {}
     for name in ("simulation", "recalibrated", "extended"):
-        scene = display.diagnosis_scene(diagnosed(), name)
+        scene = scenes.diagnosis_scene(diagnosed(), name)
         foot, end, _ = spikes_of(scene)
         sizes[name] = np.sqrt(np.square((end - foot) / factor_of(scene)).sum(axis=1).mean()) / MM
     for name, size in sizes.items():
         assert size == pytest.approx(diagnosed().rms[name] / MM, rel=0.01)
     with pytest.raises(UnknownNameError, match="simulation, recalibrated, extended"):
-        display.diagnosis_scene(diagnosed(), "best")
+        scenes.diagnosis_scene(diagnosed(), "best")
 
 
 def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> None:
@@ -568,7 +568,7 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> 
     table[["x_mm", "y_mm", "z_mm"]] = (data.reference @ turn.T + shift) / MM
     moved = type(data).from_frame(pd.DataFrame(table))
     result = calibrate(sino6, moved, ["geometry"], reference_frame="external", encoder_noise=8e-6)
-    scene = display.calibration_scene(result, "after")
+    scene = scenes.calibration_scene(result, "after")
     assert scene.frames is not None
     foot, end, _ = spikes_of(scene)
     rows = np.array([int(row[0]) for row in scene.frames.readings])
@@ -579,7 +579,7 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> 
     tips = result.model.correct(moved.q[records])
     np.testing.assert_allclose(foot + (end - foot) / factor_of(scene), tips, atol=1e-6)
     with pytest.raises(UnknownNameError, match="before, after"):
-        display.calibration_scene(result, "during")
+        scenes.calibration_scene(result, "during")
 
 
 # --- scene and page
@@ -616,7 +616,7 @@ def test_a_page_stands_alone() -> None:
 
 
 def test_text_is_text() -> None:
-    scene = Scene("<b>1 & 2</b>", "</script><script>alert(1)</script>", legend=display.Legend(notes=["<i>"]))
+    scene = Scene("<b>1 & 2</b>", "</script><script>alert(1)</script>", legend=scenes.Legend(notes=["<i>"]))
     frames = Frames({"arm": np.eye(4)[None]}, ["</script>"], [["<!--"]], ["red"])
     scene.frames = frames
     rest = outside_viewer(scene.html())
@@ -630,7 +630,7 @@ def test_text_is_text() -> None:
 
 def test_several_scenes_hold_the_viewer_once() -> None:
     parts = [circle_of(shape).embedded(400) for shape in ("ellipsoid", "zonotope")]
-    page = "<!DOCTYPE html><title>two</title>" + display.shared_script() + "".join(parts)
+    page = "<!DOCTYPE html><title>two</title>" + scenes.shared_script() + "".join(parts)
     assert page.count(viewer_script()) == 1
     for part in parts:
         assert part.count("<script") == 1

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 from aacmm_pin import Arm, circle_accuracy, configuration_circle
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.report import scenes as display
+from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Scene
 
 __all__ = ["page"]
@@ -57,7 +57,7 @@ SEEN = """
 @cache
 def circle_scene(shape: str = "ellipsoid") -> Scene:
     circle = configuration_circle(Arm.load("sino6"), POINT, count=60)
-    return display.circle_scene(circle, circle_accuracy(circle), shape=display.shape_of(shape), most_frames=20)
+    return scenes.circle_scene(circle, circle_accuracy(circle), shape=scenes.shape_of(shape), most_frames=20)
 
 
 def opened(page: Page, where: Path | str, size: tuple[int, int] = DESK) -> None:
@@ -204,7 +204,7 @@ def test_a_shape_that_changes(page: Page, tmp_path: Path) -> None:
 
 
 def test_one_posture_has_no_slider(page: Page, tmp_path: Path) -> None:
-    display.arm_scene(Arm.load("zero6"), np.zeros((1, 6))).save(tmp_path / "one.html")
+    scenes.arm_scene(Arm.load("zero6"), np.zeros((1, 6))).save(tmp_path / "one.html")
     opened(page, tmp_path / "one.html")
     assert page.evaluate("document.getElementById('slider')") is None
     assert page.evaluate("document.querySelectorAll('#readings dd').length") == 8
@@ -213,10 +213,10 @@ def test_one_posture_has_no_slider(page: Page, tmp_path: Path) -> None:
 
 
 def test_several_scenes_on_a_page(page: Page, tmp_path: Path) -> None:
-    scenes = [circle_scene(), circle_scene("zonotope"), display.arm_scene(Arm.load("zero6"), np.zeros((1, 6)))]
-    parts = "<p style='height: 3000px'></p>".join(scene.embedded(500) for scene in scenes)
+    several = [circle_scene(), circle_scene("zonotope"), scenes.arm_scene(Arm.load("zero6"), np.zeros((1, 6)))]
+    parts = "<p style='height: 3000px'></p>".join(scene.embedded(500) for scene in several)
     report = tmp_path / "report.html"
-    report.write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{parts}{display.shared_script()}", encoding="utf-8")
+    report.write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{parts}{scenes.shared_script()}", encoding="utf-8")
     page.open(report)
     drawn = "[...document.querySelectorAll('iframe')].map((f) => Boolean(f.contentWindow.page))"
     page.wait_for(f"{drawn}[0]")

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from aacmm_pin import Arm
 from aacmm_pin.cli import app
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report import scenes as display
+from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Scene, serving
 from aacmm_pin.report.scenes import server as serving_from
 
@@ -254,7 +254,7 @@ def test_one_posture_and_a_urdf(monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
     theta = "10 -60, 70 -80 -90 5"
     assert run("--urdf", urdf, "--frame", "tool0", "--theta-deg", theta, "-o", target)[0] == 0
     q = np.radians([[10, -60, 70, -80, -90, 5]])
-    assert display.arm_scene(Arm.from_urdf(urdf, "tool0"), q).title in target.read_text(encoding="utf-8")
+    assert scenes.arm_scene(Arm.from_urdf(urdf, "tool0"), q).title in target.read_text(encoding="utf-8")
     tip = Arm.from_urdf(urdf, "tool0").poses(q).position[0] * 1e3
     assert ", ".join(f"{c:.1f}" for c in tip) in target.read_text(encoding="utf-8")
     assert run("--urdf", robot_file("panda.urdf"), "--frame", "panda_hand", "-o", target, "--force")[0] == 0  # type: ignore[operator]

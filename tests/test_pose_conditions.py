@@ -14,8 +14,8 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
-from aacmm_pin.postures import general_ik as reaching_postures
 from aacmm_pin.postures.constraints import PoseConditions, pointed_off, turned_off
+from aacmm_pin.postures.general_ik import reaching_postures
 
 H = 1e-6
 ANGLES = [0.0, 1e-13, 1e-7, 9e-4, 1.1e-3, 0.5, 2.0, 3.1, np.pi - 1e-5]

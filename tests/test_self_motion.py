@@ -14,7 +14,7 @@ from aacmm_pin import ReachingPostures, configuration_circle
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.postures import general_ik as reaching_postures
+from aacmm_pin.postures.general_ik import reaching_postures
 
 TURN = 2 * np.pi
 KEPT = Path(__file__).parents[1] / "urdf"

@@ -44,7 +44,7 @@ from aacmm_pin.calibration.result import PICTURES
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError, StylusOffset
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import Noise
-from aacmm_pin.papers import sino6 as sino6_paper
+from aacmm_pin.papers import sino6
 from aacmm_pin.papers.table3 import Table3Diagnosis
 from aacmm_pin.papers.table3.contrast import Contrast
 from aacmm_pin.papers.table3.extended import HeldOutSeats
@@ -91,7 +91,7 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
     rng, noise = np.random.default_rng(2), Noise.of(6, encoder=READINGS)
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
-    table2 = sino6_paper.reproduce_table2(grid=6)
+    table2 = sino6.reproduce_table2(grid=6)
     return {
         "Arm": arm,
         "Arm of a URDF": Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5),
@@ -124,8 +124,8 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "Tried": plan.tried[-1],
         "Power": plan.after,
         "Table2": table2,
-        "Table3": sino6_paper.predict_table3(rng, 20),
-        "NominalArm": sino6_paper.sino6_nominal(),
+        "Table3": sino6.predict_table3(rng, 20),
+        "NominalArm": sino6.sino6_nominal(),
     }
 
 

@@ -14,8 +14,7 @@ from by_newton import by_newton, distances
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.postures import general_ik as reaching_postures
-from aacmm_pin.postures.general_ik import ReachingPostures
+from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
 
 SAME = 1e-6  # rad
 

@@ -1,14 +1,9 @@
 """How a result shows and draws itself, although words and pictures stand on floors above it.
 
 ``found.plot()`` and the card that Jupyter shows of ``found`` belong to the result, which is where people look for them. What
-they do, though, takes the words of :mod:`aacmm_pin.report.diagnosis_findings` and the pictures of :mod:`aacmm_pin.report.plots`, and a
-module imports only from lower floors. So the method is below and its work above, and this module is the one door between
-them: it finds the function upstairs by its name, when it is called for the first time, as pandas finds its plotting backend.
-
-By name, and not by upper floors that register themselves when the package is imported: ``import aacmm_pin`` then loads
-neither matplotlib nor the cards, no module is imported for what its import does, and a reader of ``plot`` sees the name of
-the function that draws. Which card a value has is decided upstairs by its type (:func:`aacmm_pin.report.cards.html_of`). A test
-holds that only this module finds others by name, and that every name it is asked for is there.
+they do takes :mod:`aacmm_pin.report`, which no room above it imports. So this module finds the function there by its name,
+when it is called for the first time, as pandas finds its plotting backend: ``import aacmm_pin`` loads neither matplotlib nor
+the cards. A test holds that only this module finds others by name, and that every name it is asked for is there.
 """
 
 from __future__ import annotations

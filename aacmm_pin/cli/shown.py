@@ -60,7 +60,7 @@ def show(
     With -o as a page that needs no network. Else it is served on this computer's loopback address until Ctrl-C, which is
     how it ends, with exit status 0.
     """
-    from aacmm_pin.report import scenes as display  # loads meshcat
+    from aacmm_pin.report import scenes  # loads meshcat
 
     if point is not None and theta_deg is not None:
         raise typer.BadParameter("--point and --theta-deg exclude each other")
@@ -69,12 +69,12 @@ def show(
     with Results(force, output) as results:
         model = model_of(arm, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
         if point is None:
-            scene = display.arm_scene(model, _posture(model.arm, theta_deg)[None])
+            scene = scenes.arm_scene(model, _posture(model.arm, theta_deg)[None])
         else:
             circle = postures_at(model.arm, point, tip or urdf is not None, axis, tool_axis, rpy_deg, count)
             note(str(circle))
             accuracy = _accuracy(circle, model, encoder_noise_rad)
-            scene = display.circle_scene(circle, accuracy, shape=display.shape_of(shape))
+            scene = scenes.circle_scene(circle, accuracy, shape=scenes.shape_of(shape))
         if output is not None:
             results.text(scene.html(), output)
             return

@@ -46,7 +46,7 @@ class PoseConditions:
         return self.chain.nq - self.count
 
     def system(self) -> System:
-        """The equations of :mod:`aacmm_pin.postures.continuation`: residual (n, count) [m, rad] and its derivative (n, count, nq)."""
+        """Residual (n, count) [m, rad] and its derivative (n, count, nq), for :mod:`aacmm_pin.postures.continuation`."""
         places = self.chain.moving_axes()
         orientation = self._orientation()
 

@@ -1,7 +1,7 @@
 """All configurations that bring the tip to a place with the stylus along an axis, as closed curves.
 
-Five conditions for six joints. Seeds come from the curves of the wrist (:mod:`aacmm_pin.postures.wrist_ik`) for many turns of the
-body about the stylus, and from evenly spread starts where windows are too narrow for those.
+Five conditions for six joints. Seeds come from the curves of the wrist (:mod:`aacmm_pin.postures.wrist_ik`) for many turns
+of the body about the stylus, and from evenly spread starts where windows are too narrow for those.
 """
 
 from __future__ import annotations

@@ -41,7 +41,8 @@ from aacmm_pin.postures.sampling import brought_to
 def expected_of_records(seats: TouchedSeats, tau: float, rng: np.random.Generator) -> pd.DataFrame:
     """Expected loss of log-likelihood when another cause is assumed than the true one, with the records at hand.
 
-    See :func:`aacmm_pin.papers.spread.expected_log_bayes_factors`. Every cause has the size that seats 1 to 5 of Table 3 give it.
+    See :func:`aacmm_pin.papers.spread.expected_log_bayes_factors`. Every cause has the size that seats 1 to 5 of Table 3
+    give it.
     """
     five = list(range(SIXTH))
     noise, contact = of_encoder_noise(seats, NOISE), of_local_noise(seats, CONTACT, np.ones(len(seats.labels)))

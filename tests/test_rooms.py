@@ -1,0 +1,75 @@
+"""A room imports only rooms above it in the list, no two modules import each other, and only the arm speaks to Pinocchio."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import aacmm_pin
+
+ROOT = Path(aacmm_pin.__file__).parent
+ROOMS = [
+    "errors",
+    "_support",
+    "arm",
+    "effects",
+    "postures",
+    "measurements",
+    "accuracy",
+    "calibration",
+    "planning",
+    "diagnosis",
+    "papers",
+    "report",
+    "cli",
+]
+SPEAK_TO_PINOCCHIO = {"arm.arm", "arm.poses", "report.scenes.accuracy_set", "report.scenes.arm_parts"}
+MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in ROOT.rglob("*.py")}
+
+
+def imports(path: Path, for_types: bool = True) -> Iterator[str]:
+    """Dotted names of all that a module imports, wherever in its text; what types alone need may be left out."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    if not for_types:
+        tree.body = [node for node in tree.body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, path
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def module_of(name: str) -> str:
+    """The module that a dotted name is, or is defined in."""
+    inside = name.removeprefix("aacmm_pin.")
+    return next(
+        m for m in (inside, f"{inside}.__init__", inside.rpartition(".")[0], "__init__") if m in MODULES or "." not in m
+    )
+
+
+def test_rooms_import_in_their_order() -> None:
+    assert {name.split(".")[0] for name in MODULES} == {*ROOMS, "__init__"}
+    found = [
+        f"{module} imports {name}"
+        for module, path in MODULES.items()
+        for name in imports(path)
+        if name.startswith("aacmm_pin.") and module != "__init__"
+        if ROOMS.index(name.split(".")[1]) > ROOMS.index(module.split(".")[0])
+    ]
+    assert found == []
+
+
+def test_no_two_modules_import_each_other() -> None:
+    inside = {
+        module: {module_of(name) for name in imports(path, False) if name.startswith("aacmm_pin.")} - {module}
+        for module, path in MODULES.items()
+    }
+    assert len([*TopologicalSorter(inside).static_order()]) >= len(MODULES)
+
+
+def test_only_the_arm_speaks_to_pinocchio() -> None:
+    found = {module for module, path in MODULES.items() if any(n.split(".")[0] == "pinocchio" for n in imports(path))}
+    assert found <= SPEAK_TO_PINOCCHIO
