@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.papers.sino6.table2 import Table2
-from aacmm_pin.papers.sino6.table3 import Table3
+
+if TYPE_CHECKING:
+    from aacmm_pin.papers.sino6.table2 import Table2
+    from aacmm_pin.papers.sino6.table3 import Table3
 
 PAPER, REPRODUCED, EXACT = "#4d4d4d", "#56b4e9", "#d55e00"
 

@@ -31,9 +31,9 @@ AXES = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
     """What the records say of a cause, everything else as fitted, over what it depends on; the fitted cause through it.
 
-    Faint dots are records, :func:`aacmm_pin.report.plots.partial.partial_residual`; circles are their weighted means in parts
-    of the range, with standard uncertainties. An error of a seat is shown seat by seat, a geometric value beside what was
-    stated of it.
+    Faint dots are records, :func:`aacmm_pin.report.plots.partial.partial_residual`; circles are their weighted means in
+    parts of the range, with standard uncertainties. An error of a seat is shown seat by seat, a geometric value beside what
+    was stated of it.
 
     Args:
         result: the diagnosis.

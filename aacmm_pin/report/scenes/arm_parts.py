@@ -1,7 +1,8 @@
 """The arm as bodies to be drawn: what lies between one joint axis and the next, in the axes of the joint before it.
 
 Body i moves with ``axis i`` of the chain (:mod:`aacmm_pin.arm.chain`), body 0 stands still. With a DH table its line runs
-along d and a of the row, so that tubes are where the arm has them; an arm that came as URDF has straight lines between its joints.
+along d and a of the row, so that tubes are where the arm has them; an arm that came as URDF has straight lines between
+its joints.
 """
 
 from __future__ import annotations
