@@ -17,7 +17,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, redundant
-from aacmm_pin.calibration.parameters import ASSEMBLED, Target, problem_of
+from aacmm_pin.calibration.parameters import ASSEMBLED, Target, lengths_untold, problem_of
 from aacmm_pin.calibration.plausibility import first_fit
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.repeats import counted_once
@@ -32,6 +32,8 @@ FAR = 2e-3
 """Scatter that no arm has; something else is wrong [m]."""
 LOUD = 5e-3
 """Noise of an angle that no encoder has, and no robot's joint; stated in another unit [rad]."""
+SEVERAL = 3
+"""So many excluded records, all of one seat, are no coincidence."""
 ReferenceFrame = Literal["base", "external"]
 
 
@@ -129,10 +131,8 @@ def require_scale(problem: Problem) -> None:
     Raises:
         AacmmError: no coordinates, no lengths between seats, and lengths of the arm that nobody stated are to be estimated.
     """
-    records = problem.measurements
-    lengths = [p.name for p, stated in zip(problem.parameters, problem.stated, strict=True) if p.unit == "m" and not stated]
-    of_arm = [name for name in lengths if not name.startswith("stylus_offset")]
-    if of_arm and not records.known.any() and not records.bars():
+    records, of_arm = problem.measurements, lengths_untold(problem)
+    if of_arm:
         raise AacmmError(
             f"{records.source} has seats without coordinates and no bar between them, which tell nothing of the arm's size: "
             f"{', '.join(of_arm[:4])} … cannot be found; add a bar of known length or coordinates, state the arm's "
@@ -189,6 +189,10 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
         found.append(
             f"the search did not converge ({after.solution.held_up}): what follows is of the best point that it found"
         )
+    seats = after.problem.measurements.conditions.seat
+    at = set() if seats is None else set(seats[after.excluded])
+    if len(at) == 1 and after.excluded.sum() >= SEVERAL and "" not in at:
+        found.append(f"all {after.excluded.sum()} excluded records touch seat {at.pop()}: did it move?")
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
         found.append(f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place")

@@ -34,6 +34,8 @@ MISFIT = 1e-3
 MOST_ROUNDS = 12
 NO_SCATTER = 5e-8
 """Scatter below this is none: the search for it ends just above zero, and nobody measures so well [m]."""
+ONE_DIRECTION = 1e-2
+"""Directions that records do not tell, found at tips and at targets, are one if the sine of their angle is less."""
 FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
 
@@ -103,7 +105,7 @@ class Fit:
         there = Point(point.x, point.frame, point.seats, replace(point.prediction, jacobian=seen.jacobian))
         at_targets = standing(self.problem, self.observations, self.noise, there, self.solution.weights).spectrum
         spectra = (self.solution.spectrum, at_targets)
-        return np.asarray(orth(np.hstack([s.directions[:, ~s.known] for s in spectra]), rcond=1e-6))
+        return np.asarray(orth(np.hstack([s.directions[:, ~s.known] for s in spectra]), rcond=ONE_DIRECTION))
 
     @cached_property
     def covariance(self) -> Array:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import end
 from aacmm_pin.calibration.problem import OF_KIND, Problem, geometric_parameters
-from aacmm_pin.effects import Effect, JointPlacement, JointZeroOffset, LinkTilt, StylusOffset
+from aacmm_pin.effects import Effect, JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.records import Measurements
@@ -22,6 +23,8 @@ Target = Literal["tip", "unknown"]
 
 ASSEMBLED = {"m": 0.01, "rad": 0.1}
 """How far off a geometric value may be where nobody stated it: as assembled, 10 mm and 6° [m, rad]."""
+HELD = 1e-9
+"""A length that stands for all others is taken to be off by no more than this [m]."""
 REACH_OF_TARGET = 1.0
 """How far beyond the tip an unknown target may be [m]."""
 BEYOND_TYPICAL = 1000.0
@@ -78,6 +81,31 @@ def problem_of(
     correlation = _correlation(model.arm, effects, np.where(stated, widths, np.nan))
     arm_u = [[p.u for p in geometric_parameters(model.arm, e)] or [0.0] * len(e.terms) for e in effects]
     return Problem(base, effects, widths, stated, np.concatenate([[], *arm_u]), correlation, measurements, external)
+
+
+def lengths_untold(problem: Problem) -> list[str]:
+    """Lengths of the arm that nobody stated if the records, without coordinates and bars, tell nothing of its size."""
+    records = problem.measurements
+    if records.known.any() or records.bars():
+        return []
+    own = zip(problem.parameters, problem.stated, strict=True)
+    lengths = [p.name for p, stated in own if p.unit == "m" and not stated]
+    return [name for name in lengths if not name.startswith("stylus_offset")]
+
+
+def length_held(problem: Problem) -> Effect | None:
+    """The arm's largest length as an effect without a width, where records tell nothing of its size; None where they do."""
+    if not lengths_untold(problem):
+        return None
+    arm = problem.model.arm
+    sizes: dict[Effect, float] = {}
+    for effect in problem.estimated:
+        if isinstance(effect, JointPlacement):
+            sizes[effect] = float(np.linalg.norm(arm.chain.constant[end(effect.joint - 1), :3, 3]))
+        elif isinstance(effect, LinkLength | JointDistance):
+            sizes[effect] = sum(abs(p.value) for p in geometric_parameters(arm, effect))
+    largest = max(sizes, key=lambda effect: sizes[effect])
+    return largest.at((), tuple(HELD if t.unit == "m" else ASSEMBLED[t.unit] for t in largest.terms))
 
 
 def _correlation(arm: Arm, effects: tuple[Effect, ...], stated: Array) -> Array:

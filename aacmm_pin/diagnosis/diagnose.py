@@ -17,7 +17,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of, require_measurements
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.fit import Fit, fit
-from aacmm_pin.calibration.parameters import Target, problem_of
+from aacmm_pin.calibration.parameters import Target, length_held, problem_of
 from aacmm_pin.calibration.plausibility import first_fit
 from aacmm_pin.calibration.problem import OF_KIND, Problem
 from aacmm_pin.calibration.repeats import counted_once, tell_of_posture
@@ -116,11 +116,14 @@ def diagnose(
     def with_causes(causes: Sequence[Effect]) -> Problem:
         return problem(["geometry", *known, *causes])
 
+    sizeless = length_held(with_causes([]))
+    known += [sizeless] if sizeless else []
     recalibrated = first_fit(with_causes([]), noise)
     if not np.nanmax(np.abs(recalibrated.solution.system.deviation), initial=0.0) > NOTHING:
         raise AacmmError(f"{measurements.source}: every record agrees with the arm exactly: is the file filled in?")
     kind, parts = parts_of(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem, extra_causes)
+    library = [candidate for candidate in library if sizeless is None or candidate.label != sizeless.label]
     others = covariates(model.arm, measurements)
     choice = choose(with_causes, noise, recalibrated, library, others, parts, progress is True)
     choice = _surviving(choice, with_causes, noise)
@@ -174,7 +177,7 @@ def diagnose(
         noise=_floor(extended),
         next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, doubts, plan),
         visible=shown_by_these,
-        notes=(*notes_of(extended, noise), *_clock(measurements), *too_good, *repeated),
+        notes=(*notes_of(extended, noise), *_size(sizeless), *_clock(measurements), *too_good, *repeated),
     )
 
 
@@ -184,6 +187,13 @@ def _clock(measurements: Measurements) -> list[str]:
     if time is None or np.ptp(time) == 0.0 or time.min() < LATE * np.ptp(time):
         return []
     return ["time_s starts late: a warm-up counts from 0, the moment of switching on, and cannot be seen here"]
+
+
+def _size(held: Effect | None) -> list[str]:
+    """The length on which all others rest."""
+    if held is None:
+        return []
+    return [f"no coordinates and no bar tell the arm's size: the length of {held.label} is taken as the arm's file has it"]
 
 
 def _too_good(extended: Fit) -> list[str]:
@@ -267,12 +277,15 @@ def _changed(model: ErrorModel, choice: Choice) -> list[Finding]:
 
 
 def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
-    """Every effect that the last fit estimated, with u, and the covariance of its values."""
+    """Every effect that the last fit estimated, with u, and the covariance of its values; of what no record tells, by the
+    widths within which it was looked for.
+    """
     problem, x, first = choice.fit.problem, choice.fit.solution.point.x, 0
+    untold = choice.fit.unknown * problem.scales[:, None]
     for effect in problem.effects(x):
         own = slice(first, first + len(effect.terms))
         first = own.stop
-        covariance = choice.fit.covariance[own, own]
+        covariance = choice.fit.covariance[own, own] + untold[own] @ untold[own].T
         yield effect.at(effect.values, tuple(np.sqrt(np.diag(covariance)))), covariance
 
 

@@ -88,8 +88,10 @@ def next_measurements(
     seats = [finding for finding in findings if isinstance(finding.effect, SeatError)]
     if seats:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
-    if doubts.not_borne_out or verdict == "inconclusive":
+    if doubts.not_borne_out:
         return "more records, at other postures: the extended model does not yet predict held-out records better"
+    if verdict == "inconclusive":
+        return "more records, at other postures: something is left in the residuals that may be another cause"
     return "nothing is open; check the extended arm on new records, over all ranges of its joints, with `aacmm-pin correct`"
 
 

@@ -256,12 +256,15 @@ def _apart(mine: Array, cross: Array, its: Array) -> float:
 def visible(choice: Choice) -> tuple[int, int]:
     """How many causes of the library these records would have shown at their usual size, and of how many.
 
-    A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least :data:`SHOWS`.
+    A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least :data:`SHOWS`; more where
+    the noise comes from the same records and few degrees of freedom, so that Student's evidence is as large.
     """
     left = Conditional(choice.gram, choice.question.blocks, choice.question.nuisances, ())
+    dof = conditional(choice.question, choice.gram, choice.admitted).dof
+    least = dof * np.expm1(SHOWS / max(dof, 1.0)) if np.isfinite(dof) else SHOWS
     best: dict[int, float] = {}
     for block in choice.design.blocks:
         if block.candidate < choice.design.causes:
             size = float(np.diag(left.information(block)).max())
             best[block.candidate] = max(best.get(block.candidate, 0.0), size)
-    return sum(size >= SHOWS for size in best.values()), len(best)
+    return sum(size >= least for size in best.values()), len(best)
