@@ -18,7 +18,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli import app
-from aacmm_pin.cli.effect_option import effects_of, known_effects
+from aacmm_pin.cli.effect_options import effects_of, known_effects
 from aacmm_pin.effects import (
     EncoderEccentricity,
     JointCompliance,

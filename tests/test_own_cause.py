@@ -11,7 +11,7 @@ import pytest
 
 from aacmm_pin import Arm, ErrorModel, Measurements, diagnose, simulate_measurements
 from aacmm_pin.arm.chain import axis
-from aacmm_pin.cli.effect_option import effects_of
+from aacmm_pin.cli.effect_options import effects_of
 from aacmm_pin.effects import (
     CAUSES,
     Displacement,

@@ -1,10 +1,16 @@
-"""The command ``aacmm-pin``: one function for each subcommand, no logic of its own."""
+"""The command ``aacmm-pin``: one file for each subcommand, no logic of its own."""
 
-from aacmm_pin.cli import before as before
-from aacmm_pin.cli import diagnosed as diagnosed
-from aacmm_pin.cli import measured as measured
-from aacmm_pin.cli import planned as planned
-from aacmm_pin.cli import shown as shown
+from aacmm_pin.cli import accuracy as accuracy
+from aacmm_pin.cli import calibrate as calibrate
+from aacmm_pin.cli import configurations as configurations
+from aacmm_pin.cli import correct as correct
+from aacmm_pin.cli import demo as demo
+from aacmm_pin.cli import diagnose as diagnose
+from aacmm_pin.cli import map as map
+from aacmm_pin.cli import plan as plan
+from aacmm_pin.cli import show as show
+from aacmm_pin.cli import simulate as simulate
+from aacmm_pin.cli import urdf as urdf
 from aacmm_pin.cli.common import app
 
 __all__ = ["app"]

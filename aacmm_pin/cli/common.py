@@ -85,6 +85,8 @@ ArmName = Annotated[
     str, typer.Argument(metavar="ARM", help=f"Bundled arm ({', '.join(bundled_arms())}) or the path of an arm file.")
 ]
 Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")]
+Sectors = Annotated[int, typer.Option(min=1, help="Sectors of the configuration circle.")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write.")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the result into this file (.png, .svg, .pdf).")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]

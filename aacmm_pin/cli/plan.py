@@ -10,8 +10,8 @@ import typer
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.parameters import Target
-from aacmm_pin.cli.common import EncoderNoise, Force, Json, Output, Results, command, note, say
-from aacmm_pin.cli.given import FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_of
+from aacmm_pin.cli.arm_options import FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_of
+from aacmm_pin.cli.common import EncoderNoise, Force, Json, Output, Results, Seed, command, note, say
 from aacmm_pin.cli.tables import show
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
@@ -46,7 +46,7 @@ def plan_(
     above_mm: Annotated[float | None, typer.Option(help="Height of a table over the base, under which no tip goes.")] = None,
     as_it_stands: Annotated[bool, typer.Option("--as-it-stands", help="No load and no other mount.")] = False,
     postures: Annotated[int, typer.Option(min=1, help="Number of postures to choose from.")] = POSTURES,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 1,
+    seed: Seed = 1,
     urdf: Urdf = None,
     frame: FrameName = None,
     output: Output = None,

@@ -11,8 +11,7 @@ import typer
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.parameters import Target
-from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, command, note
-from aacmm_pin.cli.given import (
+from aacmm_pin.cli.arm_options import (
     Data,
     FrameName,
     MaybeArm,
@@ -24,6 +23,7 @@ from aacmm_pin.cli.given import (
     in_metres,
     model_and_data,
 )
+from aacmm_pin.cli.common import EncoderNoise, Force, Json, Results, Seed, command, note
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.measurements.records import Measurements
@@ -41,7 +41,7 @@ def diagnose_(
     probe_noise_mm: ProbeNoise = None,
     length_noise_mm: Annotated[float | None, typer.Option(help="Standard uncertainty of a bar's length, in mm.")] = None,
     no_held_out: Annotated[bool, typer.Option("--no-held-out", help="Do not measure the gain.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 1,
+    seed: Seed = 1,
     urdf: Urdf = None,
     frame: FrameName = None,
     translation_half_width_mm: TranslationHalfWidth = None,
@@ -81,6 +81,6 @@ def diagnose_(
     for text in result.notes:
         note(f"note: {text}")
     if json_ != "-":
-        from aacmm_pin.cli.said_diagnosis import say_diagnosis
+        from aacmm_pin.cli.diagnosis_text import say_diagnosis
 
         say_diagnosis(result)

@@ -12,9 +12,9 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.cli.arm_options import FrameName, MaybeArm, RotationHalfWidth, TranslationHalfWidth, Urdf, model_of
 from aacmm_pin.cli.common import EncoderNoise, Force, Output, Results, command, note, say
-from aacmm_pin.cli.given import FrameName, MaybeArm, RotationHalfWidth, TranslationHalfWidth, Urdf, model_of
-from aacmm_pin.cli.reached import Axis, RollPitchYaw, Tip, ToolAxis, postures_at
+from aacmm_pin.cli.pose_options import Axis, RollPitchYaw, Tip, ToolAxis, postures_at
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.solution_set import PosturesAtPoint

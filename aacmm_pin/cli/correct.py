@@ -1,0 +1,86 @@
+"""Tip coordinates of readings by the calibrated arm with its effects."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.accuracy.volume import accuracy_volume
+from aacmm_pin.cli.arm_options import (
+    Data,
+    FrameName,
+    MaybeArm,
+    Urdf,
+    model_and_data,
+)
+from aacmm_pin.cli.common import EncoderNoise, Force, Output, Results, command, note
+from aacmm_pin.cli.readings import read_readings
+from aacmm_pin.effects import JointErrorCurve
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements.records import Measurements
+
+CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
+"""The columns that ``correct`` adds."""
+
+
+@command()
+def correct(
+    arm: MaybeArm = None,
+    data: Data = None,
+    encoder_noise_rad: EncoderNoise = None,
+    urdf: Urdf = None,
+    frame: FrameName = None,
+    output: Output = None,
+    force: Force = False,
+) -> None:
+    """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty, as CSV."""
+    with Results(force, output) as results:
+        model, path = model_and_data(arm, data, urdf, frame)
+        table, readings = read_readings(path, model.arm.nq, CORRECTED)
+        rows = _known_rows(model, readings, path)
+        known = readings.take(rows)
+        found = np.full((readings.n, len(CORRECTED)), np.nan)
+        try:
+            found[rows, :3] = model.correct(known.q, known.conditions) / MM
+        except AacmmError as error:
+            raise AacmmError(f"{path}: {error}") from None
+        found[rows, 3] = _u(model, known, encoder_noise_rad) / MM
+        added = dict(zip(CORRECTED, found.T, strict=True))
+        results.text(table.assign(**added).to_csv(index=False, lineterminator="\n"), output)
+    effects = ", ".join(effect.label for effect in model.effects) or "no effects"
+    note(f"{path}: {known.n} of {readings.n} readings corrected by {model.arm.name} with {effects}")
+
+
+def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
+    """The readings that can be corrected; the others, outside the range of an error curve, are listed on stderr.
+
+    Raises:
+        AacmmError: none can be.
+    """
+    known = model.known_at(readings.q)
+    for k, number in zip(*np.nonzero(~known), strict=True):
+        effect = model.effects[number]
+        known_range = ""
+        if isinstance(effect, JointErrorCurve):
+            low, high = effect.lower_rad, effect.upper_rad
+            known_range = f", which is known from {low:g} to {high:g} rad ({low / DEG:g}° to {high / DEG:g}°)"
+        note(f"{path}: row {readings.row[k]} is outside the range of {effect.label}{known_range}; left empty")
+    rows = np.flatnonzero(known.all(axis=1))
+    if readings.n and not rows.size:
+        raise AacmmError(f"{path}: no reading is in the range in which the effects of {model.arm.name} are known")
+    return rows
+
+
+def _u(model: ErrorModel, readings: Measurements, encoder_noise: float | None) -> Array:
+    """Standard uncertainty of each position (n,) [m]; nan where nobody states any."""
+    noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
+    if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
+        note(f"note: {model.arm.name} states no uncertainty, so u_mm is left empty")
+        return np.full(readings.n, np.nan)
+    if noise is None:
+        note("note: u_mm is of the parameters alone; --encoder-noise-rad adds the noise of the readings")
+    return accuracy_volume(
+        model, readings.q, conditions=readings.conditions, method="ellipsoid", encoder_noise=encoder_noise
+    ).u
