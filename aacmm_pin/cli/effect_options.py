@@ -1,4 +1,4 @@
-"""``--effect CAUSE:field=value,parameter=value``: causes of error as they are typed."""
+"""``--effect CAUSE:PLACE,parameter=value``: causes of error as they are typed."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from pydantic import TypeAdapter, ValidationError
 from aacmm_pin.effects import CAUSES, Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.planning.causes import PLACES
 
 EffectTexts = Annotated[
     list[str] | None,
     typer.Option(
         "--effect",
-        metavar="CAUSE:NAME=VALUE,…",
-        help="A cause of error, such as encoder_eccentricity:joint=3,amplitude_rad=1e-4; may be given several times.",
+        metavar="CAUSE[:PLACE][,NAME=VALUE…]",
+        help="A cause of error, such as encoder_eccentricity:3,amplitude_rad=1e-4; may be given several times.",
     ),
 ]
 
@@ -55,13 +56,15 @@ def check_rows(effects: list[Effect], model: ErrorModel) -> None:
 def _effect(text: str) -> Effect:
     cause, _, rest = text.partition(":")
     if cause not in CAUSES:
-        raise UnknownNameError("cause", cause, list(CAUSES), "as in --effect CAUSE:NAME=VALUE,…")
+        raise UnknownNameError("cause", cause, list(CAUSES), "as in --effect encoder_gain:3,gain=1e-5")
     kind = CAUSES[cause]
     structure: dict[str, Any] = {}
     parameters: dict[str, float] = {}
     for item in filter(None, rest.split(",")):
         name, equals, value = item.partition("=")
-        if not equals:
+        if not equals and not structure and not parameters:  # the place alone, as in encoder_gain:3
+            name, equals, value = next((n for n in PLACES if n in kind.structure()), ""), "=", item
+        if not (equals and name):
             raise AacmmError(f"--effect {text}: {item!r} has no value, expected NAME=VALUE")
         if name in structure or name in parameters:
             raise AacmmError(f"--effect {text}: {name} is there twice")

@@ -7,10 +7,11 @@ import subprocess
 from pathlib import Path
 
 import pytest
+
 from blind.study import page, sources
 from blind.study.experiments import EXPERIMENTS
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "notebooks" / "site" / "study.md"
 
 

@@ -17,7 +17,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.postures.general_ik import reaching_postures
 
 TURN = 2 * np.pi
-KEPT = Path(__file__).parents[1] / "urdf"
+KEPT = Path(__file__).parents[2] / "urdf"
 
 
 @pytest.fixture(scope="module")

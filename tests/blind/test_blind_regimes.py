@@ -6,6 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+import aacmm_pin.effects as library
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.conditions import Conditions as PackageConditions
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
 from blind import chains, workshop
 from blind.chains import Chain
 from blind.conditions import run
@@ -14,12 +20,6 @@ from blind.regimes import ARMS, EVIDENCE, SIZES, draw_regime, regime_file
 from blind.rig import Loaded, Rig, strength
 from blind.study.regimes import count, outcome
 from blind.truth import Hidden
-
-import aacmm_pin.effects as library
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects.conditions import Conditions as PackageConditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
 
 
 @pytest.fixture(params=ARMS)

@@ -46,7 +46,7 @@ def test_help_lists_the_commands_that_work_and_no_others() -> None:
 def test_urdf_is_the_kept_one(tmp_path: Path) -> None:
     target = tmp_path / "sino6.urdf"
     assert run("urdf", "sino6", "-o", target) == (0, "", "")
-    kept = Path(__file__).parents[1] / "urdf" / "sino6.urdf"
+    kept = Path(__file__).parents[2] / "urdf" / "sino6.urdf"
     assert target.read_bytes() == kept.read_bytes()
     assert run("urdf", "sino6")[1] == kept.read_text(encoding="utf-8")
 

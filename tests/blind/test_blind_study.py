@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+
 from blind.study import evaluate as study
 from blind.study.experiments import EXPERIMENTS
 from blind.study.judge import covariate, intervals, judge, statements

@@ -224,7 +224,7 @@ def test_what_cannot_be_simulated_is_one_message(words: list[str], said: list[st
 
 def test_effects_as_they_are_typed(sino6: Arm) -> None:
     typed = {
-        "encoder_eccentricity:joint=3,amplitude_rad=1e-4": EncoderEccentricity(joint=3, values=(1e-4, 0.0)),
+        "encoder_eccentricity:3,amplitude_rad=1e-4": EncoderEccentricity(joint=3, values=(1e-4, 0.0)),
         "seat_error:seat=S3,x_mm=0.02": SeatError(seat="S3", values=(2e-5, 0.0, 0.0)),
         "seat_error:seat=3": SeatError(seat="3"),
         "thermal_expansion:expansion_per_k=2e-5": ThermalExpansion(values=(2e-5,)),

@@ -16,7 +16,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, bundled_arms, load_arm_file
 from aacmm_pin.arm.urdf import SHORTEST_DRAWN, urdf_text
 
-KEPT = Path(__file__).parents[1] / "urdf"
+KEPT = Path(__file__).parents[2] / "urdf"
 
 
 def limits(arm: ArmFile) -> Array:

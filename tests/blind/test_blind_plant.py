@@ -6,9 +6,15 @@ import ast
 from dataclasses import replace
 from pathlib import Path
 
-import blind
 import numpy as np
 import pytest
+
+import aacmm_pin.effects as library
+import blind
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.conditions import Conditions as PackageConditions
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
 from blind import Hidden, draw, workshop
 from blind.conditions import Conditions
 from blind.kinematics import Arm as BlindArm
@@ -18,12 +24,6 @@ from blind.oracle import Oracle
 from blind.plans import PLANS
 from blind.plant import ENCODER_NOISE, REFERENCE_NOISE
 from blind.statics import Elastic, settle, share_of_tube
-
-import aacmm_pin.effects as library
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects.conditions import Conditions as PackageConditions
-from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.records import Measurements
 
 ARM = read_arm()
 FELT = {

@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import pytest
+
 from blind.study import runs
 from blind.study.experiments import Experiment
 from blind.study.regimes import outcome
