@@ -1,6 +1,7 @@
 """Every number that the commands write for fixed inputs, so that a change which should change none can be held to it.
 
-``python -m tests.kept_numbers NUMBERS.json`` runs all of them, and with two such files lists what differs.
+``python -m tests.kept_numbers NUMBERS.json`` runs all commands, and with two such files lists what differs.
+``python -m tests.kept_numbers few`` writes anew the few that a test holds, in ``kept_numbers.json``.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ MORE = [
     "correct seats.toml seats.csv -o seats-corrected.csv",
     f"plan sino6 --data warm.csv {NOISE} --records 10 -o best.csv --json best.json",
 ]
+KEPT = Path(__file__).with_suffix(".json")
 OTHERWISE = {"seconds", "version", "source", "commit", "date"}
 """Keys whose values may differ from run to run."""
 
@@ -69,6 +71,11 @@ def numbers_of(commands: list[str]) -> dict[str, float]:
             if done.returncode != 0:
                 raise RuntimeError(f"aacmm-pin {command}: exit status {done.returncode}\n{done.stderr}")
         return {f"{p.name}/{place}": v for p in sorted(folder.iterdir()) for place, v in _flat(_read(p))}
+
+
+def of_results(numbers: Mapping[str, float]) -> dict[str, float]:
+    """Without tables of records and postures, rounded so that they do not fill the page."""
+    return {place: float(f"{v:.10g}") for place, v in numbers.items() if place.split("/")[0].endswith((".json", ".toml"))}
 
 
 def _read(path: Path) -> Any:
@@ -125,7 +132,10 @@ def main(words: list[str]) -> int:
         found = differences(old, new, 1e-9)
         print("\n".join(found) or f"all {len(old)} numbers are the same")
         return 1 if found else 0
-    Path(words[0]).write_text(json.dumps(numbers_of(FEW + MORE), indent=0), encoding="utf-8")
+    kept, commands = (KEPT, FEW) if words == ["few"] else (Path(words[0]), FEW + MORE)
+    numbers = numbers_of(commands)
+    chosen = of_results(numbers) if kept == KEPT else numbers
+    kept.write_text(json.dumps(chosen, indent=0) + "\n", encoding="utf-8")
     return 0
 
 
