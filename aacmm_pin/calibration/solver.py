@@ -25,6 +25,8 @@ SETTLED = 1e-6
 """The search ends when a step promises to lower χ² by less than this: parameters then stand still to 0.001 u."""
 LOOSELY_SETTLED = 1e-2
 """The same of a search whose result is only a start."""
+SHRINKS = 0.9
+"""A step of the ends of bars is to be smaller than this part of the one before."""
 AT_BEST = 1e-7
 """Ends of bars that move by less than this are where they fit best [m]."""
 FLAT = 1e-2
@@ -235,10 +237,13 @@ class _Search:
         A system's residual is as if the seats were there, which they are where nothing but coordinates is known of them;
         where a bar's length is, no step may seem to lower it.
         """
+        before = np.inf
         for _ in range(MOST_STEPS if len(self.observations.ends) else 0):
             step = system.seats(np.zeros(self.problem.scales.size))
-            if np.abs(step).max(initial=0.0) < AT_BEST:
+            size = np.abs(step).max(initial=0.0)
+            if size < AT_BEST or size > SHRINKS * before:  # bars that cannot be met at all make it go to and fro
                 break
+            before = size
             point = replace(point, seats=point.seats + step)
             system = self.system(point, weights)
         return point, system

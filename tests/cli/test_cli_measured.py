@@ -343,7 +343,7 @@ def test_files_are_looked_at_before_the_work_begins(data: Path, tmp_path: Path, 
     def work(*_: object, **__: object) -> None:
         raise AssertionError("work began")
 
-    monkeypatch.setattr("aacmm_pin.cli.measured.calibrate", work)
+    monkeypatch.setattr("aacmm_pin.cli.calibrate.calibrate", work)
     (tmp_path / "c.toml").write_text("mine")
     assert "--force" in refused("calibrate", "sino6", data, "-o", tmp_path / "c.toml")
     assert (tmp_path / "c.toml").read_text() == "mine"
