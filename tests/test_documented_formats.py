@@ -17,7 +17,7 @@ import aacmm_pin
 from aacmm_pin.arm import file as arm_file
 from aacmm_pin.cli import app
 from aacmm_pin.effects import CAUSES
-from aacmm_pin.measurements import columns as measurement_columns
+from aacmm_pin.measurements import csv_columns as measurement_columns
 
 PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))

@@ -32,8 +32,8 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.postures.configurations import WRIST
 from aacmm_pin.postures.curve_sampling import Components, arc_fractions, at_swivel, sector_centres
+from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.reach import reach_of_wrist
-from aacmm_pin.postures.swivel import Swivel
 from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import COVERAGE_FACTOR, ArmFile, Covariance, load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.arm.poses import Poses
-from aacmm_pin.arm.urdf import urdf_text
-from aacmm_pin.arm.urdf_input import read_urdf
+from aacmm_pin.arm.urdf_reader import read_urdf
+from aacmm_pin.arm.urdf_writer import urdf_text
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
 

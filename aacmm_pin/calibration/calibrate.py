@@ -16,11 +16,11 @@ from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import held_out as left_out
+from aacmm_pin.calibration.duplicate_records import counted_once
 from aacmm_pin.calibration.fit import Fit, redundant
+from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameters import ASSEMBLED, Target, lengths_untold, problem_of
-from aacmm_pin.calibration.plausibility import first_fit
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.repeats import counted_once
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.stated_noise import LENGTH, StatedNoise
 from aacmm_pin.effects import Effect

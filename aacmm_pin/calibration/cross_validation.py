@@ -10,9 +10,9 @@ import scipy
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.shown import Shown
+from aacmm_pin.calibration.duplicate_records import postures_of, tell_of_posture, together
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.repeats import postures_of, tell_of_posture, together
 from aacmm_pin.calibration.solver import Point, noise_of_tips, solve
 from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
 

@@ -12,7 +12,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import exp, skew
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.calibration.sensitivities import Columns
+from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.effects import Effect, JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTwist
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
-from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.arm.urdf_writer import urdf_text
 from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.parameters import Target

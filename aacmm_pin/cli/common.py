@@ -18,7 +18,7 @@ from typing import Annotated, Any, ParamSpec, Self
 
 import typer
 
-from aacmm_pin._support.outputs import check_output, whole_file
+from aacmm_pin._support.output_files import check_output, whole_file
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.errors import AacmmError
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from aacmm_pin.errors import MeasurementFileError
-from aacmm_pin.measurements.columns import BAR, REFERENCE, REFERENCE_U
+from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.records import FIRST_RECORD, Measurements
 
 OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U)

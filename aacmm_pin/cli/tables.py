@@ -12,7 +12,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Column, Table
 
-from aacmm_pin._support.cells import NOTHING, cells
+from aacmm_pin._support.table_cells import NOTHING, cells
 from aacmm_pin.cli.common import say
 
 WIDTH = 118
@@ -28,7 +28,7 @@ def show(frame: pd.DataFrame, formats: Mapping[str, str] | None = None, head: st
 
     Args:
         frame: the data; the index is not shown. Numbers stand right.
-        formats: see :func:`aacmm_pin._support.cells.cells`.
+        formats: see :func:`aacmm_pin._support.table_cells.cells`.
         head: what it shows.
     """
     if not len(frame):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.arm.urdf_writer import urdf_text
 from aacmm_pin.cli.common import ArmName, Force, Output, Results, command
 
 

@@ -2,7 +2,7 @@
 
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.diagnose import diagnose
-from aacmm_pin.diagnosis.odd_groups import OddGroup
+from aacmm_pin.diagnosis.outlier_groups import OddGroup
 from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained

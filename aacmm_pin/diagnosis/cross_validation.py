@@ -14,12 +14,12 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.calibration.cross_validation import blocks
+from aacmm_pin.calibration.duplicate_records import postures_of, together
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.repeats import postures_of, together
 from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.extension import Choice
 from aacmm_pin.diagnosis.forward_selection import search
-from aacmm_pin.diagnosis.gram import Gram
+from aacmm_pin.diagnosis.gram_matrix import Gram
+from aacmm_pin.diagnosis.model_extension import Choice
 
 PARTS = 10
 FEWEST = 5

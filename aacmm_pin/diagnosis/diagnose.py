@@ -16,18 +16,18 @@ from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of, require_measurements
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
+from aacmm_pin.calibration.duplicate_records import counted_once, tell_of_posture
 from aacmm_pin.calibration.fit import Fit, fit
+from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameters import Target, length_held, problem_of
-from aacmm_pin.calibration.plausibility import first_fit
 from aacmm_pin.calibration.problem import OF_KIND, Problem
-from aacmm_pin.calibration.repeats import counted_once, tell_of_posture
 from aacmm_pin.calibration.stated_noise import StatedNoise
 from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import brought, gain_of, parts_of, survivors
-from aacmm_pin.diagnosis.extension import Choice, ProblemOf, choose, free, u_of_time
-from aacmm_pin.diagnosis.misfit_tables import groups_table, moved_geometry, predicted_covariance
+from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, u_of_time
 from aacmm_pin.diagnosis.next_measurements import Doubts, next_measurements
+from aacmm_pin.diagnosis.residual_tables import groups_table, moved_geometry, predicted_covariance
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described
 from aacmm_pin.diagnosis.significance import Alias, Place, Strength, aliases_of, look_alikes, retained, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by

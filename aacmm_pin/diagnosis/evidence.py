@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.diagnosis.design import Block
-from aacmm_pin.diagnosis.gram import Gram
-from aacmm_pin.diagnosis.projection import Projection
+from aacmm_pin.diagnosis.design_matrix import Block
+from aacmm_pin.diagnosis.gram_matrix import Gram
+from aacmm_pin.diagnosis.nuisance_projection import Projection
 
 MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0, 10.0])
 """Standard deviations of a cause's parameters that its evidence averages over, in units of the typical magnitude."""

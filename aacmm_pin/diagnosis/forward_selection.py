@@ -11,9 +11,9 @@ from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_sf
-from aacmm_pin.diagnosis.design import Block
+from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.gram import Gram
+from aacmm_pin.diagnosis.gram_matrix import Gram
 
 MOST = 24
 """No more than so many causes are admitted; a set of records that seems to need more is not explained."""

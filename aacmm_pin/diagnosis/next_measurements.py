@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from aacmm_pin.calibration.problem import OF_KIND
-from aacmm_pin.diagnosis.extension import OF_ANGLE
+from aacmm_pin.diagnosis.model_extension import OF_ANGLE
 from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained

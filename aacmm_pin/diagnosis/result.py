@@ -15,7 +15,7 @@ from aacmm_pin._support.shown import Shown, drawn
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain, rms
-from aacmm_pin.diagnosis.extension import Choice
+from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect, JointErrorCurve

@@ -10,11 +10,11 @@ from scipy.special import logsumexp
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_sf, f_sf
 from aacmm_pin._support.shown import Shown
-from aacmm_pin.diagnosis.design import Block
+from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
-from aacmm_pin.diagnosis.extension import Choice
 from aacmm_pin.diagnosis.forward_selection import Question, conditional
-from aacmm_pin.diagnosis.gram import Gram
+from aacmm_pin.diagnosis.gram_matrix import Gram
+from aacmm_pin.diagnosis.model_extension import Choice
 
 DRAWS = 400
 """Draws of records with nothing hidden, for the distribution of the largest evidence."""

@@ -12,10 +12,10 @@ from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
-from aacmm_pin.diagnosis.design import Design
-from aacmm_pin.diagnosis.extension import Choice
+from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.forward_selection import conditional
-from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
+from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.diagnosis.outlier_groups import OddGroup, odd_groups
 from aacmm_pin.diagnosis.significance import Strength, score
 
 

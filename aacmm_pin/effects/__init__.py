@@ -3,9 +3,8 @@
 import re
 from typing import TypeVar
 
-from aacmm_pin.effects.contact import StylusBending, StylusOffset
+from aacmm_pin.effects.compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
 from aacmm_pin.effects.effect import Displacement, Effect, Term
-from aacmm_pin.effects.elastic import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
 from aacmm_pin.effects.encoder import (
     EncoderEccentricity,
     EncoderEllipticity,
@@ -16,6 +15,7 @@ from aacmm_pin.effects.encoder import (
 )
 from aacmm_pin.effects.geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist
 from aacmm_pin.effects.mounting import BaseCompliance, ReferenceFrame, SeatError
+from aacmm_pin.effects.probing import StylusBending, StylusOffset
 from aacmm_pin.effects.thermal import ThermalExpansion
 from aacmm_pin.effects.timing import JointHysteresis, ZeroDrift
 from aacmm_pin.errors import AacmmError

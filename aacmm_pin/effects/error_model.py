@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import Array, batch
-from aacmm_pin._support.outputs import whole_file
+from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm.arm import Arm, require_arm
 from aacmm_pin.arm.file import ArmFile, EffectEntry, load_arm_file
@@ -115,7 +115,7 @@ class ErrorModel(Shown):
         """Write the arm file of this model; ``comment`` stands in front.
 
         Raises:
-            OutputError: see :func:`aacmm_pin._support.outputs.whole_file`.
+            OutputError: see :func:`aacmm_pin._support.output_files.whole_file`.
             UnsupportedArmError: see :meth:`file`.
         """
         text = arm_text(self.file(), comment)

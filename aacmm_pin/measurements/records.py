@@ -17,13 +17,13 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import Array, Index, batch, vector
-from aacmm_pin._support.outputs import whole_file
+from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.shown import Shown
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels
 from aacmm_pin.errors import MeasurementFileError, ShapeError, UnknownNameError
-from aacmm_pin.measurements import columns as names
-from aacmm_pin.measurements.columns import Columns, Problems, checked_columns, named, read_header
+from aacmm_pin.measurements import csv_columns as names
+from aacmm_pin.measurements.csv_columns import Columns, Problems, checked_columns, named, read_header
 
 FIRST_RECORD = 2
 """Line of the first record in a file: the header is line 1."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.measuring_space import MARGIN, Room
+from aacmm_pin.arm.measuring_volume import MARGIN, Room
 from aacmm_pin.effects import SeatError
 from aacmm_pin.effects.conditions import Conditions, Labels
 from aacmm_pin.effects.error_model import ErrorModel

@@ -9,7 +9,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.measuring_space import joint_bounds
+from aacmm_pin.arm.measuring_volume import joint_bounds
 from aacmm_pin.effects import (
     CAUSES,
     BaseCompliance,

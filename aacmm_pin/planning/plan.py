@@ -21,15 +21,15 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.noise import REFERENCE as REFERENCE_NOISE
 from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.planning.candidate_records import Postures, base_temperature
+from aacmm_pin.planning.cause_pair import for_two
 from aacmm_pin.planning.causes import cause_of, checked, identity, usual_causes
-from aacmm_pin.planning.pair import for_two
-from aacmm_pin.planning.pool import Postures, base_temperature
-from aacmm_pin.planning.power import Size, power_of
+from aacmm_pin.planning.detection_power import Size, power_of
+from aacmm_pin.planning.measurement_sheet import sheet
 from aacmm_pin.planning.result import MeasurementPlan, Tried, seed_of
+from aacmm_pin.planning.separability import surveyed
 from aacmm_pin.planning.setups import all_conditions, set_ups
-from aacmm_pin.planning.sheet import sheet
 from aacmm_pin.planning.situation import Asked, Situation
-from aacmm_pin.planning.survey import surveyed
 
 Reference = Literal["free", "seats"]
 POSTURES = 2000

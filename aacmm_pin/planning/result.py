@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.outputs import whole_file
+from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.shown import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
@@ -19,7 +19,7 @@ from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.causes import label_of
-from aacmm_pin.planning.power import Power
+from aacmm_pin.planning.detection_power import Power
 
 SCHEMA = "aacmm-pin/plan/1"
 DECIDED = 0.95
@@ -97,7 +97,7 @@ class MeasurementPlan(Shown):
         """Write the plan as a measurement file (CSV) whose references are to be filled in.
 
         Raises:
-            OutputError: see :func:`aacmm_pin._support.outputs.whole_file`.
+            OutputError: see :func:`aacmm_pin._support.output_files.whole_file`.
         """
         with whole_file(path, force) as temporary:
             temporary.write_text(self.csv(), encoding="utf-8", newline="")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.planning.power import Size
+from aacmm_pin.planning.detection_power import Size
 
 HARDLY = 1e-3
 """Weight of the better told direction, which only decides among records that do the same for the worse."""

@@ -14,10 +14,10 @@ from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.planning.candidate_records import Postures, candidates
 from aacmm_pin.planning.causes import identity
-from aacmm_pin.planning.pool import Postures, candidates
-from aacmm_pin.planning.power import triangle
-from aacmm_pin.planning.rows import Layout, Rows, rows_of
+from aacmm_pin.planning.detection_power import triangle
+from aacmm_pin.planning.information_rows import Layout, Rows, rows_of
 from aacmm_pin.planning.setups import SetUp
 
 LOOSE = 1e-6

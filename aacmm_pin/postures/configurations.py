@@ -23,9 +23,9 @@ from aacmm_pin.arm.arm import Arm, require_arm
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Components, Flexibility, flexibility, resample
+from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.reach import reach_of_wrist
 from aacmm_pin.postures.solution_set import PosturesAtPoint
-from aacmm_pin.postures.swivel import Swivel
 from aacmm_pin.postures.tip_ik import tip_curves, tip_system
 from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
 

@@ -13,9 +13,9 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.postures.arc_length_sampling import evenly, to_solution
 from aacmm_pin.postures.continuation import Curve, System
-from aacmm_pin.postures.even_spacing import evenly, to_solution
-from aacmm_pin.postures.swivel import Swivel
+from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.wrist_ik import Wrist
 
 ARC_BINS = 3600

@@ -21,11 +21,11 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.constraints import PoseConditions
 from aacmm_pin.postures.continuation import Curve
 from aacmm_pin.postures.curve_sampling import Flexibility
+from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.isolated_solutions import Isolated
 from aacmm_pin.postures.newton_search import FLAT, MOST_STARTS, Search, flattest, search
 from aacmm_pin.postures.self_motion import SelfMotion
 from aacmm_pin.postures.solution_set import PosturesAtPoint
-from aacmm_pin.postures.swivel import Swivel
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
 ELBOW_JOINT = 4

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
-from aacmm_pin.arm.measuring_space import joint_bounds
+from aacmm_pin.arm.measuring_volume import joint_bounds
 from aacmm_pin.effects.state import State
 
 StateOf = Callable[[Array, Index], State]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin.postures.arc_length_sampling import evenly
 from aacmm_pin.postures.continuation import Curve, System, on_curves, trace, without_known
-from aacmm_pin.postures.even_spacing import evenly
 from aacmm_pin.postures.newton_search import SINGULAR, flattest
 
 TOGETHER = 24

@@ -13,7 +13,7 @@ from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration, HeldOut
 from aacmm_pin.calibration.problem import geometric_parameters
 from aacmm_pin.effects import StylusOffset
-from aacmm_pin.effects.words import in_words, values_in_words
+from aacmm_pin.effects.labels import in_words, values_in_words
 
 WORTH = 0.05
 """A calibration whose held-out residuals fall by less than this part has not helped."""

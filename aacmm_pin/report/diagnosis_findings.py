@@ -12,12 +12,12 @@ from aacmm_pin.calibration.problem import geometric_parameters
 from aacmm_pin.diagnosis import Diagnosis, Finding, OddGroup
 from aacmm_pin.diagnosis.result import described
 from aacmm_pin.effects import Effect, EncoderSlip, SeatError
-from aacmm_pin.effects.words import in_words as in_words
-from aacmm_pin.effects.words import label_in_words as label_in_words
-from aacmm_pin.effects.words import labels_in_words as labels_in_words
-from aacmm_pin.effects.words import listed as listed
-from aacmm_pin.effects.words import several_in_words as several_in_words
-from aacmm_pin.effects.words import values_in_words
+from aacmm_pin.effects.labels import in_words as in_words
+from aacmm_pin.effects.labels import label_in_words as label_in_words
+from aacmm_pin.effects.labels import labels_in_words as labels_in_words
+from aacmm_pin.effects.labels import listed as listed
+from aacmm_pin.effects.labels import several_in_words as several_in_words
+from aacmm_pin.effects.labels import values_in_words
 
 CHANCE = 0.01
 """Structure with less chance than this is not nothing."""

@@ -45,7 +45,7 @@ from aacmm_pin.report.html import (
 )
 from aacmm_pin.report.plots.diagnosis import shown_models
 from aacmm_pin.report.plots.groups import held_out_parts, place_in_words, residuals_by_group
-from aacmm_pin.report.plots.partial import is_constant, state_of
+from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
 from aacmm_pin.report.scenes import diagnosis_scene
 
 MOST_ROWS = 50

@@ -13,7 +13,7 @@ from aacmm_pin.effects import Effect, JointErrorCurve
 from aacmm_pin.report.diagnosis_findings import in_words, label_in_words, p_in_words, parameters_in_words, probability
 from aacmm_pin.report.plots.diagnosis import models
 from aacmm_pin.report.plots.groups import place_in_words, residuals_by_group
-from aacmm_pin.report.plots.partial import state_of
+from aacmm_pin.report.plots.partial_residuals import state_of
 
 RANKING_FORMATS = {"at the tip [µm]": ".1f", "retained": ".0%"}
 RMS_FORMATS = dict.fromkeys(("simulated [mm]", "recalibrated [mm]", "extended [mm]", "noise alone [mm]"), ".4f")

@@ -8,7 +8,7 @@ import pandas as pd
 from aacmm_pin._support.units import UM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.arm.measuring_space import Room
+from aacmm_pin.arm.measuring_volume import Room
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError, ZeroDrift
 from aacmm_pin.effects.conditions import Conditions

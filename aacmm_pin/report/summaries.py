@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.cells import spread
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.table_cells import spread
 from aacmm_pin._support.units import DEG, MM, MM3, UM
 from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy
 from aacmm_pin.accuracy.configuration_choice import paired

@@ -14,7 +14,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, bundled_arms, load_arm_file
-from aacmm_pin.arm.urdf import SHORTEST_DRAWN, urdf_text
+from aacmm_pin.arm.urdf_writer import SHORTEST_DRAWN, urdf_text
 
 KEPT = Path(__file__).parents[2] / "urdf"
 

@@ -30,7 +30,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.arm.urdf_writer import urdf_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.measurements.records import Measurements
 

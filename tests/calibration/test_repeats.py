@@ -11,7 +11,7 @@ import pytest
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.calibration.cross_validation import groups_of
-from aacmm_pin.calibration.repeats import counted_once, postures_of, together
+from aacmm_pin.calibration.duplicate_records import counted_once, postures_of, together
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.cross_validation import parts_of
 from aacmm_pin.effects import EncoderEccentricity

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from aacmm_pin._support.cells import cells, spread
+from aacmm_pin._support.table_cells import cells, spread
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli.tables import show
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance

@@ -26,15 +26,15 @@ from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.stated_noise import StatedNoise
 from aacmm_pin.diagnosis import cross_validation as gain
-from aacmm_pin.diagnosis import odd_groups as groups
+from aacmm_pin.diagnosis import outlier_groups as groups
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import parts_of
-from aacmm_pin.diagnosis.design import Block
+from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.extension import Choice, choose, free
-from aacmm_pin.diagnosis.gram import Gram, products_of
+from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.model_extension import Choice, choose, free
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements

@@ -29,7 +29,7 @@ from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, Un
 from aacmm_pin.planning.causes import cause_of
 from aacmm_pin.report import plots
 from aacmm_pin.report.diagnosis_findings import verdict_in_words
-from aacmm_pin.report.plots.partial import partial_residual
+from aacmm_pin.report.plots.partial_residuals import partial_residual
 
 NOISE = 8e-6
 HOOK = (0.0, 0.0, 1000.0)

@@ -12,7 +12,7 @@ import pytest
 
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError, ShapeError, UnknownNameError
-from aacmm_pin.measurements import columns as measurement_columns
+from aacmm_pin.measurements import csv_columns as measurement_columns
 from aacmm_pin.measurements.records import Bar, Measurements
 
 DEG = np.pi / 180

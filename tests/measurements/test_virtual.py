@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.measuring_space import MARGIN, Room
+from aacmm_pin.arm.measuring_volume import MARGIN, Room
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,

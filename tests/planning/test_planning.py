@@ -12,7 +12,7 @@ import pytest
 from aacmm_pin import Arm, ErrorModel, Measurements, plan_measurements, simulate_measurements
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.chain import skew
-from aacmm_pin.arm.measuring_space import Room, joint_bounds
+from aacmm_pin.arm.measuring_volume import Room, joint_bounds
 from aacmm_pin.calibration.perturbed_arm import perturbed_model
 from aacmm_pin.effects import (
     BaseCompliance,
@@ -31,7 +31,7 @@ from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.planning import MeasurementPlan, advice
 from aacmm_pin.planning.causes import cause_of, label_of
-from aacmm_pin.planning.power import Size
+from aacmm_pin.planning.detection_power import Size
 from aacmm_pin.planning.search import Choosing, informing, telling
 from aacmm_pin.planning.setups import SetUp, set_ups
 
@@ -259,7 +259,7 @@ def test_odds_are_those_of_two_known_directions() -> None:
     """``Φ(√T/2)``-like in the limit of two orthogonal causes: the formula for correlation zero."""
     from scipy.stats import norm
 
-    from aacmm_pin.planning.power import power_of
+    from aacmm_pin.planning.detection_power import power_of
 
     size = 3.0
     power = power_of(size * np.eye(2), slice(0, 1), slice(1, 2), (Size(np.eye(1)),) * 2, np.random.default_rng(1))

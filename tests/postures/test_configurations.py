@@ -25,8 +25,8 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
 from aacmm_pin.postures.continuation import Curve
 from aacmm_pin.postures.curve_sampling import Components, arc_fractions, at_swivel, sector_centres
+from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.reach import reach_of_wrist
-from aacmm_pin.postures.swivel import Swivel
 from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
 
 System = Callable[[Array, Index], tuple[Array, Array]]

@@ -8,7 +8,7 @@ from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.papers.sino6.nominal import sino6_nominal
 from aacmm_pin.papers.sino6.table2 import exact_sectors, generating_grid
 from aacmm_pin.postures.curve_sampling import Components, at_swivel, sector_centres
-from aacmm_pin.postures.swivel import Swivel
+from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
 
 TURN = [0.0, 2 * np.pi]

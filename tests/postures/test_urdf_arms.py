@@ -12,7 +12,7 @@ import pytest
 from aacmm_pin import accuracy_volume
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.measuring_space import random_postures
+from aacmm_pin.arm.measuring_volume import random_postures
 from aacmm_pin.errors import AacmmError
 
 ARMS = [

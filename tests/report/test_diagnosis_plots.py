@@ -59,7 +59,7 @@ from aacmm_pin.report.plots import (
     plot_unexplained,
 )
 from aacmm_pin.report.plots.groups import held_out_parts, residuals_by_group
-from aacmm_pin.report.plots.partial import partial_residual
+from aacmm_pin.report.plots.partial_residuals import partial_residual
 
 mpl.use("Agg")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from aacmm_pin._support.outputs import check_output, check_output_folder, whole_file, whole_folder
+from aacmm_pin._support.output_files import check_output, check_output_folder, whole_file, whole_folder
 from aacmm_pin.errors import OutputError
 
 FAILURES = [RuntimeError, ValueError, KeyboardInterrupt, SystemExit, GeneratorExit]

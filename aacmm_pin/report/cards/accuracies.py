@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.cells import spread
+from aacmm_pin._support.table_cells import spread
 from aacmm_pin._support.units import DEG, MM, MM3, UM
 from aacmm_pin.accuracy.monte_carlo import LengthUncertainty, PointUncertainty
 from aacmm_pin.accuracy.single_point import SinglePoint

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.cells import spread
+from aacmm_pin._support.table_cells import spread
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.accuracy.error_sources import ErrorSources
 from aacmm_pin.arm.arm import Arm
@@ -17,7 +17,7 @@ from aacmm_pin.arm.poses import Poses
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.words import in_words, values_in_words
+from aacmm_pin.effects.labels import in_words, values_in_words
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.report.calibration_findings import small_unit
 from aacmm_pin.report.cards.card import html_of, paragraph, table

@@ -11,8 +11,8 @@ from functools import singledispatch
 
 import pandas as pd
 
-from aacmm_pin._support.cells import cells
 from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.table_cells import cells
 
 
 @singledispatch
@@ -42,7 +42,7 @@ def table(frame: pd.DataFrame, formats: Mapping[str, str] | None = None, head: s
 
     Args:
         frame: the data; the index is not shown.
-        formats: see :func:`aacmm_pin._support.cells.cells`.
+        formats: see :func:`aacmm_pin._support.table_cells.cells`.
         head: what it shows.
         most: at most so many rows, and how many more there are.
     """

@@ -9,7 +9,7 @@ from aacmm_pin.calibration import Calibration, HeldOut
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning import MeasurementPlan
-from aacmm_pin.planning.power import Power
+from aacmm_pin.planning.detection_power import Power
 from aacmm_pin.planning.result import Tried
 from aacmm_pin.report.calibration_findings import (
     causes_in_words,

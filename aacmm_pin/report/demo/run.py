@@ -9,9 +9,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from aacmm_pin._support.outputs import whole_folder
+from aacmm_pin._support.output_files import whole_folder
 from aacmm_pin._support.units import ARCSEC, UM
-from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.arm.urdf_writer import urdf_text
 from aacmm_pin.report.demo.diagnosed import diagnosed_sections
 from aacmm_pin.report.demo.hidden import Hidden, hidden_section
 from aacmm_pin.report.demo.in_short import in_short

@@ -14,7 +14,7 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import SeatError
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.diagnosis_findings import geometric, in_words
-from aacmm_pin.report.plots.partial import PartialResidual, partial_residual
+from aacmm_pin.report.plots.partial_residuals import PartialResidual, partial_residual
 from aacmm_pin.report.plots.residuals import numbers_by_size
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of
 
@@ -31,9 +31,9 @@ AXES = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
     """What the records say of a cause, everything else as fitted, over what it depends on; the fitted cause through it.
 
-    Faint dots are records, :func:`aacmm_pin.report.plots.partial.partial_residual`; circles are their weighted means in
-    parts of the range, with standard uncertainties. An error of a seat is shown seat by seat, a geometric value beside what
-    was stated of it.
+    Faint dots are records, :func:`aacmm_pin.report.plots.partial_residuals.partial_residual`; circles are their weighted
+    means in parts of the range, with standard uncertainties. An error of a seat is shown seat by seat, a geometric value
+    beside what was stated of it.
 
     Args:
         result: the diagnosis.

@@ -15,7 +15,7 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.plots.groups import MODELS
-from aacmm_pin.report.plots.partial import state_of
+from aacmm_pin.report.plots.partial_residuals import state_of
 from aacmm_pin.report.plots.residuals import LONGEST, Plane, scale_bar
 from aacmm_pin.report.plots.style import BLUE, GREY, VERMILLION, Panels, axes_of, panels_of, round_down
 

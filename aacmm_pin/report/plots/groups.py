@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.diagnosis.misfit_tables import groups_table
+from aacmm_pin.diagnosis.residual_tables import groups_table
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.plots.residuals import numbers_by_size
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, Panels, axes_of, panels_of

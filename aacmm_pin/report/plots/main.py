@@ -15,7 +15,7 @@ from aacmm_pin.report.diagnosis_findings import geometric
 from aacmm_pin.report.plots.causes import plot_cause, plot_unexplained
 from aacmm_pin.report.plots.diagnosis import plot_arm_residuals, plot_rms
 from aacmm_pin.report.plots.groups import plot_groups, plot_held_out
-from aacmm_pin.report.plots.partial import is_constant, state_of
+from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
 from aacmm_pin.report.plots.style import Panels
 
 OVERVIEWS: dict[str, Callable[[Diagnosis, Any], Axes | Panels]] = {

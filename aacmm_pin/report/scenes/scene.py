@@ -7,7 +7,7 @@ from typing import Any
 
 from meshcat import Visualizer
 
-from aacmm_pin._support.outputs import whole_file
+from aacmm_pin._support.output_files import whole_file
 from aacmm_pin.report.scenes import page
 from aacmm_pin.report.scenes.frames import Frames
 from aacmm_pin.report.scenes.legend import Legend

@@ -12,7 +12,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.planning.power import SAME, SILENT, Size, distance
+from aacmm_pin.planning.detection_power import SAME, SILENT, Size, distance
 from aacmm_pin.planning.search import Choosing, informing, telling
 from aacmm_pin.planning.situation import Situation
 

@@ -19,10 +19,10 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.stated_noise import StatedNoise
 from aacmm_pin.diagnosis.candidates import PER_COEFFICIENT, Candidate
 from aacmm_pin.diagnosis.covariates import Covariate
-from aacmm_pin.diagnosis.design import Design, design_of
+from aacmm_pin.diagnosis.design_matrix import Design, design_of
 from aacmm_pin.diagnosis.forward_selection import Question, conditional, search
-from aacmm_pin.diagnosis.gram import Gram, products_of
-from aacmm_pin.diagnosis.projection import freedom
+from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.nuisance_projection import freedom
 from aacmm_pin.effects import Effect, EncoderSlip, JointErrorCurve, JointPeriodicError, ZeroDrift
 
 MOST_ROUNDS = 10

@@ -13,8 +13,8 @@ from aacmm_pin._support.checks import Index
 from aacmm_pin._support.distributions import f_sf
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.extension import Choice
-from aacmm_pin.diagnosis.gram import Gram, products_of
+from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.measurements.records import Measurements
 
 FEWEST = 3

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from aacmm_pin.effects import Effect
-from aacmm_pin.planning.pool import Postures, base_temperature
-from aacmm_pin.planning.power import Power, Size, mimicking, power_of
+from aacmm_pin.planning.candidate_records import Postures, base_temperature
+from aacmm_pin.planning.detection_power import Power, Size, mimicking, power_of
+from aacmm_pin.planning.measurement_sheet import sheet
 from aacmm_pin.planning.result import DECIDED, MeasurementPlan, Tried
 from aacmm_pin.planning.search import Choosing, telling
 from aacmm_pin.planning.setups import set_ups
-from aacmm_pin.planning.sheet import sheet
 from aacmm_pin.planning.situation import Asked, Situation
 
 THOROUGH = 1000

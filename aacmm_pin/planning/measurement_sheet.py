@@ -8,10 +8,10 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.effects import Effect
-from aacmm_pin.measurements.columns import REFERENCE
+from aacmm_pin.measurements.csv_columns import REFERENCE
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning.pool import STEP
-from aacmm_pin.planning.power import Power
+from aacmm_pin.planning.candidate_records import STEP
+from aacmm_pin.planning.detection_power import Power
 from aacmm_pin.planning.result import MeasurementPlan, Tried
 from aacmm_pin.planning.situation import Asked, Situation
 

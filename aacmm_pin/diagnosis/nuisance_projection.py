@@ -15,8 +15,8 @@ from scipy.linalg import cho_solve, qr, solve_triangular
 from scipy.linalg.blas import dtrsm
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.diagnosis.design import Block
-from aacmm_pin.diagnosis.gram import Gram
+from aacmm_pin.diagnosis.design_matrix import Block
+from aacmm_pin.diagnosis.gram_matrix import Gram
 
 ADMITTED = 10.0
 """Parameters of an admitted cause are free within so many typical magnitudes …"""

@@ -15,8 +15,8 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.calibrated_arm import origins
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.problem import Problem, geometric_parameters
-from aacmm_pin.diagnosis.extension import Choice
 from aacmm_pin.diagnosis.forward_selection import conditional
+from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.effects import Effect
 
 BINS = 4

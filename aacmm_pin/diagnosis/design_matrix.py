@@ -10,7 +10,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.sensitivities import Columns
+from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.diagnosis.candidates import Candidate
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Effect, JointZeroOffset

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.diagnosis.design import Block, Design
+from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.measurements.observations import Elimination
 
 

@@ -10,7 +10,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
-from aacmm_pin.arm.measuring_space import Room, joint_bounds
+from aacmm_pin.arm.measuring_volume import Room, joint_bounds
 from aacmm_pin.calibration.problem import Frame
 from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
 from aacmm_pin.effects import Effect
