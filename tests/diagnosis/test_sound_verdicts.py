@@ -187,3 +187,40 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
     ]
     for verdict, findings, structure, seen, at, *p_left in cases:
         assert verdict_of(findings, structure, (p_left or [0.5])[0], (seen, 100), (fit, at)) == verdict
+
+
+def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6: Arm) -> None:
+    """Unknown seats, no bar, no stated length: the smallest arm would scatter least."""
+    hidden = ErrorModel(zero6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
+    data = simulate_measurements(hidden, "seats", 160, known=False, rng=np.random.default_rng(4))
+    found = diagnose(zero6, data, encoder_noise=8e-6, probe_noise=5e-6, hold_out=False)
+    assert [finding.label for finding in found.findings] == ["encoder_eccentricity:3"]
+    assert any("size" in note for note in found.notes)
+    before, after = (arm.require_dh("this test") for arm in (zero6, found.model.arm))
+    lengths = np.abs(np.concatenate([before.a, before.d]))
+    change = np.concatenate([after.a - before.a, after.d - before.d])
+    assert abs(change[np.argmax(lengths)]) < 1e-8
+    assert np.abs(change[lengths > 0.1]).max() < 1e-3
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_u_of_a_cause_is_what_a_calibration_with_it_says(zero6: Arm, seed: int) -> None:
+    """Of an arm whose lengths and angles nobody stated, so that some directions are not told."""
+    hidden = ErrorModel(zero6, (EncoderEccentricity(3, values=(1e-4, 0.0)),))
+    data = simulate_measurements(hidden, "seats", 90, rng=np.random.default_rng(seed))
+    noise: dict[str, Any] = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 5e-6}
+    found = diagnose(zero6, data, hold_out=False, **noise)
+    wanted = calibrate(zero6, data, ["geometry", EncoderEccentricity(3)], hold_out=False, **noise).parameters
+    u = wanted.set_index("parameter")["u"].filter(like="eccentricity").to_numpy(dtype=float)
+    (finding,) = found.findings
+    assert u.min() * 0.9 < finding.parameters["amplitude_rad"][1] < u.max() * 1.1
+
+
+def test_excluded_records_of_one_seat_are_said_to_be_of_it(sino6: Arm) -> None:
+    data = simulate_measurements(ErrorModel(sino6), "seats", 120, known=False, rng=np.random.default_rng(2))
+    seat = np.array(data.conditions.seat, dtype=object)
+    names = list(dict.fromkeys(seat))
+    seat[np.flatnonzero(seat == names[0])[:4]] = names[1]
+    moved = replace(data, conditions=replace(data.conditions, seat=seat))
+    result = calibrate(sino6, moved, encoder_noise=8e-6, probe_noise=5e-6, hold_out=False)
+    assert any(f"seat {names[1]}" in note for note in result.notes)
