@@ -42,7 +42,7 @@ def _say_excluded(result: Calibration) -> None:
     excluded = result.excluded
     if not len(excluded):
         return
-    head = f"{len(excluded)} records excluded, {excluded['reason'].iloc[0]}:"
+    head = f"excluded records ({len(excluded)}), {excluded['reason'].iloc[0]}:"
     shown = excluded.head(MOST_EXCLUDED).drop(columns="reason").rename(columns={"residual_mm": "off by [mm]"})
     show(shown, {"off by [mm]": ".3f"}, head)
     if len(excluded) > MOST_EXCLUDED:

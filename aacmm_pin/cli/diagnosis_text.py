@@ -36,7 +36,7 @@ def say_diagnosis(result: Diagnosis) -> None:
         say(line)
     show(_look_alikes(result), {"r": ".2f"}, "or, with the probability of the other cause in its place:")
     _say_unexplained(result)
-    show(result.excluded, {"residual_mm": ".3f"}, f"{len(result.excluded)} records excluded:")
+    show(result.excluded, {"residual_mm": ".3f"}, f"excluded records ({len(result.excluded)}):")
     head = "where the simulation is off most, beside what its own stated uncertainties predict there:"
     show(most_off(result, WORST), OFF_FORMATS, head)
     say(f"next: {result.next_measurements}")

@@ -41,7 +41,7 @@ class Finding(Shown):
         parameters: described values with u: name -> (value, u).
         probability: of this cause, among its look-alikes and none.
         p_value: family-wise.
-        retained_fraction: of its effect, beside what recalibration swallows.
+        retained_fraction: of its effect that recalibration leaves.
         aliases: look-alikes in these data.
         brought: what it brings on held-out records; None where too few groups say something of it.
         inner: order, time constant or time that these records told, with u: name -> (value, u).

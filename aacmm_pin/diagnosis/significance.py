@@ -57,7 +57,7 @@ class Strength:
         block: its number.
         probability: of this candidate, among all in its place and none.
         p_value: chance that the best of all candidates is as good when nothing is there.
-        retained: part of its columns' effect that refitting the rest does not swallow.
+        retained: part of its columns' effect that refitting the rest leaves.
         aliases: look-alikes, most probable first.
     """
 

@@ -165,7 +165,7 @@ def _ranking(result: Diagnosis) -> list[Part]:
         caption = (
             "Causes, strongest first; geometric values last. At the tip: what the cause does, RMS over all records. "
             "Probability: of this cause against its look-alikes and none. p: chance that the best of all causes looks as "
-            "good when none is there. Retained: part of the cause that a recalibration cannot swallow."
+            "good when none is there. Retained: part of the cause that a recalibration leaves."
         )
         parts.append(Table(ranking(result), caption, {"at the tip [µm]": ".0f", "retained": ".2f"}))
     if len(alike := look_alikes(result)):

@@ -412,7 +412,7 @@ def test_records_that_cannot_belong_are_listed(folder: Path, tmp_path: Path) -> 
     table.loc[3, "theta2_deg"] += 0.5
     table.to_csv(tmp_path / "d.csv", index=False)
     out, _ = done("calibrate", "sino6", tmp_path / "d.csv", *QUICK)
-    assert "1 records excluded" in out
+    assert "excluded records (1)" in out
     (row,) = (line.split() for line in out.splitlines() if line.split()[:1] == ["5"])
     assert row[1] == table.loc[3, "record"]
     assert row[2] == table.loc[3, "seat"]

@@ -44,7 +44,7 @@ def _calibration(result: Calibration) -> str:
         + paragraph(frame_in_words(result))
         + bullets(causes_in_words(result), "Causes of error, ± U (k = 2):")
         + table(sizes_table(result), dict.fromkeys(("before [mm]", "after [mm]"), ".4f"), "RMS distance of tip and target:")
-        + table(excluded, {"residual_mm": ".3f"}, f"{len(excluded)} records excluded:", MOST)
+        + table(excluded, {"residual_mm": ".3f"}, f"excluded records ({len(excluded)}):", MOST)
         + table(parameters, dict.fromkeys(("change", "stated", "u", "U"), decimals(parameters)), head)
         + paragraph("* moved farther than its stated and its new uncertainty together allow" if beyond.any() else "")
         + bullets(result.undetermined, "Not told by these data, and left as it was:")
