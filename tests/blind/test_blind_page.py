@@ -48,5 +48,5 @@ def test_a_page_of_other_code_is_not_written(tmp_path: Path) -> None:
         page.write(tmp_path / "study.md", [{"sources": "0", "experiment": "regimes"}], "today", "made up")
     assert not (tmp_path / "study.md").exists()
     assert ROOT / "aacmm_pin" / "diagnosis" / "forward_selection.py" in sources.modules()
-    assert ROOT / "aacmm_pin" / "effects" / "elastic.py" in sources.modules()
+    assert ROOT / "aacmm_pin" / "effects" / "compliance.py" in sources.modules()
     assert not {path for path in sources.modules() if "plots" in path.parts or "cli" in path.parts}
