@@ -41,6 +41,12 @@ ReferenceNoise = Annotated[
 ProbeNoise = Annotated[
     float | None, typer.Option("--probe-noise-mm", help="Standard uncertainty of a coordinate of one contact, in mm.")
 ]
+LengthNoise = Annotated[
+    float | None, typer.Option("--length-noise-mm", help="Standard uncertainty of a bar's length, in mm.")
+]
+FrameOfReferences = Annotated[str, typer.Option("--reference-frame", help="base, or external: an unknown frame.")]
+TargetName = Annotated[str, typer.Option("--target", help="tip, or unknown: some point on the last body.")]
+NoPrior = Annotated[bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")]
 
 
 def model_of(

@@ -10,7 +10,19 @@ import typer
 
 from aacmm_pin.calibration.calibrate import ReferenceFrame
 from aacmm_pin.calibration.parameters import Target
-from aacmm_pin.cli.arm_options import FrameName, MaybeArm, ProbeNoise, ReferenceNoise, Urdf, in_metres, model_of
+from aacmm_pin.cli.arm_options import (
+    FrameName,
+    FrameOfReferences,
+    LengthNoise,
+    MaybeArm,
+    NoPrior,
+    ProbeNoise,
+    ReferenceNoise,
+    TargetName,
+    Urdf,
+    in_metres,
+    model_of,
+)
 from aacmm_pin.cli.common import EncoderNoise, Force, Json, Output, Results, Seed, command, note, say
 from aacmm_pin.cli.tables import show
 from aacmm_pin.errors import AacmmError
@@ -36,13 +48,13 @@ def plan_(
         str,
         typer.Option(help="free: each record has coordinates of its own; seats: at the seats of --data, or at new ones."),
     ] = "free",
-    reference_frame: Annotated[str, typer.Option(help="base, or external: an unknown frame.")] = "base",
-    target: Annotated[str, typer.Option(help="tip, or unknown: some point on the last body.")] = "tip",
-    no_prior: Annotated[bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")] = False,
+    reference_frame: FrameOfReferences = "base",
+    target: TargetName = "tip",
+    no_prior: NoPrior = False,
     encoder_noise_rad: EncoderNoise = None,
     reference_noise_mm: ReferenceNoise = None,
     probe_noise_mm: ProbeNoise = None,
-    length_noise_mm: Annotated[float | None, typer.Option(help="Standard uncertainty of a bar's length, in mm.")] = None,
+    length_noise_mm: LengthNoise = None,
     above_mm: Annotated[float | None, typer.Option(help="Height of a table over the base, under which no tip goes.")] = None,
     as_it_stands: Annotated[bool, typer.Option("--as-it-stands", help="No load and no other mount.")] = False,
     postures: Annotated[int, typer.Option(min=1, help="Number of postures to choose from.")] = POSTURES,
