@@ -45,9 +45,8 @@ def imports(path: Path, for_types: bool = True) -> Iterator[str]:
 def module_of(name: str) -> str:
     """The module that a dotted name is, or is defined in."""
     inside = name.removeprefix("aacmm_pin.")
-    return next(
-        m for m in (inside, f"{inside}.__init__", inside.rpartition(".")[0], "__init__") if m in MODULES or "." not in m
-    )
+    above = inside.rpartition(".")[0]
+    return next(m for m in (inside, f"{inside}.__init__", above, f"{above}.__init__", "__init__") if m in MODULES)
 
 
 def test_rooms_import_in_their_order() -> None:
