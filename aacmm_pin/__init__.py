@@ -1,5 +1,8 @@
 """Postures, accuracy, calibration and diagnosis of articulated-arm coordinate measuring machines, on Pinocchio."""
 
+from types import ModuleType
+
+from aacmm_pin._support import shown
 from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy, configuration_weights
 from aacmm_pin.accuracy.single_point import SinglePoint, single_point_statistics
 from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
@@ -21,6 +24,15 @@ from aacmm_pin.postures.curve_sampling import Flexibility
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
 
 __version__ = "0.1.0"
+
+
+def _report() -> ModuleType:
+    from aacmm_pin.report import results  # loads what draws
+
+    return results
+
+
+shown.reported_by(_report)
 
 __all__ = [
     "AacmmError",

@@ -11,6 +11,7 @@ import fcntl
 import io
 import json
 import os
+import re
 import select
 import shutil
 import signal
@@ -145,6 +146,11 @@ class Page:
             path.write_bytes(png)
         with Image.open(io.BytesIO(png)) as picture:
             return np.asarray(picture.convert("RGB"))
+
+    def printed_pages(self) -> int:
+        """Sheets of A4 that the page takes when it is printed with its own margins."""
+        printed = self._ask("Page.printToPDF", paperWidth=8.27, paperHeight=11.69, preferCSSPageSize=True)
+        return len(re.findall(rb"/Type\s*/Page\b(?!s)", base64.b64decode(printed["data"])))
 
     def close(self) -> None:
         """End the browser."""

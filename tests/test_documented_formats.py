@@ -23,7 +23,7 @@ PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_te
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
 NAMED = ("inner", "parameters", "acts_on", "working_sectors")
 """Objects whose keys are names or numbers that vary."""
-NOT_OF_A_COMMAND = ("aacmm-pin/arm/1", "aacmm-pin/table3-diagnosis/1")
+NOT_OF_A_COMMAND = ("aacmm-pin/arm/1",)
 
 
 def documented(section: str) -> dict[str, str]:
@@ -50,57 +50,32 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     """Keys that commands wrote, by schema; each of several small outputs adds some."""
     folder = tmp_path_factory.mktemp("json")
     data, external, hidden = (str(folder / name) for name in ("data.csv", "external.csv", "hidden.csv"))
-    simulate = ["simulate", "sino6", "--encoder-noise-rad", "8e-6", "-o"]
-    run(
-        [
-            *simulate,
-            data,
-            "--plan",
-            "free",
-            "--records",
-            "60",
-            "--effect",
-            "joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4",
-        ]
-    )
-    run([*simulate, hidden, "--plan", "seats", "--records", "60", "--effect", "base_compliance:compliance_rad_per_nm=3e-5"])
-    lines = Path(data).read_text(encoding="utf-8").splitlines()
-    cells = lines[9].split(",")
-    cells[lines[0].split(",").index("x_mm")] = "999.0"
-    lines[9] = ",".join(cells)
-    Path(external).write_text("\n".join(lines), encoding="utf-8")
-    noise = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
+    simulate = "simulate sino6 --encoder-noise-rad 8e-6 --records 60 -o"
+    run(f"{simulate} {data} --plan free --effect joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4")
+    run(f"{simulate} {hidden} --plan seats --effect base_compliance:compliance_rad_per_nm=3e-5")
+    table = pd.read_csv(data, dtype=str)
+    table.loc[8, "x_mm"] = "999.0"
+    table.to_csv(external, index=False)
+    noise = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
     found: dict[str, set[str]] = {}
-    for arguments in (
-        ["accuracy", "sino6", "--point", "400", "0", "300", "--count", "12"],
-        ["accuracy", "sino6", "--point", "400", "0", "300", "--count", "12", "--method", "ellipsoid"],
-        ["map", "sino6", "--cells", "3", "3"],
-        ["calibrate", "sino6", data, *noise],
-        ["calibrate", "sino6", external, "--reference-frame", "external", *noise],
-        ["diagnose", "sino6", external, *noise],
-        ["diagnose", "sino6", hidden, "--no-held-out", *noise],
-        [
-            "plan",
-            "sino6",
-            "--split",
-            "encoder_eccentricity:2",
-            "joint_compliance:2",
-            "--data",
-            data,
-            "--records",
-            "4",
-            "--postures",
-            "30",
-        ],
-        ["plan", "sino6", "--records", "4", "--postures", "30"],
+    for command in (
+        "accuracy sino6 --point 400 0 300 --count 12",
+        "accuracy sino6 --point 400 0 300 --count 12 --method ellipsoid",
+        "map sino6 --cells 3 3",
+        f"calibrate sino6 {data} {noise}",
+        f"calibrate sino6 {external} --reference-frame external {noise}",
+        f"diagnose sino6 {external} {noise}",
+        f"diagnose sino6 {hidden} --no-held-out {noise}",
+        f"plan sino6 --split encoder_eccentricity:2 joint_compliance:2 --data {data} --records 4 --postures 30",
+        "plan sino6 --records 4 --postures 30",
     ):
-        content = json.loads(run([*arguments, "--json", "-"]))
+        content = json.loads(run(f"{command} --json -"))
         found.setdefault(content["schema"], set()).update(keys(content))
     return found
 
 
-def run(arguments: list[str]) -> str:
-    done = CliRunner().invoke(app, arguments)
+def run(command: str) -> str:
+    done = CliRunner().invoke(app, command.split())
     assert done.exit_code == 0, done.output
     return done.stdout
 
@@ -153,12 +128,12 @@ def test_keys_of_the_arm_file() -> None:
 
 def test_columns_of_what_commands_write(tmp_path: Path) -> None:
     data, *tables = (str(tmp_path / f"{name}.csv") for name in ("data", "circle", "accuracy", "residuals", "corrected"))
-    point = ["--point", "33.6", "-671.9", "182.9", "--count", "6", "-o"]
-    run(["simulate", "sino6", "--plan", "seats", "--records", "40", "--seats", "5", "-o", data])
-    run(["configurations", "sino6", *point, tables[0]])
-    run(["accuracy", "sino6", *point, tables[1]])
-    run(["calibrate", "sino6", data, "--no-held-out", "--residuals", tables[2]])
-    run(["correct", "sino6", data, "-o", tables[3]])
+    point = "--point 33.6 -671.9 182.9 --count 6 -o"
+    run(f"simulate sino6 --plan seats --records 40 --seats 5 -o {data}")
+    run(f"configurations sino6 {point} {tables[0]}")
+    run(f"accuracy sino6 {point} {tables[1]}")
+    run(f"calibrate sino6 {data} --no-held-out --residuals {tables[2]}")
+    run(f"correct sino6 {data} -o {tables[3]}")
     came = [name for path in tables for name in pd.read_csv(path, nrows=1) if not re.fullmatch(r"theta[2-6]_deg", name)]
     of_records = {*measurement_columns.SINGLE, *(f"approach{j}" for j in range(1, 7))}
     explained = {key.removesuffix(" …") for key in documented("CSV that commands write")}

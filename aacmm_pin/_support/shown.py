@@ -1,28 +1,32 @@
-"""How a result shows and draws itself, although words and pictures stand on floors above it.
+"""How a result shows and draws itself, although words and pictures stand in a later room, :mod:`aacmm_pin.report`.
 
-``found.plot()`` and the card that Jupyter shows of ``found`` belong to the result, which is where people look for them. What
-they do takes :mod:`aacmm_pin.report`, which no room above it imports. So this module finds the function there by its name,
-when it is called for the first time, as pandas finds its plotting backend: ``import aacmm_pin`` loads neither matplotlib nor
-the cards. A test holds that only this module finds others by name, and that every name it is asked for is there.
+``found.plot()`` and the HTML that Jupyter shows of ``found`` belong to the result, which is where people look for them. The
+package itself, which may import every room, says at import how the report is found; it is loaded when it is first needed,
+so that ``import aacmm_pin`` loads no matplotlib.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, cast
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-CARDS, PICTURES = "aacmm_pin.report.cards", "aacmm_pin.report.plots"
-
+from collections.abc import Callable
+from typing import Any
 
 LETTERS = 1000
 """A line in a console is at most this long; a dataclass would print all its arrays."""
+_load: list[Callable[[], Any]] = []
+
+
+def reported_by(load: Callable[[], Any]) -> None:
+    """State how the module is found that has ``plots`` and ``html_of``."""
+    _load[:] = [load]
+
+
+def report() -> Any:
+    """That module: :mod:`aacmm_pin.report.results`."""
+    return _load[0]()
 
 
 class Shown:
-    """A value that shows itself: as a card in Jupyter, as a line in IPython."""
+    """A value that shows itself: as HTML in Jupyter, as a line in IPython."""
 
     def __init_subclass__(cls, **named: Any) -> None:
         super().__init_subclass__(**named)
@@ -30,14 +34,9 @@ class Shown:
         cls._repr_pretty_ = _line  # type: ignore[attr-defined]
 
     def _repr_html_(self) -> str:
-        return str(import_module(CARDS).html_of(self))
+        return str(report().html_of(self))
 
 
 def _line(value: Shown, printer: Any, cycle: bool) -> None:
     text = str(value)
     printer.text(text if len(text) <= LETTERS else f"{text[:LETTERS]} …")
-
-
-def drawn(function: str, *what: Any, **how: Any) -> Axes:
-    """What ``function`` of :mod:`aacmm_pin.report.plots` draws of ``what``; it returns the axes."""
-    return cast("Axes", getattr(import_module(PICTURES), function)(*what, **how))

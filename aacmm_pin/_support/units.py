@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 MM = 1e-3
 """One millimetre in metres."""
@@ -14,3 +15,29 @@ DEG = math.pi / 180.0
 """One degree in radians."""
 ARCSEC = DEG / 3600.0
 """One second of arc in radians."""
+
+ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "µrad": 1e-6, "deg": DEG, "mdeg": 1e-3 * DEG, "arcmin": DEG / 60.0}
+ANGLES |= {"arcsec": ARCSEC}
+"""Units that an angle may carry where people type it, in radians."""
+PREFIXES = {"k": (1e3, "·10³"), "": (1.0, ""), "m": (1e-3, "·10⁻³"), "µ": (1e-6, "·10⁻⁶"), "n": (1e-9, "·10⁻⁹")}
+"""SI prefixes that people read, largest first; and in their stead, for units that take none."""
+
+
+def in_radians(text: str) -> float:
+    """An angle as it is typed: ``8e-6``, ``8urad``, ``1.65arcsec``, ``0.5mdeg``.
+
+    Raises:
+        ValueError: it is none.
+    """
+    unit = next((u for u in sorted(ANGLES, key=len, reverse=True) if text.strip().endswith(u)), "")
+    return float(text.strip().removesuffix(unit)) * ANGLES.get(unit, 1.0)
+
+
+def prefixed(unit: str, size: float) -> tuple[str, float]:
+    """The unit with the prefix in which ``size`` is 1 to 1000, and one of it in SI: ``rad/m``, 1e-4 -> ``µrad/m``, 1e-6."""
+    prefix = next((p for p, (factor, _) in PREFIXES.items() if 0.999 * factor <= abs(size)), "n")
+    factor, power = PREFIXES[prefix]
+    if re.match(r"(rad|m|N|s|Pa)(?![²³⁴\w])", unit):
+        return prefix + unit, factor
+    bare = unit.removeprefix("1")
+    return power + (bare if bare[:1] in ("", "/") else f" {bare}"), factor

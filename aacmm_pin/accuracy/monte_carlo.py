@@ -17,7 +17,7 @@ from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.progress import watched
 from aacmm_pin._support.shown import Shown
 from aacmm_pin._support.units import MM
-from aacmm_pin.accuracy.parameter_draws import drawn_effects, parameter_errors
+from aacmm_pin.accuracy.parameter_draws import FEWEST_DRAWS, drawn_effects, parameter_errors
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
 from aacmm_pin.effects.conditions import Conditions
@@ -27,7 +27,6 @@ from aacmm_pin.measurements.noise import Noise
 
 COVERAGE = 0.95
 """Probability of a coverage interval."""
-LEAST_DRAWS = 100
 AT_ONCE = 10_000
 """Draws evaluated together."""
 
@@ -40,19 +39,19 @@ class PointUncertainty(Shown):
         estimate: the point by the model at its stated values (3,) [m].
         mean: of the draws (3,) [m].
         u: standard uncertainty of each coordinate (3,) [m].
-        covariance: (3, 3) [m²].
         shortest: shortest 95 % coverage interval of each coordinate (3, 2) [m].
         symmetric: probabilistically symmetric 95 % coverage interval of each coordinate (3, 2) [m].
         draws: number of draws.
+        covariance: (3, 3) [m²].
     """
 
     estimate: Array
     mean: Array
     u: Array
-    covariance: Array
     shortest: Array
     symmetric: Array
     draws: int
+    covariance: Array
 
     def to_frame(self) -> pd.DataFrame:
         """One row a coordinate, in millimetres."""
@@ -70,16 +69,7 @@ class PointUncertainty(Shown):
 
 @dataclass(frozen=True, eq=False)
 class LengthUncertainty(Shown):
-    """A measured length as a distribution.
-
-    Attributes:
-        estimate: the length by the model at its stated values [m].
-        mean: of the draws [m].
-        u: standard uncertainty [m].
-        shortest: shortest 95 % coverage interval (2,) [m].
-        symmetric: probabilistically symmetric 95 % coverage interval (2,) [m].
-        draws: number of draws.
-    """
+    """A measured length as a distribution; see :class:`PointUncertainty`, here single numbers and intervals (2,) [m]."""
 
     estimate: float
     mean: float
@@ -128,7 +118,7 @@ def point_uncertainty(
     """
     model = ErrorModel.of(model)
     q = _one(q, model.arm.nq, "q")
-    tips = _tips(model, q, noise, rng, draws, _of_records(conditions, 1), progress)[0]
+    tips = _tips(model, q, noise, rng, draws, conditions, progress)[0]
     covariance = np.cov(tips.T)
     return PointUncertainty(
         estimate=model.predict(q, conditions)[0],
@@ -171,7 +161,7 @@ def length_uncertainty(
     """
     model = ErrorModel.of(model)
     q = np.concatenate([_one(q_a, model.arm.nq, "q_a"), _one(q_b, model.arm.nq, "q_b")])
-    a, b = _tips(model, q, noise, rng, draws, _of_records(conditions, 2), progress)
+    a, b = _tips(model, q, noise, rng, draws, conditions, progress)
     lengths = np.linalg.norm(a - b, axis=1)
     stated = model.predict(q, conditions)
     return LengthUncertainty(
@@ -211,28 +201,23 @@ def _one(q: ArrayLike, nq: int, name: str) -> Array:
     return q
 
 
-def _of_records(conditions: Conditions | None, n: int) -> Conditions:
-    if conditions is not None and conditions.n != n:
-        raise ShapeError(f"conditions are of {conditions.n} records, expected {n}")
-    return Conditions(n) if conditions is None else conditions
-
-
-# --- draws
-
-
 def _tips(
     model: ErrorModel,
     q: Array,
     noise: Noise,
     rng: np.random.Generator,
     draws: int,
-    conditions: Conditions,
+    conditions: Conditions | None,
     progress: bool,
 ) -> Array:
     """Tips of the k readings ``q`` (k, nq) in each draw: (k, draws, 3) [m]."""
-    arm = model.arm
-    if draws < LEAST_DRAWS:
-        raise AacmmError(f"draws is {draws}, expected at least {LEAST_DRAWS}; JCGM 101:2008, 7.2 recommends 10 000 and more")
+    arm, conditions = model.arm, Conditions(len(q)) if conditions is None else conditions
+    if conditions.n != len(q):
+        raise ShapeError(f"conditions are of {conditions.n} records, expected {len(q)}")
+    if draws < FEWEST_DRAWS:
+        raise AacmmError(
+            f"draws is {draws}, expected at least {FEWEST_DRAWS}; JCGM 101:2008, 7.2 recommends 10 000 and more"
+        )
     if noise.encoder.shape != (arm.nq,):
         raise ShapeError(f"noise is of {len(noise.encoder)} encoders, expected {arm.nq} for {arm.name}")
     if not (model.covariance().any() or noise.encoder.any() or noise.probe):

@@ -6,32 +6,33 @@ model instead and is the check on the rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, batch, vector
+from aacmm_pin._support.checks import Array, Index, batch, vector
 from aacmm_pin._support.distributions import chi2_isf
-from aacmm_pin._support.shown import Shown, drawn
+from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import zonotope
-from aacmm_pin.accuracy.error_sources import ErrorSources
-from aacmm_pin.accuracy.volume_monte_carlo import exact_volume
+from aacmm_pin.accuracy.parameter_draws import exact_volume
+from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
 from aacmm_pin.arm.parameter import Scope
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
-from aacmm_pin.postures.solution_set import PosturesAtPoint
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from aacmm_pin.postures.solution_set import PosturesAtPoint
 
 Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -131,7 +132,7 @@ class AccuracyVolume(Shown):
         Raises:
             AacmmError: see :func:`aacmm_pin.report.plots.plot_budget`.
         """
-        return drawn("plot_budget", self, by, ax, most)
+        return cast("Axes", report().plots.plot_budget(self, by, ax, most))
 
     def __str__(self) -> str:
         volume = self.volume / MM**3
@@ -145,22 +146,32 @@ class AccuracyVolume(Shown):
         )
 
 
-def circle_accuracy(
-    circle: PosturesAtPoint,
-    model: Arm | ErrorModel | None = None,
-    *,
-    conditions: Conditions | None = None,
-    method: Method = "zonotope",
-    encoder_noise: ArrayLike | None = None,
-    scopes: tuple[Scope, ...] = ALL_SCOPES,
-    rng: np.random.Generator | None = None,
-    draws: int = 4000,
-    progress: bool = True,
-) -> AccuracyVolume:
+def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
+    """Numbers, in the circle, of the configurations of ``accuracy``: those within limits, (n,).
+
+    Raises:
+        ShapeError: ``accuracy`` was worked out for other configurations.
+    """
+    inside = np.flatnonzero(circle.within_limits)
+    wanted = "pass accuracy_volume(arm, circle.q[circle.within_limits], at=circle.at)"
+    if len(accuracy.q) != len(inside):
+        raise ShapeError(
+            f"accuracy has {len(accuracy.q)} configurations, expected the {len(inside)} of the circle's {len(circle.q)} "
+            f"that are within limits: {wanted}"
+        )
+    if not np.array_equal(accuracy.q, circle.q[inside]):
+        raise ShapeError(f"accuracy has other configurations than those of the circle within limits: {wanted}")
+    return inside
+
+
+def circle_accuracy(circle: PosturesAtPoint, model: Arm | ErrorModel | None = None, **options: Any) -> AccuracyVolume:
     """Accuracy of those configurations of a circle that are within limits, at the circle's own frame.
 
-    ``model`` is the circle's arm or an extended model of it, by default the circle's arm. ``conditions`` are of one record,
-    or of each configuration within limits. See :func:`accuracy_volume` for the other arguments.
+    Args:
+        circle: the configurations.
+        model: the circle's arm (the default) or an extended model of it.
+        options: those of :func:`accuracy_volume` but ``at``; ``conditions`` are of one record, or of each configuration
+            within limits.
 
     Raises:
         AacmmError: no configuration is within limits; see :func:`accuracy_volume` for the rest.
@@ -168,18 +179,7 @@ def circle_accuracy(
     q = circle.q[circle.within_limits]
     if not len(q):
         raise AacmmError(f"{circle}; no configuration to judge")
-    return accuracy_volume(
-        circle.arm if model is None else model,
-        q,
-        conditions=conditions,
-        at=circle.at,
-        method=method,
-        encoder_noise=encoder_noise,
-        scopes=scopes,
-        rng=rng,
-        draws=draws,
-        progress=progress,
-    )
+    return accuracy_volume(circle.arm if model is None else model, q, at=circle.at, **options)
 
 
 def accuracy_volume(
@@ -198,16 +198,14 @@ def accuracy_volume(
     """Accuracy volume and covariance of an arm, or of an arm with its effects, at ``q``.
 
     - ``zonotope``: volume of everything that the bounded parameters can do together, exact to first order.
-    - ``jointwise``: eq. 14 of Xu You et al. 2019, read as the sum over the rows of each row's own zonotope. Smaller by far
-      than the zonotope: rows do not add their volumes, they multiply the ways in which they combine. Causes of the whole
-      arm count as one more row.
+    - ``jointwise``: eq. 14 of Xu You et al. 2019, read as the sum over the rows of each row's own zonotope; causes of the
+      whole arm count as one more row. Smaller by far than the zonotope, which combines the rows.
     - ``ellipsoid``: 95 % coverage ellipsoid of the covariance; the only one in which unbounded noise has a part.
     - ``monte-carlo``: the real model at corners of the parameter box, convex hull; covariance from random draws.
 
     The parameters of effects, and those that a calibration states, count as within ± k u, k = 2. Parameters that are known
-    together (``[covariance]`` of the arm file) enter the covariance as S C Sᵀ; in their place ``zonotope``,
-    ``largest_deviation`` and the corners of ``monte-carlo`` take the principal axes of their correlation, each within
-    ± k times its standard uncertainty, see :mod:`aacmm_pin.accuracy.error_sources`. Effects of the reference have no part.
+    together (``[covariance]`` of the arm file) enter the covariance as S C Sᵀ and the volumes by the principal axes of their
+    correlation, see :mod:`aacmm_pin.accuracy.tip_sensitivity`. Effects of the reference have no part.
 
     Args:
         model: the arm, or the arm with its effects.
@@ -218,8 +216,7 @@ def accuracy_volume(
         method: one of the four.
         encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what the arm states.
         scopes: which parameters take part: shared by all records (``arm``), by a ``session``, or new each ``record``.
-        rng: needed for ``monte-carlo``.
-        draws: Monte Carlo draws for each configuration.
+        rng, draws: for ``monte-carlo``: the generator, which it needs, and draws for each configuration.
         progress: with ``monte-carlo``, show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
@@ -240,11 +237,10 @@ def accuracy_volume(
         volume, error, covariance = exact_volume(sources, q, conditions, rng, draws, progress)
         return AccuracyVolume(sources, q, method, volume, covariance, error, conditions)
     volume, covariance = np.empty(len(q)), np.empty((len(q), 3, 3))
-    rule = _RULES[method]
     for part, some, known in _parts(q, conditions):
         sensitivity = sources.sensitivity(some, known)
         covariance[part] = sources.covariance_of(sensitivity)
-        volume[part] = rule(sources, sensitivity, covariance[part])
+        volume[part] = _volume(method, sources, sensitivity, covariance[part])
     return AccuracyVolume(sources, q, method, volume, covariance, conditions=conditions)
 
 
@@ -273,12 +269,14 @@ def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
     return noise
 
 
-def _zonotope(sources: ErrorSources, sensitivity: Array, covariance: Array) -> Array:
-    return zonotope.volume(sources.generators_of(sensitivity))
-
-
-def _jointwise(sources: ErrorSources, sensitivity: Array, covariance: Array) -> Array:
+def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covariance: Array) -> Array:
+    """Accuracy volume to first order (n,) [m³]."""
+    if method == "ellipsoid":
+        determinant = np.maximum(np.linalg.det(covariance), 0.0)
+        return np.asarray(4.0 / 3.0 * np.pi * COVERAGE_FACTOR**3 * np.sqrt(determinant))
     generators = sources.generators_of(sensitivity)
+    if method == "zonotope":
+        return zonotope.volume(generators)
     bounded = [sources.parameters[i] for i in sources.bounded]
     joints = np.array([p.joint or 0 for p in bounded])
     if sources.correlation is not None:
@@ -292,15 +290,3 @@ def _jointwise(sources: ErrorSources, sensitivity: Array, covariance: Array) -> 
             )
     volumes = [zonotope.volume(generators[:, :, joints == joint]) for joint in np.unique(joints)]
     return np.asarray(np.sum(volumes, axis=0))
-
-
-def _ellipsoid(sources: ErrorSources, sensitivity: Array, covariance: Array) -> Array:
-    determinant = np.maximum(np.linalg.det(covariance), 0.0)
-    return np.asarray(4.0 / 3.0 * np.pi * COVERAGE_FACTOR**3 * np.sqrt(determinant))
-
-
-_RULES: dict[str, Callable[[ErrorSources, Array, Array], Array]] = {
-    "zonotope": _zonotope,
-    "jointwise": _jointwise,
-    "ellipsoid": _ellipsoid,
-}

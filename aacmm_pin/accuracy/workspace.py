@@ -13,34 +13,34 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.progress import bar
-from aacmm_pin._support.shown import Shown, drawn
+from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy
 from aacmm_pin.accuracy.volume import METHODS, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
-from aacmm_pin.arm.limits import AT_LIMIT, broken_limits, into_limits
+from aacmm_pin.arm.limits import AT_LIMIT
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.postures.configurations import WRIST
-from aacmm_pin.postures.curve_sampling import Components, arc_fractions, at_swivel, sector_centres
+from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.reach import reach_of_wrist
-from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
+from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
 CELLS_AT_ONCE = 576
+UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
 SEEDS_PER_TURN = 3
 """Held angles of each joint for a map; with the spread seeds they find every component that twenty-four find."""
 
@@ -104,7 +104,7 @@ class WorkspaceMap(Shown):
         Raises:
             UnknownNameError: no such quantity.
         """
-        return drawn("plot_map", self, quantity, ax)
+        return cast("Axes", report().plots.plot_map(self, quantity, ax))
 
     def __str__(self) -> str:
         x, z = self.data.sizes["x_mm"], self.data.sizes["z_mm"]
@@ -155,9 +155,7 @@ def map_workspace(
     wrist = Wrist.of(arm.require_dh("a map of the workspace"), rest)
     not_included = _check_method(model, conditions, method)
     box = _extent(arm, wrist, extent)
-    x, z = _centres(box, cells)
-    grid = np.stack(np.meshgrid(x, z, indexing="ij"), axis=-1).reshape(-1, 2)
-    points = np.column_stack([grid[:, 0], np.zeros(len(grid)), grid[:, 1]])
+    points = np.stack(np.meshgrid(*_centres(box, cells), indexing="ij"), axis=-1).reshape(-1, 3)
     parts = chunks(len(points), CELLS_AT_ONCE)
     jobs = [_Job(model, arm, conditions, wrist, points[part], sectors, method) for part in parts]
     results: list[dict[str, Array]] = [{} for _ in jobs]
@@ -213,48 +211,41 @@ def _work(job: _Job) -> dict[str, Array]:
     curves = wrist_curves(job.wrist, job.points, SEEDS_PER_TURN)
     swivel = Swivel(job.arm.require_dh("a map"), job.arm.up)
     components = Components(swivel, wrist_system(job.wrist, job.points), job.points, curves, job.wrist)
-    q, sector, cell = at_swivel(components, sector_centres(job.sectors))
-    q = into_limits(q, job.arm.limits)
-    inside = ~broken_limits(q, job.arm.limits).any(axis=1)
+    found = Sectors.of(components, job.arm.limits, job.sectors)
     reachable = np.zeros(len(job.points), dtype=bool)
     reachable[[curve.problem for curve in curves]] = True
-    theoretical = _marked(cell, sector, len(job.points), job.sectors)
-    works = _marked(cell[inside], sector[inside], len(job.points), job.sectors)
-    with np.errstate(invalid="ignore"):
-        flexibility = works.sum(axis=1) / theoretical.sum(axis=1)
-    result: dict[str, Array] = {"reachable": reachable, "works": works, "flexibility": flexibility}
+    result: dict[str, Any] = {"reachable": reachable, "works": found.working, "flexibility": found.zeta}
     result["arc_fraction"] = arc_fractions(components, job.arm.limits)
-    return result | _accuracies(job, q[inside], sector[inside], cell[inside])
+    return result | _accuracies(job, found)
 
 
-def _marked(cell: Index, sector: Index, cells: int, sectors: int) -> Any:
-    marks = np.zeros((cells, sectors), dtype=bool)
-    marks[cell, sector] = True
-    return marks
-
-
-def _accuracies(job: _Job, q: Array, sector: Index, cell: Index) -> dict[str, Array]:
+def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     """Best, worst and comprehensive accuracy of each cell from its working configurations."""
-    n = len(job.points)
+    n, q, cell = len(job.points), found.q, found.point
     result = {name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "least_u", "most_u")}
-    result |= {name: np.full((n, job.arm.nq), np.nan) for name in ("best_q", "worst_q", "least_u_q")}
+    result |= {f"{name}_q": np.full((n, job.arm.nq), np.nan) for name in ("best", "worst", "least_u")}
     if not len(q):
         return result
     accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
     volume, u = accuracy.volume, accuracy.u
-    order = np.lexsort((volume, sector, cell))
-    first = np.ones(len(order), dtype=bool)
-    first[1:] = (np.diff(cell[order]) != 0) | (np.diff(sector[order]) != 0)
+    order = np.lexsort((volume, found.sector, cell))
+    _, first = np.unique(cell[order] * job.sectors + found.sector[order], return_index=True)
     chosen = order[first]  # the most accurate configuration of each sector
     for k, mine in _groups(cell[chosen]):
         members = chosen[mine]
         result["comprehensive"][k] = comprehensive_accuracy(volume[members], q[members, 2], job.points[k])
+    extremes = {
+        "best": (volume, np.argmin),
+        "worst": (volume, np.argmax),
+        "least_u": (u, np.argmin),
+        "most_u": (u, np.argmax),
+    }
     for k, members in _groups(cell):
-        best, worst = members[np.argmin(volume[members])], members[np.argmax(volume[members])]
-        least, most = members[np.argmin(u[members])], members[np.argmax(u[members])]
-        result["best"][k], result["worst"][k] = volume[best], volume[worst]
-        result["least_u"][k], result["most_u"][k] = u[least], u[most]
-        result["best_q"][k], result["worst_q"][k], result["least_u_q"][k] = q[best], q[worst], q[least]
+        for name, (values, which) in extremes.items():
+            member = members[which(values[members])]
+            result[name][k] = values[member]
+            if name != "most_u":
+                result[f"{name}_q"][k] = q[member]
     return result
 
 
@@ -296,11 +287,11 @@ def map_caveats(arm: Arm) -> tuple[str, ...]:
     return tuple(caveats)
 
 
-def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array]:
-    """Cell centres along x and z [m]."""
+def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """Cell centres along x, y (0 alone) and z [m]."""
     x = box[0] + (np.arange(cells[0]) + 0.5) * (box[1] - box[0]) / cells[0]
     z = box[2] + (np.arange(cells[1]) + 0.5) * (box[3] - box[2]) / cells[1]
-    return x, z
+    return x, np.zeros(1), z
 
 
 def _dataset(
@@ -313,28 +304,29 @@ def _dataset(
     rest: Array,
     seconds: float,
 ) -> xr.Dataset:
-    x, z = _centres(box, cells)
+    x, _, z = _centres(box, cells)
 
-    def over_cells(name: str, unit: str, text: str, scale: float = 1.0, kind: type = float) -> Any:
-        values: Any = (merged[name] / scale if scale != 1.0 else merged[name]).astype(kind)
+    merged = merged | {"count": merged["works"].sum(axis=1)}
+
+    def over_cells(name: str, unit: str, text: str, kind: type = float) -> Any:
+        values: Any = (merged[name] / UNITS[unit] if UNITS[unit] != 1.0 else merged[name]).astype(kind)
         dims = ("x_mm", "z_mm", *{"works": ("sector",)}.get(name, ("joint",) if name.endswith("_q") else ()))
         return dims, values.reshape(cells + values.shape[1:]), {"units": unit, "long_name": text}
 
-    merged = merged | {"count": merged["works"].sum(axis=1)}
     variables = {
-        "reachable": over_cells("reachable", "1", "1 where a configuration reaches the cell, limits apart", kind=np.int8),
-        "sector_works": over_cells("works", "1", "1 where the sector's centre has a configuration in limits", kind=np.int8),
-        "working_sectors": over_cells("count", "1", "number of working sectors", kind=np.int32),
+        "reachable": over_cells("reachable", "1", "1 where a configuration reaches the cell, limits apart", np.int8),
+        "sector_works": over_cells("works", "1", "1 where the sector's centre has a configuration in limits", np.int8),
+        "working_sectors": over_cells("count", "1", "number of working sectors", np.int32),
         "flexibility": over_cells("flexibility", "1", "working over theoretical sectors (eq. 1)"),
         "arc_fraction": over_cells("arc_fraction", "1", "working over theoretical range of swivel"),
-        "comprehensive_mm3": over_cells("comprehensive", "mm3", "comprehensive accuracy (eq. 15)", MM3),
-        "best_mm3": over_cells("best", "mm3", "smallest accuracy volume of a sector's centre", MM3),
-        "worst_mm3": over_cells("worst", "mm3", "largest accuracy volume of a sector's centre", MM3),
-        "smallest_u_mm": over_cells("least_u", "mm", "smallest standard uncertainty of a sector's centre", MM),
-        "largest_u_mm": over_cells("most_u", "mm", "largest standard uncertainty of a sector's centre", MM),
-        "smallest_u_theta_deg": over_cells("least_u_q", "degree", "configuration with the smallest u", DEG),
-        "best_theta_deg": over_cells("best_q", "degree", "configuration with the smallest volume", DEG),
-        "worst_theta_deg": over_cells("worst_q", "degree", "configuration with the largest volume", DEG),
+        "comprehensive_mm3": over_cells("comprehensive", "mm3", "comprehensive accuracy (eq. 15)"),
+        "best_mm3": over_cells("best", "mm3", "smallest accuracy volume of a sector's centre"),
+        "worst_mm3": over_cells("worst", "mm3", "largest accuracy volume of a sector's centre"),
+        "smallest_u_mm": over_cells("least_u", "mm", "smallest standard uncertainty of a sector's centre"),
+        "largest_u_mm": over_cells("most_u", "mm", "largest standard uncertainty of a sector's centre"),
+        "smallest_u_theta_deg": over_cells("least_u_q", "degree", "configuration with the smallest u"),
+        "best_theta_deg": over_cells("best_q", "degree", "configuration with the smallest volume"),
+        "worst_theta_deg": over_cells("worst_q", "degree", "configuration with the largest volume"),
     }
     centres = sector_centres(sectors) / DEG
     coordinates = {

@@ -30,7 +30,8 @@ def volume(generators: Array) -> Array:
     first, second = _pairs(count)
     for part in chunks(n, CHUNK):
         g = np.ascontiguousarray(generators[part].transpose(1, 2, 0))  # (3, p, n)
-        normal = _normals(g, first, second)
+        a, b = g[:, first], g[:, second]
+        normal = np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
         for k in range(2, count):
             upto = k * (k - 1) // 2  # the pairs i < j < k come first
             triple = normal[0, :upto] * g[0, k]
@@ -87,23 +88,7 @@ def _clear_sign(values: Array) -> Array:
     return np.where(np.abs(values) > FLAT, np.sign(values), 0.0)
 
 
-def support(generators: Array, directions: Array) -> Array:
-    """Largest deviation along each unit direction, ``h(n) = Σ |n·g_k|``: (n, m) [m].
-
-    Args:
-        generators: (n, 3, p) [m].
-        directions: (m, 3) [1].
-    """
-    return np.asarray(np.abs(directions @ generators).sum(axis=2))
-
-
 def _pairs(count: int) -> tuple[Index, Index]:
     """Pairs i < j, ordered by j."""
     second, first = np.tril_indices(count, -1)
     return first, second
-
-
-def _normals(g: Array, first: Index, second: Index) -> Array:
-    """g_i × g_j for component-first generators (3, p, n): (3, pairs, n)."""
-    a, b = g[:, first], g[:, second]
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

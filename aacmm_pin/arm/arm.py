@@ -15,11 +15,10 @@ from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.arm.file import COVERAGE_FACTOR, ArmFile, Covariance, load_arm_file
+from aacmm_pin.arm.file import ArmFile, Covariance, calibrated, load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.arm.poses import Poses
-from aacmm_pin.arm.urdf_reader import read_urdf
-from aacmm_pin.arm.urdf_writer import urdf_text
+from aacmm_pin.arm.urdf import read_urdf, urdf_text
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
 
@@ -168,11 +167,7 @@ class Arm(Shown):
         for joint, step in enumerate(steps, start=1):
             rotation, shift = (part[0] for part in chain.exp(step[None]))
             model.jointPlacements[joint] = model.jointPlacements[joint] * pin.SE3(rotation, shift)
-        u = {} if covariance is None else dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
-        parameters = tuple(
-            replace(p, u=u[p.name], half_width=COVERAGE_FACTOR * u[p.name]) if p.name in u else p for p in self.parameters
-        )
-        return replace(self, model=model, parameters=parameters, covariance=covariance)
+        return replace(self, model=model, parameters=calibrated(self.parameters, covariance), covariance=covariance)
 
     @property
     def nq(self) -> int:
@@ -260,7 +255,7 @@ class Arm(Shown):
             ShapeError: ``q`` is not a finite (n, nq) array.
             UnknownNameError: no such frame.
         """
-        return Poses(self.model, batch(q, self.nq, "q", "rad"), self._frame_id(at), self.dh, self.dh_row(at))
+        return Poses(self.model, batch(q, self.nq, "q", "rad"), _frame_number(self.model, at or self.tip))
 
     def positions(self, q: Array, at: str | None = None) -> Array:
         """Origin of frame ``at`` (default: the tip) for ``q`` (n, nq) [rad]: (n, 3) [m]."""
@@ -302,7 +297,7 @@ class Arm(Shown):
             raise ShapeError(f"q has {len(q)} rows, expected 1 or as many as errors has, {len(errors)}")
         q = np.broadcast_to(q, (len(errors), self.nq))
         if self.dh is None:
-            return self._perturbed_by_pinocchio(q, errors, self._frame_id(at))
+            return self._perturbed_by_pinocchio(q, errors, _frame_number(self.model, at or self.tip))
         return self.dh.positions(q, self._known_row(at), errors.reshape(len(errors), -1, 4))
 
     def _perturbed_by_pinocchio(self, q: Array, errors: Array, frame: int) -> Array:
@@ -317,10 +312,6 @@ class Arm(Shown):
             pin.forwardKinematics(model, data, q[k])
             positions[k] = pin.updateFramePlacement(model, data, frame).translation
         return positions
-
-    def _frame_id(self, at: str | None) -> int:
-        name = at or self.tip
-        return _frame_number(self.model, name)
 
     def _known_row(self, at: str | None) -> int:
         row = self.dh_row(at)
@@ -338,7 +329,7 @@ class Arm(Shown):
             return None
         if at is None or at == self.tip:
             return self.dh.rows
-        self._frame_id(at)
+        _frame_number(self.model, at)
         number = at.removeprefix("frame")
         return int(number) if number.isdigit() else None
 

@@ -102,6 +102,23 @@ class Chain:
         """The places that the joints move, in the order of the joints."""
         return [int(place) for place in np.flatnonzero(self.joint >= 0)]
 
+    def moving_rows(self) -> list[int]:
+        """The rows (from 1) that have a joint, in the order of the joints."""
+        return [place // 2 for place in self.moving_axes()]
+
+    def jacobian(self, rotation: Array, origin: Array, point: Array) -> tuple[Array, Array]:
+        """Motion of a point (n, 3) [m] of the last body by the joints, from the frames of a :meth:`walk`.
+
+        Returns:
+            shifts of the point (n, 3, nq) [m/rad; 1 where a joint slides] and turns of the body (n, 3, nq) [1].
+        """
+        places = self.moving_axes()
+        z = rotation[places, :, :, 2]
+        slides = self.prismatic[:, None, None]
+        shifts = np.where(slides, z, np.cross(z, point - origin[places]))
+        turns = np.where(slides, 0.0, z)
+        return np.ascontiguousarray(shifts.transpose(1, 2, 0)), turns.transpose(1, 2, 0)
+
     def name(self, place: int) -> str:
         """Words for a place."""
         if place in (BASE, self.tip):

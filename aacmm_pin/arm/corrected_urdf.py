@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.parsers import expat
 
 import numpy as np
+import pinocchio as pin
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
@@ -21,60 +23,19 @@ class _Joint:
     """Where a joint states its origin.
 
     Attributes:
-        start, end: bytes of its tag ``<origin …>``; both behind the joint's own tag where it has none.
-        attributes: of that tag.
         kind: type of the joint.
+        start, end: bytes of its tag ``<origin …>``; both behind the joint's own tag where it has none.
+        closed: True where the tag has no end tag of its own.
+        origin: attributes of that tag.
         child: link that it carries.
     """
 
+    kind: str
     start: int
     end: int
-    kind: str
-    attributes: dict[str, str] | None = None
+    closed: bool = True
+    origin: dict[str, str] = field(default_factory=dict)
     child: str = ""
-
-
-@dataclass
-class _Reader:
-    """Finds the joints of a URDF."""
-
-    text: bytes
-    joints: dict[str, _Joint] = field(default_factory=dict)
-    path: list[str] = field(default_factory=list)
-
-    def read(self) -> dict[str, _Joint]:
-        """The joints by name.
-
-        Raises:
-            AacmmError: the text is not XML.
-        """
-        self.parser = expat.ParserCreate()
-        self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = lambda name: self.path.pop()
-        try:
-            self.parser.Parse(self.text, True)
-        except expat.ExpatError as error:
-            raise AacmmError(f"not XML: {error}") from None
-        return self.joints
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
-        if self.path == ["robot"] and name == "joint":
-            end = self._tag(name)[1]
-            self.joints[attributes.get("name", "")] = _Joint(end, end, attributes.get("type", ""))
-        elif self.path == ["robot", "joint"] and self.joints:
-            joint = list(self.joints.values())[-1]
-            if name == "origin":
-                joint.start, joint.end = self._tag(name)
-                joint.attributes = attributes
-            elif name == "child":
-                joint.child = attributes.get("link", "")
-        self.path.append(name)
-
-    def _tag(self, name: str) -> tuple[int, int]:
-        found = _TAG.match(self.text, self.parser.CurrentByteIndex)
-        if found is None or not found[0].startswith(b"<" + name.encode()):
-            raise AacmmError("the XML is not in an encoding whose tags are ASCII, expected UTF-8")
-        return found.span()
 
 
 def corrected_urdf(before: Arm, after: Arm, tip_shift: Array | None = None) -> bytes:
@@ -94,25 +55,54 @@ def corrected_urdf(before: Arm, after: Arm, tip_shift: Array | None = None) -> b
     """
     try:
         text = Path(before.source).read_bytes()
+        joints = _joints(text)
     except OSError as error:
         raise AacmmError(f"{before.source}: cannot be read: {error.strerror}") from None
-    try:
-        joints = _Reader(text).read()
-    except AacmmError as error:
-        raise AacmmError(f"{before.source}: {error}") from None
+    except (AacmmError, expat.ExpatError) as error:
+        raise AacmmError(f"{before.source}: not XML that can be changed: {error}") from None
     motions = {}
-    for number in range(1, before.model.njoints):
-        name = before.model.names[number]
+    for number, name in enumerate(before.joint_names, start=1):
         if name not in joints:
             raise AacmmError(f"{before.source}: has no joint {name!r}; expected the file that {before.name} was made from")
-        old, new = (arm.model.jointPlacements[number].homogeneous for arm in (before, after))
-        motions[name] = np.linalg.solve(old, new)
+        old, new = (arm.model.jointPlacements[number] for arm in (before, after))
+        if old != new:
+            motions[name] = old.actInv(new)
     if tip_shift is not None and np.any(tip_shift):
-        motions[_joint_of_tip(joints, before)] = _shift(tip_shift)
+        motions[_joint_of_tip(joints, before)] = pin.SE3(np.eye(3), np.array(tip_shift))
     for name in sorted(motions, key=lambda name: -joints[name].start):  # from the end, so that earlier places stay
-        if np.abs(motions[name] - np.eye(4)).max() > 1e-15:
-            text = _moved(text, joints[name], motions[name])
+        text = _moved(text, joints[name], motions[name])
     return text
+
+
+def _joints(text: bytes) -> dict[str, _Joint]:
+    """The joints of a URDF by name."""
+    joints: dict[str, _Joint] = {}
+    path: list[str] = []
+    parser = expat.ParserCreate()
+
+    def span(name: str) -> tuple[int, int]:
+        tag = _TAG.match(text, parser.CurrentByteIndex)
+        if tag is None or not tag[0].startswith(b"<" + name.encode()):
+            raise AacmmError("its encoding has tags that are not ASCII, expected UTF-8")
+        return tag.span()
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        if path == ["robot"] and name == "joint":
+            behind = span(name)[1]
+            joints[attributes.get("name", "")] = _Joint(attributes.get("type", ""), behind, behind)
+        elif path == ["robot", "joint"] and name in ("origin", "child"):
+            joint = list(joints.values())[-1]
+            if name == "child":
+                joint.child = attributes.get("link", "")
+            else:
+                joint.start, joint.end = span(name)
+                joint.origin, joint.closed = attributes, text[: joint.end].endswith(b"/>")
+        path.append(name)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda name: path.pop()
+    parser.Parse(text, True)
+    return joints
 
 
 def _joint_of_tip(joints: dict[str, _Joint], arm: Arm) -> str:
@@ -122,50 +112,16 @@ def _joint_of_tip(joints: dict[str, _Joint], arm: Arm) -> str:
     raise UnsupportedArmError(f"{arm.name}: {arm.tip!r} has no fixed joint of its own that could take the shift of the tip")
 
 
-def _shift(shift: Array) -> Array:
-    motion = np.eye(4)
-    motion[:3, 3] = shift
-    return motion
-
-
-def _moved(text: bytes, joint: _Joint, motion: Array) -> bytes:
-    """The file with the origin of one joint multiplied by ``motion`` (4, 4) from the right."""
-    placement = _placement(joint.attributes or {}) @ motion
-    xyz = " ".join(f"{value:.17g}" for value in placement[:3, 3])
-    rpy = " ".join(f"{value:.17g}" for value in roll_pitch_yaw(placement[:3, :3]))
-    closed = joint.attributes is None or text[: joint.end].endswith(b"/>")
-    tag = f'<origin xyz="{xyz}" rpy="{rpy}"{"/" * closed}>'
+def _moved(text: bytes, joint: _Joint, motion: Any) -> bytes:
+    """The file with the origin of one joint multiplied by ``motion`` from the right."""
+    xyz, rpy = (np.array([float(v) for v in joint.origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
+    placement = pin.SE3(from_roll_pitch_yaw(rpy), xyz) * motion
+    xyz, rpy = placement.translation, pin.rpy.matrixToRpy(placement.rotation)
+    numbers = (" ".join(f"{value:.17g}" for value in values) for values in (xyz, rpy))
+    tag = '<origin xyz="{}" rpy="{}"{}>'.format(*numbers, "/" * joint.closed)
     return text[: joint.start] + tag.encode() + text[joint.end :]
-
-
-def _placement(origin: dict[str, str]) -> Array:
-    x, y, z = (float(value) for value in origin.get("xyz", "0 0 0").split())
-    placement = _shift(np.array([x, y, z]))
-    placement[:3, :3] = from_roll_pitch_yaw(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
-    return placement
 
 
 def from_roll_pitch_yaw(angles: Array) -> Array:
     """``Rz(yaw) Ry(pitch) Rx(roll)`` of URDF's roll, pitch, yaw (3,) [rad], turns about fixed axes: (3, 3)."""
-    roll, pitch, yaw = angles
-    return _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
-
-
-def roll_pitch_yaw(rotation: Array) -> Array:
-    """Angles with ``rotation = Rz(yaw) Ry(pitch) Rx(roll)``, (3,) [rad], as exact where pitch is ±90° as elsewhere.
-
-    There only the sum or difference of roll and yaw is told; roll is worked out for whatever yaw came out.
-    """
-    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    rest = _about(2, -yaw) @ rotation
-    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
-
-
-def _about(axis: int, angle: float) -> Array:
-    """Rotation about x (0), y (1) or z (2) (3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    i, k = [(1, 2), (2, 0), (0, 1)][axis]
-    rotation = np.eye(3)
-    rotation[i, i] = rotation[k, k] = c
-    rotation[i, k], rotation[k, i] = -s, s
-    return rotation
+    return np.asarray(pin.rpy.rpyToMatrix(angles))

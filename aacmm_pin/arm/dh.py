@@ -151,17 +151,17 @@ class DHTable(Shown):
         row = self.rows if row is None else row
         n = q.shape[0]
         values = self.values() if errors is None else self.values() + errors  # (rows, 4) or (n, rows, 4)
-        x, y, z, o = (np.empty((row + 1, 3, n)) for _ in range(4))
-        for axis, unit in ((x, (1, 0, 0)), (y, (0, 1, 0)), (z, (0, 0, 1)), (o, (0, 0, 0))):
-            axis[0] = np.array(unit, dtype=np.float64)[:, None]
+        frames = np.empty((row + 1, 3, n)), np.empty((row + 1, 3, n)), np.empty((row + 1, 3, n)), np.empty((row + 1, 3, n))
+        for axis, start in zip(frames, np.eye(4, 3), strict=True):
+            axis[0] = start[:, None]
         joint_of_row = np.cumsum(self.moving) - 1
         step = _standard_row if self.standard else _modified_row
         for i in range(row):
             # Plain floats where all configurations share the values: NumPy multiplies by them fastest.
             a, d, alpha, theta = values[i].tolist() if values.ndim == 2 else values[:, i].T
             angle = q[:, joint_of_row[i]] + theta if self.moving[i] else theta
-            step(x, y, z, o, i, a, d, alpha, angle)
-        return x, y, z, o
+            step(frames, i, a, d, alpha, angle)
+        return frames
 
     @property
     def joint_frames(self) -> Index:
@@ -174,10 +174,13 @@ Values = float | Array
 """One value for all configurations, or one for each (n,)."""
 
 
-def _standard_row(
-    x: Array, y: Array, z: Array, o: Array, i: int, a: Values, d: Values, alpha: Values, angle: Values
-) -> None:
+Frames = tuple[Array, Array, Array, Array]
+"""x, y, z and origins as :meth:`DHTable.axes` gives them."""
+
+
+def _standard_row(frames: Frames, i: int, a: Values, d: Values, alpha: Values, angle: Values) -> None:
     """Frame i+1 from frame i: turn about z, then shift along z and the new x, then tilt about the new x."""
+    x, y, z, o = frames
     c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
     np.multiply(c, x[i], out=x[i + 1])
     x[i + 1] += s * y[i]
@@ -190,10 +193,9 @@ def _standard_row(
     _shift(o, i, (d, z[i]), (a, x[i + 1]))
 
 
-def _modified_row(
-    x: Array, y: Array, z: Array, o: Array, i: int, a: Values, d: Values, alpha: Values, angle: Values
-) -> None:
+def _modified_row(frames: Frames, i: int, a: Values, d: Values, alpha: Values, angle: Values) -> None:
     """Frame i+1 from frame i: tilt about x and shift along it, then turn about the new z and shift along that."""
+    x, y, z, o = frames
     c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
     tilted = ca * y[i] + sa * z[i]
     z[i + 1] = ca * z[i] - sa * y[i]

@@ -9,10 +9,12 @@ import importlib.resources
 import math
 import tomllib
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from aacmm_pin._support.checks import Array
@@ -28,19 +30,13 @@ COVERAGE_FACTOR = 2.0
 """A calibrated parameter counts as within ± U, U = k u with this k (JCGM 100:2008, 6.2)."""
 
 NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
-Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_FROM_ARRAY = Field(strict=False)  # TOML has arrays only; strict validation would refuse them where a tuple is meant
+Pair = Annotated[tuple[FiniteFloat, FiniteFloat], _FROM_ARRAY]
+Vector3 = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], _FROM_ARRAY]
 
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _lists_are_tuples(cls, data: Any) -> Any:
-        # TOML has arrays only; strict validation would refuse them where a tuple is meant.
-        if isinstance(data, dict):
-            return {k: tuple(v) if isinstance(v, list) and k not in ("joints", "effects") else v for k, v in data.items()}
-        return data
 
 
 class Uncertainty(_Part):
@@ -60,26 +56,21 @@ class Row(_Part):
     alpha_rad: FiniteFloat
     theta_offset_rad: FiniteFloat
     fixed: bool = False
-    limits_rad: tuple[FiniteFloat, FiniteFloat] | None = None
+    limits_rad: Pair | None = None
     uncertainty: Uncertainty | None = None
     encoder_noise_rad: NonNegative | None = None
     mass_kg: NonNegative | None = None
     com_mm: Vector3 | None = None
 
     @model_validator(mode="after")
-    def _in_radians(self) -> Row:
-        named = {"alpha_rad": self.alpha_rad, "theta_offset_rad": self.theta_offset_rad}
-        named |= {f"limits_rad[{i + 1}]": limit for i, limit in enumerate(self.limits_rad or ())}
-        for key, angle in named.items():
-            most = MOST_TURNS if key.startswith("limits") else 1
+    def _consistent(self) -> Row:
+        angles = [("alpha_rad", self.alpha_rad, 1), ("theta_offset_rad", self.theta_offset_rad, 1)]
+        angles += [(f"limits_rad[{i}]", limit, MOST_TURNS) for i, limit in enumerate(self.limits_rad or (), start=1)]
+        for key, angle, most in angles:
             if abs(angle) > most * 2 * math.pi + 1e-9:
                 raise ValueError(
                     f"{key} is {angle:g} rad, more than {most} turn(s): expected radians, these look like degrees"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Row:
         if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
             raise ValueError("a fixed row has no joint: expected no limits_rad and no encoder_noise_rad")
         if not self.fixed and self.limits_rad is None:
@@ -118,22 +109,15 @@ class EffectEntry(_Part):
     @property
     def structure(self) -> dict[str, Any]:
         """Everything but the cause, its parameters and their uncertainty."""
-        return dict(self.model_extra or {})
+        return {k: tuple(v) if isinstance(v, list) else v for k, v in (self.model_extra or {}).items()}
 
 
 class Covariance(_Part):
     """What a calibration knows of parameters together; it overrides the half-widths of the parameters that it names."""
 
-    parameters: Annotated[tuple[str, ...], Field(min_length=1)]
-    standard_uncertainty_si: tuple[NonNegative, ...]
-    correlation: tuple[tuple[FiniteFloat, ...], ...]
-
-    @model_validator(mode="before")
-    @classmethod
-    def _rows_are_tuples(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("correlation"), list | tuple):
-            return data | {"correlation": tuple(tuple(r) if isinstance(r, list) else r for r in data["correlation"])}
-        return data
+    parameters: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
+    standard_uncertainty_si: Annotated[tuple[NonNegative, ...], _FROM_ARRAY]
+    correlation: Annotated[tuple[Annotated[tuple[FiniteFloat, ...], _FROM_ARRAY], ...], _FROM_ARRAY]
 
     @model_validator(mode="after")
     def _consistent(self) -> Covariance:
@@ -214,26 +198,21 @@ class ArmFile(_Part):
 
     def dh_parameters(self) -> tuple[Parameter, ...]:
         """The four values of every row in the order of :meth:`DHTable.sensitivity`; rows without uncertainty have u = 0."""
-        parameters, known = [], self._calibrated_u()
+        parameters = []
         for number, row in enumerate(self.joints, start=1):
-            widths = row.uncertainty
-            for kind, field, unit, scale in zip(KINDS, _FIELDS, ("m", "m", "rad", "rad"), (MM, MM, 1, 1), strict=True):
-                half = None if widths is None else getattr(widths, field) * scale
-                value = getattr(row, field) * scale
-                name = f"{kind}{number}"
-                if name in known:
-                    half, u = COVERAGE_FACTOR * known[name], known[name]
-                    parameters.append(Parameter(name, kind, number, unit, value, half, u))
-                else:
-                    parameters.append(Parameter.bounded(name, kind, number, unit, value, half))
-        return tuple(parameters)
-
-    def _calibrated_u(self) -> dict[str, float]:
-        known = self.covariance
-        return {} if known is None else dict(zip(known.parameters, known.standard_uncertainty_si, strict=True))
+            for kind in KINDS:
+                unit, scale = ("m", MM) if kind in ("a", "d") else ("rad", 1.0)
+                field = f"{kind}_mm" if unit == "m" else f"{kind}_rad"
+                half = None if row.uncertainty is None else getattr(row.uncertainty, field) * scale
+                name, value = f"{kind}{number}", getattr(row, field) * scale
+                parameters.append(Parameter.bounded(name, kind, number, unit, value, half))
+        return calibrated(parameters, self.covariance)
 
 
-_FIELDS = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
+def calibrated(parameters: Iterable[Parameter], covariance: Covariance | None) -> tuple[Parameter, ...]:
+    """The parameters, those that ``covariance`` names with its standard uncertainty u and ± k u as their bound."""
+    u = {} if covariance is None else dict(zip(covariance.parameters, covariance.standard_uncertainty_si, strict=True))
+    return tuple(replace(p, u=u[p.name], half_width=COVERAGE_FACTOR * u[p.name]) if p.name in u else p for p in parameters)
 
 
 def bundled_arms() -> list[str]:
@@ -283,38 +262,34 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile:
 
 
 def _explained(error: ValidationError, path: str) -> ArmFileError:
-    """Say in one line a problem what came and what was expected, and where."""
-    problems = [_problem(item) for item in error.errors()]
-    key, message = problems[0]
-    rest = "".join(f"\n{path}: {k}: {m}" if k else f"\n{path}: {m}" for k, m in problems[1:])
-    return ArmFileError(path, key, message + rest)
+    """One line for each problem: what came, what was expected, and where."""
+    (key, message), *rest = [_problem(item) for item in error.errors()]
+    return ArmFileError(path, key, message + "".join(f"\n{ArmFileError(path, *problem)}" for problem in rest))
 
 
 def _problem(item: Any) -> tuple[str, str]:
-    key = ""
-    for part in item["loc"]:
-        key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else str(part)
+    key = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).removeprefix(".")
     match item["type"]:
         case "extra_forbidden":
-            model = _model_at(item["loc"])
-            known = sorted(field.alias or name for name, field in model.model_fields.items())
-            return key, f"unknown key; known here: {', '.join(known)}"
+            parts: dict[str, type[_Part]] = {
+                "joints": Row,
+                "uncertainty": Uncertainty,
+                "stylus": Stylus,
+                "covariance": Covariance,
+            }
+            parents = [part for part in item["loc"][:-1] if isinstance(part, str)]
+            fields = (parts[parents[-1]] if parents else ArmFile).model_fields
+            return key, f"unknown key; known here: {', '.join(sorted(f.alias or name for name, f in fields.items()))}"
         case "missing":
             return key, "missing"
         case "value_error":
             return key, str(item["ctx"]["error"])
         case _:
-            expected = item["msg"].removeprefix("Input should be ")
-            return key, f"is {item['input']!r}, expected {expected}"
+            return key, f"is {item['input']!r}, expected {item['msg'].removeprefix('Input should be ')}"
 
 
-def _model_at(location: tuple[Any, ...]) -> type[_Part]:
-    names = [part for part in location[:-1] if isinstance(part, str)]
-    parts: dict[str, type[_Part]] = {
-        "joints": Row,
-        "uncertainty": Uncertainty,
-        "stylus": Stylus,
-        "effects": EffectEntry,
-        "covariance": Covariance,
-    }
-    return parts.get(names[-1], ArmFile) if names else ArmFile
+def arm_text(arm: ArmFile, comment: str = "") -> str:
+    """TOML of ``arm``, with ``comment`` in front; numbers are written so that they come back to the last bit."""
+    content = {"schema": arm.schema_} | arm.model_dump(by_alias=True, exclude_none=True, exclude_defaults=True)
+    lines = [f"# {''.join(c if c.isprintable() else ' ' for c in line)}".rstrip() for line in comment.splitlines()]
+    return "\n".join([*lines, *([""] if lines else []), tomli_w.dumps(content)])

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, vector
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import DEG, MM
@@ -18,23 +15,19 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.duplicate_records import counted_once
 from aacmm_pin.calibration.fit import Fit, redundant
-from aacmm_pin.calibration.input_mistakes import first_fit
-from aacmm_pin.calibration.parameters import ASSEMBLED, Target, lengths_untold, problem_of
+from aacmm_pin.calibration.input_mistakes import FAR, first_fit
+from aacmm_pin.calibration.noise_model import LENGTH
+from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.result import Calibration
-from aacmm_pin.calibration.stated_noise import LENGTH, StatedNoise
+from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 
-FAR = 2e-3
-"""Scatter that no arm has; something else is wrong [m]."""
-LOUD = 5e-3
-"""Noise of an angle that no encoder has, and no robot's joint; stated in another unit [rad]."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
-ReferenceFrame = Literal["base", "external"]
 
 
 @one_blas_thread
@@ -85,44 +78,32 @@ def calibrate(
         AacmmError: no record says anything; the noise is not stated and there are too few records to find it; the records
             have nothing to do with this arm.
     """
-    if reference_frame not in get_args(ReferenceFrame):
-        raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
-    model = ErrorModel.of(model)
-    arm = model.arm
-    require_measurements(measurements)
-    if measurements.nq != arm.nq:
-        raise AacmmError(f"{measurements.source} has angles of {measurements.nq} joints, {arm.name} has {arm.nq}")
+    model, measurements = checked_input(model, measurements)
     measurements, repeated = counted_once(measurements)
     chosen = [parameters] if isinstance(parameters, str) else list(parameters)
     if prior is None:
         prior = chosen != ["zero-offsets"]
-    noise = StatedNoise(encoder_of(arm, encoder_noise), reference_noise, probe_noise, length_noise)
-    external = reference_frame == "external"
-    problem = problem_of(model, measurements, chosen, prior=prior, target=target, external=external)
+    setup = Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise)
+    problem = problem_of(model, measurements, chosen, setup)
     require_scale(problem)
-    after = first_fit(problem, noise, robust=robust)
-    if not after.tells_noise:
-        raise AacmmError(
-            f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for {problem.scales.size} "
-            "parameters and the seats' own; state the noise, measure more, or estimate less"
-        )
-    setup = problem_of(model, measurements, [], prior=prior, target=target, external=external)
-    found = Calibration(after, setup, noise, (), (*notes_of(after, noise), *repeated))
-    if not hold_out:
-        return found
-    held = left_out(found.before, after, noise, rng or np.random.default_rng(1), progress)
+    after = first_fit(problem, robust=robust)
+    _require_noise(after)
+    found = Calibration(after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated))
+    held = left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
     return replace(found, held_out=tuple(held))
 
 
-def require_measurements(given: object) -> None:
-    """Refuse what is not measurements, such as the name of their file.
+def _require_noise(after: Fit) -> None:
+    """Refuse a fit without redundancy whose noise is not stated.
 
     Raises:
-        AacmmError: it is something else.
+        AacmmError: there are too few records.
     """
-    if not isinstance(given, Measurements):
-        how = f"Measurements.read({str(given)!r}, nq)" if isinstance(given, str | Path) else "see Measurements.read"
-        raise AacmmError(f"measurements is {given!r}, expected Measurements: {how}")
+    if not after.tells_noise:
+        raise AacmmError(
+            f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for {after.problem.scales.size} "
+            "parameters and the seats' own; state the noise, measure more, or estimate less"
+        )
 
 
 def require_scale(problem: Problem) -> None:
@@ -140,31 +121,16 @@ def require_scale(problem: Problem) -> None:
         )
 
 
-def encoder_of(arm: Arm, stated: ArrayLike | None) -> Array | None:
-    """Standard uncertainty of each reading as stated, else what the arm states (nq,) [rad]; None where nobody does.
-
-    Raises:
-        AacmmError: it is so large that it must be in another unit.
-    """
-    if stated is None:
-        return arm.encoder_noise
-    noise = np.asarray(stated, dtype=np.float64)
-    noise = vector(np.full(arm.nq, noise) if noise.ndim == 0 else noise, arm.nq, "encoder_noise", "rad")
-    if (noise > LOUD).any():
-        raise AacmmError(f"encoder_noise is {noise.max():g} rad, expected at most {LOUD:g} rad; is it in another unit?")
-    return noise
-
-
-def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
+def notes_of(after: Fit) -> list[str]:
     """What was assumed, or found instead of stated."""
-    found = []
-    if noise.encoder is None:
-        found.append("nobody states the noise of the encoders: its effect is part of the scatter found")
+    found, problem, setup = [], after.problem, after.problem.setup
+    if setup.encoder_noise is None:
+        found.append("encoder noise not given; estimated with the scatter")
     if not after.stated:
-        what = " and ".join(noise.missing(after.problem.measurements))
+        what = " and ".join(setup.unstated(problem.measurements))
         scatter = f"{after.unmodelled / MM:.4f} mm of scatter per coordinate were found beside what is stated"
         enough = "what is stated of it is enough for these records, and none was added"
-        found.append(f"nobody states the noise {what}: {scatter if after.scatters else enough}")
+        found.append(f"noise {what} not given: {scatter if after.scatters else enough}")
     elif after.unmodelled > 0:
         found.append(
             f"the records scatter more than stated: {after.unmodelled / MM:.4f} mm per coordinate were added, "
@@ -175,21 +141,22 @@ def notes_of(after: Fit, noise: StatedNoise) -> list[str]:
             f"{after.unmodelled / MM:.1f} mm of scatter is far more than an arm has: are the columns, their units and the "
             "reference frame right?"
         )
-    free = [p for p, stated in zip(after.problem.parameters, after.problem.stated, strict=True) if not stated]
+    free = [p for p, stated in zip(problem.vector.parameters, problem.stated, strict=True) if not stated]
     if any(p.unit in ASSEMBLED for p in free):
+        count = f"{len(free)} parameter{'s' * (len(free) != 1)}"
         found.append(
-            f"nobody states how far off {len(free)} of the parameters may be: taken as ±{ASSEMBLED['m'] / MM:g} mm and "
+            f"uncertainty of {count} not given: taken as ±{ASSEMBLED['m'] / MM:g} mm and "
             f"±{ASSEMBLED['rad'] / DEG:.0f}° for geometry, wide enough not to matter where the data say something"
         )
-    if not redundant(after.problem, after.solution) and not after.excluded.any():
+    if not redundant(after.solution) and not after.excluded.any():
         found.append("too few records to look for gross errors: all were used")
-    if noise.length is None and len(after.observations.ends):
-        found.append(f"nobody states how well the bars' lengths are known: taken as {LENGTH / MM:g} mm")
+    if setup.length_noise is None and len(after.observations.ends):
+        found.append(f"uncertainty of the bars' lengths not given: taken as {LENGTH / MM:g} mm")
     if not after.solution.converged:
         found.append(
             f"the search did not converge ({after.solution.held_up}): what follows is of the best point that it found"
         )
-    seats = after.problem.measurements.conditions.seat
+    seats = problem.measurements.conditions.seat
     at = set() if seats is None else set(seats[after.excluded])
     if len(at) == 1 and after.excluded.sum() >= SEVERAL and "" not in at:
         found.append(f"all {after.excluded.sum()} excluded records touch seat {at.pop()}: did it move?")

@@ -12,7 +12,6 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, Covariance
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.problem import Problem, geometric_parameters
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel, entry_of
 
@@ -24,39 +23,28 @@ UNTOLD = 0.999
 """A parameter that is as good as all of an unknown combination is not told at all."""
 
 
-def calibrated_model(fit: Fit, encoder_noise: Array | None = None) -> ErrorModel:
+def calibrated_model(fit: Fit) -> ErrorModel:
     """The arm and effects with the estimated values; targets of single markers are part of the set-up.
 
-    Args:
-        fit: what was estimated.
-        encoder_noise: of the readings, kept in the arm where it is given (nq,) [rad].
+    A noise of the encoders that was stated stays with the arm.
     """
-    problem = fit.problem
-    arm, u = problem.model.arm, np.sqrt(np.diag(fit.covariance))
-    steps: dict[str, float] = {}
-    effects: list[Effect] = []
-    names: list[str] = []
-    first = 0
-    for effect in problem.effects(fit.solution.point.x):
-        own = slice(first, first + len(effect.terms))
-        first = own.stop
-        if isinstance(effect, StylusOffset) and effect.marker is not None:
-            names += [""] * len(effect.terms)
-            continue
-        of_arm = geometric_parameters(arm, effect)
-        if of_arm:
-            steps |= {p.name: value for p, value in zip(of_arm, effect.values, strict=True)}
-        else:
-            effects.append(effect.at(effect.values, tuple(u[own])))
-        names += [p.name for p in (of_arm or effect.parameters())]
+    problem, vector = fit.problem, fit.problem.vector
+    arm, u, x = problem.model.arm, np.sqrt(np.diag(fit.covariance)), fit.solution.point.x
+    steps = {p.name: float(step) for p, step in zip(vector.of_arm, x, strict=True) if p is not None}
     # A parameter that the data tell nothing of has no u that means anything.
-    told = np.linalg.norm(fit.unknown[: len(names)], axis=1) < UNTOLD
-    names = [name if tells else "" for name, tells in zip(names, told, strict=True)]
-    known = _covariance(arm, names, fit.covariance[: len(names), : len(names)])
+    told = np.linalg.norm(fit.unknown[: vector.size], axis=1) < UNTOLD
+    effects: list[Effect] = []
+    for effect, own in vector:
+        if isinstance(effect, StylusOffset) and effect.marker is not None:
+            told[own] = False
+        elif vector.of_arm[own.start] is None:
+            effects.append(effect.at(x[own], u[own]))
+    names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
+    known = _covariance(arm, names, fit.covariance[: vector.size, : vector.size])
     every = (*problem.model.effects, *effects)
     moved = _moved_table(arm, steps, known, every) if arm.dh is not None else _moved_placements(arm, steps, known)
-    if encoder_noise is not None:
-        moved = _with_noise(moved, encoder_noise)
+    if problem.setup.encoder_noise is not None:
+        moved = _with_noise(moved, problem.setup.encoder_noise)
     return ErrorModel(moved, every)
 
 
@@ -106,12 +94,3 @@ def _with_noise(arm: Arm, noise: Array) -> Arm:
 def _moved_placements(arm: Arm, steps: dict[str, float], known: Covariance | None) -> Arm:
     twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
     return arm.with_placements(twists, known)
-
-
-def origins(problem: Problem) -> Array:
-    """What the arm states of each unknown parameter, to which the effect's value adds; zero for causes (p,)."""
-    found: list[float] = []
-    for effect in problem.estimated:
-        of_arm = geometric_parameters(problem.model.arm, effect)
-        found += [p.value for p in of_arm] if of_arm else [0.0] * len(effect.terms)
-    return np.array(found)

@@ -1,22 +1,41 @@
-"""How well a calibration predicts records that it never saw: random ones, whole seats, sessions, blocks of joint space."""
+"""Cross-validation: records left out in turn, by seats, sessions or blocks of joint space, and predicted by the others.
+
+A calibration and a diagnosis divide their records, leave parts out and measure distances here.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.shown import Shown
-from aacmm_pin.calibration.duplicate_records import postures_of, tell_of_posture, together
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.solver import Point, noise_of_tips, solve
-from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
+from aacmm_pin.calibration.noise_model import NoiseModel
+from aacmm_pin.calibration.solver import Point, solve
+from aacmm_pin.measurements.records import Measurements
 
 FOLDS = 10
+FEWEST_GROUPS = 3
+"""With fewer groups than this nothing can be said of how much the residuals differ from group to group."""
+FEWEST_POSTURES = 3
+"""Fewer postures than this tell nothing of what depends on posture."""
+FEWEST_SEATS = 5
+"""Fewer seats than this are no groups for a diagnosis to leave out; blocks of joint space are taken instead."""
+MOSTLY = 0.9
+"""A diagnosis leaves out seats where more than this part of the records touch one."""
+
+Mask = NDArray[np.bool_]
+
+
+def rms(distance: Array) -> float:
+    """Root mean square of the distances that are there [m]."""
+    return float(np.sqrt(np.nanmean(np.square(distance))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +58,15 @@ class HeldOut(Shown):
     @property
     def rms_before(self) -> float:
         """Root mean square distance [m]."""
-        return float(np.sqrt(np.nanmean(self.before**2)))
+        return rms(self.before)
 
     @property
     def rms_after(self) -> float:
         """Root mean square distance [m]."""
-        return float(np.sqrt(np.nanmean(self.after**2)))
+        return rms(self.after)
+
+
+# --- which records are left out together
 
 
 def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
@@ -53,40 +75,108 @@ def groups_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     Repeats of a posture are in one group, whatever their seat or session.
     """
     records = fit.problem.measurements
-    postures = postures_of(records.q)
     for kind, labels in (("seats", records.conditions.seat), ("sessions", records.conditions.session)):
-        if labels is not None and len(set(labels[fit.used]) - {""}) >= 3:
-            groups = together(np.unique(labels.astype(str), return_inverse=True)[1], postures)
-            if len(np.unique(groups[fit.used & (labels != "")])) >= 3:
+        if labels is not None and len(set(labels[fit.used]) - {""}) >= FEWEST_GROUPS:
+            groups = together(np.unique(labels.astype(str), return_inverse=True)[1], records.postures)
+            if len(np.unique(groups[fit.used & (labels != "")])) >= FEWEST_GROUPS:
                 return kind, groups
-    return "blocks", blocks(records.q, postures, FOLDS, rng)
+    return "blocks", _blocks(records, FOLDS, rng)
 
 
-def blocks(q: Array, postures: Index, most: int, rng: np.random.Generator) -> Index:
-    """Block of joint space of each record (n,), at most ``most`` of them: k-means over the first record of every posture.
+def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
+    """The parts that a diagnosis leaves out: seats (those of a bar together); where these are few, blocks of joint space.
 
-    Args:
-        q: readings (n, nq) [rad].
-        postures: see :func:`postures_of` (n,).
-        most: number of blocks where there are as many postures.
-        rng: for the start.
+    Repeats of a posture are always left out together.
     """
-    first = q[np.unique(postures, return_index=True)[1]]
+    records, seat = fit.problem.measurements, fit.observations.seat
+    touched = seat >= 0
+    label = np.zeros(records.n, dtype=np.intp)
+    label[touched] = fit.observations.clusters[seat[touched]]
+    label = together(label, records.postures)
+    count = int(label.max()) + 1
+    if count >= FEWEST_SEATS and touched.sum() > MOSTLY * records.n:
+        return "seats", (np.argsort(rng.permutation(count)) % FOLDS)[label]
+    clusters = _blocks(records, min(FOLDS, max(2, records.n // 5)), rng)
+    return "blocks", np.unique(clusters, return_inverse=True)[1].astype(np.intp)
+
+
+def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index:
+    """Block of joint space of each record (n,), at most ``most``: k-means over the first record of every posture."""
+    first = records.q[np.unique(records.postures, return_index=True)[1]]
     turns = np.hstack([np.cos(first), np.sin(first)])
     clusters = scipy.cluster.vq.kmeans2(turns, min(most, len(first)), minit="++", rng=rng)[1]
-    return np.asarray(clusters[postures], dtype=np.intp)
+    return np.asarray(clusters[records.postures], dtype=np.intp)
 
 
-def folds(labels: Index, rng: np.random.Generator) -> Index:
+def _folds(labels: Index, rng: np.random.Generator) -> Index:
     """Number of the part, 0 to at most 9, in which each record is left out; records of one label stay together."""
     names = rng.permutation(np.unique(labels))
     part = {name: i % FOLDS for i, name in enumerate(names)}
     return np.array([part[label] for label in labels], dtype=np.intp)
 
 
-def held_out(
-    before: Fit, after: Fit, noise: StatedNoise, rng: np.random.Generator, progress: Progress = None
-) -> list[HeldOut]:
+def together(labels: Index, postures: Index) -> Index:
+    """Labels (n,), 0 and on, with those made one that share a posture."""
+    joined = np.unique(labels, return_inverse=True)[1]
+    count = int(joined.max()) + 1
+    nodes = count + int(postures.max()) + 1
+    graph = scipy.sparse.coo_array((np.ones(len(joined)), (joined, count + postures)), shape=(nodes, nodes))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1][joined], dtype=np.intp)
+
+
+def enough_postures(records: Measurements, used: Mask | slice = slice(None)) -> bool:
+    """Whether records are of enough postures to tell anything of what depends on posture."""
+    return np.unique(records.postures[used]).size >= FEWEST_POSTURES
+
+
+# --- leaving out
+
+
+def left_out_in_turn(
+    part: Index, used: Mask, predict: Callable[[int, Mask], Sequence[Array]], what: str, progress: Progress
+) -> Array:
+    """Distances of the records, each part predicted by the others (models, n) [m]; NaN where there is none.
+
+    Args:
+        part: number of the part of each record (n,).
+        used: records that count (n,).
+        predict: distances by each model of the records of a part, from its number and these records (n,).
+        what: is left out, for the progress bar.
+        progress: whether to show a bar, or a function that wraps the parts.
+    """
+    found: Array | None = None
+    with watched(np.unique(part[used]).tolist(), progress, f"held-out {what}", "part") as numbers:
+        for number in numbers:
+            out = used & (part == number)
+            each = predict(number, out)
+            found = np.full((len(each), part.size), np.nan) if found is None else found
+            found[:, out] = each
+    assert found is not None
+    return found
+
+
+def distances(records: Measurements, tips: Array, seats: Mapping[str, Array] | None = None) -> Array:
+    """Distance of predicted tips (n, 3) from the reference, else from the seat where it is known, else from the mean there.
+
+    The mean is of these records themselves, so their spread about it is widened by √(m/(m-1)); NaN for a single record.
+
+    Args:
+        records: what was measured.
+        tips: predicted (n, 3) [m].
+        seats: places of the seats that other records know (3,) [m].
+    """
+    distance = np.linalg.norm(tips - records.reference, axis=1)
+    for label, members in records.seats().items():
+        unknown = members[~records.known[members]]
+        if seats is not None and label in seats:
+            distance[unknown] = np.linalg.norm(tips[unknown] - seats[label], axis=1)
+        elif unknown.size > 1:
+            spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
+            distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
+    return np.asarray(distance)
+
+
+def held_out(before: Fit, after: Fit, rng: np.random.Generator, progress: Progress = None) -> list[HeldOut]:
     """Leave out postures at random, then by natural groups of records; excluded records are neither used nor predicted.
 
     Where there are fewer than three postures nothing is left out: the others would say nothing of them.
@@ -94,60 +184,32 @@ def held_out(
     Args:
         before: fit of the set-up alone.
         after: fit of everything.
-        noise: as stated.
         rng: for the choice of parts.
         progress: whether to show a bar, or a function that wraps the parts.
     """
-    n = after.problem.measurements.n
-    postures = postures_of(after.problem.measurements.q)
-    if not tell_of_posture(after.problem.measurements.q[after.used]):
+    records, used = after.problem.measurements, after.used
+    if not enough_postures(records, used):
         return []
     kind, labels = groups_of(after, rng)
     found = []
-    for name, part in (("records", folds(postures, rng)), (kind, folds(labels, rng))):
-        parts = np.unique(part[after.used])
-        if len(parts) < 2:
-            continue
-        residual = np.full((2, n), np.nan)
-        with watched(parts, progress, f"held-out {name}", "part") as numbers:
-            for number in numbers:
-                out = (part == number) & after.used
-                kept = (part != number) & after.used
-                for which, fit in enumerate((before, after)):
-                    residual[which, out] = _left_out(fit, noise, kept, out)
-        found.append(HeldOut(name, len(parts), *residual))
+    for name, part in (("records", _folds(records.postures, rng)), (kind, _folds(labels, rng))):
+        count = np.unique(part[used]).size
+        if count >= 2:
+            residual = left_out_in_turn(
+                part, used, lambda _, out: [_predicted(fit, used & ~out, out) for fit in (before, after)], name, progress
+            )
+            found.append(HeldOut(name, count, *residual))
     return found
 
 
-def _left_out(fit: Fit, noise: StatedNoise, kept: Array, out: Array) -> Array:
+def _predicted(fit: Fit, kept: Mask, out: Mask) -> Array:
     """Distances of the records ``out`` from where a fit of the records ``kept`` puts them."""
-    problem = fit.problem.of(fit.problem.measurements.take(np.flatnonzero(kept)))
-    observations = observations_of(problem.measurements, noise, fit.unmodelled)
-    start = fit.solution.point
-    tips = noise_of_tips(problem, start.frame, noise.encoder, fit.unmodelled)
+    records, start = fit.problem.measurements, fit.solution.point
+    problem = fit.problem.of(records.take(kept))
+    noise = NoiseModel.of(problem, start.frame, fit.unmodelled)
     prediction = problem.predict(start.x, start.frame)
-    point = Point(start.x, start.frame, observations.start(prediction.tips), prediction)
-    solution = solve(problem, observations, tips, point, np.ones(problem.measurements.n))
-    seats = dict(zip(observations.labels, solution.point.seats, strict=True))
-    return _distances(fit.problem, solution.point, out, seats)
-
-
-def _distances(problem: Problem, point: Point, out: Array, seats: dict[str, Array]) -> Array:
-    """Distance from the reference, else from the seat as the kept records know it, else from the mean at that seat.
-
-    The mean is of the held-out records themselves, so their spread about it is widened by √(m/(m-1)).
-    """
-    rows = np.flatnonzero(out)
-    records = problem.measurements.take(rows)
-    tips = problem.of(records).predict(point.x, point.frame).tips
-    distance = np.linalg.norm(tips - records.reference, axis=1)
-    for label, members in records.seats().items():
-        unknown = members[~records.known[members]]
-        if not unknown.size:
-            continue
-        if label in seats:
-            distance[unknown] = np.linalg.norm(tips[unknown] - seats[label], axis=1)
-        elif unknown.size > 1:
-            spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
-            distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
-    return np.asarray(distance)
+    point = Point(start.x, start.frame, noise.observations.start(prediction.tips), prediction)
+    end = solve(problem, noise, point, np.ones(problem.measurements.n)).point
+    left = records.take(out)
+    tips = fit.problem.of(left).tips(end.x, end.frame)
+    return distances(left, tips, dict(zip(noise.observations.labels, end.seats, strict=True)))

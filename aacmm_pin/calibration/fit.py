@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -14,9 +15,9 @@ from scipy.linalg import null_space, orth
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_isf, chi2_sf, f_isf
 from aacmm_pin.calibration.linear_system import assemble
+from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.problem import OF_WIDTH, Problem
-from aacmm_pin.calibration.solver import MEDIAN, Point, Solution, begin, deviations, noise_of_tips, solve, standing
-from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
+from aacmm_pin.calibration.solver import MEDIAN, Point, Solution, begin, deviations, solve, standing
 from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
@@ -26,11 +27,11 @@ FALSE_EXCLUSION = 0.01
 EFFICIENCY = 0.53
 """A scatter taken from the median of χ² with three degrees is as certain as from this part of all the records' numbers."""
 UNEQUAL = 1.5
-"""Records far out scatter more, by their readings; where nobody states the noise, they are believed this much farther."""
+"""Records far out scatter more, by their readings; where the noise is not stated, they are believed this much farther."""
 LEAST_DOF = 0.5
 """With fewer degrees of freedom records do not tell their scatter; widths that nobody stated leave a little above zero."""
 MISFIT = 1e-3
-"""χ² beyond its stated noise with less chance than this means that something scatters which nobody stated."""
+"""χ² with less chance than this is larger than the stated noise explains; with more than one minus this, smaller."""
 MOST_ROUNDS = 12
 NO_SCATTER = 5e-8
 """Scatter below this is none: the search for it ends just above zero, and nobody measures so well [m]."""
@@ -40,35 +41,71 @@ FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
 
 
+class Chi2(NamedTuple):
+    """χ² of residuals, and its degrees of freedom."""
+
+    value: float
+    dof: float
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether it is no larger than its degrees of freedom allow, or there are none to judge it by."""
+        return self.dof < LEAST_DOF or float(chi2_sf(*self)) >= MISFIT
+
+    @staticmethod
+    def of(solution: Solution) -> Chi2:
+        """Degrees of freedom: rows that count, less what the data determine of the parameters."""
+        system, spectrum = solution.system, solution.spectrum
+        # A parameter that its prior determines costs nothing: trace of (data's information) (whole information)⁻¹.
+        movable = spectrum.movable
+        scaled = spectrum.directions[:, movable] / spectrum.values[movable] * solution.problem.scales[:, None]
+        determined = float(np.linalg.norm(system.jacobian @ scaled)) ** 2
+        left_out = 3 * int(np.sum((solution.weights == 0.0) & np.isfinite(system.distance)))
+        return Chi2(float(system.residual @ system.residual), system.free - left_out - determined)
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A problem solved.
 
     Attributes:
-        problem, observations: what was asked, of all usable records.
         solution: the final least squares.
-        noise: covariance of each tip (n, 3, 3) [m²].
-        unmodelled: scatter of each coordinate beyond the stated noise; 0 where the stated noise suffices [m].
         stated: True where the stated noise was complete, so that ``chi2_stated`` judges the model.
         used: (n,) True for the records that count.
-        excluded: (n,) True for records that fit too badly to be believed.
+        excluded: (n,) True for outliers: records that fit too badly to be believed.
+        chi2_stated: χ² against the stated noise alone; None where it was not complete.
+        dof: degrees of freedom of the final fit.
         found: labels of effects whose inner values (order, time constant) come from these records too, so that what is
             uncertain of them makes the other parameters uncertain.
-        chi2_stated: χ² against the stated noise alone, and its degrees of freedom; None where it was not complete.
-        dof: degrees of freedom of the final fit.
     """
 
-    problem: Problem
-    observations: Observations
     solution: Solution
-    noise: Array
-    unmodelled: float
     stated: bool
     used: NDArray[np.bool_]
     excluded: NDArray[np.bool_]
-    chi2_stated: tuple[float, float] | None
+    chi2_stated: Chi2 | None
     dof: float
     found: tuple[str, ...] = ()
+
+    @property
+    def problem(self) -> Problem:
+        """What was asked, of all records."""
+        return self.solution.problem
+
+    @property
+    def noise(self) -> NoiseModel:
+        """The noise with which the search ended."""
+        return self.solution.noise
+
+    @property
+    def observations(self) -> Observations:
+        """What the records say."""
+        return self.noise.observations
+
+    @property
+    def unmodelled(self) -> float:
+        """Scatter of each coordinate beyond the stated noise; 0 where the stated noise suffices [m]."""
+        return self.noise.scatter
 
     @property
     def tells_noise(self) -> bool:
@@ -83,13 +120,13 @@ class Fit:
     @property
     def residual_noise(self) -> Array:
         """Covariance of each residual by its reading, its target and the scatter that was found (n, 3, 3) [m²]."""
-        return np.asarray(self.noise + self.observations.covariance)
+        return self.noise.of_residuals
 
     @property
     def stated_noise(self) -> Array:
         """The same without the scatter that was found beside a noise that is stated in full."""
         found = self.unmodelled**2 * np.eye(3) if self.stated else 0.0
-        return self.residual_noise - found
+        return np.asarray(self.residual_noise - found)
 
     @cached_property
     def unknown(self) -> Array:
@@ -103,7 +140,7 @@ class Fit:
         off = np.nan_to_num(deviations(self.observations, point))
         seen = self.problem.predict(point.x, point.frame, point.prediction.tips - off)
         there = Point(point.x, point.frame, point.seats, replace(point.prediction, jacobian=seen.jacobian))
-        at_targets = standing(self.problem, self.observations, self.noise, there, self.solution.weights).spectrum
+        at_targets = standing(self.problem, self.noise, there, self.solution.weights).spectrum
         spectra = (self.solution.spectrum, at_targets)
         return np.asarray(orth(np.hstack([s.directions[:, ~s.known] for s in spectra]), rcond=ONE_DIRECTION))
 
@@ -121,7 +158,7 @@ class Fit:
 
     def _inner(self) -> list[tuple[int, Effect, str, float]]:
         """Inner values: number and effect, field, how far off it may be."""
-        effects = enumerate(self.problem.effects(self.solution.point.x))
+        effects = enumerate(self.solution.effects)
         chosen = [(k, effect) for k, effect in effects if effect.label in self.found]
         return [(k, effect, name, width) for k, effect in chosen for name, width in effect.inner_widths().items()]
 
@@ -134,7 +171,7 @@ class Fit:
         problem, point = self.problem, self.solution.point
         columns = [self._by_inner(*one) for one in inner]
         wider = replace(point.prediction, jacobian=np.concatenate([point.prediction.jacobian, np.stack(columns, 2)], axis=2))
-        system = assemble(wider, self.observations, point.seats, self.noise, self.solution.weights)
+        system = assemble(wider, self.noise, point.seats, self.solution.weights)
         scales = np.concatenate([problem.scales, [width for *_, width in inner]])
         prior = np.eye(scales.size)
         prior[: len(problem.widths), : len(problem.widths)] = problem.prior
@@ -147,193 +184,170 @@ class Fit:
         """∂(tip)/∂(inner value) (n, 3) [m/unit] by central differences."""
         tips = []
         for step in (OF_WIDTH * width, -OF_WIDTH * width):
-            estimated = list(self.problem.estimated)
-            estimated[number] = replace(estimated[number], **{name: getattr(effect, name) + step})
-            moved = replace(self.problem, estimated=tuple(estimated))
-            tips.append(moved.predict(self.solution.point.x, self.solution.point.frame).tips)
+            effects = list(self.problem.vector.effects)
+            effects[number] = replace(effects[number], **{name: getattr(effect, name) + step})
+            moved = replace(self.problem, vector=replace(self.problem.vector, effects=tuple(effects)))
+            tips.append(moved.tips(self.solution.point.x, self.solution.point.frame))
         return np.asarray(tips[0] - tips[1]) / (2 * OF_WIDTH * width)
 
 
-def fit(problem: Problem, stated_noise: StatedNoise, *, robust: bool = True, used: NDArray[np.bool_] | None = None) -> Fit:
+def fit(problem: Problem, *, robust: bool = True, used: NDArray[np.bool_] | None = None) -> Fit:
     """Estimate what is unknown in ``problem``.
 
-    First robustly, then without the records that cannot belong (χ² of their residual, Bonferroni's bound over all
-    records). The scatter beyond the stated noise is found so that χ² meets its degrees of freedom, and only where the
+    First robustly, then without outliers (χ² of their residual, Bonferroni's bound over all records). The scatter beyond
+    the stated noise is the variance component with which χ² meets its degrees of freedom, and is looked for only where the
     stated noise alone will not do.
 
     Args:
         problem: what is unknown.
-        stated_noise: standard uncertainties as stated.
-        robust: look for records that cannot belong.
+        robust: look for outliers.
         used: the records that belong (n,), if that is known already; nothing is looked for then.
 
     Raises:
         AacmmError: no record says anything.
     """
-    return _Fitting(problem, stated_noise).run(robust, used)
+    stated = not problem.setup.unstated(problem.measurements)
+    observations = observations_of(problem.measurements, problem.setup, FIRST_SCATTER)
+    says = observations.says
+    if not says.any():
+        raise AacmmError("no record says where the tip was: no reference coordinates, and no seat touched twice")
+    point = begin(problem, observations)
+    noise = NoiseModel.of(problem, point.frame, 0.0 if stated else FIRST_SCATTER, observations)
+    if used is None and robust:
+        near = _approached(problem, noise, point, says, stated, robust=True)
+        if redundant(near):
+            used, near = _without_outliers(near, says, stated)
+            return _with_scatter(near.problem, near.noise, near.point, used, says, stated)
+    used = says if used is None else used & says
+    near = _approached(problem, noise, point, used, stated, robust=False)
+    return _with_scatter(problem, near.noise, near.point, used, says, stated)
 
 
-class _Fitting:
-    """The rounds of one fit; holds what they share."""
+def _noise_at(noise: NoiseModel, problem: Problem, point: Point, scatter: float, stated: bool) -> NoiseModel:
+    """The noise with another scatter, which stands in for the noise that is not stated."""
+    return NoiseModel.of(problem, point.frame, scatter, noise.observations if stated else None)
 
-    def __init__(self, problem: Problem, noise: StatedNoise) -> None:
-        self.problem, self.noise = problem, noise
-        self.stated = noise.suffices(problem.measurements)
-        self.n = problem.measurements.n
-        self.observations = observations_of(problem.measurements, noise, FIRST_SCATTER)
-        self.tips = np.empty((0, 3, 3))
-        self.unmodelled = 0.0
 
-    def run(self, robust: bool, used: NDArray[np.bool_] | None) -> Fit:
-        spoken = self.observations.says
-        if not spoken.any():
-            raise AacmmError("no record says where the tip was: no reference coordinates, and no seat touched twice")
-        point = begin(self.problem, self.observations)
-        self._prepare(0.0 if self.stated else FIRST_SCATTER, point)
-        if used is None and robust:
-            near = self._nearer(point, spoken, robust=True)
-            if redundant(self.problem, near):
-                used, point = self._believed(near, spoken)
-                return self._final(point, used, spoken)
-        used = spoken if used is None else used & spoken
-        return self._final(self._nearer(point, used, robust=False).point, used, spoken)
+def _approached(
+    problem: Problem, noise: NoiseModel, point: Point, used: NDArray[np.bool_], stated: bool, *, robust: bool
+) -> Solution:
+    """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.
 
-    def _prepare(self, unmodelled: float, point: Point) -> None:
-        """Take ``unmodelled`` for the scatter that nobody stated."""
-        self.unmodelled = unmodelled
-        if not self.stated:
-            self.observations = observations_of(self.problem.measurements, self.noise, unmodelled)
-        self.tips = noise_of_tips(self.problem, point.frame, self.noise.encoder, unmodelled)
+    From afar the noise itself would give the data so much weight that the search follows every valley of parameters
+    which they hardly tell; the widths of the parameters hold it in.
+    """
+    squared = np.square(deviations(noise.observations, point)[used]).sum(axis=1)
+    scatter = float(np.sqrt(np.median(squared) / MEDIAN))
+    for _ in range(MOST_ROUNDS):
+        noise = _noise_at(noise, problem, point, scatter, stated)
+        solution = solve(problem, noise, point, used.astype(np.float64), robust=robust, roughly=True)
+        if not robust:
+            break
+        point = solution.point
+        before, scatter = scatter, _scatter_of_median(noise, solution.system.deviation, used, stated)
+        if scatter == 0.0 or scatter > 0.8 * before:
+            break
+    return solution
 
-    def _solve(self, point: Point, used: NDArray[np.bool_], robust: bool = False, roughly: bool = False) -> Solution:
-        weights = used.astype(np.float64)
-        return solve(self.problem, self.observations, self.tips, point, weights, robust=robust, roughly=roughly)
 
-    def _nearer(self, point: Point, spoken: NDArray[np.bool_], robust: bool) -> Solution:
-        """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.
+def _without_outliers(near: Solution, says: NDArray[np.bool_], stated: bool) -> tuple[NDArray[np.bool_], Solution]:
+    """Which records belong, judged by the scatter of the better half of them, and the search without the others."""
+    problem, count = near.problem, int(says.sum())
+    dof = max(Chi2.of(near).dof, 1.0)
+    scatter = _scatter_of_median(near.noise, near.system.deviation, says, stated, min(1.0, dof / (3 * count)))
+    noise = _noise_at(near.noise, problem, near.point, scatter, stated)
+    # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
+    chance = FALSE_EXCLUSION / count
+    limit = 3 * f_isf(chance, 3, EFFICIENCY * dof) if scatter > 0 else chi2_isf(chance, 3)
+    limit *= 1.0 if stated else UNEQUAL**2
+    used = says.copy()
+    solution = standing(problem, noise, near.point, near.weights)
+    for tried in range(MOST_ROUNDS):
+        belongs = says & (deleted_distances(solution) <= limit)
+        if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
+            break
+        used = belongs
+        solution = solve(problem, noise, solution.point, used.astype(np.float64))
+    return used, solution
 
-        From afar the noise itself would give the data so much weight that the search follows every valley of parameters
-        which they hardly tell; the widths of the parameters hold it in.
-        """
-        squared = np.square(deviations(self.observations, point)[spoken]).sum(axis=1)
-        scatter = float(np.sqrt(np.median(squared) / MEDIAN))
-        for _ in range(MOST_ROUNDS):
-            self._prepare(scatter, point)
-            solution = self._solve(point, spoken, robust, roughly=True)
-            if not robust:
-                break
-            point = solution.point
-            before, scatter = scatter, self._scatter_of_median(solution.system.deviation, spoken)
-            if scatter == 0.0 or scatter > 0.8 * before:
-                break
-        return solution
 
-    def _believed(self, solution: Solution, spoken: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], Point]:
-        """Which records belong, judged by the scatter of the better half of them."""
-        point, count = solution.point, int(spoken.sum())
-        dof = max(_chi2(self.problem, solution)[1], 1.0)
-        self._prepare(self._scatter_of_median(solution.system.deviation, spoken, min(1.0, dof / (3 * count))), point)
-        # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
-        chance = FALSE_EXCLUSION / count
-        limit = 3 * f_isf(chance, 3, EFFICIENCY * dof) if self.unmodelled > 0 else chi2_isf(chance, 3)
-        limit *= 1.0 if self.stated else UNEQUAL**2
-        used = spoken.copy()
-        solution = standing(self.problem, self.observations, self.tips, point, solution.weights)
-        for tried in range(MOST_ROUNDS):
-            belongs = spoken & (deleted_distances(self.observations, solution, self.tips) <= limit)
-            if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
-                break
-            used = belongs
-            solution = self._solve(point, used)
-            point = solution.point
-        return used, point
+def _scatter_of_median(
+    noise: NoiseModel, deviation: Array, used: NDArray[np.bool_], stated: bool, share: float = 1.0
+) -> float:
+    """Scatter beyond the stated noise that brings the median squared distance to that of χ² with three degrees.
 
-    def _scatter_of_median(self, deviation: Array, spoken: NDArray[np.bool_], share: float = 1.0) -> float:
-        """Scatter beyond the stated noise that brings the median squared distance to that of χ² with three degrees.
+    What was fitted to the records has taken some of it away: ``share`` is what it left.
+    """
+    deviation, own = deviation[used], noise.without_scatter[used]
 
-        What was fitted to the records has taken some of it away: ``share`` is what it left.
-        """
-        deviation, own = deviation[spoken], self._own_covariance()[spoken]
+    def excess(variance: float) -> float:
+        return float(np.median(squared_distances(deviation, own + variance * np.eye(3)))) - share * MEDIAN
 
-        def excess(variance: float) -> float:
-            return float(np.median(squared_distances(deviation, own + variance * np.eye(3)))) - share * MEDIAN
+    slack = MEDIAN * 6.0 / np.sqrt(used.sum())  # the median of a few records scatters by itself
+    if stated and excess(0.0) < slack:
+        return 0.0
+    return float(np.sqrt(_root(excess, deviation)))
 
-        slack = MEDIAN * 6.0 / np.sqrt(spoken.sum())  # the median of a few records scatters by itself
-        if self.stated and excess(0.0) < slack:
-            return 0.0
-        return float(np.sqrt(_root(excess, deviation)))
 
-    def _own_covariance(self) -> Array:
-        """Covariance of each record by the stated noise alone (n, 3, 3) [m²]."""
-        return np.asarray(self.tips - max(self.unmodelled, 1e-12) ** 2 * np.eye(3) + self.observations.covariance)
+def _with_scatter(
+    problem: Problem, noise: NoiseModel, point: Point, used: NDArray[np.bool_], says: NDArray[np.bool_], stated: bool
+) -> Fit:
+    """The final fit, with the stated noise alone or with the scatter with which χ² meets its degrees of freedom."""
+    weights = used.astype(np.float64)
 
-    def _final(self, point: Point, used: NDArray[np.bool_], spoken: NDArray[np.bool_]) -> Fit:
-        judged = None
-        if self.stated:
-            self._prepare(0.0, point)
-            judged = self._best_chi2(point, used)
-            if _may_be(judged):
-                return self._as_stated(point, used, spoken)
-            self._prepare(self._scatter_of_median(deviations(self.observations, point), used) or FIRST_SCATTER, point)
-        solution = self._solve(point, used)
-        for _ in range(MOST_ROUNDS):
-            before = self.unmodelled
-            self._prepare(self._scatter(solution, used), solution.point)
-            solution = self._solve(solution.point, used)
-            if abs(self.unmodelled - before) <= 1e-3 * self.unmodelled:
-                break
-        if self.stated:
-            # From afar one step promises too little: judged again where the search came to rest.
-            found = self.unmodelled
-            self._prepare(0.0, solution.point)
-            judged = self._best_chi2(solution.point, used)
-            if _may_be(judged):
-                return self._as_stated(solution.point, used, spoken)
-            self._prepare(found, solution.point)
-        return self._done(solution, used, spoken, judged)
+    def done(solution: Solution, judged: Chi2 | None) -> Fit:
+        return Fit(solution, stated, used, says & ~used, judged, Chi2.of(solution).dof)
 
-    def _as_stated(self, point: Point, used: NDArray[np.bool_], spoken: NDArray[np.bool_]) -> Fit:
-        """The fit with the stated noise alone."""
-        solution = self._solve(point, used)
-        return self._done(solution, used, spoken, _chi2(self.problem, solution))
+    def judged_at(point: Point) -> tuple[Fit | None, Chi2]:
+        """The fit with the stated noise alone, if that may be right: by χ² after one more step, which spares the search."""
+        alone = _noise_at(noise, problem, point, 0.0, stated)
+        here = standing(problem, alone, point, weights)
+        total, dof = Chi2.of(here)
+        judged = Chi2(total - here.spectrum.promise(), dof)
+        if not judged.acceptable:
+            return None, judged
+        solution = solve(problem, alone, point, weights)
+        return done(solution, Chi2.of(solution)), judged
 
-    def _best_chi2(self, point: Point, used: NDArray[np.bool_]) -> tuple[float, float]:
-        """χ² with the noise as stated if one more step were taken: spares the search where that noise cannot be right."""
-        solution = standing(self.problem, self.observations, self.tips, point, used.astype(np.float64))
-        total, dof = _chi2(self.problem, solution)
-        return total - solution.spectrum.promise(), dof
+    judged = None
+    if stated:
+        found, judged = judged_at(point)
+        if found:
+            return found
+        noise = _noise_at(noise, problem, point, 0.0, stated)
+        first = _scatter_of_median(noise, deviations(noise.observations, point), used, stated) or FIRST_SCATTER
+        noise = _noise_at(noise, problem, point, first, stated)
+    solution = solve(problem, noise, point, weights)
+    for _ in range(MOST_ROUNDS):
+        before, scatter = solution.noise.scatter, _variance_component(solution, used)
+        noise = _noise_at(noise, problem, solution.point, scatter, stated)
+        solution = solve(problem, noise, solution.point, weights)
+        if abs(scatter - before) <= 1e-3 * scatter:
+            break
+    if stated:
+        # From afar one step promises too little: judged again where the search came to rest.
+        found, judged = judged_at(solution.point)
+        if found:
+            return found
+        noise = _noise_at(noise, problem, solution.point, noise.scatter, stated)
+        solution = replace(solution, noise=noise)
+    return done(solution, judged)
 
-    def _scatter(self, solution: Solution, used: NDArray[np.bool_]) -> float:
-        """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none."""
-        _, dof = _chi2(self.problem, solution)
-        if dof < LEAST_DOF:
-            return self.unmodelled
-        deviation, own = solution.system.deviation[used], self._own_covariance()[used]
-        seats = solution.point.seats
-        ties = (self.observations.of_seats(seats), self.observations.of_bars(seats)[0])
-        tied = sum(float(np.square(tie).sum()) for tie in ties)
 
-        def excess(variance: float) -> float:
-            return float(squared_distances(deviation, own + variance * np.eye(3)).sum()) + tied - dof
+def _variance_component(solution: Solution, used: NDArray[np.bool_]) -> float:
+    """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none [m]."""
+    noise, dof = solution.noise, Chi2.of(solution).dof
+    if dof < LEAST_DOF:
+        return noise.scatter
+    deviation, own = solution.system.deviation[used], noise.without_scatter[used]
+    seats = solution.point.seats
+    ties = (noise.observations.of_seats(seats), noise.observations.of_bars(seats)[0])
+    tied = sum(float(np.square(tie).sum()) for tie in ties)
 
-        return float(np.sqrt(_root(excess, deviation)))
+    def excess(variance: float) -> float:
+        return float(squared_distances(deviation, own + variance * np.eye(3)).sum()) + tied - dof
 
-    def _done(
-        self, solution: Solution, used: NDArray[np.bool_], spoken: NDArray[np.bool_], judged: tuple[float, float] | None
-    ) -> Fit:
-        _, dof = _chi2(self.problem, solution)
-        return Fit(
-            self.problem,
-            self.observations,
-            solution,
-            self.tips,
-            self.unmodelled,
-            self.stated,
-            used,
-            spoken & ~used,
-            judged,
-            dof,
-        )
+    return float(np.sqrt(_root(excess, deviation)))
 
 
 def covariance_of(values: Array, directions: Array, scales: Array, unknown: Array) -> Array:
@@ -352,32 +366,15 @@ def covariance_of(values: Array, directions: Array, scales: Array, unknown: Arra
     return np.asarray(scaled @ scaled.T)
 
 
-def _chi2(problem: Problem, solution: Solution) -> tuple[float, float]:
-    """χ² of the residuals, and its degrees of freedom: rows that count, less what the data determine of the parameters."""
-    system = solution.system
-    # A parameter that its prior determines costs nothing: trace of (data's information) (whole information)⁻¹.
-    spectrum = solution.spectrum
-    movable = spectrum.movable
-    scaled = spectrum.directions[:, movable] / spectrum.values[movable] * problem.scales[:, None]
-    determined = float(np.linalg.norm(system.jacobian @ scaled)) ** 2
-    left_out = 3 * int(np.sum((solution.weights == 0.0) & np.isfinite(system.distance)))
-    return float(system.residual @ system.residual), system.free - left_out - determined
-
-
-def _may_be(judged: tuple[float, float]) -> bool:
-    """Whether χ² is no larger than its degrees of freedom allow, or there are none to judge it by."""
-    return judged[1] < LEAST_DOF or float(chi2_sf(*judged)) >= MISFIT
-
-
-def deleted_distances(observations: Observations, solution: Solution, noise: Array) -> Array:
+def deleted_distances(solution: Solution) -> Array:
     """Squared distance of each record from where the *others* put its target, over its own and that place's variance (n,).
 
     A record pulls an unknown point towards itself, the more the fewer the others are; and where it has been left out, its
     target is only as sure as the others of its seat make it; bars count for nothing here. Records without a target are
     infinitely far.
     """
+    observations, covariance = solution.noise.observations, solution.noise.of_residuals
     off = deviations(observations, solution.point)
-    covariance = noise + observations.covariance
     touched = np.flatnonzero(observations.seat >= 0)
     if touched.size:
         seat = observations.seat[touched]
@@ -388,17 +385,16 @@ def deleted_distances(observations: Observations, solution: Solution, noise: Arr
         whole += tie[:, :, None] * np.eye(3)
         rest = np.linalg.inv(whole[seat] - weighted + NOTHING_KNOWN * np.eye(3))
         off[touched] += np.einsum("nij,njk,nk->ni", rest, weighted, off[touched])
-        covariance = covariance.copy()
         covariance[touched] += rest
-    found = np.full(len(noise), np.inf)
+    found = np.full(len(off), np.inf)
     says = observations.says
     found[says] = squared_distances(off[says], covariance[says])
     return found
 
 
-def redundant(problem: Problem, solution: Solution) -> bool:
+def redundant(solution: Solution) -> bool:
     """Whether the records are enough to tell which of them are wrong: half of them cannot be fitted whatever they say."""
-    return _chi2(problem, solution)[1] >= 0.5 * solution.system.free
+    return Chi2.of(solution).dof >= 0.5 * solution.system.free
 
 
 def squared_distances(deviation: Array, covariance: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.effects.labels import listed
 
 NEGLIGIBLE = 0.02
 """Parts of a combination smaller than this, beside the largest, are not mentioned."""
@@ -57,7 +58,9 @@ def undetermined(problem: Problem, unknown: Array) -> list[str]:
 def _typical(problem: Problem) -> Array:
     """1 mm for lengths, 1 mrad for angles, so that parts of a combination can be compared; others by their widths."""
     usual = {"m": 1e-3, "rad": 1e-3}
-    of_parameters = [usual.get(p.unit, float(width)) for p, width in zip(problem.parameters, problem.widths, strict=True)]
+    of_parameters = [
+        usual.get(p.unit, float(width)) for p, width in zip(problem.vector.parameters, problem.widths, strict=True)
+    ]
     return np.array(of_parameters + ([1e-3] * 6 if problem.external else []))
 
 
@@ -80,9 +83,8 @@ def _words(combination: Array, names: list[str]) -> str:
     members = [names[i] for i in parts]
     if len(members) == 1:
         return f"{members[0]}: not at all"
-    listed = f"{', '.join(members[:-1])} and {members[-1]}"
     if len(members) == 2:
         ratio = combination[parts[1]] / combination[parts[0]]
         if abs(abs(ratio) - 1) < NEGLIGIBLE:
-            return f"{listed}: only their {'sum' if ratio < 0 else 'difference'}"
-    return f"{listed}: only together"
+            return f"{listed(members)}: only their {'sum' if ratio < 0 else 'difference'}"
+    return f"{listed(members)}: only together"

@@ -9,7 +9,7 @@ a fit then has to confirm it. Nothing is repaired.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 
@@ -18,16 +18,18 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.fit import FIRST_SCATTER, Fit, fit
+from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
+from aacmm_pin.calibration.parameter_vector import KIND_OF
 from aacmm_pin.calibration.parameters import ASSEMBLED
-from aacmm_pin.calibration.problem import OF_KIND, Problem
-from aacmm_pin.calibration.solver import begin, deviations, noise_of_tips, solve
-from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.solver import begin, deviations, solve
 from aacmm_pin.effects import JointPlacement, StylusOffset
-from aacmm_pin.errors import AacmmError, MistakenFileError
+from aacmm_pin.effects.labels import listed
+from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
 from aacmm_pin.measurements.records import Measurements
 
 FAR = 2e-3
-"""Median distance that no arm has after a fit; some mistake is looked for [m]."""
+"""Scatter, or median distance after a fit, that no arm has; some mistake is looked for [m]."""
 UNLIKE = 0.03
 """Scatter about the best fit, as a part of what the tips travel, beyond which records have nothing to do with the arm."""
 MOVED = 5.0
@@ -46,16 +48,44 @@ UNITS = {"metres": 1e3, "inches": 25.4, "micrometres": 1e-3}
 """Units that a length in mm may have come in, and how many mm they have."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Mistake:
-    """A mistake, which of angles, axes, lengths it is made in, and the problem without it."""
+    """A mistake, which of angles, axes, lengths it is made in, and what has to be done to the records to undo it.
+
+    Attributes:
+        turned: the angles are these combinations of those in the file (nq, nq).
+        added: to the angles (nq,) [rad].
+        axes: which coordinate of the file is x, y, z, and its sign.
+        scale: of the coordinates; their uncertainties stay, which may be right.
+        bars: factor of the bars' lengths.
+        external: the coordinates are in another frame than the base's.
+    """
 
     name: str
     kind: str
-    undone: Callable[[Problem], Problem]
+    turned: Array | None = None
+    added: Array | None = None
+    axes: tuple[tuple[int, ...], tuple[int, ...]] = ((0, 1, 2), (1, 1, 1))
+    scale: float = 1.0
+    bars: float = 1.0
+    external: bool = False
+
+    def undone(self, problem: Problem) -> Problem:
+        """The problem without the mistake."""
+        records, setup, (order, signs) = problem.measurements, problem.setup, self.axes
+        q = records.q if self.turned is None else records.q @ self.turned
+        changed = replace(
+            records,
+            q=q if self.added is None else q + self.added,
+            reference=self.scale * (records.reference[:, order] * np.array(signs)),
+            reference_u=records.reference_u[:, order],
+            bar_length=None if records.bar_length is None else self.bars * records.bar_length,
+        )
+        setup = replace(setup, reference_frame="external") if self.external else setup
+        return replace(problem, measurements=changed, setup=setup)
 
 
-def first_fit(problem: Problem, noise: StatedNoise, *, robust: bool = True) -> Fit:
+def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     """:func:`fit`, refusing records that no fit of this arm means anything for.
 
     Raises:
@@ -63,16 +93,15 @@ def first_fit(problem: Problem, noise: StatedNoise, *, robust: bool = True) -> F
         AacmmError: after the fit they are off by a large part of what the tips travel; see :func:`fit`.
     """
     try:
-        after = fit(problem, noise, robust=robust)
+        after = fit(problem, robust=robust)
+    except MissingConditionError:  # which no mistake in the columns explains
+        raise
     except AacmmError:
-        _require_no_mistake(problem, noise, np.inf, thorough=True)
+        _require_no_mistake(problem, np.inf, thorough=True)
         raise
     travel = _travel(problem)
     unlike = after.unmodelled > max(UNLIKE * travel, FAR)
-    fitted, at = _median(after.solution.system.deviation), after.solution.point
-    before = _median(problem.tips(problem.start, at.frame) - after.observations.targets(at.seats))
-    if max(fitted, before) >= FAR:
-        _require_no_mistake(problem, noise, fitted, thorough=unlike)
+    _require_no_mistake(problem, _median(after.solution.system.deviation), thorough=unlike)
     if unlike:
         raise AacmmError(
             f"{problem.measurements.source} does not fit this arm: are the columns of angles and coordinates, their units "
@@ -83,12 +112,11 @@ def first_fit(problem: Problem, noise: StatedNoise, *, robust: bool = True) -> F
     return after
 
 
-def _require_no_mistake(problem: Problem, noise: StatedNoise, fitted: float, thorough: bool) -> None:
+def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None:
     """Refuse records that one mistake explains, or two where ``thorough``.
 
     Args:
         problem: what is unknown.
-        noise: as stated.
         fitted: median distance after a fit of the records as they are, infinite where there is no such fit [m].
         thorough: look for several signs and pairs too.
 
@@ -97,29 +125,34 @@ def _require_no_mistake(problem: Problem, noise: StatedNoise, fitted: float, tho
     """
     records = problem.measurements
     few = problem.of(records.take(_few(records)))
-    before, as_given = _misfit(few, noise)
+    before, as_given = _misfit(few)
     if records.n < FEW or before == np.inf or (min(before / FAR, as_given / UNLIKE) < 1.0 and fitted < FAR):
         return
     taken_up = fitted < FAR or fitted == np.inf
-    single = list(_mistakes(problem))
+    single = [(mistake,) for mistake in _mistakes(problem)]
     for mistakes in (single, *((_several_signs(records.nq), _pairs(single)) if thorough else ())):
-        misfits = np.array([_misfit(mistake.undone(few), noise)[1] for mistake in mistakes])
+        misfits = np.array([_misfit(_undone(few, mistake))[1] for mistake in mistakes])
         alike = np.flatnonzero(misfits <= ALIKE * misfits.min())
         best = [*alike, *(k for k in np.argsort(misfits) if k not in alike)]
         for number in best[:TRIED]:
             if misfits[number] > (EXPLAINS if taken_up else 1.0) * as_given:
                 continue
             try:
-                without = fit(mistakes[number].undone(problem), noise)
+                without = fit(_undone(problem, mistakes[number]))
             except AacmmError:
                 continue
             least = min(EXPLAINS * (before if taken_up else fitted), UNLIKE * _travel(without.problem))
             left = _median(without.solution.system.deviation)
             if left < least and not _absorbs(without):
-                others = [mistakes[k].name for k in alike if k != number and number in alike]
-                raise MistakenFileError(
-                    records.source, mistakes[number].name, before if taken_up else fitted, left, tuple(others)
-                )
+                names = [", and ".join(mistake.name for mistake in mistakes[k]) for k in (number, *alike)]
+                others = [name for name in names[1:] if name != names[0] and number in alike]
+                raise MistakenFileError(records.source, names[0], before if taken_up else fitted, left, tuple(others))
+
+
+def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
+    for mistake in mistakes:
+        problem = mistake.undone(problem)
+    return problem
 
 
 def _travel(problem: Problem) -> float:
@@ -130,15 +163,9 @@ def _travel(problem: Problem) -> float:
 
 def _absorbs(after: Fit) -> bool:
     """Whether the fit moved a geometric value farther than any arm's is off."""
-    problem, x, first = after.problem, after.solution.point.x, 0
-    for effect in problem.estimated:
-        own = slice(first, first + len(effect.terms))
-        first = own.stop
-        if isinstance(effect, (JointPlacement, *OF_KIND.values())):
-            widths = np.array([ASSEMBLED[term.unit] for term in effect.terms])
-            if (np.abs(x[own] - problem.start[own]) > MOVED * widths).any():
-                return True
-    return False
+    vector, moved = after.problem.vector, np.abs(after.solution.point.x - after.problem.start)
+    geometric = [k for effect, own in vector if isinstance(effect, (JointPlacement, *KIND_OF)) for k in np.r_[own]]
+    return any(moved[k] > MOVED * ASSEMBLED[vector.parameters[k].unit] for k in geometric)
 
 
 def _median(deviation: Array) -> float:
@@ -148,25 +175,25 @@ def _median(deviation: Array) -> float:
     return float(np.median(distance)) if distance.size else np.inf
 
 
-def _misfit(problem: Problem, noise: StatedNoise) -> tuple[float, float]:
+def _misfit(problem: Problem) -> tuple[float, float]:
     """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same over the tips' travel."""
-    mine = np.array([isinstance(e, StylusOffset) for e in problem.estimated for _ in e.terms], dtype=bool)
-    targets = tuple(e for e in problem.estimated if isinstance(e, StylusOffset))
-    setup = replace(
+    of_target = [(effect, own) for effect, own in problem.vector if isinstance(effect, StylusOffset)]
+    targets = tuple(effect for effect, _ in of_target)
+    mine = np.concatenate([np.arange(0), *(np.r_[own] for _, own in of_target)])
+    bare = replace(
         problem,
-        estimated=targets,
+        vector=replace(problem.vector, effects=targets),
         widths=problem.widths[mine],
         stated=problem.stated[mine],
-        arm_u=problem.arm_u[mine],
         correlation=problem.correlation[np.ix_(mine, mine)],
     )
-    records = setup.measurements
-    observations = observations_of(records, noise, FIRST_SCATTER)
+    records = bare.measurements
+    observations = observations_of(records, bare.setup, FIRST_SCATTER)
     try:
-        point = begin(setup, observations)
+        point = begin(bare, observations)
         if targets:
-            tips = noise_of_tips(setup, point.frame, None, FAR)
-            point = solve(setup, observations, tips, point, np.ones(records.n), robust=True, roughly=True).point
+            noise = NoiseModel(FAR, observations, np.broadcast_to(FAR**2 * np.eye(3), (records.n, 3, 3)))
+            point = solve(bare, noise, point, np.ones(records.n), robust=True, roughly=True).point
     except AacmmError:
         return np.inf, np.inf
     off = deviations(observations, point)
@@ -198,116 +225,56 @@ def _few(records: Measurements) -> Index:
 
 def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     """Every single mistake."""
-    records = problem.measurements
+    records, one = problem.measurements, np.eye(problem.measurements.nq)
     for j in range(records.nq):
-        yield _Mistake(f"joint {j + 1} is counted the other way", "sign", _counted((j,)))
+        yield _counted(j, nq=records.nq)
     for j, degrees in product(range(records.nq), (90, -90, 180)):
         name = f"the zero of joint {j + 1} is turned: {degrees}° have to be added to its angles"
-        yield _Mistake(name, f"zero {j}", _turned(j, degrees * DEG))
+        yield _Mistake(name, f"zero {j}", added=degrees * DEG * one[j])
     for j, k in combinations(range(records.nq), 2):
-        yield _Mistake(f"the columns of joints {j + 1} and {k + 1} are exchanged", "columns", _exchanged(j, k))
+        order = np.arange(records.nq)
+        order[[j, k]] = k, j
+        yield _Mistake(f"the columns of joints {j + 1} and {k + 1} are exchanged", "columns", turned=one[order])
     for name, factor in (("degrees, taken as radians", DEG), ("radians, taken as degrees", 1 / DEG)):
-        yield _Mistake(f"the angles are in {name}", "angles", _multiplied(factor))
+        yield _Mistake(f"the angles are in {name}", "angles", turned=factor * one)
     if records.known.any():
         yield from _of_frame(problem.external)
         for name, factor in UNITS.items():
-            yield _Mistake(f"the coordinates are in {name}, in columns of mm", "unit", _scaled(factor))
-        yield _Mistake("the coordinates are in mm, taken as metres", "unit", _scaled(MM))
+            yield _Mistake(f"the coordinates are in {name}, in columns of mm", "unit", scale=factor)
+        yield _Mistake("the coordinates are in mm, taken as metres", "unit", scale=MM)
     if records.bars():
         for name, factor in UNITS.items():
-            yield _Mistake(f"the lengths of the bars are in {name}, in a column of mm", "bars", _other_bars(factor))
-        yield _Mistake("the lengths of the bars are in mm, taken as metres", "bars", _other_bars(MM))
+            yield _Mistake(f"the lengths of the bars are in {name}, in a column of mm", "bars", bars=factor)
+        yield _Mistake("the lengths of the bars are in mm, taken as metres", "bars", bars=MM)
 
 
 def _of_frame(external: bool) -> Iterator[_Mistake]:
     """Coordinates along other axes; in an unknown frame all mirror images are alike."""
     if external:
         name = "the coordinates are a mirror image: two columns are exchanged, or one has the other sign"
-        yield _Mistake(name, "axes", _axes((0, 1, 2), (1, 1, -1)))
+        yield _Mistake(name, "axes", axes=((0, 1, 2), (1, 1, -1)))
         return
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         if (order, signs) != ((0, 1, 2), (1, 1, 1)):
             came = ", ".join(f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True))
-            yield _Mistake(f"the coordinates are along other axes: x, y, z should be {came}", "axes", _axes(order, signs))
+            name = f"the coordinates are along other axes: x, y, z should be {came}"
+            yield _Mistake(name, "axes", axes=(order, signs))
     name = "the coordinates are in another frame than the base's: is the reference frame external?"
-    yield _Mistake(name, "axes", lambda p: replace(p, external=True))
+    yield _Mistake(name, "axes", external=True)
 
 
-def _several_signs(nq: int) -> list[_Mistake]:
-    """Two joints or more counted the other way."""
-    found = []
-    for joints in (j for count in range(2, nq + 1) for j in combinations(range(nq), count)):
-        listed = f"{', '.join(str(j + 1) for j in joints[:-1])} and {joints[-1] + 1}"
-        found.append(_Mistake(f"joints {listed} are counted the other way", "sign", _counted(joints)))
-    return found
+def _counted(*joints: int, nq: int) -> _Mistake:
+    """Joints counted the other way."""
+    which = "joint {} is" if len(joints) == 1 else "joints {} are"
+    words = which.format(listed([str(j + 1) for j in joints]))
+    signs = np.where(np.isin(np.arange(nq), joints), -1.0, 1.0)
+    return _Mistake(f"{words} counted the other way", "sign", turned=np.diag(signs))
 
 
-def _pairs(single: list[_Mistake]) -> list[_Mistake]:
+def _several_signs(nq: int) -> list[tuple[_Mistake, ...]]:
+    return [(_counted(*joints, nq=nq),) for count in range(2, nq + 1) for joints in combinations(range(nq), count)]
+
+
+def _pairs(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
     """Every two mistakes of different kinds; zeros of two joints are two kinds."""
-    return [
-        _Mistake(f"{one.name}, and {other.name}", "two", _both(one, other))
-        for one, other in combinations(single, 2)
-        if one.kind != other.kind
-    ]
-
-
-def _both(one: _Mistake, other: _Mistake) -> Callable[[Problem], Problem]:
-    return lambda problem: other.undone(one.undone(problem))
-
-
-def _angles(change: Callable[[Array], Array]) -> Callable[[Problem], Problem]:
-    return lambda problem: problem.of(replace(problem.measurements, q=change(problem.measurements.q)))
-
-
-def _counted(joints: tuple[int, ...]) -> Callable[[Problem], Problem]:
-    def change(q: Array) -> Array:
-        signs = np.ones(q.shape[1])
-        signs[list(joints)] = -1.0
-        return q * signs
-
-    return _angles(change)
-
-
-def _multiplied(factor: float) -> Callable[[Problem], Problem]:
-    return _angles(lambda q: factor * q)
-
-
-def _turned(joint: int, angle: float) -> Callable[[Problem], Problem]:
-    return _angles(lambda q: q + angle * np.eye(q.shape[1])[joint])
-
-
-def _exchanged(one: int, other: int) -> Callable[[Problem], Problem]:
-    def change(q: Array) -> Array:
-        order = np.arange(q.shape[1])
-        order[[one, other]] = other, one
-        return q[:, order]
-
-    return _angles(change)
-
-
-def _axes(order: tuple[int, ...], signs: tuple[int, ...]) -> Callable[[Problem], Problem]:
-    def undone(problem: Problem) -> Problem:
-        records = problem.measurements
-        reference = records.reference[:, order] * np.array(signs)
-        return problem.of(replace(records, reference=reference, reference_u=records.reference_u[:, order]))
-
-    return undone
-
-
-def _scaled(factor: float) -> Callable[[Problem], Problem]:
-    """Coordinates in another unit; their uncertainties stay, which may be right."""
-
-    def undone(problem: Problem) -> Problem:
-        records = problem.measurements
-        return problem.of(replace(records, reference=factor * records.reference))
-
-    return undone
-
-
-def _other_bars(factor: float) -> Callable[[Problem], Problem]:
-    def undone(problem: Problem) -> Problem:
-        records = problem.measurements
-        length = None if records.bar_length is None else factor * records.bar_length
-        return problem.of(replace(records, bar_length=length))
-
-    return undone
+    return [(one, other) for (one,), (other,) in combinations(single, 2) if one.kind != other.kind]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.effects import Displacement, Effect
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import moved
@@ -50,13 +51,11 @@ class Columns:
 
     Attributes:
         state: the arm in its records, as drawn.
-        effects: the effects.
-        numbers: which of all parameters are an effect's own.
+        vector: the parameters of the effects.
     """
 
     state: State
-    effects: tuple[Effect, ...]
-    numbers: tuple[slice, ...]
+    vector: ParameterVector
     same: _Same
     varying: tuple[_Varying, ...]
 
@@ -64,16 +63,13 @@ class Columns:
     def of(arm: Arm, q: Array, conditions: Conditions, effects: Iterable[Effect]) -> Columns:
         """Work out what stays."""
         state = State(arm, q, conditions, arm.chain.tip)
-        effects, numbers, first = tuple(effects), [], 0
+        vector = ParameterVector(arm, tuple(effects))
         varying: list[_Varying] = []
         places: list[int] = []
         twists: list[Array] = [np.empty((0, 6))]
         which: list[int] = []
         of_reference: list[bool] = []
-        for effect in effects:
-            own = slice(first, first + len(effect.terms))
-            first = own.stop
-            numbers.append(own)
+        for effect, own in vector:
             if effect.elastic:
                 continue
             straight = type(effect).exact is Effect.exact
@@ -92,7 +88,7 @@ class Columns:
             np.array(which, dtype=np.intp),
             np.array(of_reference, dtype=bool),
         )
-        return Columns(state, effects, tuple(numbers), same, tuple(varying))
+        return Columns(state, vector, same, tuple(varying))
 
     @property
     def alike(self) -> Index:
@@ -101,24 +97,23 @@ class Columns:
 
     def bends(self, x: Array) -> bool:
         """Whether any effect at the values ``x`` (p,) bends under weight."""
-        return any(effect.elastic and x[own].any() for effect, own in zip(self.effects, self.numbers, strict=True))
+        return any(effect.elastic and x[own].any() for effect, own in self.vector)
 
     def at(self, x: Array) -> State:
         """The arm with all effects at the values ``x`` (p,), as the references state it."""
         state = replace(self.state, twists=self._twists(x, False))
-        given = zip(self.effects, self.numbers, strict=True)
-        elastic = [effect.at(tuple(x[own])) for effect, own in given if effect.elastic and x[own].any()]
+        elastic = [effect.at(tuple(x[own])) for effect, own in self.vector if effect.elastic and x[own].any()]
         state = settled(elastic, state) if elastic else state
         return replace(state, twists=_sum(dict(state.twists), self._twists(x, True)))
 
     def jacobian(self, state: State) -> Array:
         """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]."""
-        total = np.zeros((state.n, 3, self.numbers[-1].stop if self.numbers else 0))
+        total = np.zeros((state.n, 3, self.vector.size))
         if self.same.place.size:
             total[:, :, self.same.number] = self._same_columns(state)
         for part in self.varying:
             total[:, :, part.number] += moved(state, part.displacement)
-        for effect, own in zip(self.effects, self.numbers, strict=True):
+        for effect, own in self.vector:
             if effect.elastic:
                 total[:, :, own] = effect.sensitivity(state)
         return total
@@ -143,7 +138,7 @@ class Columns:
         for part in self.varying:
             if part.of_reference == of_reference and part.straight and x[part.number].any():
                 _sum(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})
-        for effect, own in zip(self.effects, self.numbers, strict=True):
+        for effect, own in self.vector:
             curved = not effect.elastic and type(effect).exact is not Effect.exact
             if curved and effect.of_reference == of_reference and x[own].any():
                 for place, twist in effect.at(tuple(x[own])).exact(self.state):

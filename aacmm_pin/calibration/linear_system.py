@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Prediction
-from aacmm_pin.measurements.observations import Elimination, Observations
+from aacmm_pin.measurements.observations import Elimination
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,19 +34,19 @@ class System:
     seats: Callable[[Array], Array]
 
 
-def assemble(prediction: Prediction, observations: Observations, points: Array, noise: Array, weights: Array) -> System:
+def assemble(prediction: Prediction, noise: NoiseModel, points: Array, weights: Array) -> System:
     """The system at a prediction.
 
     Args:
         prediction: tips and derivative.
-        observations: what the records say.
+        noise: what the records say, and how uncertain it is.
         points: of the seats (s, 3) [m].
-        noise: covariance of each tip apart from its target (n, 3, 3) [m²].
         weights: (n,) of the records, 1 for full.
     """
+    observations = noise.observations
     says, p = observations.says, prediction.jacobian.shape[2]
     deviation = prediction.tips - observations.targets(points)
-    whiten = np.linalg.inv(np.linalg.cholesky(noise + observations.covariance))
+    whiten = np.linalg.inv(np.linalg.cholesky(noise.of_residuals))
     white = (whiten @ np.where(says[:, None], deviation, 0.0)[:, :, None])[:, :, 0]
     distance = np.where(says, np.einsum("ni,ni->n", white, white), np.nan)
     root = np.sqrt(np.where(says, weights, 0.0))
@@ -58,12 +59,10 @@ def assemble(prediction: Prediction, observations: Observations, points: Array, 
         every = (rows if says.all() else rows[says]).reshape(-1, p + 1)
         return System(every[:, p], every[:, :p], distance, deviation, free, lambda _: np.zeros((0, 3)))
     seats = Elimination(observations, points, whiten)
-    of_seats, of_bars = (_beside(ties, p) for ties in seats.residuals)
-    along = seats.along(rows, of_seats)
+    along, records, ties, bars = seats.eliminated(rows, residual=True)
     known = observations.known
-    found = [seats.project(rows, along)[says], seats.of_ties(along, of_seats)[known], seats.bars(along, of_bars)]
     free += 3 * int(known.sum()) + len(observations.ends) - 3 * len(observations.labels)
-    every = np.concatenate([each.reshape(-1, p + 1) for each in found])
+    every = np.concatenate([each.reshape(-1, p + 1) for each in (records[says], ties[known], bars)])
     return System(
         every[:, p],
         every[:, :p],
@@ -72,8 +71,3 @@ def assemble(prediction: Prediction, observations: Observations, points: Array, 
         free,
         lambda delta: seats.step(along[:, :, p:] + (along[:, :, :p] @ delta)[:, :, None]),
     )
-
-
-def _beside(residual: Array, p: int) -> Array:
-    """Residuals (…, 1) as rows with p derivatives of zero before them."""
-    return np.concatenate([np.zeros((*residual.shape[:-1], p)), residual], axis=-1)

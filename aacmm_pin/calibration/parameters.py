@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import end
-from aacmm_pin.calibration.problem import OF_KIND, Problem, geometric_parameters
+from aacmm_pin.calibration.parameter_vector import OF_KIND, ParameterVector, geometric_parameters
+from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.setup import Setup, Target
 from aacmm_pin.effects import Effect, JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 
 ParameterSet = Literal["zero-offsets", "geometry"]
-Target = Literal["tip", "unknown"]
 
 ASSEMBLED = {"m": 0.01, "rad": 0.1}
 """How far off a geometric value may be where nobody stated it: as assembled, 10 mm and 6° [m, rad]."""
@@ -40,13 +41,7 @@ PARALLEL = 0.1
 
 
 def problem_of(
-    model: ErrorModel,
-    measurements: Measurements,
-    parameters: str | Iterable[str | Effect],
-    *,
-    prior: bool,
-    target: Target,
-    external: bool,
+    model: ErrorModel, measurements: Measurements, parameters: str | Iterable[str | Effect], setup: Setup
 ) -> Problem:
     """The unknowns that ``parameters`` names, those of the set-up (target, frame) included.
 
@@ -54,17 +49,17 @@ def problem_of(
         UnknownNameError: no such set of parameters.
         AacmmError: nothing to estimate, or the same twice.
     """
-    chosen: list[_Unknown] = _of_target(model.arm, measurements, target)
+    chosen: list[_Unknown] = _of_target(measurements, setup.target)
     items = [parameters] if isinstance(parameters, str) else list(parameters)
     asked = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
     for item in items:
         if isinstance(item, Effect):
             chosen.append(_of_effect(item))
         elif item == "zero-offsets":
-            chosen += [_geometric(model.arm, JointZeroOffset(row), prior) for row in _moving_rows(model.arm)]
+            chosen += [_geometric(model.arm, JointZeroOffset(row), setup.prior) for row in _moving_rows(model.arm)]
         elif item == "geometry":
             # A value that is asked for by itself, with a width of its own, stands in its own place.
-            chosen += [unknown for unknown in _geometry(model.arm, prior) if unknown[0].label not in asked]
+            chosen += [unknown for unknown in _geometry(model.arm, setup) if unknown[0].label not in asked]
         else:
             raise UnknownNameError("set of parameters", str(item), [*get_args(ParameterSet), "an Effect"])
     labels = [effect.label for effect, _, _ in chosen]
@@ -77,10 +72,9 @@ def problem_of(
     stay = [p.name for p in (*model.arm.parameters, *(p for e in fixed for p in e.parameters()))]
     known = None if model.arm.covariance is None else model.arm.covariance.restricted(stay)
     base = ErrorModel(replace(model.arm, covariance=known), fixed)
-    effects = tuple(e for e, _, _ in chosen)
-    correlation = _correlation(model.arm, effects, np.where(stated, widths, np.nan))
-    arm_u = [[p.u for p in geometric_parameters(model.arm, e)] or [0.0] * len(e.terms) for e in effects]
-    return Problem(base, effects, widths, stated, np.concatenate([[], *arm_u]), correlation, measurements, external)
+    vector = ParameterVector(base.arm, tuple(e for e, _, _ in chosen))
+    correlation = _correlation(model.arm, vector, np.where(stated, widths, np.nan))
+    return Problem(base, vector, widths, stated, correlation, measurements, setup)
 
 
 def lengths_untold(problem: Problem) -> list[str]:
@@ -88,39 +82,38 @@ def lengths_untold(problem: Problem) -> list[str]:
     records = problem.measurements
     if records.known.any() or records.bars():
         return []
-    own = zip(problem.parameters, problem.stated, strict=True)
+    own = zip(problem.vector.parameters, problem.stated, strict=True)
     lengths = [p.name for p, stated in own if p.unit == "m" and not stated]
     return [name for name in lengths if not name.startswith("stylus_offset")]
 
 
 def length_held(problem: Problem) -> Effect | None:
-    """The arm's largest length as an effect without a width, where records tell nothing of its size; None where they do."""
+    """The arm's largest length, at the value that the arm states, where records tell nothing of its size; else None."""
     if not lengths_untold(problem):
         return None
-    arm = problem.model.arm
+    vector = problem.vector
     sizes: dict[Effect, float] = {}
-    for effect in problem.estimated:
+    for effect, own in vector:
         if isinstance(effect, JointPlacement):
-            sizes[effect] = float(np.linalg.norm(arm.chain.constant[end(effect.joint - 1), :3, 3]))
+            sizes[effect] = float(np.linalg.norm(vector.arm.chain.constant[end(effect.joint - 1), :3, 3]))
         elif isinstance(effect, LinkLength | JointDistance):
-            sizes[effect] = sum(abs(p.value) for p in geometric_parameters(arm, effect))
-    largest = max(sizes, key=lambda effect: sizes[effect])
-    return largest.at((), tuple(HELD if t.unit == "m" else ASSEMBLED[t.unit] for t in largest.terms))
+            sizes[effect] = float(np.abs(vector.origins[own]).sum())
+    return max(sizes, key=lambda effect: sizes[effect]).at(())
 
 
-def _correlation(arm: Arm, effects: tuple[Effect, ...], stated: Array) -> Array:
+def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
     """Correlation of what is known of the parameters (p, p), as the arm's file states it with their u.
 
     Args:
         arm: with its file's covariance.
-        effects: what is estimated.
+        vector: what is estimated.
         stated: standard uncertainties with which the search starts (p,), NaN where none is stated; a parameter that is
             given another one than the file's, such as a cause that may have changed, is known by itself.
     """
     found = np.eye(stated.size)
     if arm.covariance is None:
         return found
-    names = [p.name for effect in effects for p in (geometric_parameters(arm, effect) or effect.parameters())]
+    names = vector.names
     place = {name: i for i, name in enumerate(arm.covariance.parameters)}
     u = np.array(arm.covariance.standard_uncertainty_si)
     mine = [
@@ -135,13 +128,22 @@ def _moving_rows(arm: Arm) -> list[int]:
     return [place // 2 for place in arm.chain.moving_axes()]
 
 
-def _geometry(arm: Arm, prior: bool) -> list[_Unknown]:
-    """Every geometric value; with ``prior``, but for those that the arm states to be exact."""
+def _geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
+    """Every geometric value; with a prior, but for those that the arm states to be exact."""
     if arm.dh is None:
-        return [_geometric(arm, JointPlacement(row), prior) for row in range(1, arm.chain.rows + 1)]
-    parameters = [p for p in arm.parameters if not (prior and p.half_width == 0.0)]
-    rows = [_geometric(arm, OF_KIND[p.kind](joint=p.joint), prior) for p in parameters]  # type: ignore[call-arg]
-    return rows + [_geometric(arm, LinkTilt(row), prior) for row in _before_parallel_axes(arm)]
+        effects: list[Effect] = [JointPlacement(row) for row in range(1, arm.chain.rows + 1)]
+    else:
+        parameters = [p for p in arm.parameters if not (setup.prior and p.half_width == 0.0)]
+        effects = [OF_KIND[p.kind](joint=p.joint) for p in parameters]  # type: ignore[call-arg]
+        effects += [LinkTilt(row) for row in _before_parallel_axes(arm)]
+    held = "" if setup.held is None else setup.held.label
+    return [_held(effect) if effect.label == held else _geometric(arm, effect, setup.prior) for effect in effects]
+
+
+def _held(effect: Effect) -> _Unknown:
+    """Its lengths stay; angles of the same placement do not."""
+    widths = np.array([HELD if t.unit == "m" else ASSEMBLED[t.unit] for t in effect.terms])
+    return effect, widths, np.ones(widths.size, dtype=bool)
 
 
 def _before_parallel_axes(arm: Arm) -> list[int]:
@@ -169,10 +171,8 @@ def _of_effect(effect: Effect) -> _Unknown:
     return effect, np.where(stated, u, [BEYOND_TYPICAL * t.typical for t in effect.terms]), stated
 
 
-def _of_target(arm: Arm, measurements: Measurements, target: Target) -> list[_Unknown]:
+def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:
     """Where the target sits on the last body: one for each marker, one where nobody says that it is the tip."""
-    if target not in get_args(Target):
-        raise UnknownNameError("target", target, list(get_args(Target)))
     width, unstated = np.full(3, REACH_OF_TARGET), np.zeros(3, dtype=bool)
     markers = measurements.conditions.marker
     if markers is not None and any(markers):

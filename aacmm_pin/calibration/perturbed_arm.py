@@ -10,6 +10,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrated_arm import FIELDS
+from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 
@@ -32,10 +33,8 @@ def perturbed_model(model: ErrorModel, rng: np.random.Generator) -> ErrorModel:
             f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths with the arm or its URDF"
         )
     geometric = len(model.arm.parameters)
-    ends = geometric + np.cumsum([len(effect.terms) for effect in model.effects])
-    own = np.split(errors[geometric:], ends[:-1] - geometric) if model.effects else []
-    effects = [e.at(np.array(e.values) + error) for e, error in zip(model.effects, own, strict=True)]
-    return ErrorModel(_exact(model.arm, errors[:geometric]), tuple(effects))
+    vector = ParameterVector(model.arm, model.effects)
+    return ErrorModel(_exact(model.arm, errors[:geometric]), vector.at(vector.values + errors[geometric:]))
 
 
 def _exact(arm: Arm, errors: Array) -> Arm:

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import exp, skew
-from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.calibration.jacobian import Columns
-from aacmm_pin.effects import Effect, JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTwist
+from aacmm_pin.calibration.parameter_vector import ParameterVector
+from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 
@@ -71,48 +70,41 @@ class Problem:
 
     Attributes:
         model: arm and effects that stay as they are.
-        estimated: effects whose parameters are unknown; their values are where the search starts.
+        vector: the unknown parameters, without the frame; their values are where the search starts.
         widths: how far each parameter may be off before anything was measured (p,) [units].
         stated: (p,) True where that is a stated standard uncertainty; elsewhere it is a bound so wide that it hardly pulls.
-        arm_u: what the arm states of each parameter that is its own (p,), whatever its width is here; 0 for others.
         correlation: of the stated widths with one another (p, p); one on the diagonal.
         measurements: the records.
-        external: True where the references stand in an unknown frame.
+        setup: how they were taken.
     """
 
     model: ErrorModel
-    estimated: tuple[Effect, ...]
+    vector: ParameterVector
     widths: Array
     stated: NDArray[np.bool_]
-    arm_u: Array
     correlation: Array
     measurements: Measurements
-    external: bool
+    setup: Setup
 
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The unknown parameters, without the frame; geometric ones by the names that the arm has for them."""
-        found: list[Parameter] = []
-        for effect in self.estimated:
-            of_arm = geometric_parameters(self.model.arm, effect)
-            own = effect.parameters()
-            found += [replace(p, name=a.name) for p, a in zip(own, of_arm, strict=True)] if of_arm else own
-        return tuple(found)
+    @property
+    def external(self) -> bool:
+        """Whether the references stand in an unknown frame, whose six columns come last."""
+        return self.setup.external
 
     @property
     def names(self) -> list[str]:
         """Names of all columns, the frame's included."""
-        return [p.name for p in self.parameters] + (list(FRAME) if self.external else [])
+        return self.vector.names + (list(FRAME) if self.external else [])
 
     @cached_property
     def scales(self) -> Array:
         """Width of every column, the frame's included."""
         return np.concatenate([self.widths, FRAME_WIDTHS if self.external else []])
 
-    @cached_property
+    @property
     def start(self) -> Array:
         """Values at the start, which are the prior's mean too (p,)."""
-        return np.array([value for effect in self.estimated for value in effect.values])
+        return self.vector.values
 
     @cached_property
     def prior(self) -> Array:
@@ -135,22 +127,13 @@ class Problem:
     @cached_property
     def _columns(self) -> Columns:
         records = self.measurements
-        return Columns.of(self.model.arm, records.q, records.conditions, (*self.model.effects, *self.estimated))
+        return Columns.of(self.model.arm, records.q, records.conditions, (*self.model.effects, *self.vector.effects))
 
     @cached_property
     def reading_covariance(self) -> Array:
         """``J J^T`` per joint: the tip's covariance for one unit of variance in each reading (n, nq, 3, 3) [m²/rad²]."""
         jacobian = self.model.arm.jacobian(self.measurements.q)
         return np.asarray(np.einsum("nij,nkj->njik", jacobian, jacobian))
-
-    def effects(self, x: Array) -> tuple[Effect, ...]:
-        """The estimated effects with values ``x``."""
-        found, first = [], 0
-        for effect in self.estimated:
-            count = len(effect.terms)
-            found.append(effect.at(tuple(x[first : first + count])))
-            first += count
-        return tuple(found)
 
     def predict(self, x: Array, frame: Frame, looked_at: Array | None = None) -> Prediction:
         """What the records should be with the parameters ``x``.
@@ -195,18 +178,6 @@ class Problem:
     def of(self, measurements: Measurements) -> Problem:
         """The same problem with other records."""
         return replace(self, measurements=measurements)
-
-
-OF_KIND: dict[str, type[Effect]] = {"a": LinkLength, "d": JointDistance, "alpha": LinkTwist, "theta_offset": JointZeroOffset}
-"""The cause behind each value of a DH row."""
-
-
-def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
-    """The arm's own parameters that a geometric effect changes, in the order of its terms; none for other effects."""
-    if isinstance(effect, JointPlacement):
-        return [p for p in arm.parameters if p.joint == effect.joint]
-    kind = {cause: kind for kind, cause in OF_KIND.items()}.get(type(effect))
-    return [] if kind is None else [p for p in arm.parameters if p.kind == kind and p.joint == effect.row]
 
 
 def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:

@@ -12,33 +12,20 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_sf
-from aacmm_pin._support.shown import Shown, drawn
+from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.calibration.calibrated_arm import UNTOLD, calibrated_model, origins
+from aacmm_pin.calibration.calibrated_arm import UNTOLD, calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut
 from aacmm_pin.calibration.fit import LEAST_DOF, Fit, fit
 from aacmm_pin.calibration.identifiability import Observability, undetermined
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.stated_noise import StatedNoise
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SCHEMA = "aacmm-pin/calibration/1"
-PICTURES = {
-    "sizes": "plot_residual_sizes",
-    "vectors": "plot_residual_vectors",
-    "joints": "plot_residuals_over_joints",
-    "seats": "plot_residuals_by_seat",
-    "noise": "plot_normalised_residuals",
-    "parameters": "plot_parameter_changes",
-    "correlation": "plot_correlation",
-    "all": "plot_calibration",
-}
-"""What can be drawn of a calibration, and the functions of :mod:`aacmm_pin.report.plots` that do it."""
 HARDLY = 0.1
 """A parameter that nobody stated and whose u is more than this part of what it may be off is hardly known."""
 UNCHANGED = 0.95
@@ -52,26 +39,24 @@ class Calibration(Shown):
     Attributes:
         fit: fit of everything.
         setup: the problem of the set-up alone (reference frame, target), the arm as it was.
-        stated_noise: standard uncertainties as stated.
         held_out: residuals of records left out of the fit, by kind; empty where that was not asked for.
         notes: what was assumed, in sentences.
     """
 
     fit: Fit
     setup: Problem
-    stated_noise: StatedNoise
     held_out: tuple[HeldOut, ...]
     notes: tuple[str, ...]
 
     @cached_property
     def model(self) -> ErrorModel:
         """The calibrated arm with its effects and the covariance of its parameters."""
-        return calibrated_model(self.fit, self.stated_noise.encoder)
+        return calibrated_model(self.fit)
 
     @cached_property
     def before(self) -> Fit:
         """Fit of the set-up alone, the arm as it was."""
-        return fit(self.setup, self.stated_noise, used=self.fit.used)
+        return fit(self.setup, used=self.fit.used)
 
     @property
     def rms_before(self) -> float:
@@ -102,15 +87,14 @@ class Calibration(Shown):
     @cached_property
     def observability(self) -> Observability:
         """Observability indices of the records."""
-        problem, system = self.fit.problem, self.fit.solution.system
-        typical = np.array([t.typical for effect in problem.estimated for t in effect.terms])
-        jacobian = system.jacobian[:, : typical.size] * typical
+        typical = self.fit.problem.vector.typical
+        jacobian = self.fit.solution.system.jacobian[:, : typical.size] * typical
         return Observability.of(jacobian, int(self.fit.used.sum()))
 
     @property
     def covariance(self) -> Array:
         """Covariance of :attr:`parameters` (p, p) [their SI units]."""
-        p = len(self.fit.problem.parameters)
+        p = self.fit.problem.vector.size
         return self.fit.covariance[:p, :p]
 
     @cached_property
@@ -123,9 +107,9 @@ class Calibration(Shown):
         problem = self.fit.problem
         x, u = self.fit.solution.point.x, np.sqrt(np.diag(self.covariance))
         u[np.linalg.norm(self.fit.unknown[: u.size], axis=1) >= UNTOLD] = np.nan
-        before = origins(problem) + problem.start
+        before = problem.vector.origins + problem.start
         rows = []
-        for i, parameter in enumerate(problem.parameters):
+        for i, parameter in enumerate(problem.vector.parameters):
             scale, unit = (MM, "mm") if parameter.unit == "m" else (1.0, parameter.unit)
             change = x[i] - problem.start[i]
             rows.append(
@@ -155,7 +139,7 @@ class Calibration(Shown):
         """Correlation of the parameters."""
         u = np.sqrt(np.diag(self.covariance))
         safe = np.where(u > 0, u, 1.0)
-        names = [p.name for p in self.fit.problem.parameters]
+        names = self.fit.problem.vector.names
         return pd.DataFrame(self.covariance / np.outer(safe, safe), index=names, columns=names)
 
     @cached_property
@@ -232,16 +216,16 @@ class Calibration(Shown):
         Args:
             what: ``sizes`` of the residuals, their ``vectors`` in space, along the motion of ``joints``, by ``seats``,
                 against the ``noise``; the ``parameters``, their ``correlation``; or ``all`` that matters in one picture.
-            ax: axes; without them a new pyplot figure is made. ``joints`` and ``all`` divide the place of the axes, or take
-                an array of them, and return an array of axes.
+            ax: axes; without them a new pyplot figure is made. ``joints`` and ``all`` divide the place of the axes.
+
+        Returns:
+            The axes; of ``joints`` and ``all``, which have several panels, their figure.
 
         Raises:
             UnknownNameError: no such picture.
             AacmmError: by seats, and the records name none.
         """
-        if what not in PICTURES:
-            raise UnknownNameError("picture", what, list(PICTURES))
-        return drawn(PICTURES[what], self, ax=ax)
+        return report().plots.plot_of_calibration(self, what, ax)
 
 
 def _rms(fit: Fit, judge: Fit) -> float:

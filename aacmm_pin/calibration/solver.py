@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin.calibration.linear_system import System, assemble
+from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
+from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.observations import Observations
 
@@ -92,6 +94,7 @@ class Solution:
         point: parameters and predictions.
         system: the linear system there.
         problem: what was unknown.
+        noise: of the records.
         weights: of the records in the last step (n,).
         steps: number of steps tried.
         held_up: why the search ended before it converged; "" where it converged.
@@ -100,6 +103,7 @@ class Solution:
     point: Point
     system: System
     problem: Problem
+    noise: NoiseModel
     weights: Array
     steps: int
     held_up: str = ""
@@ -119,6 +123,11 @@ class Solution:
         """Singular values of the system; not asked for where the search is only a start."""
         return spectrum_of(self.problem, self.system, self.point.x)
 
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The estimated effects with the values found."""
+        return self.problem.vector.at(self.point.x)
+
 
 def begin(problem: Problem, observations: Observations) -> Point:
     """The start: the frame by a robust registration, the unknown points by medians."""
@@ -134,8 +143,7 @@ def begin(problem: Problem, observations: Observations) -> Point:
 
 def solve(
     problem: Problem,
-    observations: Observations,
-    noise: Array,
+    noise: NoiseModel,
     start: Point,
     weights: Array,
     *,
@@ -146,23 +154,20 @@ def solve(
 
     Args:
         problem: what is unknown.
-        observations: what the records say.
-        noise: covariance of each tip, in the base (n, 3, 3) [m²].
+        noise: what the records say, and how uncertain it is.
         start: see :func:`begin`.
         weights: of the records (n,), 0 leaves one out.
         robust: weigh records by how well they fit, anew in every step.
         roughly: the result is only a start for another search.
     """
-    return _Search(problem, observations, noise, robust, LOOSELY_SETTLED if robust or roughly else SETTLED).run(
-        start, weights
-    )
+    return _Search(problem, noise, robust, LOOSELY_SETTLED if robust or roughly else SETTLED).run(start, weights)
 
 
 class _Search:
     """One search from one start."""
 
-    def __init__(self, problem: Problem, observations: Observations, noise: Array, robust: bool, ends: float) -> None:
-        self.problem, self.observations, self.noise = problem, observations, noise
+    def __init__(self, problem: Problem, noise: NoiseModel, robust: bool, ends: float) -> None:
+        self.problem, self.noise = problem, noise
         self.robust, self.ends = robust, ends
         self.radius = np.inf
         self.answer: Array | None = None
@@ -188,14 +193,14 @@ class _Search:
             if gained >= -ROUNDING * _cost(self.problem, system, point.x) and trial is not None and tried is not None:
                 point, system = trial, tried
             if step.promise < self.ends or (step.promise < FLAT and gained < SETTLED):
-                return Solution(point, system, self.problem, weights, count)
+                return Solution(point, system, self.problem, self.noise, weights, count)
             if self.radius < SMALLEST_STEP * first:
-                return Solution(point, system, self.problem, weights, count, "no step lowers the residuals")
+                return Solution(point, system, self.problem, self.noise, weights, count, "no step lowers the residuals")
             point, system = self.with_answer(point, system, weights, count, share)
-        return Solution(point, system, self.problem, weights, MOST_STEPS, f"{MOST_STEPS} steps were not enough")
+        return Solution(point, system, self.problem, self.noise, weights, MOST_STEPS, f"{MOST_STEPS} steps were not enough")
 
     def system(self, point: Point, weights: Array) -> System:
-        return assemble(point.prediction, self.observations, point.seats, self.noise, weights)
+        return assemble(point.prediction, self.noise, point.seats, weights)
 
     def gained(self, point: Point, system: System, trial: Point, tried: System) -> float:
         """By how much χ² falls; minus infinity where the trial has no χ²."""
@@ -238,7 +243,7 @@ class _Search:
         where a bar's length is, no step may seem to lower it.
         """
         before = np.inf
-        for _ in range(MOST_STEPS if len(self.observations.ends) else 0):
+        for _ in range(MOST_STEPS if len(self.noise.observations.ends) else 0):
             step = system.seats(np.zeros(self.problem.scales.size))
             size = np.abs(step).max(initial=0.0)
             if size < AT_BEST or size > SHRINKS * before:  # bars that cannot be met at all make it go to and fro
@@ -303,9 +308,9 @@ SINGULAR = 1e-13
 """Directions with smaller singular values, beside the largest, are rounding."""
 
 
-def standing(problem: Problem, observations: Observations, noise: Array, point: Point, weights: Array) -> Solution:
+def standing(problem: Problem, noise: NoiseModel, point: Point, weights: Array) -> Solution:
     """The system at a point, as if the search ended there."""
-    return Solution(point, assemble(point.prediction, observations, point.seats, noise, weights), problem, weights, 0)
+    return Solution(point, assemble(point.prediction, noise, point.seats, weights), problem, noise, weights, 0)
 
 
 def deviations(observations: Observations, point: Point) -> Array:
@@ -325,16 +330,6 @@ def spectrum_of(problem: Problem, system: System, x: Array) -> Spectrum:
     assumed = np.zeros(p)
     assumed[: problem.stated.size] = ~problem.stated
     return Spectrum(values, vt.T, u.T @ triangle[:, p], vt**2 @ assumed)
-
-
-def noise_of_tips(problem: Problem, frame: Frame, encoder: Array | None, unmodelled: float) -> Array:
-    """Covariance of each tip in the frame of the references: readings, and what no stated noise explains (n, 3, 3) [m²]."""
-    n = problem.measurements.n
-    covariance = np.broadcast_to(max(unmodelled, 1e-12) ** 2 * np.eye(3), (n, 3, 3))
-    if encoder is None or not encoder.any():
-        return covariance
-    tips = np.einsum("j,njik->nik", encoder**2, problem.reading_covariance)
-    return np.asarray(covariance + frame.rotation @ tips @ frame.rotation.T)
 
 
 def _triangle(problem: Problem, system: System, x: Array) -> Array:

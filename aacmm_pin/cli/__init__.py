@@ -2,6 +2,7 @@
 
 from aacmm_pin.cli import accuracy as accuracy
 from aacmm_pin.cli import calibrate as calibrate
+from aacmm_pin.cli import causes as causes
 from aacmm_pin.cli import configurations as configurations
 from aacmm_pin.cli import correct as correct
 from aacmm_pin.cli import demo as demo

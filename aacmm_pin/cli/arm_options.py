@@ -1,133 +1,168 @@
-"""Which arm a command is given, how it is measured, and how noisy: the arguments that commands on measurements share."""
+"""Options that commands share: which arm, how it is measured, and how noisy."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
 
 import typer
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import bundled_arms
+from aacmm_pin.calibration.setup import LARGEST_ENCODER_NOISE
 from aacmm_pin.cli.common import note
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 
-BAR_LENGTH_MM = 500.0
-"""Length of a ball bar where nothing is stated."""
-
-MaybeArm = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="ARM", help=f"Bundled arm ({', '.join(bundled_arms())}) or path of an arm file; none with --urdf."
-    ),
-]
-Data = Annotated[str | None, typer.Argument(metavar="DATA", help="Measurement file (CSV).", show_default=False)]
-Urdf = Annotated[str | None, typer.Option("--urdf", metavar="FILE", help="Any serial arm by its URDF, in place of ARM.")]
-FrameName = Annotated[
-    str | None, typer.Option("--frame", metavar="NAME", help="With --urdf: the frame whose origin is the tip.")
-]
-TranslationHalfWidth = Annotated[
-    float | None,
-    typer.Option("--translation-half-width-mm", help="With --urdf: bound of the shifts of every joint placement, in mm."),
-]
-RotationHalfWidth = Annotated[
-    float | None,
-    typer.Option("--rotation-half-width-rad", help="With --urdf: bound of the turns of every joint placement, in rad."),
-]
-ReferenceNoise = Annotated[
-    float | None, typer.Option("--reference-noise-mm", help="Standard uncertainty of a reference coordinate, in mm.")
-]
-ProbeNoise = Annotated[
-    float | None, typer.Option("--probe-noise-mm", help="Standard uncertainty of a coordinate of one contact, in mm.")
-]
-LengthNoise = Annotated[
-    float | None, typer.Option("--length-noise-mm", help="Standard uncertainty of a bar's length, in mm.")
-]
-FrameOfReferences = Annotated[str, typer.Option("--reference-frame", help="base, or external: an unknown frame.")]
-TargetName = Annotated[str, typer.Option("--target", help="tip, or unknown: some point on the last body.")]
-NoPrior = Annotated[bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")]
+BUNDLED = ", ".join(bundled_arms())
 
 
-def model_of(
-    arm: str | None,
-    urdf: str | None,
-    frame: str | None,
-    translation_mm: float | None = None,
-    rotation_rad: float | None = None,
-) -> ErrorModel:
-    """The arm with its effects, from whichever of the arguments names it; half-widths are those of a URDF's placements.
+@dataclass(frozen=True)
+class AnyArm:
+    """An arm by its name or file, or by its URDF."""
 
-    Raises:
-        AacmmError: the arm cannot be used.
-    """
-    if (arm is None) == (urdf is None):
-        raise typer.BadParameter("expected ARM, or --urdf FILE --frame NAME in its place")
-    if (urdf is None) != (frame is None):
-        raise typer.BadParameter("--urdf and --frame go together")
-    if urdf is not None and frame is not None:
-        half_widths = {"translation_half_width": (translation_mm or 0.0) * MM, "rotation_half_width": rotation_rad or 0.0}
-        return ErrorModel(Arm.from_urdf(urdf, frame, **half_widths))
-    if translation_mm is not None or rotation_rad is not None:
-        raise typer.BadParameter(
-            "--translation-half-width-mm and --rotation-half-width-rad go with --urdf; an arm file has its own"
-        )
-    return ErrorModel.load(str(arm))
+    arm: Annotated[
+        str | None,
+        typer.Argument(metavar="ARM", help=f"Bundled arm ({BUNDLED}) or path of an arm file; none with --urdf."),
+    ] = None
+    urdf: Annotated[
+        str | None, typer.Option("--urdf", metavar="FILE", help="Any serial arm by its URDF, in place of ARM.")
+    ] = None
+    frame: Annotated[
+        str | None, typer.Option("--frame", metavar="NAME", help="With --urdf: the frame whose origin is the tip.")
+    ] = None
 
+    def model(self, **half_widths: float) -> ErrorModel:
+        """The arm with its effects; half-widths are those of a URDF's joint placements [m, rad].
 
-def model_and_data(
-    arm: str | None,
-    data: str | None,
-    urdf: str | None,
-    frame: str | None,
-    translation_mm: float | None = None,
-    rotation_rad: float | None = None,
-) -> tuple[ErrorModel, str]:
-    """The same with a file of measurements behind; with ``--urdf`` that is the only argument.
-
-    Raises:
-        AacmmError: the arm cannot be used.
-    """
-    if urdf is not None and data is None:
-        arm, data = None, arm
-    if data is None:
-        raise typer.BadParameter("expected ARM DATA, or --urdf FILE --frame NAME DATA")
-    return model_of(arm, urdf, frame, translation_mm, rotation_rad), data
+        Raises:
+            AacmmError: the arm cannot be used.
+        """
+        if (self.arm is None) == (self.urdf is None):
+            raise typer.BadParameter("expected ARM, or --urdf FILE --frame NAME in its place")
+        if (self.urdf is None) != (self.frame is None):
+            raise typer.BadParameter("--urdf and --frame go together")
+        if self.urdf is not None and self.frame is not None:
+            return ErrorModel(Arm.from_urdf(self.urdf, self.frame, **half_widths))
+        return ErrorModel.load(str(self.arm))
 
 
-def in_metres(noise_mm: float | None) -> float | None:
-    """The same in metres."""
-    return None if noise_mm is None else noise_mm * MM
+@dataclass(frozen=True)
+class UncertainArm(AnyArm):
+    """An arm whose uncertainty matters; that of a URDF is given by options."""
+
+    translation_half_width_mm: Annotated[
+        float | None, typer.Option(help="With --urdf: bound of the shifts of every joint placement, in mm.")
+    ] = None
+    rotation_half_width_rad: Annotated[
+        float | None, typer.Option(help="With --urdf: bound of the turns of every joint placement, in rad.")
+    ] = None
+
+    def model(self, **half_widths: float) -> ErrorModel:
+        """See :meth:`AnyArm.model`; the half-widths are those of the options."""
+        shift, turn = self.translation_half_width_mm, self.rotation_half_width_rad
+        if self.urdf is None and (shift is not None or turn is not None):
+            raise typer.BadParameter(
+                "--translation-half-width-mm and --rotation-half-width-rad go with --urdf; an arm file has its own"
+            )
+        return super().model(translation_half_width=(shift or 0.0) * MM, rotation_half_width=turn or 0.0)
 
 
-def noise_of(arm: Arm, encoder_rad: float | None, reference_mm: float | None, probe_mm: float | None) -> Noise:
-    """Noise of virtual measurements; what is not given is what the arm states, or usual, which is then said.
+@dataclass(frozen=True)
+class ArmAndData(UncertainArm):
+    """An arm and a file of measurements; with ``--urdf`` the file is the only argument."""
+
+    data: Annotated[str | None, typer.Argument(metavar="DATA", help="Measurement file (CSV).", show_default=False)] = None
+
+    def model_and_data(self) -> tuple[ErrorModel, str]:
+        """The arm with its effects, and the path of the file.
+
+        Raises:
+            AacmmError: the arm cannot be used.
+        """
+        given = replace(self, arm=None, data=self.arm) if self.urdf is not None and self.data is None else self
+        if given.data is None:
+            raise typer.BadParameter("expected ARM DATA, or --urdf FILE --frame NAME DATA")
+        return given.model(), given.data
+
+
+@dataclass(frozen=True)
+class EncoderNoise:
+    """Standard uncertainties as stated with a command.
 
     Raises:
         AacmmError: a number is negative or not finite.
     """
-    encoder = encoder_rad if encoder_rad is not None else arm.encoder_noise
-    if encoder is None:
-        note(f"note: nobody states the noise of the encoders; {ENCODER:g} rad are assumed")
-        encoder = ENCODER
-    reference, probe = in_metres(reference_mm), in_metres(probe_mm)
-    return Noise.of(
-        arm.nq,
-        encoder=encoder,
-        reference=REFERENCE if reference is None else reference,
-        probe=PROBE if probe is None else probe,
-    )
+
+    encoder_noise_rad: Annotated[
+        float | None, typer.Option(help="Standard uncertainty of one reading of each joint, in rad.")
+    ] = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, float) and not (math.isfinite(value) and value >= 0):
+                option = field.name.replace("_", "-")
+                raise AacmmError(f"--{option} is {value:g}, expected a standard uncertainty that is finite and not negative")
 
 
-def noise_in_words(noise: Noise) -> str:
-    """What the noise is."""
-    encoder = ", ".join(f"{u:g}" for u in dict.fromkeys(noise.encoder))
-    return f"noise: readings {encoder} rad, references {noise.reference / MM:g} mm, contacts {noise.probe / MM:g} mm"
+@dataclass(frozen=True)
+class ContactNoise(EncoderNoise):
+    """The same of references and contacts too."""
+
+    reference_noise_mm: Annotated[
+        float | None, typer.Option(help="Standard uncertainty of a reference coordinate, in mm.")
+    ] = None
+    probe_noise_mm: Annotated[
+        float | None, typer.Option(help="Standard uncertainty of a coordinate of one contact, in mm.")
+    ] = None
+
+    def simulated(self, arm: Arm) -> Noise:
+        """Noise of virtual measurements; what is not given is what the arm states, or usual, which is then said."""
+        encoder = arm.encoder_noise if self.encoder_noise_rad is None else self.encoder_noise_rad
+        if encoder is None:
+            note(f"note: encoder noise not given; {ENCODER:g} rad assumed")
+            encoder = ENCODER
+        reference, probe = in_metres(self.reference_noise_mm), in_metres(self.probe_noise_mm)
+        return Noise.of(
+            arm.nq,
+            encoder=encoder,
+            reference=REFERENCE if reference is None else reference,
+            probe=PROBE if probe is None else probe,
+        )
 
 
-def bar_length(plan: str, stated_mm: float | None) -> float | None:
-    """Length of the bars of a plan [m]; the usual one where a plan needs one and none is given."""
-    if stated_mm is None and plan == "ball-bar":
-        note(f"note: bars of {BAR_LENGTH_MM:g} mm are assumed; --bar-length-mm states another length")
-        stated_mm = BAR_LENGTH_MM
-    return in_metres(stated_mm)
+@dataclass(frozen=True)
+class MeasuredHow(ContactNoise):
+    """How records were, or will be, measured, and what is known of the arm beforehand."""
+
+    length_noise_mm: Annotated[float | None, typer.Option(help="Standard uncertainty of a bar's length, in mm.")] = None
+    reference_frame: Annotated[str, typer.Option(help="base, or external: an unknown frame.")] = "base"
+    target: Annotated[str, typer.Option(help="tip, or unknown: some point on the last body.")] = "tip"
+    no_prior: Annotated[bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (u := self.encoder_noise_rad) is not None and u > LARGEST_ENCODER_NOISE:
+            expected = f"expected at most {LARGEST_ENCODER_NOISE:g} rad"
+            raise AacmmError(f"--encoder-noise-rad is {u:g}, {expected}; is it in another unit?")
+
+    def keywords(self) -> dict[str, Any]:
+        """As ``calibrate``, ``diagnose`` and ``plan_measurements`` take them."""
+        return {
+            "reference_frame": self.reference_frame,
+            "target": self.target,
+            "prior": not self.no_prior,
+            "encoder_noise": self.encoder_noise_rad,
+            "reference_noise": in_metres(self.reference_noise_mm),
+            "probe_noise": in_metres(self.probe_noise_mm),
+            "length_noise": in_metres(self.length_noise_mm),
+        }
+
+
+def in_metres(length_mm: float | None) -> float | None:
+    """The same in metres."""
+    return None if length_mm is None else length_mm * MM

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import importlib.util
+import inspect
 import json
 import os
 import signal
@@ -11,15 +13,15 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from importlib.metadata import version
+from dataclasses import MISSING, fields, is_dataclass
+from importlib.metadata import entry_points, version
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import Annotated, Any, ParamSpec, Self
+from types import FrameType, ModuleType, TracebackType
+from typing import Annotated, Any, Self, get_type_hints
 
 import typer
 
 from aacmm_pin._support.output_files import check_output, whole_file
-from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.errors import AacmmError
 
 app = typer.Typer(
@@ -35,18 +37,27 @@ os.environ["MPLBACKEND"] = "Agg"  # the command writes files and never opens a w
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
-P = ParamSpec("P")
 
+def command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Register a subcommand; errors that the package raises on purpose become one message and exit status 1.
 
-def command(name: str | None = None) -> Callable[[Callable[P, None]], Callable[P, None]]:
-    """Register a subcommand; errors that the package raises on purpose become one message and exit status 1."""
+    A parameter whose type is a dataclass stands for the fields of it, which are options that several commands share.
+    """
 
-    def register(function: Callable[P, None]) -> Callable[P, None]:
-        @functools.wraps(function)
-        def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        types = get_type_hints(function, include_extras=True)
+        groups: dict[str, Any] = {key: kind for key, kind in types.items() if is_dataclass(kind)}
+        options: dict[str, inspect.Parameter] = {}
+        for key, parameter in inspect.signature(function).parameters.items():
+            here = {key: (types[key], parameter.default)} if key not in groups else _fields(groups[key])
+            for option, (kind, default) in here.items():
+                options[option] = inspect.Parameter(option, parameter.KEYWORD_ONLY, default=default, annotation=kind)
+
+        def guarded(**typed: Any) -> None:
             try:
                 with _terminated_in_order():
-                    function(*args, **kwargs)
+                    made = {key: kind(**{f: typed.pop(f) for f in _fields(kind)}) for key, kind in groups.items()}
+                    function(**made, **typed)
             except AacmmError as error:
                 note(f"aacmm-pin: {error}")
                 raise typer.Exit(1) from None
@@ -54,10 +65,19 @@ def command(name: str | None = None) -> Callable[[Callable[P, None]], Callable[P
                 note("aacmm-pin: interrupted; no output was left half-written")
                 raise typer.Exit(143 if isinstance(interrupt, Terminated) else 130) from None
 
+        guarded.__doc__ = function.__doc__
+        guarded.__annotations__ = {option: parameter.annotation for option, parameter in options.items()}
+        guarded.__signature__ = inspect.Signature([*options.values()])  # type: ignore[attr-defined]
         app.command(name)(guarded)
         return function
 
     return register
+
+
+def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
+    """Type and default of every option of a group."""
+    types = get_type_hints(group, include_extras=True)
+    return {f.name: (types[f.name], inspect.Parameter.empty if f.default is MISSING else f.default) for f in fields(group)}
 
 
 class Terminated(KeyboardInterrupt):
@@ -81,18 +101,20 @@ def _terminated_in_order() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-ArmName = Annotated[
-    str, typer.Argument(metavar="ARM", help=f"Bundled arm ({', '.join(bundled_arms())}) or the path of an arm file.")
-]
 Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")]
 Sectors = Annotated[int, typer.Option(min=1, help="Sectors of the configuration circle.")]
+EffectTexts = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effect",
+        metavar="CAUSE[:PLACE][,NAME=VALUE…]",
+        help="A cause of error, such as encoder_eccentricity:3,amplitude_rad=20urad; may be given several times.",
+    ),
+]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write.")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the result into this file (.png, .svg, .pdf).")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
-EncoderNoise = Annotated[
-    float | None, typer.Option("--encoder-noise-rad", help="Standard uncertainty of one reading of each joint, in rad.")
-]
 
 
 def say(text: str) -> None:
@@ -158,14 +180,16 @@ class Results:
         else:
             self.file(path).write_text(text, encoding="utf-8", newline="")
 
-    def json(self, content: dict[str, Any], target: str) -> None:
-        """Write one JSON object to the file ``target``, or to stdout where that is ``-``."""
-        text = json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
-        self.text(text, None if target == "-" else Path(target))
+    def json(self, content: dict[str, Any], target: str | None) -> None:
+        """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing where it is None."""
+        if target is not None:
+            text = json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
+            self.text(text, None if target == "-" else Path(target))
 
-    def picture(self, figure: Any, path: Path) -> None:
-        """Write a matplotlib figure."""
-        figure.savefig(self.file(path), dpi=150, bbox_inches="tight")
+    def picture(self, drawn: Callable[[], Any], path: Path | None) -> None:
+        """Write the matplotlib figure that ``drawn`` gives; nothing where ``path`` is None."""
+        if path is not None:
+            drawn().savefig(self.file(path), dpi=150, bbox_inches="tight")
 
 
 def _version(wanted: bool) -> None:
@@ -176,6 +200,31 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
+    plugin: Annotated[
+        list[str] | None,
+        typer.Option(metavar="MODULE", help="Module or .py file that registers causes of your own; before the command."),
+    ] = None,
     version_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
 ) -> None:
     """Options of the command itself."""
+    loaders: list[tuple[str, Callable[[], Any]]] = []
+    loaders += [(f"--plugin {name}", functools.partial(_import, name)) for name in plugin or []]
+    loaders += [(f"entry point {point.name}", point.load) for point in entry_points(group="aacmm_pin.causes")]
+    for what, load in loaders:
+        try:
+            load()
+        except Exception as error:
+            note(f"aacmm-pin: {what}: {type(error).__name__}: {error}")
+            raise typer.Exit(1) from None
+
+
+def _import(name: str) -> ModuleType:
+    """A module by its name or by the path of its file."""
+    if not name.endswith(".py"):
+        return importlib.import_module(name)
+    spec = importlib.util.spec_from_file_location(Path(name).stem, name)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -5,40 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.units import DEG, MM
+from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.cli.arm_options import (
-    Data,
-    FrameName,
-    MaybeArm,
-    Urdf,
-    model_and_data,
-)
-from aacmm_pin.cli.common import EncoderNoise, Force, Output, Results, command, note
-from aacmm_pin.cli.readings import read_readings
-from aacmm_pin.effects import JointErrorCurve
+from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
+from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.errors import AacmmError, MeasurementFileError
+from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U
+from aacmm_pin.measurements.records import Measurements, read_table
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
 """The columns that ``correct`` adds."""
+OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U)
+"""Columns that say where the tip should be have no part in where the readings put it."""
 
 
-@command()
-def correct(
-    arm: MaybeArm = None,
-    data: Data = None,
-    encoder_noise_rad: EncoderNoise = None,
-    urdf: Urdf = None,
-    frame: FrameName = None,
-    output: Output = None,
-    force: Force = False,
-) -> None:
+@command("correct")
+def correct(arm: ArmAndData, noise: EncoderNoise, output: Output = None, force: Force = False) -> None:
     """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty, as CSV."""
     with Results(force, output) as results:
-        model, path = model_and_data(arm, data, urdf, frame)
-        table, readings = read_readings(path, model.arm.nq, CORRECTED)
+        model, path = arm.model_and_data()
+        table, _ = read_table(path)
+        for name in table.columns.intersection(list(CORRECTED)):
+            raise MeasurementFileError(path, 1, name, "is there already; expected readings that were not corrected yet")
+        of_readings = ~table.columns.isin(OF_REFERENCES)
+        readings = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
         rows = _known_rows(model, readings, path)
         known = readings.take(rows)
         found = np.full((readings.n, len(CORRECTED)), np.nan)
@@ -46,7 +37,7 @@ def correct(
             found[rows, :3] = model.correct(known.q, known.conditions) / MM
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
-        found[rows, 3] = _u(model, known, encoder_noise_rad) / MM
+        found[rows, 3] = _u(model, known, noise.encoder_noise_rad) / MM
         added = dict(zip(CORRECTED, found.T, strict=True))
         results.text(table.assign(**added).to_csv(index=False, lineterminator="\n"), output)
     effects = ", ".join(effect.label for effect in model.effects) or "no effects"
@@ -62,11 +53,7 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
     known = model.known_at(readings.q)
     for k, number in zip(*np.nonzero(~known), strict=True):
         effect = model.effects[number]
-        known_range = ""
-        if isinstance(effect, JointErrorCurve):
-            low, high = effect.lower_rad, effect.upper_rad
-            known_range = f", which is known from {low:g} to {high:g} rad ({low / DEG:g}° to {high / DEG:g}°)"
-        note(f"{path}: row {readings.row[k]} is outside the range of {effect.label}{known_range}; left empty")
+        note(f"{path}: row {readings.row[k]} is outside the range of {effect.label}{effect.known_where}; left empty")
     rows = np.flatnonzero(known.all(axis=1))
     if readings.n and not rows.size:
         raise AacmmError(f"{path}: no reading is in the range in which the effects of {model.arm.name} are known")
@@ -74,7 +61,7 @@ def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
 
 
 def _u(model: ErrorModel, readings: Measurements, encoder_noise: float | None) -> Array:
-    """Standard uncertainty of each position (n,) [m]; nan where nobody states any."""
+    """Standard uncertainty of each position (n,) [m]; nan where none is stated."""
     noise = model.arm.encoder_noise if encoder_noise is None else np.array([encoder_noise])
     if not (np.diag(model.covariance()).any() or (noise is not None and noise.any())):
         note(f"note: {model.arm.name} states no uncertainty, so u_mm is left empty")

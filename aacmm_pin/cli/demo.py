@@ -10,7 +10,7 @@ import typer
 from aacmm_pin.cli.common import Force, command, say
 
 
-@command()
+@command("demo")
 def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("out"),
     cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells of the map.")] = (48, 48),

@@ -10,17 +10,16 @@ import typer
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import Method
 from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
-from aacmm_pin.cli.arm_options import FrameName, MaybeArm, Urdf, model_of
-from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, command, note, say
-from aacmm_pin.cli.tables import show
-from aacmm_pin.report.summaries import map_summary, map_table
-
-Processes = Annotated[int, typer.Option(min=1, help="Worker processes.")]
+from aacmm_pin.cli.arm_options import AnyArm
+from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, command, note
+from aacmm_pin.report import terminal
+from aacmm_pin.report.accuracy import map_document
+from aacmm_pin.report.summaries import map_summary
 
 
 @command("map")
 def map_(
-    arm: MaybeArm = None,
+    arm: AnyArm,
     cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells along x and z.")] = (48, 48),
     sectors: Sectors = 12,
     extent_mm: Annotated[
@@ -28,9 +27,7 @@ def map_(
         typer.Option(metavar="X0 X1 Z0 Z1", help="Part of the half-plane, in mm; default the arm's reach."),
     ] = None,
     method: Annotated[str, typer.Option(help="One of zonotope, jointwise, ellipsoid.")] = "zonotope",
-    processes: Processes = 1,
-    urdf: Urdf = None,
-    frame: FrameName = None,
+    processes: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
     output: Output = None,
     plot: Plot = None,
     json_: Json = None,
@@ -38,18 +35,15 @@ def map_(
 ) -> None:
     """Flexibility and accuracy over the workspace, as netCDF."""
     with Results(force, output, plot=plot, json_=json_) as results:
-        extent = None if extent_mm is None else np.array(extent_mm) * MM
-        machine = model_of(arm, urdf, frame)
-        machine.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
-        for caveat in map_caveats(machine.arm):
+        model = arm.model()
+        model.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
+        for caveat in map_caveats(model.arm):
             note(f"note: {caveat}")
-        result = map_workspace(machine, cells, sectors, extent=extent, method=cast(Method, method), processes=processes)
+        extent = None if extent_mm is None else np.array(extent_mm) * MM
+        result = map_workspace(model, cells, sectors, extent=extent, method=cast(Method, method), processes=processes)
         if output is not None:
             result.save(results.file(output))
-        if plot is not None:
-            results.picture(result.plot().figure, plot)
-        if json_ is not None:
-            results.json(map_summary(result), json_)
+        results.picture(lambda: result.plot().figure, plot)
+        results.json(map_summary(result), json_)
     if json_ != "-":
-        say(str(result))
-        show(map_table(result))
+        terminal.show(map_document(result))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 import typer
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw
@@ -18,57 +18,56 @@ from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.postures.solution_set import PosturesAtPoint
 
 Triple = tuple[float, float, float]
-
-Point = Annotated[Triple, typer.Option("--point", metavar="X Y Z", help="Working point in the base frame, in mm.")]
-Count = Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")]
-Tip = Annotated[
-    bool, typer.Option("--tip", help="The point is for the tip, not for the wrist; give --axis or --rpy-deg too.")
-]
-Axis = Annotated[
-    Triple | None,
-    typer.Option("--axis", metavar="X Y Z", help="With --tip or --urdf: direction of the stylus (of the tool) in the base."),
-]
-ToolAxis = Annotated[
-    Triple | None,
-    typer.Option(
-        "--tool-axis", metavar="X Y Z", help="With --urdf and --axis: which direction of the frame; default its z."
-    ),
-]
-RollPitchYaw = Annotated[
-    Triple | None,
-    typer.Option(
-        "--rpy-deg", metavar="R P Y", help="With --tip or --urdf: the whole pose, roll-pitch-yaw as in URDF, in degrees."
-    ),
-]
+Point = Annotated[Triple, typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm.")]
 
 
-def postures_at(
-    arm: Arm, point: Triple, tip: bool, axis: Triple | None, tool: Triple | None, rpy_deg: Triple | None, count: int
-) -> PosturesAtPoint:
-    """Every posture there; what is to be known besides goes to stderr.
+@dataclass(frozen=True)
+class Orientation:
+    """What is wanted of the tip at a point, and how finely postures are listed."""
 
-    Raises:
-        AacmmError: there is none, or the arm cannot be asked that.
-    """
-    if tool is not None and (axis is None or arm.dh is not None):
-        raise typer.BadParameter("--tool-axis goes with --urdf and --axis; an arm file names its stylus")
-    if axis is not None and rpy_deg is not None:
-        raise typer.BadParameter("--axis and --rpy-deg: expected one of them; a whole pose holds every axis")
-    oriented = axis is not None or rpy_deg is not None
-    if (oriented and not tip) or (tip and not oriented and arm.dh is not None):
-        raise typer.BadParameter("--tip goes with --axis, or with --rpy-deg")
-    found = _asked(arm, np.array(point) * MM, tip, axis, tool, rpy_deg, count)
-    if found.reason:
-        raise AacmmError(str(found))
-    for line in getattr(found, "notes", ()):
-        note(f"note: {line}")
-    return found
+    tip: Annotated[
+        bool, typer.Option("--tip", help="The point is for the tip, not for the wrist; give --axis or --rpy-deg too.")
+    ] = False
+    axis: Annotated[
+        Triple | None,
+        typer.Option(metavar="X Y Z", help="With --tip or --urdf: direction of the stylus (of the tool) in the base."),
+    ] = None
+    tool_axis: Annotated[
+        Triple | None,
+        typer.Option(metavar="X Y Z", help="With --urdf and --axis: which direction of the frame; default its z."),
+    ] = None
+    rpy_deg: Annotated[
+        Triple | None,
+        typer.Option(metavar="R P Y", help="With --tip or --urdf: the whole pose, roll-pitch-yaw as in URDF, in degrees."),
+    ] = None
+    count: Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")] = 360
 
+    @property
+    def oriented(self) -> bool:
+        """Whether a direction or an orientation is given."""
+        return self.axis is not None or self.rpy_deg is not None
 
-def _asked(
-    arm: Arm, where: Array, tip: bool, axis: Triple | None, tool: Triple | None, rpy_deg: Triple | None, count: int
-) -> PosturesAtPoint:
-    if arm.dh is not None and rpy_deg is None:
-        return configuration_circle(arm, where, tip=tip, axis=axis, count=count)
-    rotation = None if rpy_deg is None else from_roll_pitch_yaw(np.array(rpy_deg) * DEG)
-    return reaching_postures(arm, where, axis=axis, tool=tool, rotation=rotation, count=count)
+    def postures(self, arm: Arm, point: Triple) -> PosturesAtPoint:
+        """Every posture at ``point`` [mm]; what is to be known besides goes to stderr.
+
+        Raises:
+            AacmmError: there is none, or the arm cannot be asked that.
+        """
+        has_table, tip = arm.dh is not None, self.tip or arm.dh is None
+        if self.tool_axis is not None and (self.axis is None or has_table):
+            raise typer.BadParameter("--tool-axis goes with --urdf and --axis; an arm file names its stylus")
+        if self.axis is not None and self.rpy_deg is not None:
+            raise typer.BadParameter("--axis and --rpy-deg: expected one of them; a whole pose holds every axis")
+        if has_table and self.tip != self.oriented:
+            raise typer.BadParameter("--tip goes with --axis, or with --rpy-deg")
+        where = np.array(point) * MM
+        if has_table and self.rpy_deg is None:
+            found: PosturesAtPoint = configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
+        else:
+            rotation = None if self.rpy_deg is None else from_roll_pitch_yaw(np.array(self.rpy_deg) * DEG)
+            found = reaching_postures(arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count)
+        if found.reason:
+            raise AacmmError(str(found))
+        for line in getattr(found, "notes", ()):
+            note(f"note: {line}")
+        return found

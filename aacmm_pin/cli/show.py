@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -10,34 +11,26 @@ import typer
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
+from aacmm_pin.accuracy.volume import circle_accuracy
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.cli.arm_options import FrameName, MaybeArm, RotationHalfWidth, TranslationHalfWidth, Urdf, model_of
-from aacmm_pin.cli.common import EncoderNoise, Force, Output, Results, command, note, say
-from aacmm_pin.cli.pose_options import Axis, RollPitchYaw, Tip, ToolAxis, postures_at
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm
+from aacmm_pin.cli.common import Force, Output, Results, command, note, say
+from aacmm_pin.cli.pose_options import Orientation, Triple
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.solution_set import PosturesAtPoint
 
 if TYPE_CHECKING:
     from aacmm_pin.report.scenes import Scene
 
-MaybePoint = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option("--point", metavar="X Y Z", help="Working point in the base frame, in mm: every posture that reaches it."),
-]
-LOOK = 0.2
-"""How often to look whether the server is still there [s]."""
 
-
-@command()
+@command("show")
 def show(
-    arm: MaybeArm = None,
-    point: MaybePoint = None,
-    tip: Tip = False,
-    axis: Axis = None,
-    tool_axis: ToolAxis = None,
-    rpy_deg: RollPitchYaw = None,
+    arm: UncertainArm,
+    point: Annotated[
+        Triple | None,
+        typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm: every posture that reaches it."),
+    ] = None,
+    *,
+    orientation: Orientation,
     theta_deg: Annotated[
         str | None,
         typer.Option(metavar='"θ1 θ2 …"', help="One posture, in degrees (slides in mm); default all 0, or amid the limits."),
@@ -45,12 +38,7 @@ def show(
     shape: Annotated[
         str, typer.Option(help="Accuracy drawn at the point: ellipsoid (95 %), or zonotope (all within the half-widths).")
     ] = "ellipsoid",
-    encoder_noise_rad: EncoderNoise = None,
-    count: Annotated[int, typer.Option(min=3, help="Configurations on each closed component.")] = 360,
-    urdf: Urdf = None,
-    frame: FrameName = None,
-    translation_half_width_mm: TranslationHalfWidth = None,
-    rotation_half_width_rad: RotationHalfWidth = None,
+    noise: EncoderNoise,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
     output: Output = None,
     force: Force = False,
@@ -64,16 +52,19 @@ def show(
 
     if point is not None and theta_deg is not None:
         raise typer.BadParameter("--point and --theta-deg exclude each other")
-    if point is None and (tip or axis is not None or rpy_deg is not None):
+    if point is None and (orientation.tip or orientation.oriented):
         raise typer.BadParameter("--tip, --axis and --rpy-deg go with --point")
     with Results(force, output) as results:
-        model = model_of(arm, urdf, frame, translation_half_width_mm, rotation_half_width_rad)
+        model = arm.model()
         if point is None:
             scene = scenes.arm_scene(model, _posture(model.arm, theta_deg)[None])
         else:
-            circle = postures_at(model.arm, point, tip or urdf is not None, axis, tool_axis, rpy_deg, count)
+            circle, accuracy = orientation.postures(model.arm, point), None
             note(str(circle))
-            accuracy = _accuracy(circle, model, encoder_noise_rad)
+            try:
+                accuracy = circle_accuracy(circle, model, encoder_noise=noise.encoder_noise_rad)
+            except AacmmError as error:
+                note(f"note: shown without accuracy: {error}")
             scene = scenes.circle_scene(circle, accuracy, shape=scenes.shape_of(shape))
         if output is not None:
             results.text(scene.html(), output)
@@ -97,22 +88,10 @@ def _posture(arm: Arm, text: str | None) -> Array:
     return np.array(numbers) * np.where(slides, MM, DEG)
 
 
-def _accuracy(circle: PosturesAtPoint, model: ErrorModel, encoder_noise: float | None) -> AccuracyVolume | None:
-    """Accuracy along the circle; None, and a note why, where there is none to show."""
-    try:
-        return circle_accuracy(circle, model, encoder_noise=encoder_noise)
-    except AacmmError as error:
-        note(f"note: shown without accuracy: {error}")
-        return None
-
-
 def _serve(scene: Scene, browser: bool) -> None:
-    with scene.show(browser=browser) as server:
-        try:
-            say(server.url)
-            note("Ctrl-C ends it")
-            while server.running:
-                time.sleep(LOOK)
-        except KeyboardInterrupt:
-            return
-    raise AacmmError(f"the server at {server.url} has ended by itself")
+    """Until Ctrl-C."""
+    with scene.show(browser=browser) as server, suppress(KeyboardInterrupt):
+        say(server.url)
+        note("Ctrl-C ends it")
+        while server.running:
+            time.sleep(0.2)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import typer
+
 from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.arm.urdf_writer import urdf_text
-from aacmm_pin.cli.common import ArmName, Force, Output, Results, command
+from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.cli.arm_options import BUNDLED
+from aacmm_pin.cli.common import Force, Output, Results, command
+
+ArmName = Annotated[str, typer.Argument(metavar="ARM", help=f"Bundled arm ({BUNDLED}) or the path of an arm file.")]
 
 
-@command()
+@command("urdf")
 def urdf(arm: ArmName, output: Output = None, force: Force = False) -> None:
     """URDF of an arm, from its DH table."""
     with Results(force, output) as results:

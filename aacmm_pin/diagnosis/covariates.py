@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.diagnosis.candidates import LEAST_SPREAD
 from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.encoder import LEAST_SPREAD
 from aacmm_pin.measurements.records import Measurements
 
 FEWEST = 3

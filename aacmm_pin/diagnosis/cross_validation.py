@@ -8,24 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.progress import Progress, watched
+from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.shown import Shown
-from aacmm_pin.calibration.cross_validation import blocks
-from aacmm_pin.calibration.duplicate_records import postures_of, together
+from aacmm_pin.calibration.cross_validation import FEWEST_GROUPS, Mask, distances, left_out_in_turn, rms
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.forward_selection import search
+from aacmm_pin.diagnosis.forward_backward_selection import search
 from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.diagnosis.nuisance_projection import Projection
 
-PARTS = 10
-FEWEST = 5
-"""Fewer seats than this are no groups to leave out in turn; blocks of joint space are taken instead."""
-FEWEST_GROUPS = 3
-"""With fewer parts than this nothing can be said of how much the gain differs from part to part."""
 RESAMPLES = 2000
 SURVIVES = 1.64
 """Standard errors by which a cause has to help, or may at most harm, on held-out parts."""
@@ -66,29 +59,6 @@ class Gain(Shown):
         return 1.0 - rms(self.smooth) / rms(self.extended)
 
 
-def rms(distance: Array) -> float:
-    """Root mean square of what is there [m]."""
-    return float(np.sqrt(np.nanmean(np.square(distance))))
-
-
-def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
-    """Which records are left out together: seats (those of a bar together); where these are few, blocks of joint space.
-
-    Repeats of a posture are always left out together.
-    """
-    records = fit.problem.measurements
-    postures, seat = postures_of(records.q), fit.observations.seat
-    touched = seat >= 0
-    label = np.zeros(records.n, dtype=np.intp)
-    label[touched] = fit.observations.clusters[seat[touched]]
-    label = together(label, postures)
-    count = int(label.max()) + 1
-    if count >= FEWEST and touched.sum() > 0.9 * records.n:
-        return "seats", (np.argsort(rng.permutation(count)) % PARTS)[label]
-    clusters = blocks(records.q, postures, min(PARTS, max(2, records.n // 5)), rng)
-    return "blocks", np.unique(clusters, return_inverse=True)[1].astype(np.intp)
-
-
 def gain_of(
     choice: Choice,
     before: Fit,
@@ -108,25 +78,32 @@ def gain_of(
     Returns:
         None where no part that is left out has anything to be compared with, such as one record only of each unknown seat.
     """
-    n = choice.fit.problem.measurements.n
-    simulation, recalibrated, extended, smooth = np.full((4, n), np.nan)
-    chosen: list[tuple[str, ...]] = []
-    numbers = choice.held.parts
-    with watched(numbers, progress, f"held-out {kind}", "part") as parts:
-        for number in parts:
-            out = choice.fit.used & (choice.parts == number)
-            training = choice.held.without(number)
-            admitted = survivors(choice, search(choice.question, training), training)
-            causes = tuple(k for k in admitted if choice.question.owner(k) < choice.design.causes)
-            chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
-            simulation[out] = _by(before, out)
-            recalibrated[out] = _predicted(choice, training, (), out)
-            extended[out] = _predicted(choice, training, causes, out)
-            smooth[out] = _predicted(choice, training, admitted, out)
+    used, held, chosen = choice.fit.used, choice.held, []
+    part = np.where(np.isin(choice.parts, held.parts), choice.parts, -1)
+
+    def predict(number: int, out: Mask) -> list[Array]:
+        training = held.without(number)
+        admitted = survivors(choice, search(choice.question, training), training)
+        causes = tuple(k for k in admitted if choice.question.owner(k) < choice.design.causes)
+        chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
+        tips = before.solution.point.prediction.tips[out]
+        simulation = distances(choice.fit.problem.measurements.take(out), tips)
+        return [simulation, *(_predicted(choice, training, blocks, out) for blocks in ((), causes, admitted))]
+
+    simulation, recalibrated, extended, smooth = left_out_in_turn(part, used & (part >= 0), predict, kind, progress)
     if not np.isfinite(extended).any():
         return None
-    interval = _interval(recalibrated, extended, choice.parts, rng)
-    return Gain(kind, len(numbers), simulation, recalibrated, extended, smooth, choice.parts, tuple(chosen), interval)
+    return Gain(
+        kind,
+        len(held.parts),
+        simulation,
+        recalibrated,
+        extended,
+        smooth,
+        choice.parts,
+        tuple(chosen),
+        _interval(recalibrated, extended, choice.parts, rng),
+    )
 
 
 def survivors(choice: Choice, admitted: tuple[int, ...], training: Gram) -> tuple[int, ...]:
@@ -191,9 +168,7 @@ def brought(choice: Choice, admitted: tuple[int, ...], block: int) -> Brought | 
     return Brought(float(gain), float(low), float(high))
 
 
-def _predictions(
-    choice: Choice, training: Gram, sets: tuple[tuple[int, ...], ...]
-) -> Iterator[tuple[NDArray[np.bool_], list[Array]]]:
+def _predictions(choice: Choice, training: Gram, sets: tuple[tuple[int, ...], ...]) -> Iterator[tuple[Mask, list[Array]]]:
     """Each part that takes its turn in being left out: its records (n,), and their distances with each set of blocks [m].
 
     A part that has one record only of each of its unknown seats has nothing to be compared with, and does not count.
@@ -210,30 +185,16 @@ def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
     return np.array([float(np.nanmean(d**2)) for _, (d,) in _predictions(choice, training, (blocks,))])
 
 
-def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], out: Array) -> Array:
+def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], out: Mask) -> Array:
     """Distances of the records ``out`` by a model fitted to ``training``."""
-    left = Conditional(training, choice.question.blocks, choice.question.nuisances, admitted)
-    step = left.solution()
+    steps, key = training.products.steps, (training.left_out, admitted)
+    if key not in steps:
+        left = Projection(training, admitted)
+        steps[key] = left.refitted, left.solution()
+    refitted, step = steps[key]
     rows = np.flatnonzero(out)
-    tips = choice.design.tips[rows] + choice.design.jacobian[np.ix_(rows, np.arange(3), left.refitted)] @ step
-    return _distances(choice.fit, tips, rows)
-
-
-def _by(fit: Fit, out: Array) -> Array:
-    rows = np.flatnonzero(out)
-    return _distances(fit, fit.solution.point.prediction.tips[rows], rows)
-
-
-def _distances(fit: Fit, tips: Array, rows: Index) -> Array:
-    """From the stated coordinates, or else from the mean of the same seat, widened for having been taken from the same."""
-    records = fit.problem.measurements.take(rows)
-    distance = np.linalg.norm(tips - records.reference, axis=1)
-    for members in records.seats().values():
-        unknown = members[~records.known[members]]
-        if unknown.size > 1:
-            spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
-            distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
-    return np.asarray(distance)
+    tips = choice.design.tips[rows] + choice.design.jacobian[np.ix_(rows, np.arange(3), refitted)] @ step
+    return distances(choice.fit.problem.measurements.take(rows), tips)
 
 
 def _interval(recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator) -> tuple[float, float]:

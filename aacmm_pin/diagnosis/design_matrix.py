@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.jacobian import Columns
+from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.diagnosis.candidates import Candidate
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Effect, JointZeroOffset
@@ -93,22 +95,23 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
             within what the arm states of it.
     """
     problem, point = fit.problem, fit.solution.point
-    width = sum(len(e.terms) for e in problem.estimated)
-    stays = width - sum(len(e.terms) for e in problem.estimated[len(problem.estimated) - taken_out :])
+    width = problem.vector.size
+    stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
-    within = stays + np.flatnonzero(problem.arm_u[stays:] > 0.0)
+    arm_u = problem.vector.arm_u
+    within = stays + np.flatnonzero(arm_u[stays:] > 0.0)
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
     tips = point.prediction.tips - own[:, :, stays:width] @ point.x[stays:width]
     variants = [variant for candidate in library for variant in candidate.variants]
     carried = [way for covariate in others for way in covariate.variants]
-    typical = [np.array([t.typical for t in variant.terms]) for variant in variants]
+    typical = [ParameterVector(problem.model.arm, (variant,)).typical for variant in variants]
     left = np.sqrt(np.square(fit.solution.system.deviation[fit.used]).mean())
     typical += [np.full(way.functions.shape[1] * len(way.quantities), _typical(way, left)) for way in carried]
     counts = [*(len(candidate.variants) for candidate in library), *(len(covariate.variants) for covariate in others)]
     owners = [(number, which) for number, count in enumerate(counts) for which in range(count)]
     ends = kept.size + np.cumsum([0, *(t.size for t in typical)])
     blocks = [Block(*owner, slice(int(ends[k]), int(ends[k + 1]))) for k, owner in enumerate(owners)]
-    scales = np.concatenate([problem.scales[:stays], problem.arm_u[within], problem.scales[width:], *typical])
+    scales = np.concatenate([problem.scales[:stays], arm_u[within], problem.scales[width:], *typical])
     size = len(own) * 3 * scales.size
     jacobian = np.empty((len(own), 3, scales.size), dtype=np.float64 if size <= MOST_DOUBLE else np.float32)
     first = 0
@@ -127,13 +130,9 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
 def _every(fit: Fit, nuisances: Array, variants: Sequence[Effect], carried: Sequence[Carried]) -> Iterator[Array]:
     """The columns of all in turn, a limited number at once (n, 3, …) [m/unit]."""
     yield nuisances
-    some: list[Effect] = []
-    for variant in variants:
-        some.append(variant)
-        if sum(len(effect.terms) for effect in some) > AT_ONCE:
-            yield _columns_of(fit, some)[0]
-            some = []
-    yield _columns_of(fit, some)[0]
+    vector = ParameterVector(fit.problem.model.arm, tuple(variants))
+    for _, some in groupby(vector, key=lambda entry: entry[1].start // AT_ONCE):
+        yield _columns_of(fit, [effect for effect, _ in some])[0]
     carriers = _Carriers(fit) if carried else None
     for way in carried:
         assert carriers is not None
@@ -143,11 +142,11 @@ def _every(fit: Fit, nuisances: Array, variants: Sequence[Effect], carried: Sequ
 def _columns_of(fit: Fit, effects: Sequence[Effect]) -> tuple[Array, State]:
     """∂(tip)/∂parameters of effects that are all zero, in the calibrated arm and the frame of the references (n, 3, p)."""
     problem, point = fit.problem, fit.solution.point
-    given = (*problem.model.effects, *problem.effects(point.x))
-    columns = Columns.of(problem.model.arm, problem.measurements.q, problem.measurements.conditions, (*given, *effects))
-    values = [v for effect in given for v in effect.values]
-    state = columns.at(np.concatenate([values, np.zeros(sum(len(e.terms) for e in effects))]))
-    found = columns.jacobian(state)[:, :, len(values) :]
+    given = ParameterVector(problem.model.arm, (*problem.model.effects, *fit.solution.effects))
+    records = problem.measurements
+    columns = Columns.of(problem.model.arm, records.q, records.conditions, (*given.effects, *effects))
+    state = columns.at(np.pad(given.values, (0, columns.vector.size - given.size)))
+    found = columns.jacobian(state)[:, :, given.size :]
     return (point.frame.rotation @ found if problem.external else found), state
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,27 +13,29 @@ from aacmm_pin._support.distributions import chi2_cdf, chi2_sf
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of, notes_of, require_measurements
+from aacmm_pin.calibration.calibrate import notes_of
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
-from aacmm_pin.calibration.duplicate_records import counted_once, tell_of_posture
+from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
+from aacmm_pin.calibration.duplicate_records import counted_once
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.input_mistakes import first_fit
-from aacmm_pin.calibration.parameters import Target, length_held, problem_of
-from aacmm_pin.calibration.problem import OF_KIND, Problem
-from aacmm_pin.calibration.stated_noise import StatedNoise
+from aacmm_pin.calibration.parameter_vector import KIND_OF
+from aacmm_pin.calibration.parameters import length_held, problem_of
+from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.cross_validation import brought, gain_of, parts_of, survivors
-from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, u_of_time
+from aacmm_pin.diagnosis.cross_validation import brought, gain_of, survivors
+from aacmm_pin.diagnosis.evidence import Conditional
+from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, u_of_step
 from aacmm_pin.diagnosis.next_measurements import Doubts, next_measurements
 from aacmm_pin.diagnosis.residual_tables import groups_table, moved_geometry, predicted_covariance
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described
 from aacmm_pin.diagnosis.significance import Alias, Place, Strength, aliases_of, look_alikes, retained, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
-from aacmm_pin.effects import Effect, EncoderSlip
+from aacmm_pin.effects import CAUSES, Effect
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning import advice
 
@@ -85,9 +86,9 @@ def diagnose(
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise: see
             :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain.
-        extra_causes: causes to try beside the library's, your own (:func:`aacmm_pin.effects.register`) or others of the
-            package at places, orders or times that are not tried anyway. They compete with the others, by the ``typical``
-            size of their terms; their values do not count.
+        extra_causes: causes to try besides, at places or with inner values (orders, times, other fields) that are not
+            tried anyway; causes of your own are, once they are registered (:func:`aacmm_pin.effects.register`). They
+            compete with the others, by the ``typical`` size of their terms; their values do not count.
         rng: for the draws behind p-values and intervals, and the groups left out; default seed 1.
         progress: show bars in a notebook, or on stderr at a terminal; or a function such as ``tqdm`` that wraps the groups
             left out.
@@ -95,76 +96,68 @@ def diagnose(
     Raises:
         AacmmError, UnknownNameError, MissingConditionError: see :func:`aacmm_pin.calibration.calibrate`.
     """
-    rng = rng or np.random.default_rng(1)
-    if reference_frame not in get_args(ReferenceFrame):
-        raise UnknownNameError("reference frame", reference_frame, list(get_args(ReferenceFrame)))
-    model = ErrorModel.of(model)
-    require_measurements(measurements)
-    if measurements.nq != model.arm.nq:
-        own, theirs = model.arm.nq, measurements.nq
-        raise AacmmError(f"{measurements.source} has angles of {theirs} joints, {model.arm.name} has {own}")
+    model, measurements = checked_input(model, measurements)
+    setup = Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise)
     measurements, repeated = counted_once(measurements)
-    noise = StatedNoise(encoder_of(model.arm, encoder_noise), reference_noise, probe_noise, length_noise)
-    external = reference_frame == "external"
-
-    # What the arm is known to have is refitted with the geometry, freely: it may have changed.
-    known = [effect.at(effect.values, free(effect).u) for effect in model.effects]
-
-    def problem(parameters: Sequence[str | Effect]) -> Problem:
-        return problem_of(model, measurements, parameters, prior=prior, target=target, external=external)
-
-    def with_causes(causes: Sequence[Effect]) -> Problem:
-        return problem(["geometry", *known, *causes])
-
-    sizeless = length_held(with_causes([]))
-    known += [sizeless] if sizeless else []
-    recalibrated = first_fit(with_causes([]), noise)
+    rng = rng or np.random.default_rng(1)
+    problem = _extensible(model, measurements, setup)
+    recalibrated = first_fit(problem([]))
     if not np.nanmax(np.abs(recalibrated.solution.system.deviation), initial=0.0) > NOTHING:
         raise AacmmError(f"{measurements.source}: every record agrees with the arm exactly: is the file filled in?")
     kind, parts = parts_of(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem, extra_causes)
-    library = [candidate for candidate in library if sizeless is None or candidate.label != sizeless.label]
-    others = covariates(model.arm, measurements)
-    choice = choose(with_causes, noise, recalibrated, library, others, parts, progress is True)
-    choice = _surviving(choice, with_causes, noise)
+    choice = choose(problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True)
+    choice = _surviving(choice, problem)
     choice = replace(choice, fit=replace(choice.fit, found=tuple(effect.label for effect in choice.effects)))
-    extended = choice.fit
-    before = fit(problem([]), noise, used=extended.used)
-    recalibrated = fit(with_causes([]), noise, used=extended.used)
-    design, excess = choice.design, _excess(extended, noise)
-    strong = strengths(choice.question, choice.gram, choice.admitted, design.causes, design.names, excess, rng)
-    held = gain_of(choice, before, kind, rng, progress) if hold_out and tell_of_posture(measurements.q) else None
+    used, setup = choice.fit.used, recalibrated.problem.setup
+    fits = fit(problem_of(model, measurements, [], setup), used=used), fit(problem([]), used=used), choice.fit
+    return _concluded(model, choice, fits, kind, repeated, hold_out, rng, progress)
+
+
+def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:
+    """The calibration problem with some causes estimated too; what the arm is known to have is refitted with the geometry,
+    freely: it may have changed.
+    """
+    known = [effect.at(effect.values, free(effect).u) for effect in model.effects]
+    held = length_held(problem_of(model, measurements, ["geometry", *known], setup))
+    setup = replace(setup, held=held)
+    return lambda causes: problem_of(model, measurements, ["geometry", *known, *causes], setup)
+
+
+def _concluded(
+    model: ErrorModel,
+    choice: Choice,
+    fits: tuple[Fit, Fit, Fit],
+    kind: str,
+    repeated: list[str],
+    hold_out: bool,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> Diagnosis:
+    """What a choice of causes says; the fits are of the simulation, recalibrated, and extended with the causes."""
+    before, recalibrated, extended = fits
+    measurements, excess = extended.problem.measurements, _excess(extended)
+    strong = strengths(choice, excess, rng)
+    held = gain_of(choice, before, kind, rng, progress) if hold_out and enough_postures(measurements) else None
     findings = _findings(choice, strong) + _changed(model, choice) + _geometry(choice)
     unexplained = unexplained_by(choice, strong, held)
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
-    pairs = look_alikes(choice.question, choice.gram, design.names, design.causes)
+    pairs = look_alikes(choice)
     shown = predicted_covariance(before, *_prior_predictive(model, before))
     shown_by_these = visible(choice)
     structure = bool(unexplained.depends_on) or excess > 0.0
     verdict = verdict_of(findings, structure, unexplained.p_value, shown_by_these, (recalibrated, extended))
 
     def plan(finding: Finding, alias: Alias) -> str:
-        cause, other = finding.effect, choice.variant(alias.block)
-        return advice(
-            model,
-            (cause, other),
-            measurements,
-            reference_frame=reference_frame,
-            target=target,
-            prior=prior,
-            encoder_noise=encoder_noise,
-            reference_noise=reference_noise,
-            probe_noise=probe_noise,
-            length_noise=length_noise,
-            progress=progress is True,
-        )
+        split = (finding.effect, choice.variant(alias.block))
+        return advice(model, split, measurements, progress=progress is True, **extended.problem.setup.keywords)
 
     too_good = _too_good(extended)
     doubts = Doubts(bool(too_good), held is not None and held.interval[0] <= 0.0)
     return Diagnosis(
         verdict=verdict,
         findings=tuple(findings),
-        model=calibrated_model(extended, noise.encoder),
+        model=calibrated_model(extended),
         before=before,
         recalibrated=recalibrated,
         extended=extended,
@@ -177,7 +170,7 @@ def diagnose(
         noise=_floor(extended),
         next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, doubts, plan),
         visible=shown_by_these,
-        notes=(*notes_of(extended, noise), *_size(sizeless), *_clock(measurements), *too_good, *repeated),
+        notes=(*notes_of(extended), *_size(extended.problem.setup), *_clock(measurements), *too_good, *repeated),
     )
 
 
@@ -189,11 +182,12 @@ def _clock(measurements: Measurements) -> list[str]:
     return ["time_s starts late: a warm-up counts from 0, the moment of switching on, and cannot be seen here"]
 
 
-def _size(held: Effect | None) -> list[str]:
+def _size(setup: Setup) -> list[str]:
     """The length on which all others rest."""
-    if held is None:
+    if setup.held is None:
         return []
-    return [f"no coordinates and no bar tell the arm's size: the length of {held.label} is taken as the arm's file has it"]
+    label = setup.held.label
+    return [f"no coordinates and no bar tell the arm's size: the length of {label} is taken as the arm's file has it"]
 
 
 def _too_good(extended: Fit) -> list[str]:
@@ -204,11 +198,12 @@ def _too_good(extended: Fit) -> list[str]:
     return [f"the residuals are far smaller than the stated noise (χ² {found:.0f} of {dof:.0f}): is it stated too large?"]
 
 
-def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise) -> Choice:
+def _surviving(choice: Choice, problem: ProblemOf) -> Choice:
     """The choice without what does not survive its held-out test, nor what something that did not is better at; refitted."""
     kept = survivors(choice, choice.admitted, choice.held)
     while kept:
-        sure = {k: Place.of(choice.question, choice.gram, kept, k).probability for k in kept}
+        whole = Conditional.of(choice.gram, kept, choice.question.stated)
+        sure = {k: Place.of(choice, whole, k).probability for k in kept}
         worst = min(kept, key=lambda k: sure[k])
         if sure[worst] >= UNLIKELY:
             break
@@ -216,7 +211,7 @@ def _surviving(choice: Choice, problem: ProblemOf, noise: StatedNoise) -> Choice
     if kept == choice.admitted:
         return choice
     effects = [free(choice.variant(k)) for k in kept if k in choice.causes]
-    return replace(choice, fit=fit(problem(effects), noise), admitted=kept)
+    return replace(choice, fit=fit(problem(effects)), admitted=kept)
 
 
 def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
@@ -250,8 +245,7 @@ def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
 def _inner_values(choice: Choice, effect: Effect, block: int) -> dict[str, tuple[float, float]]:
     """What was found of order, time constant or time, with u."""
     told = {name: u for (label, name), u in choice.fit.inner_u.items() if label == effect.label}
-    if isinstance(effect, EncoderSlip):
-        told["time_s"] = u_of_time(choice, block)
+    told |= {name: u_of_step(choice, block, name) for name in effect.inner if name not in effect.inner_widths()}
     return {name: (float(getattr(effect, name)), u) for name, u in told.items()}
 
 
@@ -280,24 +274,22 @@ def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
     """Every effect that the last fit estimated, with u, and the covariance of its values; of what no record tells, by the
     widths within which it was looked for.
     """
-    problem, x, first = choice.fit.problem, choice.fit.solution.point.x, 0
-    untold = choice.fit.unknown * problem.scales[:, None]
-    for effect in problem.effects(x):
-        own = slice(first, first + len(effect.terms))
-        first = own.stop
-        covariance = choice.fit.covariance[own, own] + untold[own] @ untold[own].T
+    fit = choice.fit
+    untold = fit.unknown * fit.problem.scales[:, None]
+    for effect, own in zip(fit.solution.effects, fit.problem.vector.slices, strict=True):
+        covariance = fit.covariance[own, own] + untold[own] @ untold[own].T
         yield effect.at(effect.values, tuple(np.sqrt(np.diag(covariance)))), covariance
 
 
 def _geometry(choice: Choice) -> list[Finding]:
     """Geometric values beyond their stated uncertainty, where that is likelier than any cause that could look like it."""
-    found, of_cause = [], {kind.cause: kind for kind in OF_KIND.values()}
+    found = []
     for row in moved_geometry(choice).to_dict("records"):
         label = f"{row['cause']}:{row['joint']}"
-        if row["cause"] not in of_cause or label not in choice.design.names:
+        if CAUSES[row["cause"]] not in KIND_OF or label not in choice.design.names:
             continue
-        effect = of_cause[row["cause"]](joint=int(row["joint"]), values=(row["change"],), u=(row["u"],))  # type: ignore[call-arg]
-        place = Place.beside(choice.question, choice.gram, choice.admitted, choice.design.names.index(label))
+        effect: Effect = CAUSES[row["cause"]](joint=int(row["joint"]), values=(row["change"],), u=(row["u"],))  # type: ignore[call-arg]
+        place = Place.beside(choice, choice.design.names.index(label))
         if place.probability < UNLIKELY:
             continue
         block = choice.question.best_blocks(place.left.evidences)[place.own]
@@ -310,7 +302,7 @@ def _geometry(choice: Choice) -> list[Finding]:
                 place.probability,
                 float(row["p_value"]),
                 retained(place.left, choice.question.blocks[block]),
-                tuple(aliases_of(choice.question, place, block, choice.design.names)),
+                tuple(aliases_of(choice, place, block)),
                 brought(choice, (*choice.admitted, block), block),
             )
         )
@@ -322,7 +314,7 @@ def _floor(extended: Fit) -> float:
     return float(np.sqrt(np.trace(extended.stated_noise[extended.used], axis1=1, axis2=2).mean()))
 
 
-def _excess(extended: Fit, noise: StatedNoise) -> float:
+def _excess(extended: Fit) -> float:
     """By how much χ² is larger than the stated noise explains, over the scatter found in its place; 0 where it is not.
 
     Where the noise of the encoders is not stated, they may have as much as plain ones.
@@ -331,7 +323,7 @@ def _excess(extended: Fit, noise: StatedNoise) -> float:
         return 0.0
     left = np.square(extended.solution.system.deviation[extended.used]).sum(axis=1).mean()
     explained = _floor(extended) ** 2
-    if noise.encoder is None:
+    if extended.problem.setup.encoder_noise is None:
         levers = np.trace(extended.problem.reading_covariance[extended.used], axis1=2, axis2=3)
         explained += PLAIN_ENCODER**2 * float(levers.sum(axis=1).mean())
     chi2, dof = extended.chi2_stated

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.nuisance_projection import Projection
 
+SCATTER = 1e-3
+"""χ² less likely than this means that the records scatter more than their noise; their variance is then taken from them."""
 MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0, 10.0])
 """Standard deviations of a cause's parameters that its evidence averages over, in units of the typical magnitude."""
 WHOLE = 1.0 - 1e-12
@@ -28,36 +32,26 @@ class Conditional:
     evidences are those of Student's t, see :func:`evidence_of`.
 
     Attributes:
-        gram: inner products, prior rows included.
-        blocks: all blocks.
-        nuisances: number of nuisance columns.
-        admitted: numbers of the admitted blocks.
+        projection: the same without the variance factor.
         variance: factor by which the records scatter more than their noise.
         dof: degrees of freedom from which the factor was taken; infinite where the noise is known.
-        known: the projection, where that has been worked out.
     """
 
-    gram: Gram
-    blocks: tuple[Block, ...]
-    nuisances: int
-    admitted: tuple[int, ...]
+    projection: Projection
     variance: float = 1.0
     dof: float = np.inf
-    known: Projection | None = None
 
-    @cached_property
-    def projection(self) -> Projection:
-        """The same without the variance factor."""
-        return self.known or Projection(self.gram, self.blocks, self.nuisances, self.admitted)
-
-    def scattering(self, variance: float, dof: float) -> Conditional:
-        """The same with another variance factor, taken from so many degrees of freedom."""
-        return replace(self, variance=variance, dof=dof, known=self.projection)
-
-    @property
-    def refitted(self) -> Index:
-        """Numbers of the columns that are refitted."""
-        return self.projection.refitted
+    @staticmethod
+    def of(gram: Gram, admitted: tuple[int, ...], stated: bool) -> Conditional:
+        """With the variance factor that the records show: where the noise is stated, only if they surely scatter more."""
+        bare = Projection(gram, admitted)
+        if bare.dof <= 0:
+            return Conditional(bare)
+        ratio = bare.chi2 / bare.dof
+        scatters = ratio > 1.0 and chi2_sf(bare.chi2, bare.dof) < SCATTER
+        if stated and not scatters:
+            return Conditional(bare)
+        return Conditional(bare, max(ratio, 1.0) if stated else ratio, bare.dof)
 
     @cached_property
     def gradient(self) -> Array:
@@ -70,23 +64,9 @@ class Conditional:
         return np.asarray((products - self.projection.whitened()[:, :-1].T @ white) / self.variance)
 
     @property
-    def chi2(self) -> float:
-        """What is left of χ², prior rows included."""
-        return self.projection.chi2
-
-    @property
-    def determined(self) -> float:
-        """How many of the refitted parameters the records, apart from priors, determine."""
-        return self.projection.determined
-
-    @property
     def covariance(self) -> Array:
         """Covariance of the refitted columns, in units of the design's scales (refitted, refitted)."""
         return self.variance * self.projection.covariance
-
-    def solution(self) -> Array:
-        """Best step of the refitted columns, in units of the design's scales."""
-        return self.projection.solution()
 
     def information(self, block: Block) -> Array:
         """Inner products of a block's columns when what is refitted is at its best (q, q)."""
@@ -96,44 +76,40 @@ class Conditional:
         """The same of the columns of two blocks (q, q')."""
         return self.projection.cross(one, other) / self.variance
 
-    def whole(self, block: Block) -> Array:
-        """Inner products of a block's columns as they are, nothing refitted (q, q)."""
-        return np.asarray(self.gram.inside(block) / self.variance)
-
     @cached_property
     def evidences(self) -> Array:
         """Log Bayes factor of each block against leaving it out; minus infinity for the admitted (blocks,)."""
-        found = np.full(len(self.blocks), -np.inf)
-        scatter = self.scatter(self.chi2)
-        for size, own in self.gram.products.of_size.items():
-            columns = self.gram.products.columns_of_size(size)
-            found[own] = evidence_of(self.projection.informations(size) / self.variance, self.gradient[columns], scatter)
-        found[list(self.admitted)] = -np.inf
-        return found
+        return self._evidences(self.projection.informations, self.gradient, self.projection.chi2, self.projection.admitted)
 
     def evidences_without(self, block: int) -> Array:
         """The same with one of the admitted blocks taken out, by the variance that is left with it (blocks,)."""
-        rows = self.projection.rows_of(block)
+        projection, rows = self.projection, self.projection.rows_of(block)
         gradient = self.gradient + rows[:, :-1].T @ rows[:, -1] / self.variance
-        scatter = self.scatter(self.chi2 + float(rows[:, -1] @ rows[:, -1]))
-        found = np.full(len(self.blocks), -np.inf)
-        for size, own in self.gram.products.of_size.items():
-            columns = self.gram.products.columns_of_size(size)
-            information = self.projection.informations_without(rows, size) / self.variance
-            found[own] = evidence_of(information, gradient[columns], scatter)
-        found[[k for k in self.admitted if k != block]] = -np.inf
+        chi2, rest = projection.chi2 + float(rows[:, -1] @ rows[:, -1]), [k for k in projection.admitted if k != block]
+        return self._evidences(lambda size: projection.informations_without(rows, size), gradient, chi2, rest)
+
+    def _evidences(
+        self, informations: Callable[[int], Array], gradient: Array, chi2: float, admitted: Sequence[int]
+    ) -> Array:
+        products = self.projection.gram.products
+        found = np.full(len(products.design.blocks), -np.inf)
+        for size, own in products.of_size.items():
+            information = informations(size) / self.variance
+            found[own] = evidence_of(information, gradient[products.columns_of_size(size)], self.scatter(chi2))
+        found[list(admitted)] = -np.inf
         return found
 
     def evidence(self, block: int) -> float:
         """The same of one block."""
-        b = self.blocks[block]
+        b = self.projection.blocks[block]
         gradient = self.projection.gradient(b.columns) / self.variance
-        return float(evidence_of(self.information(b)[None], gradient[None], self.scatter(self.chi2))[0])
+        return float(evidence_of(self.information(b)[None], gradient[None], self.scatter(self.projection.chi2))[0])
 
     def of_admitted(self) -> float:
         """Log Bayes factor of all admitted blocks together against none: of each beside those before it, added up."""
-        total, chi2 = 0.0, self.chi2 + sum(lower for _, _, lower in self.projection.one_by_one())
-        for s, g, lower in self.projection.one_by_one():
+        each = self.projection.one_by_one()
+        total, chi2 = 0.0, self.projection.chi2 + sum(lower for _, _, lower in each)
+        for s, g, lower in each:
             total += float(evidence_of(s[None] / self.variance, g[None] / self.variance, self.scatter(chi2))[0])
             chi2 -= lower
         return total

@@ -64,10 +64,13 @@ class Products:
 
     Attributes:
         of_size: numbers of the blocks of each size.
+        steps: columns refitted, and their best steps, without some parts and with some blocks, as far as they are known:
+            the same sets are predicted when a cause has to survive, and when it is said what it brings.
     """
 
     def __init__(self, design: Design, parts: list[Part]) -> None:
         self.design, self.parts = design, parts
+        self.steps: dict[tuple[frozenset[int], tuple[int, ...]], tuple[Index, Array]] = {}
         prior = np.zeros((len(design.prior), design.jacobian.shape[2] + 1))
         prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
         self.prior = Part(prior, 0)
@@ -183,7 +186,7 @@ def products_of(design: Design, part: Index) -> Products:
     part = np.where(used, part, -1)
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.solution.point.seats[old]
-    whiten = np.linalg.inv(np.linalg.cholesky(fit.noise + observations.covariance)) * used[:, None, None]
+    whiten = np.linalg.inv(np.linalg.cholesky(fit.residual_noise)) * used[:, None, None]
     elimination = Elimination(observations, points, whiten)
     off = np.where(used[:, None], design.tips - observations.targets(points), 0.0)[:, :, None]
     of_bar = of_seat[observations.ends[:, 0]]
@@ -195,9 +198,7 @@ def products_of(design: Design, part: Index) -> Products:
         own = slice(first, min(first + STRIP, width))
         last = (off,) if first + STRIP > width else ()
         strip = whiten @ np.concatenate([design.jacobian[:, :, own], *last], axis=2)
-        ties = [_last(residual, strip.shape[2]) if last else None for residual in elimination.residuals]
-        along = elimination.along(strip, ties[0])
-        whole = (elimination.project(strip, along), elimination.of_ties(along, ties[0]), elimination.bars(along, ties[1]))
+        _, *whole = elimination.eliminated(strip, residual=bool(last))
         for into, each in zip(found, rows, strict=True):
             into[:, first : first + strip.shape[2]] = each.taken(*whole)
     seats = np.bincount(of_seat[of_seat >= 0], minlength=len(rows))
@@ -234,10 +235,3 @@ class _Rows:
         """The part's rows (rows, c) of all records (n, 3, c), seats (s, 3, c) and bars (b, c)."""
         c = records.shape[2]
         return np.concatenate([records[self.records].reshape(-1, c), seats[self.seats].reshape(-1, c), bars[self.bars]])
-
-
-def _last(residual: Array, width: int) -> Array:
-    """Residuals (…, 1) in the last of ``width`` columns, zero in the others."""
-    found = np.zeros((*residual.shape[:-1], width))
-    found[..., -1:] = residual
-    return found

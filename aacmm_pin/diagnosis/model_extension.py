@@ -16,46 +16,29 @@ from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.stated_noise import StatedNoise
-from aacmm_pin.diagnosis.candidates import PER_COEFFICIENT, Candidate
+from aacmm_pin.diagnosis.candidates import Candidate
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, design_of
-from aacmm_pin.diagnosis.forward_selection import Question, conditional, search
+from aacmm_pin.diagnosis.evidence import Conditional
+from aacmm_pin.diagnosis.forward_backward_selection import Question, search
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.nuisance_projection import freedom
-from aacmm_pin.effects import Effect, EncoderSlip, JointErrorCurve, JointPeriodicError, ZeroDrift
+from aacmm_pin.effects import Effect
 
 MOST_ROUNDS = 10
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
 LIBRARY = 0.9
 """Probability, if anything is there, that it is a cause of the library."""
-LESS_USUAL = {
-    "bearing_tilt": 0.2,
-    "torsional_windup": 0.2,
-    "counterbalance": 0.2,
-    "stylus_bending": 0.2,
-    "joint_error_curve": 0.3,
-    "link_length": 0.2,
-    "joint_distance": 0.2,
-    "link_twist": 0.2,
-    "stylus_offset": 0.2,
-    "reference_frame": 0.2,
-}
-"""Causes that are rarer, beside the others."""
-OF_ANGLE = ("encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error", "encoder_gain")
-"""Functions of one joint's angle: a free curve at the same joint is all of them, and none stands beside it."""
 FEWEST = 3
 """So many records have to make sense at once before they are more than gross errors."""
 A_FEW = 0.005
 """A smaller part of the records than this is left out without asking whether they make sense together."""
 NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
-WHOLE = 2.0
-"""A whole number of periods per turn is what teeth and gratings have: it is taken unless the log evidence falls by this."""
+EXCEPTIONAL = 2.0
+"""An inner value that machines are made with is taken unless the log evidence falls by this."""
 LETTERS = 40
 """Of the causes found so far, a bar shows this much."""
-FINE = 15
-"""Steps in which an inner parameter is refined around the one that was tried."""
 
 ProblemOf = Callable[[Sequence[Effect]], Problem]
 """The calibration problem with these effects estimated too."""
@@ -72,6 +55,7 @@ class Choice:
         admitted: blocks, strongest first.
         library, others: the candidates.
         parts: part of each record for leaving out (n,).
+        held: inner products from which parts can be left out.
     """
 
     fit: Fit
@@ -82,11 +66,18 @@ class Choice:
     library: tuple[Candidate, ...]
     others: tuple[Covariate, ...]
     parts: Index
+    held: Gram
 
     @cached_property
-    def held(self) -> Gram:
-        """The inner products from which parts can be left out."""
-        return Gram(products_of(self.design, self.parts)) if _torn(self.design.fit, self.parts) else self.gram
+    def left(self) -> Conditional:
+        """What is left beside all that was admitted."""
+        return Conditional.of(self.gram, self.admitted, self.question.stated)
+
+    @property
+    def tips(self) -> Array:
+        """Tips (n, 3) with all that was admitted, covariates included, refitted [m]."""
+        left = self.left.projection
+        return np.asarray(self.design.tips + self.design.jacobian[:, :, left.refitted] @ left.solution())
 
     @property
     def effects(self) -> list[Effect]:
@@ -112,7 +103,6 @@ class Choice:
 
 def choose(
     problem_of: ProblemOf,
-    noise: StatedNoise,
     first: Fit,
     library: Sequence[Candidate],
     others: Sequence[Covariate],
@@ -125,20 +115,18 @@ def choose(
     So where records were excluded, the search is tried with the nearer of them put back too; what it finds is taken if it
     makes sense of them.
     """
-    found = _standing(problem_of, noise, first, tuple(library), tuple(others), parts, progress)
     nearer = _put_back(first)
-    if nearer.sum() - first.used.sum() < max(FEWEST, A_FEW * len(nearer)):
-        return found
-    wider = fit(problem_of([]), noise, used=nearer)
-    again = _standing(problem_of, noise, wider, tuple(library), tuple(others), parts, progress)
-    return again if _doubtful(again, first) <= _doubtful(found, first) - FEWEST else found
+    found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
+    if nearer.sum() - first.used.sum() >= max(FEWEST, A_FEW * len(nearer)):
+        wider = fit(problem_of([]), used=nearer)
+        again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress)
+        found = again if _doubtful(again, first) <= _doubtful(found, first) - FEWEST else found
+    return replace(found, held=Gram(products_of(found.design, parts))) if _torn(found.design.fit, parts) else found
 
 
 def _doubtful(choice: Choice, first: Fit) -> int:
     """How many records do not fit with all that was admitted, covariates included, by the scatter of the first fit."""
-    left = conditional(choice.question, choice.gram, choice.admitted)
-    tips = choice.design.tips + choice.design.jacobian[:, :, left.refitted] @ left.solution()
-    return int(np.sum(_times_the_limit(choice.fit, tips, first) > 1.0))
+    return int(np.sum(_times_the_limit(choice.fit, choice.tips, first) > 1.0))
 
 
 def _put_back(first: Fit) -> NDArray[np.bool_]:
@@ -158,7 +146,6 @@ def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:
 
 def _standing(
     problem_of: ProblemOf,
-    noise: StatedNoise,
     first: Fit,
     library: tuple[Candidate, ...],
     others: tuple[Covariate, ...],
@@ -175,12 +162,12 @@ def _standing(
             effects = [_refined(found, k) for k in found.causes]
             rounds.set_postfix_str(", ".join(effect.label for effect in effects)[:LETTERS])
             del found  # its columns are as large as those that come
-            refit = fit(problem_of([free(e) for e in effects]), noise)
+            refit = fit(problem_of([free(e) for e in effects]))
             if not refit.tells_noise:  # more causes than these records can carry
                 return replace(_chosen(first, library, others, parts, []), admitted=())
             found = _chosen(refit, _with_variants(library, effects), others, parts, effects)
             rounds.update()
-            if set(map(_inner, found.effects)) == set(map(_inner, effects)):
+            if {e.identity for e in found.effects} == {e.identity for e in effects}:
                 return found
         return found
 
@@ -200,10 +187,10 @@ def _chosen(
     design = design_of(at, library, others, len(effects))
     # With all records there is no need to take an observation's unknown points apart.
     gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts))
-    question = question_of(design, at.stated)
+    question = question_of(design, library, at.stated)
     start = tuple(_block_of(design, library, effect) for effect in effects)
     admitted = search(question, gram, start)
-    return Choice(at, design, question, gram, admitted, library, others, parts)
+    return Choice(at, design, question, gram, admitted, library, others, parts, held=gram)
 
 
 def _torn(at: Fit, parts: Index) -> bool:
@@ -213,30 +200,26 @@ def _torn(at: Fit, parts: Index) -> bool:
     return len(np.unique(pairs, axis=0)) > len(np.unique(pairs[:, 0]))
 
 
-def question_of(design: Design, stated: bool) -> Question:
+def question_of(design: Design, library: Sequence[Candidate], stated: bool) -> Question:
     """The search's question with the prior probabilities of the candidates."""
-    count = len(design.names)
-    usual = np.array([LESS_USUAL.get(name.split(":")[0], 1.0) for name in design.names[: design.causes]])
-    rest = count - design.causes
+    usual = np.array([candidate.variants[0].usual for candidate in library])
+    rest = len(design.names) - len(library)
     prior = np.concatenate([LIBRARY * usual / usual.sum(), np.full(rest, (1 - LIBRARY) / max(rest, 1))])
-    number = {name: k for k, name in enumerate(design.names)}
-    curves = {name: name.split(":")[1] for name in number if name.startswith("joint_error_curve:")}
-    contained = {
-        number[curve]: frozenset(number[name] for cause in OF_ANGLE if (name := f"{cause}:{joint}") in number)
-        for curve, joint in curves.items()
-    }
-    return Question(design.blocks, count, design.nuisances, np.log(prior), stated, contained)
+    contained: dict[int, set[int]] = {}
+    number = {(candidate.cause, candidate.variants[0].place): k for k, candidate in enumerate(library)}
+    for k, candidate in enumerate(library):
+        for freer in candidate.variants[0].contained_in:
+            if (owner := number.get((freer, candidate.variants[0].place))) is not None:
+                contained.setdefault(owner, set()).add(k)
+    inside = {owner: frozenset(causes) for owner, causes in contained.items()}
+    return Question(design, np.log(prior), stated, inside)
 
 
 def _block_of(design: Design, library: tuple[Candidate, ...], effect: Effect) -> int:
     for number, block in enumerate(design.blocks):
-        if block.candidate < len(library) and _inner(library[block.candidate].variants[block.variant]) == _inner(effect):
+        if block.candidate < len(library) and library[block.candidate].variants[block.variant].identity == effect.identity:
             return number
     raise LookupError(effect.label)
-
-
-def _inner(effect: Effect) -> tuple[object, ...]:
-    return (effect.cause, *(getattr(effect, name) for name in effect.structure()))
 
 
 def _with_variants(library: Sequence[Candidate], effects: list[Effect]) -> tuple[Candidate, ...]:
@@ -245,7 +228,7 @@ def _with_variants(library: Sequence[Candidate], effects: list[Effect]) -> tuple
     found = []
     for candidate in library:
         effect = refined.get(candidate.label)
-        if effect is None or _inner(effect) in {_inner(v) for v in candidate.variants}:
+        if effect is None or effect.identity in {v.identity for v in candidate.variants}:
             found.append(candidate)
         else:
             found.append(Candidate((*candidate.variants, effect)))
@@ -255,15 +238,15 @@ def _with_variants(library: Sequence[Candidate], effects: list[Effect]) -> tuple
 def _refined(choice: Choice, block: int) -> Effect:
     """The effect with its inner parameter where the evidence is largest, the others held."""
     effect = choice.variant(block).at(())
-    tried = _around(choice, effect)
+    tried = effect.refined(choice.fit.problem.measurements)
     if len(tried) < 2:
         return effect
     evidences = _evidences(choice, block, tried)
     best = int(np.argmax(evidences))
-    whole = [k for k, e in enumerate(tried) if isinstance(e, JointPeriodicError) and e.order == round(e.order)]
-    nearest = max(whole, key=lambda k: evidences[k], default=best)
-    if whole and evidences[nearest] > evidences[best] - WHOLE:
-        return tried[nearest]
+    exceptional = [k for k, e in enumerate(tried) if e.exceptional]
+    likeliest = max(exceptional, key=lambda k: evidences[k], default=best)
+    if exceptional and evidences[likeliest] > evidences[best] - EXCEPTIONAL:
+        return tried[likeliest]
     return _between(tried, evidences, best)
 
 
@@ -286,37 +269,21 @@ def _between(tried: list[Effect], evidences: Array, best: int) -> Effect:
 def _evidences(choice: Choice, block: int, tried: list[Effect]) -> Array:
     """Log evidence of each effect in the place of a block, the others held."""
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
-    design = design_of(choice.fit, [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)], [], choice.design.taken_out)
+    library = [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)]
+    design = design_of(choice.fit, library, [], choice.design.taken_out)
     gram = Gram(products_of(design, np.zeros(len(choice.parts), dtype=np.intp)))
     others = tuple(range(len(tried), len(tried) + len(rest)))
-    return conditional(question_of(design, choice.fit.stated), gram, others).evidences[: len(tried)]
+    return Conditional.of(gram, others, choice.fit.stated).evidences[: len(tried)]
 
 
-def u_of_time(choice: Choice, block: int) -> float:
-    """Standard uncertainty of the time of a slip: of its posterior over the gaps between records near it [s]."""
-    tried = [effect for effect in _around(choice, choice.variant(block).at(())) if isinstance(effect, EncoderSlip)]
-    times = np.array([effect.time_s for effect in tried])
+def u_of_step(choice: Choice, block: int, name: str) -> float:
+    """Standard uncertainty of an inner value in which the cause steps, such as the time of a slip [its unit].
+
+    Of its posterior over the values near it, each of which stands for the gap around it.
+    """
+    tried = choice.variant(block).at(()).refined(choice.fit.problem.measurements)
+    values = np.array([getattr(effect, name) for effect in tried])
     odds = _evidences(choice, block, list(tried))
     share = np.exp(odds - logsumexp(odds))
-    gaps = np.gradient(times) if times.size > 1 else np.zeros(1)
-    return float(np.sqrt(share @ (np.square(times - share @ times) + np.square(gaps) / 12.0)))
-
-
-def _around(choice: Choice, effect: Effect) -> list[Effect]:
-    """Values of the inner parameter near the one that was tried."""
-    if isinstance(effect, JointPeriodicError):
-        steps = effect.order + np.linspace(-0.5, 0.5, 2 * FINE + 1)
-        orders = {round(float(order), 4) for order in (*steps, round(effect.order)) if order > 0.3}
-        return [replace(effect, order=order) for order in sorted(orders)]
-    if isinstance(effect, JointErrorCurve):
-        finer = [effect.coefficients, 2 * effect.coefficients]
-        return [replace(effect, values=(), u=(), coefficients=c) for c in finer if PER_COEFFICIENT * c <= len(choice.parts)]
-    if isinstance(effect, EncoderSlip):
-        time = choice.fit.problem.measurements.conditions.time
-        times = np.unique(time) if time is not None else np.array([effect.time_s])
-        between = np.concatenate([[times[0]], (times[1:] + times[:-1]) / 2])
-        near = np.argsort(np.abs(between - effect.time_s))[: 4 * FINE]
-        return [replace(effect, time_s=float(t)) for t in np.sort(between[near])]
-    if isinstance(effect, ZeroDrift):
-        return [replace(effect, time_constant_s=float(effect.time_constant_s * f)) for f in np.geomspace(1 / 3, 3, FINE)]
-    return [effect]
+    gaps = np.gradient(values) if values.size > 1 else np.zeros(1)
+    return float(np.sqrt(share @ (np.square(values - share @ values) + np.square(gaps) / 12.0)))

@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from aacmm_pin.calibration.problem import OF_KIND
-from aacmm_pin.diagnosis.model_extension import OF_ANGLE
 from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
-from aacmm_pin.effects import CAUSES, SeatError
 
 PLACE, SCALE = ("x", "y", "z"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
-GEOMETRIC = frozenset(cause.cause for cause in OF_KIND.values()) | {"stylus_offset", "reference_frame"}
-"""What a plan refits anyway, so that it cannot split it from another."""
 
 
 @dataclass(frozen=True)
@@ -66,26 +61,9 @@ def next_measurements(
     if verdict == "unexplained":
         return f"{_otherwise(unexplained.depends_on)}, and repeat some records with all alike"
     doubtful = [finding for finding in findings if finding.probability < SETTLED]
-    for finding in doubtful:
-        alike = [a for a in finding.aliases if a.label.split(":")[0] in CAUSES]
-        if not alike:
-            continue
-        if {finding.cause, alike[0].label.split(":")[0]} & GEOMETRIC:
-            return f"measure more records, at other postures, to tell {finding.label} from {alike[0].label}"
-        if alike[0].label == f"joint_error_curve:{finding.joint}" and finding.cause in OF_ANGLE:
-            return (
-                f"measure more records with joint {finding.joint} spread evenly over its range: they show whether "
-                f"{finding.label} is all that depends on its angle"
-            )
-        return plan(finding, alike[0])
     if doubtful:
-        first = doubtful[0]
-        on = first.aliases[0].label if first.aliases else "all that was recorded"
-        return (
-            f"to tell {first.label} from anything else that depends on {on}, {_otherwise((on,))}, and repeat some records "
-            "with all alike"
-        )
-    seats = [finding for finding in findings if isinstance(finding.effect, SeatError)]
+        return _to_tell(doubtful, plan)
+    seats = [finding for finding in findings if finding.effect.corrects_seat]
     if seats:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
     if doubts.not_borne_out:
@@ -95,11 +73,33 @@ def next_measurements(
     return "nothing is open; check the extended arm on new records, over all ranges of its joints, with `aacmm-pin correct`"
 
 
+def _to_tell(doubtful: Sequence[Finding], plan: Callable[[Finding, Alias], str]) -> str:
+    """How to tell doubtful findings from what looks like them."""
+    for finding in doubtful:
+        cause = finding.effect
+        alike, other = next(((a, a.effect) for a in finding.aliases if a.effect is not None), (None, None))
+        if alike is None or other is None:
+            continue
+        if cause.refitted or other.refitted:  # so that no plan can split it from another
+            return f"measure more records, at other postures, to tell {finding.label} from {alike.label}"
+        if other.cause in cause.contained_in and other.place == cause.place:
+            return (
+                f"measure more records with joint {finding.joint} spread evenly over its range: they show whether "
+                f"{finding.label} is all that depends on its angle"
+            )
+        return plan(finding, alike)
+    first = doubtful[0]
+    on = first.aliases[0].label if first.aliases else "all that was recorded"
+    return (
+        f"to tell {first.label} from anything else that depends on {on}, {_otherwise((on,))}, and repeat some records "
+        "with all alike"
+    )
+
+
 def _off(finding: Finding) -> str:
     """Where the records put a seat."""
     values = ", ".join(f"{value:.3f}" for value, _ in finding.parameters.values())
-    seat = getattr(finding.effect, "seat", "")
-    return f"{seat} is, which these records put at its stated place + ({values}) mm"
+    return f"{finding.effect.place} is, which these records put at its stated place + ({values}) mm"
 
 
 def _otherwise(depends_on: Sequence[str]) -> str:

@@ -43,15 +43,26 @@ class Projection:
 
     Attributes:
         gram: inner products, prior rows included.
-        blocks: all blocks.
-        nuisances: number of nuisance columns.
         admitted: numbers of the admitted blocks.
     """
 
     gram: Gram
-    blocks: tuple[Block, ...]
-    nuisances: int
     admitted: tuple[int, ...]
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """All blocks."""
+        return self.gram.products.design.blocks
+
+    @property
+    def nuisances(self) -> int:
+        """Number of nuisance columns."""
+        return self.gram.products.design.nuisances
+
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom of χ²."""
+        return self.gram.free - self.determined
 
     @cached_property
     def refitted(self) -> Index:

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.calibration.calibrated_arm import origins
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.problem import Problem, geometric_parameters
-from aacmm_pin.diagnosis.forward_selection import conditional
+from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.effects import Effect
 
@@ -93,11 +91,12 @@ def moved_geometry(choice: Choice) -> pd.DataFrame:
         p_value (two-sided, times the number of values that are judged); those that count, strongest first.
     """
     problem = choice.fit.problem
-    left = conditional(choice.question, choice.gram, choice.admitted)
+    left = choice.left
     own = choice.design.nuisances
-    stays = sum(len(e.terms) for e in problem.estimated[: len(problem.estimated) - choice.design.taken_out])
+    taken_out = choice.design.taken_out
+    stays = problem.vector.slices[-taken_out].start if taken_out else problem.vector.size
     scales = choice.design.scales[:own]
-    x = dict(zip(choice.design.kept.tolist(), scales * left.solution()[:own], strict=True))
+    x = dict(zip(choice.design.kept.tolist(), scales * left.projection.solution()[:own], strict=True))
     u = dict(zip(choice.design.kept.tolist(), scales * np.sqrt(np.diag(left.covariance)[:own]), strict=True))
     rows = [
         {
@@ -123,9 +122,8 @@ def moved_geometry(choice: Choice) -> pd.DataFrame:
 
 def _judged(problem: Problem) -> Iterator[tuple[int, Effect, str, float]]:
     """Number, cause, name and value before of each geometric value whose uncertainty is stated."""
-    before, first = origins(problem), 0
-    for effect in problem.estimated:
-        own = range(first, first + len(effect.terms))
-        first = own.stop
-        if geometric_parameters(problem.model.arm, effect):
-            yield from ((i, effect, problem.parameters[i].name, float(before[i])) for i in own if problem.stated[i])
+    vector = problem.vector
+    for effect, own in vector:
+        for i in range(own.start, own.stop):
+            if problem.stated[i] and vector.of_arm[i] is not None:
+                yield i, effect, vector.names[i], float(vector.origins[i])

@@ -11,15 +11,17 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.shown import Shown, drawn
+from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import MM
+from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.diagnosis.cross_validation import Brought, Gain, rms
+from aacmm_pin.diagnosis.cross_validation import Brought, Gain
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
-from aacmm_pin.effects import Effect, JointErrorCurve
+from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.labels import probability, values_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,11 +71,10 @@ class Finding(Shown):
         return self.effect.label
 
     def __str__(self) -> str:
-        few = self.parameters if len(self.parameters) <= 8 else {}
-        values = ", ".join(f"{k} = {v:.3g} ± {2 * u:.1g}" for k, (v, u) in few.items())
-        if isinstance(self.effect, JointErrorCurve):
-            values = "waves per turn: " + ", ".join(f"{n:.3g} ({a:.2g} rad)" for n, a in self.effect.spectrum()[:4])
-        return f"{self.label} (probability {self.probability:.3f}{', ' + values if values else ''})"
+        values = values_in_words(self.effect, self.parameters)
+        if (waves := self.effect.spectrum()) is not None:
+            values = "waves per turn: " + ", ".join(f"{n:.3g} ({a:.2g} rad)" for n, a in waves[:4])
+        return f"{self.label} (probability {probability(self.probability)}{', ' + values if values else ''})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +113,10 @@ class Diagnosis(Shown):
     next_measurements: str
     visible: tuple[int, int]
     notes: tuple[str, ...]
+
+    def cause(self, label: str) -> Effect | None:
+        """The cause that a label of this result names, as it was tried first; None for a covariate."""
+        return next((c.variants[0] for c in self.choice.library if c.label == label), None)
 
     @property
     def converged(self) -> bool:
@@ -202,7 +207,7 @@ class Diagnosis(Shown):
         Raises:
             UnknownNameError, AacmmError: see :func:`aacmm_pin.report.plots.plot_diagnosis`.
         """
-        return drawn("plot_diagnosis", self, what, ax)
+        return report().plots.plot_diagnosis(self, what, ax)
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
@@ -219,15 +224,19 @@ def _finding(finding: Finding) -> dict[str, Any]:
         else {"gain": finding.brought.gain, "gain_ci95": list(finding.brought[1:])},
         "parameters": _with_u(finding.parameters),
         "inner": _with_u(finding.inner),
-        "aliases": [
-            {
-                "cause": a.label.split(":")[0],
-                "joint": _place(a.label),
-                "correlation": a.correlation,
-                "probability": a.probability,
-            }
-            for a in finding.aliases
-        ],
+        "aliases": [_alias(a) for a in finding.aliases],
+    }
+
+
+def _alias(alias: Alias) -> dict[str, Any]:
+    effect = alias.effect
+    site = None if effect is None else effect.site()
+    return {
+        "cause": alias.label if effect is None else effect.cause,
+        "joint": None if effect is None else effect.row,
+        **({site: effect.place} if effect is not None and site not in (None, "joint") else {}),
+        "correlation": alias.correlation,
+        "probability": alias.probability,
     }
 
 
@@ -236,18 +245,12 @@ def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, fl
 
 
 def _spectrum(effect: Effect) -> dict[str, Any]:
-    if not isinstance(effect, JointErrorCurve):
-        return {}
-    return {"spectrum": [{"order": order, "amplitude_rad": size} for order, size in effect.spectrum()]}
+    waves = effect.spectrum()
+    return {} if waves is None else {"spectrum": [{"order": order, "amplitude_rad": size} for order, size in waves]}
 
 
 def _inner_fields(effect: Effect) -> list[str]:
     return [name for name in effect.structure() if name not in ("joint", "bodies") and getattr(effect, name) is not None]
-
-
-def _place(label: str) -> int | str | None:
-    place = label.split(":", 1)[1] if ":" in label else ""
-    return int(place) if place.isdigit() else place or None
 
 
 def _held_out(gain: Gain) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -12,9 +13,10 @@ from aacmm_pin._support.distributions import chi2_sf, f_sf
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
-from aacmm_pin.diagnosis.forward_selection import Question, conditional
-from aacmm_pin.diagnosis.gram_matrix import Gram
+from aacmm_pin.diagnosis.forward_backward_selection import Question
 from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.diagnosis.nuisance_projection import Projection
+from aacmm_pin.effects import Effect
 
 DRAWS = 400
 """Draws of records with nothing hidden, for the distribution of the largest evidence."""
@@ -41,12 +43,14 @@ class Alias(Shown):
         correlation: largest canonical correlation of the two causes' columns, geometry refitted.
         probability: of this cause in the finding's place.
         block: number of its columns in the diagnosis's design.
+        effect: the cause; None for a covariate.
     """
 
     label: str
     correlation: float
     probability: float
     block: int = -1
+    effect: Effect | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,23 +89,21 @@ class Place:
     own: int
 
     @staticmethod
-    def of(question: Question, gram: Gram, admitted: tuple[int, ...], block: int) -> Place:
-        """The place of one of the admitted blocks, by the scatter that is left beside all of them."""
-        rest = tuple(other for other in admitted if other != block)
-        whole = conditional(question, gram, admitted)
-        left = Conditional(gram, question.blocks, question.nuisances, rest, whole.variance, whole.dof)
-        out = question.struck_out(rest)
-        evidences = np.array([-np.inf if question.owner(i) in out else e for i, e in enumerate(left.evidences)])
-        odds = question.log_prior + question.per_candidate(evidences)
-        return Place(left, odds, np.exp(odds - logsumexp([*odds, 0.0])), question.owner(block))
+    def of(choice: Choice, whole: Conditional, block: int) -> Place:
+        """The place of one of the blocks that were admitted in ``whole``, by the scatter that is left beside all of them."""
+        rest = tuple(other for other in whole.projection.admitted if other != block)
+        left = Conditional(Projection(choice.gram, rest), whole.variance, whole.dof)
+        return Place._of(choice.question, left, choice.question.owner(block), choice.question.struck_out(rest))
 
     @staticmethod
-    def beside(question: Question, gram: Gram, admitted: tuple[int, ...], own: int) -> Place:
+    def beside(choice: Choice, own: int) -> Place:
         """A place beside all that were admitted, for which the candidate ``own`` competes with all others."""
-        left = conditional(question, gram, admitted)
-        out = question.struck_out(admitted) - {own}
-        evidences = np.array([-np.inf if question.owner(i) in out else e for i, e in enumerate(left.evidences)])
-        odds = question.log_prior + question.per_candidate(evidences)
+        left = choice.left
+        return Place._of(choice.question, left, own, choice.question.struck_out(choice.admitted) - {own})
+
+    @staticmethod
+    def _of(question: Question, left: Conditional, own: int, struck_out: frozenset[int]) -> Place:
+        odds = question.odds(question.without(struck_out, left.evidences))
         return Place(left, odds, np.exp(odds - logsumexp([*odds, 0.0])), own)
 
     @property
@@ -110,16 +112,8 @@ class Place:
         return float(self.shares[self.own])
 
 
-def strengths(
-    question: Question,
-    gram: Gram,
-    admitted: tuple[int, ...],
-    causes: int,
-    names: tuple[str, ...],
-    excess: float,
-    rng: np.random.Generator,
-) -> list[Strength]:
-    """Of each admitted block, the others held in place; the first ``causes`` candidates are causes of the library.
+def strengths(choice: Choice, excess: float, rng: np.random.Generator) -> list[Strength]:
+    """Of each admitted block, the others held in place.
 
     ``excess`` is by how much χ² is larger than the stated noise explains, where structure is left that nothing has.
 
@@ -127,23 +121,24 @@ def strengths(
     by the chance that as many directions of the structure look as strong (F test of the two mean squares, times the
     number of candidates that have as many).
     """
-    places = {k: Place.of(question, gram, admitted, k) for k in admitted}
-    structure = [_energy(places[k].left, question.blocks[k]) for k in admitted if question.owner(k) >= causes]
-    structure += [(excess, UNSEEN)] if excess > 0.0 else []
+    question, causes = choice.question, choice.design.causes
+    places = {k: Place.of(choice, choice.left, k) for k in choice.admitted}
+    ratios = {k: Ratio.of(place.left, question.blocks[k]) for k, place in places.items()}
+    structure = [ratio for k, ratio in ratios.items() if question.owner(k) >= causes]
+    structure += [Ratio(excess, UNSEEN)] if excess > 0.0 else []
     found = []
     for k, place in places.items():
-        chance = 0.0
+        chance, block = 0.0, question.blocks[k]
         if structure and question.owner(k) < causes:
-            own, q = score(place.left, question.blocks[k]), question.blocks[k].size
-            alike = len({b.candidate for b in question.blocks if b.size >= q})
-            chance = min(1.0, alike * max(_as_strong(own, q, *one) for one in structure))
+            alike = len({b.candidate for b in question.blocks if b.size >= block.size})
+            chance = min(1.0, alike * max(_as_strong(ratios[k].value, block.size, *one) for one in structure))
         found.append(
             Strength(
                 k,
                 place.probability * (1.0 - chance),
                 family_wise(question, place.left, float(place.odds[place.own]), k, rng),
-                retained(place.left, question.blocks[k]),
-                tuple(aliases_of(question, place, k, names)),
+                retained(place.left, block),
+                tuple(aliases_of(choice, place, k)),
             )
         )
     return found
@@ -156,10 +151,10 @@ def family_wise(question: Question, left: Conditional, observed: float, block: i
     the gradients of residuals that are noise alone.
     """
     b = question.blocks[block]
-    bound = len(question.blocks) * float(chi2_sf(score(left, b), b.size))
+    bound = len(question.blocks) * float(chi2_sf(Ratio.of(left, b).value, b.size))
     if bound < 1 / DRAWS:
         return bound
-    drawn = left.gradients(left.gram.products.drawn(DRAWS, rng)) * np.sqrt(left.variance)
+    drawn = left.gradients(left.projection.gram.products.drawn(DRAWS, rng)) * np.sqrt(left.variance)
     per_block = np.stack([evidence_of(left.information(b)[None], drawn[b.columns][None])[0] for b in question.blocks])
     owners, first, variants = np.unique([b.candidate for b in question.blocks], return_index=True, return_counts=True)
     each = np.logaddexp.reduceat(per_block, first, axis=0) + (question.log_prior[owners] - np.log(variants))[:, None]
@@ -167,15 +162,23 @@ def family_wise(question: Question, left: Conditional, observed: float, block: i
     return min((reached + 1) / (DRAWS + 1), max(bound, 1 / (DRAWS + 1)), 1.0)
 
 
-def score(left: Conditional, block: Block) -> float:
-    """Likelihood ratio of a block: at most χ² with as many degrees as it has columns when it is not there.
+class Ratio(NamedTuple):
+    """Likelihood ratio of a block, and over how many directions it is spread: ``(Σ e)² / Σ e²``."""
 
-    Its parameters are known to within the largest magnitudes that its evidence averages over. Else columns of which the
-    records tell next to nothing would explain everything: an arm that shrinks to a point meets every unknown seat.
-    """
-    values, vectors = np.linalg.eigh(left.information(block))
-    along = vectors.T @ left.gradient[block.columns]
-    return float(np.sum(along**2 / (np.maximum(values, 0.0) + 1.0 / MAGNITUDES.max() ** 2)))
+    value: float
+    directions: float
+
+    @staticmethod
+    def of(left: Conditional, block: Block) -> Ratio:
+        """At most χ² with as many degrees as the block has columns when it is not there.
+
+        Its parameters are known to within the largest magnitudes that its evidence averages over. Else columns of which the
+        records tell next to nothing would explain everything: an arm that shrinks to a point meets every unknown seat.
+        """
+        values, vectors = np.linalg.eigh(left.information(block))
+        each = np.square(vectors.T @ left.gradient[block.columns])
+        each /= np.maximum(values, 0.0) + 1.0 / MAGNITUDES.max() ** 2
+        return Ratio(float(each.sum()), float(each.sum() ** 2 / max(np.square(each).sum(), 1e-300)))
 
 
 def _as_strong(own: float, q: int, energy: float, size: float) -> float:
@@ -184,23 +187,18 @@ def _as_strong(own: float, q: int, energy: float, size: float) -> float:
     return float(f_sf((own / taken) / (energy / size), taken, size))
 
 
-def _energy(left: Conditional, block: Block) -> tuple[float, float]:
-    """Likelihood ratio of a block, and over how many directions it is spread: ``(Σ e)² / Σ e²``."""
-    values, vectors = np.linalg.eigh(left.information(block))
-    each = np.square(vectors.T @ left.gradient[block.columns]) / (np.maximum(values, 0.0) + 1.0 / MAGNITUDES.max() ** 2)
-    return float(each.sum()), float(each.sum() ** 2 / max(np.square(each).sum(), 1e-300))
-
-
 def retained(left: Conditional, block: Block) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β."""
     information = left.information(block)
+    whole = left.projection.gram.inside(block) / left.variance
     step = np.asarray(np.linalg.lstsq(information, left.gradient[block.columns], rcond=1e-10)[0])
-    kept, size = (float(step @ matrix @ step) for matrix in (information, left.whole(block)))
+    kept, size = (float(step @ matrix @ step) for matrix in (information, whole))
     return float(np.sqrt(max(kept, 0.0) / size)) if size > 0 else 0.0
 
 
-def aliases_of(question: Question, place: Place, k: int, names: tuple[str, ...]) -> list[Alias]:
+def aliases_of(choice: Choice, place: Place, k: int) -> list[Alias]:
     """The candidates that compete with block ``k`` for its place, most probable first."""
+    question, names, library = choice.question, choice.design.names, choice.library
     own, left, shares = place.own, place.left, place.shares
     found = []
     for candidate, block in enumerate(question.best_blocks(left.evidences)):
@@ -208,7 +206,8 @@ def aliases_of(question: Question, place: Place, k: int, names: tuple[str, ...])
             continue
         correlation = canonical(left, question.blocks[k], question.blocks[block])
         if shares[candidate] > WORTH_LISTING or correlation > SAME:
-            found.append(Alias(names[candidate], correlation, float(shares[candidate]), block))
+            effect = library[candidate].variants[0] if candidate < len(library) else None
+            found.append(Alias(names[candidate], correlation, float(shares[candidate]), block, effect))
     found.sort(key=lambda alias: (-alias.probability, -alias.correlation))
     return found[:ALIASES]
 
@@ -226,14 +225,15 @@ def canonical(left: Conditional, one: Block, other: Block) -> float:
     return float(min(np.linalg.svd(cross, compute_uv=False)[0], 1.0))
 
 
-def look_alikes(question: Question, gram: Gram, names: tuple[str, ...], causes: int) -> list[tuple[str, str]]:
+def look_alikes(choice: Choice) -> list[tuple[str, str]]:
     """Pairs of causes of usual size that these records would not tell apart, though they would show each of them.
 
     With one of them true at its typical size β, the other can take up all but ``T = min ‖G_k β - G_l β_l‖²`` of what it
     does; the expected difference of their log evidences is about T/2, which is to be the log odds of :data:`TOLD`.
     """
-    left = Conditional(gram, question.blocks, question.nuisances, ())
-    alone = np.bincount(question.owners, minlength=question.candidates) == 1
+    question, names, causes = choice.question, choice.design.names, choice.design.causes
+    left = Conditional(Projection(choice.gram, ()))
+    alone = np.bincount(question.owners, minlength=len(names)) == 1
     single = [k for k, owner in enumerate(question.owners) if owner < causes and alone[owner]]
     informations = {k: left.information(question.blocks[k]) for k in single}
     shown = [k for k in single if np.trace(informations[k]) >= SHOWS * len(informations[k])]
@@ -259,8 +259,7 @@ def visible(choice: Choice) -> tuple[int, int]:
     A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least :data:`SHOWS`; more where
     the noise comes from the same records and few degrees of freedom, so that Student's evidence is as large.
     """
-    left = Conditional(choice.gram, choice.question.blocks, choice.question.nuisances, ())
-    dof = conditional(choice.question, choice.gram, choice.admitted).dof
+    left, dof = Conditional(Projection(choice.gram, ())), choice.left.dof
     least = dof * np.expm1(SHOWS / max(dof, 1.0)) if np.isfinite(dof) else SHOWS
     best: dict[int, float] = {}
     for block in choice.design.blocks:

@@ -10,13 +10,12 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.shown import Shown
+from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design_matrix import Design
-from aacmm_pin.diagnosis.forward_selection import conditional
 from aacmm_pin.diagnosis.model_extension import Choice
-from aacmm_pin.diagnosis.outlier_groups import OddGroup, odd_groups
-from aacmm_pin.diagnosis.significance import Strength, score
+from aacmm_pin.diagnosis.significance import Ratio, Strength
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +59,8 @@ def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None) ->
 
 def _any_structure(choice: Choice) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
-    left = conditional(choice.question, choice.gram, choice.admitted)
     blocks = [b for b in choice.design.blocks if b.candidate >= choice.design.causes]
-    each = [float(chi2_sf(score(left, b), b.size)) for b in blocks]
+    each = [float(chi2_sf(Ratio.of(choice.left, b).value, b.size)) for b in blocks]
     return min(1.0, len(each) * min(each, default=1.0))
 
 
@@ -74,15 +72,13 @@ def _way(choice: Choice, block: int) -> Carried:
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
     """The smooth correction over a covariate, record by record, and what the records say of it."""
     design, way = choice.design, _way(choice, block)
-    left = conditional(choice.question, choice.gram, choice.admitted)
-    columns = design.blocks[block].columns
+    left, columns = choice.left.projection, design.blocks[block].columns
     step = left.solution()[np.isin(left.refitted, np.arange(columns.start, columns.stop))]
     count = len(way.quantities)
     # Each function has one column for each quantity; the first function is the constant where there is one.
     sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
     axes = _axes(design, columns, way, count)
-    off = design.tips + design.jacobian[:, :, left.refitted] @ left.solution()
-    off -= choice.fit.observations.targets(choice.fit.solution.point.seats)
+    off = choice.tips - choice.fit.observations.targets(choice.fit.solution.point.seats)
     each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
     covariate = choice.others[design.blocks[block].candidate - design.causes]
     table = covariate.values.copy()

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
-from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
+from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, about_axis, twist
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import SHORT, Tube
@@ -31,7 +33,8 @@ class JointCompliance(GravityEffect):
     joint: int
     torque: Literal["gravity", "measured"] = "gravity"
     cause: ClassVar[str] = "joint_compliance"
-    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 2e-5, "compliance_rad_per_nm")
+    words: ClassVar[str] = "compliance under gravity"
+    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 2e-5, "compliance_rad_per_nm", positive=True)
 
     def __post_init__(self) -> None:
         """Check the origin of the torque."""
@@ -40,6 +43,31 @@ class JointCompliance(GravityEffect):
             raise AacmmError(f"{self.label}: torque is {self.torque!r}, expected 'gravity' or 'measured'")
         if self.torque == "measured" and self.bodies:
             raise AacmmError(f"{self.label}: a measured torque needs no bodies, expected one or the other")
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Every joint that turns: by measured torques, else by known masses, else by unknown ones, where all beyond turn."""
+        rows = arm.chain.moving_rows()
+        for number, row in enumerate(rows):
+            slides = arm.chain.prismatic[number:]
+            if slides[0] or (arm.masses is None and slides.any()):
+                continue  # no angle that a torque could turn; and unknown masses beyond a slide have no constant lever
+            if records is not None and records.conditions.torque is not None:
+                yield (cls(row, torque="measured"),)
+            elif arm.masses is not None:
+                yield (cls(row),)
+            elif records is not None:
+                yield (cls(row, bodies=tuple(rows[number:])),)
+
+    @property
+    def load(self) -> str:
+        """The moment of the weight, or what holds it."""
+        return "minus the measured torque" if self.torque == "measured" else "moment of the weight about the axis"
+
+    @classmethod
+    def completed(cls, structure: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
+        """By measured torques, where the records have them."""
+        return ({"torque": "measured"} if "torque" in present else {}) | dict(structure)
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -75,7 +103,10 @@ class BearingTilt(GravityEffect):
 
     joint: int
     cause: ClassVar[str] = "bearing_tilt"
-    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm")
+    words: ClassVar[str] = "bearing tilt under gravity"
+    load: ClassVar[str] = "moment of the weight across the axis"
+    usual: ClassVar[float] = 0.2
+    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment without its part about the axis."""
@@ -97,12 +128,12 @@ class TorsionalWindup(Effect):
 
     link: int
     cause: ClassVar[str] = "torsional_windup"
+    words: ClassVar[str] = "torsional wind-up"
+    place_words: ClassVar[str] = "tube"
+    load: ClassVar[str] = "moment of the weight about the tube"
+    usual: ClassVar[float] = 0.2
     elastic: ClassVar[bool] = True
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The torsional flexibility."""
-        return (Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm"),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """A turn at the end of the tube."""
@@ -124,12 +155,11 @@ class LinkBending(Effect):
 
     link: int
     cause: ClassVar[str] = "link_bending"
+    words: ClassVar[str] = "bending"
+    place_words: ClassVar[str] = "tube"
+    load: ClassVar[str] = "bending load of the tube"
     elastic: ClassVar[bool] = True
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The flexibility 1/EI."""
-        return (Term("", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2"),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Slope and sag at the end of the tube."""
@@ -160,12 +190,16 @@ class Counterbalance(Effect):
 
     joint: int
     cause: ClassVar[str] = "counterbalance"
+    words: ClassVar[str] = "counterbalance error"
+    load: ClassVar[str] = "horizontal part of the body"
+    usual: ClassVar[float] = 0.2
     elastic: ClassVar[bool] = True
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "level_turn_rad"),)
 
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The turn of a level body."""
-        return (Term("", "rad", 1e-4, "level_turn_rad"),)
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """The second joint, which lifts the arm."""
+        yield from ((cls(row),) for row in arm.chain.moving_rows()[1:2])
 
     def displacements(self, state: State) -> list[Displacement]:
         """The horizontal part of the body across the axis."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from numbers import Integral
-from typing import Any, ClassVar, Self, get_type_hints
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +16,27 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.units import DEG, MM, prefixed
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.parameter import Parameter, Scope
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.state import State
+from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError, UnknownNameError
+
+PLACES = {"joint": "joint", "link": "link", "seat": "seat", "marker": "target"}
+"""Fields that say where a cause sits, and what people call such a place."""
+UNIT_OF_KEY = re.compile(r"_(rad|deg|mm|um|m|s|k|kg|n|nm)?(_?per_\w+)?$")
+"""What a key of a file ends with."""
+
+
+class Reading(NamedTuple):
+    """How people read a value of a file: what they call it, in which unit, and how many of these make one of the file's."""
+
+    name: str
+    unit: str
+    factor: float
 
 
 @dataclass(frozen=True)
@@ -30,6 +49,9 @@ class Term:
         typical: usual magnitude on a measuring arm of 1 to 2.5 m [unit].
         key: how files write it, with their unit.
         scale: one of the file's units in SI.
+        read_in: the unit in which people read it, and one of it in SI; None for the SI unit with the prefix that makes
+            ``typical`` a number of few digits.
+        positive: True where nature has it above zero only.
     """
 
     name: str
@@ -37,6 +59,35 @@ class Term:
     typical: float
     key: str
     scale: float = 1.0
+    read_in: tuple[str, float] | None = None
+    positive: bool = False
+
+    @property
+    def unit_read(self) -> tuple[str, float]:
+        """The unit in which people read it, and one of it in SI."""
+        return self.read_in or prefixed(self.unit, self.typical)
+
+    @property
+    def reading(self) -> Reading:
+        """How people read it."""
+        unit, size = self.unit_read
+        return Reading((UNIT_OF_KEY.sub("", self.key) or self.key).replace("_", " "), unit, self.scale / size)
+
+
+class Records(Protocol):
+    """What a cause may ask of records, to say where it could sit: :class:`aacmm_pin.Measurements` are such."""
+
+    @property
+    def q(self) -> Array:
+        """Indications of the encoders (n, nq) [rad]."""
+
+    @property
+    def conditions(self) -> Conditions:
+        """What else is known of the records."""
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """True where the coordinates of the tip are known (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +108,8 @@ class Effect(Shown, ABC):
     """A physical cause of error with the values of its parameters.
 
     A subclass states its fields (which joint, which order, …), its :attr:`terms` and :meth:`displacements`; that is all
-    that prediction, calibration and diagnosis need. Where the physics is not linear it states :meth:`exact` too.
+    that prediction, calibration, diagnosis, plans and pages need. Where the physics is not linear it states :meth:`exact`
+    too. The rest has defaults, which a subclass may replace.
 
     Attributes:
         values: of the parameters, in the order of ``terms``; () means all zero [SI].
@@ -65,15 +117,36 @@ class Effect(Shown, ABC):
     """
 
     cause: ClassVar[str]
-    """Name of the cause."""
+    """Name of the cause in files and commands."""
+    words: ClassVar[str]
+    """What people call it; without it the name of the cause with spaces."""
+    place_words: ClassVar[str] = ""
+    """What people call the place where it sits; "" for joint, link, seat or target, as the field says."""
+    whole: ClassVar[str] = ""
+    """Words where it is of the whole arm, though it could sit at a place; "" for none."""
+    bins: ClassVar[int] = 18
+    """Into how many parts of what it depends on the records may be gathered in its picture."""
     elastic: ClassVar[bool] = False
     """True where the displacement depends on where the arm is, and so on all the other displacements."""
     of_reference: ClassVar[bool] = False
     """True where it is not the arm that is off but the coordinates it is compared with."""
+    refitted: ClassVar[bool] = False
+    """True for the set-up that every calibration fits: geometry, tip and reference frame. It is a cause only beyond that."""
+    usual: ClassVar[float] = 1.0
+    """How usual it is beside others, before anything was seen: the weight of its prior probability."""
+    contained_in: ClassVar[tuple[str, ...]] = ()
+    """Names of the freer causes that can be this one too, at the same place; the two do not stand beside each other."""
+    inner: ClassVar[tuple[str, ...]] = ()
+    """Fields that records tell (order, time, …): a candidate tries several values of them, and a key has them."""
     scope: ClassVar[Scope] = "arm"
 
     values: tuple[float, ...] = ()
     u: tuple[float, ...] = ()
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "cause" in vars(cls) and "words" not in vars(cls):
+            cls.words = str(cls.cause).replace("_", " ")
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -96,6 +169,15 @@ class Effect(Shown, ABC):
         return ()
 
     @property
+    def load(self) -> str:
+        """Words for what the displacement is proportional to, where that is neither an angle nor a column of the records.
+
+        They label the axis of its picture; the unit there is that of the displacement over that of the one parameter:
+        ``N·m`` for rad by rad/(N·m).
+        """
+        return "load"
+
+    @property
     @abstractmethod
     def terms(self) -> tuple[Term, ...]:
         """The parameters."""
@@ -113,6 +195,11 @@ class Effect(Shown, ABC):
         """(n,) True for the records in which the effect is known; here: all of them."""
         return np.ones(state.n, dtype=bool)
 
+    @property
+    def known_where(self) -> str:
+        """Words for the range in which it is known, after a comma; "" for everywhere."""
+        return ""
+
     def exact(self, state: State) -> list[tuple[int, Array]]:
         """Displacements at the values, place and twist (n, 6), by exact physics; here: the linear ones."""
         return [(d.place, d.columns @ np.array(self.values)) for d in self.displacements(state)]
@@ -122,27 +209,138 @@ class Effect(Shown, ABC):
         """Names of the fields that say which one it is: ``joint``, ``order``, …"""
         return tuple(f.name for f in fields(cls) if f.name not in ("values", "u"))
 
-    def inner_widths(self) -> dict[str, float]:
-        """Fields with a continuous value that records may tell, and how far off each may be before they do."""
-        return {}
+    @classmethod
+    def site(cls) -> str | None:
+        """The field that says where it sits: ``joint``, ``link``, ``seat`` or ``marker``; None for the whole arm."""
+        return next((name for name in PLACES if name in cls.structure()), None)
+
+    @property
+    def place(self) -> int | str | None:
+        """Number of the joint or link, or label of the seat or target, where it sits; None for the whole arm."""
+        name = self.site()
+        return None if name is None else getattr(self, name)
 
     @property
     def label(self) -> str:
         """The cause and where it sits, such as ``encoder_gain:5``."""
-        where = next((getattr(self, name) for name in ("joint", "link", "seat", "marker") if hasattr(self, name)), None)
-        return self.cause if where is None else f"{self.cause}:{where}"
+        return self.cause if self.place is None else f"{self.cause}:{self.place}"
 
     @property
     def key(self) -> str:
         """The label with what tells several of one cause at one place apart: ``joint_periodic_error:6,order=7``."""
-        inner = [f"{n}={getattr(self, n):g}" for n in ("order", "time_s", "time_constant_s") if hasattr(self, n)]
-        return ",".join([self.label, *inner])
+        return ",".join([self.label, *(f"{name}={getattr(self, name):g}" for name in self.inner)])
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """Which cause it is and where it sits, with all fields, whatever its values are."""
+        return (self.cause, *(getattr(self, name) for name in self.structure()))
 
     @property
     def row(self) -> int | None:
         """The DH row it belongs to; None for causes of the whole arm."""
-        where = getattr(self, "joint", getattr(self, "link", None))
-        return None if where is None else int(where)
+        return int(self.place) if self.place is not None and self.site() in ("joint", "link") else None
+
+    @property
+    def corrects_seat(self) -> bool:
+        """Whether it is the stated place of a seat that is off."""
+        return self.of_reference and self.site() == "seat"
+
+    def inner_in_words(self) -> list[str]:
+        """What the records tell of its inner fields, for people."""
+        return [f"{name.replace('_', ' ')} {getattr(self, name):.4g}" for name in self.inner]
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Where on an arm the cause could sit: one for each place, each with the values of :attr:`inner` to try.
+
+        Here: the whole arm once, if no place need be named; every joint, every tube (a body longer than 0.15 m), every seat
+        that was touched twice, every target, as the field says; but for places where :meth:`displacements` raises an
+        :class:`AacmmError`: no such row, no masses, no such column in the records. A class with more fields that have no
+        default states its own; without that it has no candidates.
+
+        Args:
+            arm: the arm.
+            records: as far as they show the cause; None for whatever could be recorded.
+        """
+        if any(f.default is MISSING and f.name != cls.site() for f in fields(cls)):
+            return
+        site = cls.site()
+        # A field with a default is an attribute of the class.
+        whole: list[dict[str, Any]] = [{}] if site is None or hasattr(cls, site) else []
+        for place in [*whole, *_places(site, arm, records)]:
+            effect = cls(**place)
+            if effect._shows(arm, records):
+                yield (effect,)
+
+    def _shows(self, arm: Arm, records: Records | None) -> bool:
+        if records is None and self.needs:
+            return True
+        conditions = Conditions(1) if records is None else records.conditions.take([0])
+        q = np.zeros((1, arm.nq)) if records is None else records.q[:1]
+        try:
+            self.displacements(State(arm, q, conditions, arm.chain.tip))
+        except AacmmError:
+            return False
+        return True
+
+    def refined(self, records: Records) -> list[Self]:
+        """The same with inner values near those that were found, in their order; here: itself."""
+        return [self]
+
+    @property
+    def exceptional(self) -> bool:
+        """Whether its inner value is one that machines are made with, and so likelier than those near it."""
+        return False
+
+    def inner_widths(self) -> dict[str, float]:
+        """Fields with a continuous value in which the cause is smooth, and how far off each may be before records tell."""
+        return {}
+
+    @classmethod
+    def completed(cls, structure: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
+        """The fields that a person typed, with those that the arm and the conditions ``present`` in the records give."""
+        return dict(structure)
+
+    @property
+    def settling_time(self) -> float | None:
+        """Time from switching on over which it changes [s]; None for a cause that has none."""
+        return None
+
+    @property
+    def period(self) -> float | None:
+        """Period over the angle of its joint, where its picture is folded into one [rad]; None for the whole range."""
+        return None
+
+    def spectrum(self) -> list[tuple[float, float]] | None:
+        """Orders [per turn] and amplitudes [rad] of the strongest waves of a free curve; None for others."""
+        return None
+
+    def is_of_angle(self, state: State) -> bool:
+        """Whether it is a function of the angle of its own joint alone."""
+        if self.elastic or self.needs or self.site() != "joint" or self.row is None:
+            return False
+        number = state.joint(self.row)
+        alone = np.zeros_like(state.q)
+        alone[:, number] = state.q[:, number]
+        whole, own = self.displacements(state), self.displacements(replace(state, q=alone))
+        return len(whole) == 1 and np.array_equal(whole[0].columns, own[0].columns)
+
+    def drawn_over(self, state: State) -> tuple[Array, str] | None:
+        """What it depends on in every record (n,), and the words and unit of that axis; None for its :attr:`load`."""
+        conditions = state.conditions
+        if "time" in self.needs:
+            return conditions.require("time", self.label) / 60.0, "time [min]"
+        if "temperature" in self.needs and conditions.temperature is not None:
+            return conditions.temperature, "temperature [°C]"
+        if "approach" in self.needs and self.row is not None:
+            return conditions.require("approach", self.label)[:, state.joint(self.row)], "direction of the last motion [1]"
+        if self.row is None or not self.is_of_angle(state):
+            return None
+        angle = state.angle(self.row)
+        if self.period is None:
+            return angle / DEG, f"joint {self.row} [°]"
+        words = f"joint {self.row}, folded into one period of {self.period / DEG:.4g}° [°]"
+        return np.mod(angle, self.period) / DEG, words
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters with their values and uncertainties."""
@@ -165,6 +363,10 @@ class Effect(Shown, ABC):
     def described(self) -> dict[str, float]:
         """The values as files and people write them."""
         return {t.key: value / t.scale for t, value in zip(self.terms, self.values, strict=True)}
+
+    def readings(self) -> dict[str, Reading]:
+        """How people read each of the described values."""
+        return {t.key: t.reading for t in self.terms}
 
     def described_jacobian(self) -> Array:
         """∂(described values)/∂(parameters), (described, p)."""
@@ -212,6 +414,30 @@ class Effect(Shown, ABC):
         return tuple(float(parameters.get(t.key, 0.0)) * t.scale for t in self.terms)
 
 
+def _places(site: str | None, arm: Arm, records: Records | None) -> list[dict[str, Any]]:
+    """The places where a cause with the field ``site`` could sit, as that field."""
+    found: list[Any] = []
+    if site == "joint":
+        found = arm.chain.moving_rows()
+    elif site == "link":
+        found = tubes(arm)
+    elif site is not None and records is not None:
+        labels = records.conditions.seat if site == "seat" else records.conditions.marker
+        touched = Counter(label for label in ([] if labels is None else labels) if label)
+        found = [label for label, count in touched.items() if site == "marker" or count > 1]
+    return [{str(site): place} for place in found]
+
+
+def shifts(typical: float) -> tuple[Term, ...]:
+    """Three shifts along x, y and z, in millimetres in files."""
+    return tuple(Term(name, "m", typical, f"{name}_mm", MM) for name in ("x", "y", "z"))
+
+
+def turns(typical: float) -> tuple[Term, ...]:
+    """Three turns about x, y and z."""
+    return tuple(Term(name, "rad", typical, f"{name}_rad") for name in ("rx", "ry", "rz"))
+
+
 def moved(state: State, displacement: Displacement) -> Array:
     """What a displacement does to the target: ``R (v + ω × r)``, r the target seen from the place: (n, 3, p)."""
     place, columns = displacement.place, displacement.columns
@@ -231,7 +457,12 @@ def about_axis(state: State, row: int, columns: Array) -> Displacement:
 
 
 def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
-    """Columns (n, 6, p) from their halves (n, 3, p), of which one may be missing."""
+    """Columns (n, 6, p) of a displacement, from shifts and turns in the axes of its place.
+
+    Args:
+        linear: shift per unit of each of p parameters (n, 3, p) [m/unit]; None for none.
+        angular: turn per unit of each (n, 3, p) [rad/unit]; None for none.
+    """
     given = linear if linear is not None else angular
     assert given is not None
     halves = [np.zeros_like(given) if half is None else half for half in (linear, angular)]

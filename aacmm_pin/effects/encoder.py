@@ -5,16 +5,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
+from aacmm_pin._support.units import DEG
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.random_postures import joint_bounds
+from aacmm_pin.effects.effect import Displacement, Effect, Reading, Records, Term, about_axis
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnknownNameError
 
@@ -22,23 +25,55 @@ SAMPLES = 4096
 """Points of a curve of which its spectrum is taken."""
 MOST_COEFFICIENTS = 1000
 """More of them than any joint has records for."""
+LEAST_SPREAD = 0.02
+"""A joint that moves less than this cannot show anything that depends on its angle [rad]."""
+ORDERS = (0.5, 1.5, 2.5, *(k / 2 for k in range(6, 21)), *(float(k) for k in range(11, 33)))
+"""Orders of a periodic error that are tried before the order is refined."""
+FINE = 15
+"""Steps in half an order in which an order is refined around the one that was tried."""
+SLIPS = 40
+"""Times of a slip that are tried, in quantiles of the records' times, besides the middle of every pause."""
+NEAR = 60
+"""Gaps between records around a time of a slip to which it is refined."""
+PAUSE = 5.0
+"""A pause is so many times longer than the median time between records."""
+CURVES = (24, 60)
+"""Numbers of coefficients per turn of a free curve that are tried, before they are doubled where that is better."""
+PER_COEFFICIENT = 2
+"""So many records for each coefficient of a curve, at least."""
 
 
 @dataclass(frozen=True)
-class _Periodic(Effect):
-    """``δ = A cos(kθ - φ)``, linear in ``A cos φ`` and ``A sin φ``; files and people say amplitude A and phase φ."""
+class _OfAngle(Effect):
+    """A function of the angle of one joint; a free curve can be it too."""
 
     joint: int
+    contained_in: ClassVar[tuple[str, ...]] = ("joint_error_curve",)
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Every joint that turns, by enough to show it."""
+        yield from ((cls(row),) for row, _ in _turning(arm, records))
+
+
+def _turning(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
+    """Rows whose joints turn by enough in the records, and the angles (n,); one whole turn without records."""
+    for number, row in enumerate(arm.chain.moving_rows()):
+        angle = np.array([-np.pi, np.pi]) if records is None else records.q[:, number]
+        if np.ptp(angle) >= LEAST_SPREAD and not arm.chain.prismatic[number]:
+            yield row, angle
+
+
+@dataclass(frozen=True)
+class _Periodic(_OfAngle):
+    """``δ = A cos(kθ - φ)``, linear in ``A cos φ`` and ``A sin φ``; files and people say amplitude A and phase φ."""
 
     @property
     def turns(self) -> float:
         """Order k: periods per turn."""
         raise NotImplementedError
 
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """Cosine and sine part."""
-        return (Term("cos", "rad", 1e-4, "cos_rad"), Term("sin", "rad", 1e-4, "sin_rad"))
+    terms: ClassVar[tuple[Term, ...]] = (Term("cos", "rad", 1e-4, "cos_rad"), Term("sin", "rad", 1e-4, "sin_rad"))
 
     @property
     def amplitude(self) -> float:
@@ -58,6 +93,10 @@ class _Periodic(Effect):
     def described(self) -> dict[str, float]:
         """Amplitude and phase."""
         return {"amplitude_rad": self.amplitude, "phase_rad": self.phase}
+
+    def readings(self) -> dict[str, Reading]:
+        """Amplitude and phase."""
+        return {"amplitude_rad": Reading("amplitude", "µrad", 1e6), "phase_rad": Reading("phase", "°", 1.0 / DEG)}
 
     def described_jacobian(self) -> Array:
         """∂(A, φ)/∂(A cos φ, A sin φ); of no meaning at A = 0, where there is no phase."""
@@ -86,11 +125,7 @@ class EncoderEccentricity(_Periodic):
     """
 
     cause: ClassVar[str] = "encoder_eccentricity"
-
-    @property
-    def turns(self) -> float:
-        """Once per turn."""
-        return 1.0
+    turns: ClassVar[float] = 1.0
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
         """The arcsine.
@@ -112,11 +147,8 @@ class EncoderEllipticity(_Periodic):
     """
 
     cause: ClassVar[str] = "encoder_ellipticity"
-
-    @property
-    def turns(self) -> float:
-        """Twice per turn."""
-        return 2.0
+    words: ClassVar[str] = "encoder ellipticity (twice per turn)"
+    turns: ClassVar[float] = 2.0
 
 
 @dataclass(frozen=True)
@@ -127,15 +159,43 @@ class JointPeriodicError(_Periodic):
     the covered range of the joint cannot tell them; beyond the sampling of the records, with its alias.
     """
 
-    joint: int
     order: float
     cause: ClassVar[str] = "joint_periodic_error"
+    words: ClassVar[str] = "periodic error"
+    inner: ClassVar[tuple[str, ...]] = ("order",)
 
     def __post_init__(self) -> None:
         """Check the order."""
         super().__post_init__()
         if not (np.isfinite(self.order) and self.order > 0):
             raise AacmmError(f"{self.label}: order is {self.order}, expected a number of periods per turn above zero")
+
+    def inner_in_words(self) -> list[str]:
+        """The order."""
+        return [f"{self.order:.4g} periods per turn"]
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Orders at every joint; what makes less than one period over the covered range is a gain or an offset."""
+        for row, angle in _turning(arm, records):
+            if orders := [order for order in ORDERS if order * np.ptp(angle) / (2 * np.pi) >= 1.0]:
+                yield tuple(cls(row, order) for order in orders)
+
+    def refined(self, records: Records) -> list[Self]:
+        """Orders up to half a period per turn away, and the nearest whole one."""
+        steps = self.order + np.linspace(-0.5, 0.5, 2 * FINE + 1)
+        orders = {round(float(order), 4) for order in (*steps, round(self.order)) if order > 0.3}
+        return [replace(self, order=order) for order in sorted(orders)]
+
+    @property
+    def exceptional(self) -> bool:
+        """A whole number of periods per turn is what teeth and gratings have."""
+        return self.order == round(self.order)
+
+    @property
+    def period(self) -> float | None:
+        """Waves of a higher order than the third are shown over one period; over a whole turn they would be a band."""
+        return 2 * np.pi / self.order if self.order > 3.0 else None
 
     def inner_widths(self) -> dict[str, float]:
         """The order; no record says that it is whole."""
@@ -160,6 +220,9 @@ class JointErrorCurve(Effect):
     upper_rad: float
     coefficients: int
     cause: ClassVar[str] = "joint_error_curve"
+    words: ClassVar[str] = "error curve"
+    usual: ClassVar[float] = 0.3
+    bins: ClassVar[int] = 72
 
     def __post_init__(self) -> None:
         """Check the range."""
@@ -169,6 +232,28 @@ class JointErrorCurve(Effect):
                 f"not {self.lower_rad}, {self.upper_rad}, {self.coefficients}"
             )
         super().__post_init__()
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Over the range that the records cover, with coarser and finer knots."""
+        for row, angle in _turning(arm, records) if records is not None else ():
+            margin = 1e-6 + 1e-3 * np.ptp(angle)
+            low, high = float(angle.min() - margin), float(angle.max() + margin)
+            counts = sorted({int(np.clip(round(per_turn * np.ptp(angle) / (2 * np.pi)), 8, 120)) for per_turn in CURVES})
+            if curves := tuple(cls(row, low, high, count) for count in counts if PER_COEFFICIENT * count <= len(angle)):
+                yield curves
+
+    def refined(self, records: Records) -> list[Self]:
+        """With twice as many knots, if there are records enough."""
+        counts = [self.coefficients, 2 * self.coefficients]
+        return [replace(self, values=(), u=(), coefficients=c) for c in counts if PER_COEFFICIENT * c <= len(records.q)]
+
+    @classmethod
+    def completed(cls, structure: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
+        """Over the range of the joint, where none is typed."""
+        rows = arm.chain.moving_rows()
+        low, high = joint_bounds(arm)[rows.index(structure["joint"])] if structure.get("joint") in rows else (-np.pi, np.pi)
+        return {"lower_rad": float(low) - 0.01, "upper_rad": float(high) + 0.01, "coefficients": CURVES[0]} | dict(structure)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -197,6 +282,12 @@ class JointErrorCurve(Effect):
         return np.asarray((angle >= self.lower_rad) & (angle <= self.upper_rad))
 
     @property
+    def known_where(self) -> str:
+        """The range in radians and degrees."""
+        low, high = self.lower_rad, self.upper_rad
+        return f", which is known from {low:g} to {high:g} rad ({low / DEG:g}° to {high / DEG:g}°)"
+
+    @property
     def _knots(self) -> Array:
         inner = np.linspace(self.lower_rad, self.upper_rad, self.coefficients - 2)
         return np.concatenate([np.full(3, self.lower_rad), inner, np.full(3, self.upper_rad)])
@@ -219,20 +310,15 @@ class JointErrorCurve(Effect):
 
 
 @dataclass(frozen=True)
-class EncoderGain(Effect):
+class EncoderGain(_OfAngle):
     """A turn of the joint is not a turn of the indication: ``δ = g θ``.
 
     A closed disc cannot have it; a belt, a gear or an interpolator can, and a wound cable looks like it. Unit 1 (rad/rad);
     typical 2e-5 to 4e-4. Needs no column. Confused with: slow harmonics where the joint covers part of a turn.
     """
 
-    joint: int
     cause: ClassVar[str] = "encoder_gain"
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The gain."""
-        return (Term("", "1", 1e-4, "gain"),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-4, "gain"),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The indication itself."""
@@ -251,6 +337,8 @@ class EncoderSlip(Effect):
     time_s: float
     cause: ClassVar[str] = "encoder_slip"
     needs: ClassVar[tuple[str, ...]] = ("time",)
+    inner: ClassVar[tuple[str, ...]] = ("time_s",)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "step_rad"),)
 
     def __post_init__(self) -> None:
         """Check the time."""
@@ -258,10 +346,30 @@ class EncoderSlip(Effect):
         if not np.isfinite(self.time_s):
             raise AacmmError(f"{self.label}: time_s is {self.time_s}, expected seconds")
 
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The step."""
-        return (Term("", "rad", 2e-4, "step_rad"),)
+    def inner_in_words(self) -> list[str]:
+        """The time."""
+        return [f"at {self.time_s / 60:.1f} min"]
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Times between records, and in every pause, when arms are handled."""
+        time = None if records is None else records.conditions.time
+        if time is None or np.ptp(time) == 0.0:
+            return
+        taken = np.unique(time)
+        between, gaps = (taken[1:] + taken[:-1]) / 2, np.diff(taken)
+        pauses = between[gaps > PAUSE * np.median(gaps)][:SLIPS]
+        spread = between[np.unique(np.linspace(0.04, 0.96, SLIPS) * (len(between) - 1)).astype(int)]
+        times = np.union1d(spread, pauses)
+        yield from (tuple(cls(row, float(t)) for t in times) for row in arm.chain.moving_rows())
+
+    def refined(self, records: Records) -> list[Self]:
+        """Every gap between records near it."""
+        time = records.conditions.time
+        times = np.unique(time) if time is not None else np.array([self.time_s])
+        between = np.concatenate([[times[0]], (times[1:] + times[:-1]) / 2])
+        near = np.argsort(np.abs(between - self.time_s))[:NEAR]
+        return [replace(self, time_s=float(t)) for t in np.sort(between[near])]
 
     def displacements(self, state: State) -> list[Displacement]:
         """One from the time on."""

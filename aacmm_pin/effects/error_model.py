@@ -13,11 +13,11 @@ from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm.arm import Arm, require_arm
-from aacmm_pin.arm.file import ArmFile, EffectEntry, load_arm_file
+from aacmm_pin.arm.file import ArmFile, EffectEntry, arm_text, load_arm_file
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.arm.text import arm_text
-from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.effects.causes import cause_named
 from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.effect import Effect
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
@@ -97,8 +97,10 @@ class ErrorModel(Shown):
 
     def check(self, effect: Effect, key: str, path: str) -> None:
         """Refuse an effect on a row that the arm does not have."""
-        if effect.row is not None and not 1 <= effect.row <= self.arm.chain.rows:
-            raise ArmFileError(path, key, f"{effect.label}: {self.arm.name} has rows 1 to {self.arm.chain.rows}")
+        try:
+            require_row(effect, self.arm)
+        except AacmmError as error:
+            raise ArmFileError(path, key, str(error)) from None
 
     def file(self) -> ArmFile:
         """The arm file of this model.
@@ -124,8 +126,8 @@ class ErrorModel(Shown):
 
     def with_effects(self, *effects: Effect) -> ErrorModel:
         """The model with more effects; one that sits where another of the same cause sits takes its place."""
-        new = {_identity(effect) for effect in effects}
-        return replace(self, effects=(*(e for e in self.effects if _identity(e) not in new), *effects))
+        new = {effect.identity for effect in effects}
+        return replace(self, effects=(*(e for e in self.effects if e.identity not in new), *effects))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -240,8 +242,15 @@ def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) ->
     return twists
 
 
-def _identity(effect: Effect) -> tuple[object, ...]:
-    return (effect.cause, *(getattr(effect, name) for name in effect.structure()))
+def require_row(effect: Effect, arm: Arm) -> Effect:
+    """The effect, if the arm has the row on which it sits.
+
+    Raises:
+        AacmmError: it has not.
+    """
+    if effect.row is not None and not 1 <= effect.row <= arm.chain.rows:
+        raise AacmmError(f"{effect.label}: {arm.name} has rows 1 to {arm.chain.rows}")
+    return effect
 
 
 def entry_of(effect: Effect) -> EffectEntry:
@@ -254,9 +263,11 @@ def entry_of(effect: Effect) -> EffectEntry:
 
 def _effect(entry: EffectEntry, path: str, number: int) -> Effect:
     key = f"effects[{number}]"
-    if entry.cause not in CAUSES:
-        raise ArmFileError(path, f"{key}.cause", str(UnknownNameError("cause", entry.cause, list(CAUSES))))
     try:
-        return CAUSES[entry.cause].from_description(entry.structure, entry.parameters, entry.uncertainty)
+        kind = cause_named(entry.cause)
+    except UnknownNameError as error:
+        raise ArmFileError(path, f"{key}.cause", str(error)) from None
+    try:
+        return kind.from_description(entry.structure, entry.parameters, entry.uncertainty)
     except (AacmmError, TypeError, ValueError) as error:
         raise ArmFileError(path, key, str(error)) from None

@@ -10,7 +10,7 @@ import numpy as np
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
-from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis
+from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, shifts, turns
 from aacmm_pin.effects.state import State
 
 
@@ -19,10 +19,11 @@ class _RowValue(Effect):
     """One value of a DH row; exact, because two screws about one axis commute."""
 
     joint: int
+    refitted: ClassVar[bool] = True
     component: ClassVar[int]
     """Of the twist at the place: 0, 2 shift along x, z; 3, 4, 5 turn about x, y, z."""
 
-    def place(self, state: State) -> int:
+    def _moved(self, state: State) -> int:
         """(d, θ) act on the row's axis; (a, α) behind the body in standard DH, before the axis in modified DH."""
         row = state.known_row(self.joint)
         if self.component in (2, 5):
@@ -34,7 +35,7 @@ class _RowValue(Effect):
         """A unit shift or turn."""
         columns = np.zeros((1, 6, 1))
         columns[:, self.component] = 1.0
-        return [Displacement(self.place(state), columns)]
+        return [Displacement(self._moved(state), columns)]
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,9 @@ class JointZeroOffset(_RowValue):
     """
 
     cause: ClassVar[str] = "joint_zero_offset"
+    words: ClassVar[str] = "zero offset"
     component: ClassVar[int] = 5
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The turn."""
-        return (Term("", "rad", 3e-4, "offset_rad"),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 3e-4, "offset_rad"),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """A unit of the joint's own motion; a row without a joint turns."""
@@ -68,12 +66,10 @@ class LinkLength(_RowValue):
     """
 
     cause: ClassVar[str] = "link_length"
+    words: ClassVar[str] = "length a"
+    usual: ClassVar[float] = 0.2
     component: ClassVar[int] = 0
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The shift."""
-        return (Term("", "m", 5e-5, "a_mm", MM),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 5e-5, "a_mm", MM),)
 
 
 @dataclass(frozen=True)
@@ -85,12 +81,10 @@ class JointDistance(_RowValue):
     """
 
     cause: ClassVar[str] = "joint_distance"
+    words: ClassVar[str] = "distance d"
+    usual: ClassVar[float] = 0.2
     component: ClassVar[int] = 2
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The shift."""
-        return (Term("", "m", 5e-5, "d_mm", MM),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 5e-5, "d_mm", MM),)
 
 
 @dataclass(frozen=True)
@@ -101,12 +95,10 @@ class LinkTwist(_RowValue):
     """
 
     cause: ClassVar[str] = "link_twist"
+    words: ClassVar[str] = "twist α"
+    usual: ClassVar[float] = 0.2
     component: ClassVar[int] = 3
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The turn."""
-        return (Term("", "rad", 1e-4, "alpha_rad"),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "alpha_rad"),)
 
 
 @dataclass(frozen=True)
@@ -118,12 +110,9 @@ class LinkTilt(_RowValue):
     """
 
     cause: ClassVar[str] = "link_tilt"
+    words: ClassVar[str] = "tilt β"
     component: ClassVar[int] = 4
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The turn."""
-        return (Term("", "rad", 1e-4, "beta_rad"),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "beta_rad"),)
 
 
 @dataclass(frozen=True)
@@ -136,12 +125,9 @@ class JointPlacement(Effect):
 
     joint: int
     cause: ClassVar[str] = "joint_placement"
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """Shifts x, y, z and turns rx, ry, rz."""
-        shifts = [Term(name, "m", 5e-5, f"{name}_mm", MM) for name in ("x", "y", "z")]
-        return (*shifts, *(Term(name, "rad", 1e-4, f"{name}_rad") for name in ("rx", "ry", "rz")))
+    words: ClassVar[str] = "placement"
+    refitted: ClassVar[bool] = True
+    terms: ClassVar[tuple[Term, ...]] = (*shifts(5e-5), *turns(1e-4))
 
     def displacements(self, state: State) -> list[Displacement]:
         """Unit twists behind the placement, before the joint."""

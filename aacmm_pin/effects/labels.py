@@ -6,115 +6,81 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.effects.effect import PLACES, Effect, Reading
 
 FEW_VALUES = 8
 """More parameters than this are no reading."""
-NAMES = {
-    "joint_zero_offset": "zero offset",
-    "link_length": "length a",
-    "joint_distance": "distance d",
-    "link_twist": "twist α",
-    "link_tilt": "tilt β",
-    "joint_placement": "placement",
-    "encoder_eccentricity": "encoder eccentricity",
-    "encoder_ellipticity": "encoder ellipticity (twice per turn)",
-    "joint_periodic_error": "periodic error",
-    "joint_error_curve": "error curve",
-    "encoder_gain": "encoder gain",
-    "encoder_slip": "encoder slip",
-    "joint_compliance": "compliance under gravity",
-    "bearing_tilt": "bearing tilt under gravity",
-    "joint_hysteresis": "hysteresis",
-    "zero_drift": "drift of the zero",
-    "torsional_windup": "torsional wind-up",
-    "link_bending": "bending",
-    "base_compliance": "tilting stand (base compliance)",
-    "thermal_expansion": "thermal expansion",
-    "counterbalance": "counterbalance error",
-    "stylus_offset": "stylus offset",
-    "stylus_bending": "stylus bending",
-    "seat_error": "error of the stated place",
-    "reference_frame": "error of the reference frame",
-}
-"""Words for the causes; one that somebody registered goes by its name."""
-OF_TUBES = ("link_bending", "torsional_windup")
-UNITS = {
-    "_rad_per_nm2": ("µrad/(N·m²)", 1e6),
-    "_rad_per_nm": ("µrad/(N·m)", 1e6),
-    "_per_k": ("µm/(m·K)", 1e6),
-    "_rad": ("µrad", 1e6),
-    "_mm": ("µm", 1e3),
-    "gain": ("·10⁻⁶", 1e6),
-}
-"""How a described value ends, the unit that people read, and how many of it make one."""
+MOST_DECIMALS = 6
+"""Numbers of more decimals than this are written with a power of ten."""
 
 
-def label_in_words(label: str) -> str:
-    """``encoder_gain:5`` as ``encoder gain of joint 5``; a covariate as a dependence on it."""
-    cause, _, place = label.partition(":")
-    if cause not in CAUSES:
-        return f"dependence on {label}"
-    words = NAMES.get(cause, cause.replace("_", " "))
-    if not place:
-        return words if cause != "thermal_expansion" else "thermal expansion of the arm"
-    what = "seat" if cause == "seat_error" else "tube" if cause in OF_TUBES else "joint" if place.isdigit() else "target"
-    return f"{words} of {what} {place}"
+def name_in_words(effect: Effect) -> str:
+    """The cause and where it sits: ``encoder gain of joint 5``."""
+    if effect.place is None:
+        return f"{effect.words} of {effect.whole}" if effect.whole else effect.words
+    return f"{effect.words} of {_place_words(effect)} {effect.place}"
 
 
 def in_words(effect: Effect) -> str:
-    """The cause, where it sits, and its order or time."""
-    inner = []
-    if (order := getattr(effect, "order", None)) is not None:
-        inner.append(f"{order:.4g} periods per turn")
-    if (time := getattr(effect, "time_s", None)) is not None:
-        inner.append(f"at {time / 60:.1f} min")
-    if (constant := getattr(effect, "time_constant_s", None)) is not None:
-        inner.append(f"time constant {constant / 60:.0f} min")
-    return label_in_words(effect.label) + (f" ({', '.join(inner)})" if inner else "")
+    """The same, and its order or time."""
+    inner = effect.inner_in_words()
+    return name_in_words(effect) + (f" ({', '.join(inner)})" if inner else "")
 
 
-def several_in_words(effects: Sequence[Effect]) -> str:
+def several_in_words(effects: Sequence[Effect], inner: bool = True) -> str:
     """Causes in a row; those of one kind together, ``error curve of joints 1, 2 and 3``."""
-    return labels_in_words({effect.label: in_words(effect) for effect in effects})
-
-
-def labels_in_words(words: Mapping[str, str]) -> str:
-    """The same of labels, each with its words for where it is the only one of its kind."""
-    kinds: dict[str, list[str]] = {}
-    for label in words:
-        kinds.setdefault(label.partition(":")[0], []).append(label)
+    kinds: dict[tuple[str, bool], list[Effect]] = {}
+    for effect in effects:
+        kinds.setdefault((effect.cause, effect.place is None), []).append(effect)
     found = []
-    for labels in kinds.values():
-        if len(labels) == 1:
-            found.append(words[labels[0]])
-            continue
-        places = [label.partition(":")[2] for label in labels]
-        found.append(f"{label_in_words(labels[0]).removesuffix(f' {places[0]}')}s {listed(sorted(places))}")
+    for alike in kinds.values():
+        one = alike[0]
+        if len(alike) == 1:
+            found.append(in_words(one) if inner else name_in_words(one))
+        else:
+            places = [str(place) for place in sorted(effect.place for effect in alike if effect.place is not None)]
+            found.append(f"{one.words} of {_place_words(one)}s {listed(places)}")
     return listed(found)
 
 
-def values_in_words(values: Mapping[str, tuple[float, float]]) -> str:
-    """The same of described values with their u, by their names."""
+def _place_words(effect: Effect) -> str:
+    return effect.place_words or PLACES[str(effect.site())]
+
+
+def values_in_words(effect: Effect, values: Mapping[str, tuple[float, float]]) -> str:
+    """Described values of an effect and their u, by their keys, as value ± U (k = 2)."""
     if len(values) > FEW_VALUES:
         return f"free curve of {len(values)} values"
-    return ", ".join(_value(key, value, COVERAGE_FACTOR * u) for key, (value, u) in values.items())
+    readings = effect.readings()
+    return ", ".join(_value(readings[key], value, COVERAGE_FACTOR * u) for key, (value, u) in values.items())
 
 
-def _value(key: str, value: float, expanded: float) -> str:
-    if key == "phase_rad":
-        name, unit, factor = "phase", "°", 1 / DEG
-    else:
-        ending = next((e for e in UNITS if key.endswith(e)), "")
-        unit, factor = UNITS.get(ending, ("", 1.0))
-        name = (key.removesuffix(ending) or key).replace("_", " ").strip()
-    value, expanded = value * factor, expanded * factor
+def _value(reading: Reading, value: float, expanded: float) -> str:
+    """Two digits of U, and the value to the same decimals."""
+    value, expanded = value * reading.factor, expanded * reading.factor
     if not np.isfinite(expanded) or expanded <= 0:
-        return f"{name} {value:.4g} {unit}".strip()
-    digits = int(np.clip(1 - np.floor(np.log10(expanded)), 0, 6))
-    return f"{name} {value:.{digits}f} ± {expanded:.{digits}f} {unit}".replace(" °", "°").replace(" ·", "·").strip()
+        text = f"{value:.4g}"
+    else:
+        digits = 1 - int(np.floor(np.log10(expanded)))
+        if digits > MOST_DECIMALS:
+            places = max(0, int(np.floor(np.log10(max(abs(value), expanded)))) + digits)
+            text = f"{value:.{places}e} ± {expanded:.1e}"
+        else:
+            text = " ± ".join(f"{round(number, digits):.{max(digits, 0)}f}" for number in (value, expanded))
+    space = "" if reading.unit[:1] in ("", "°", "·") else " "
+    return f"{reading.name} {text}{space}{reading.unit}"
+
+
+def probability(value: float) -> str:
+    """A probability of a cause: three digits, and no certainty."""
+    return "> 0.999" if value > 0.999 else "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def usual_size_in_words(effect: Effect) -> str:
+    """Usual sizes of its parameters, each once: ``10 µrad/(N·m)``."""
+    sizes = dict.fromkeys(f"{term.typical / size:.3g} {unit}" for term in effect.terms for unit, size in [term.unit_read])
+    return ", ".join(sizes)
 
 
 def listed(items: Sequence[str], last: str = "and") -> str:

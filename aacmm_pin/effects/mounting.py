@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
-from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import BASE
-from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
+from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, shifts, turns, twist
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.effects.state import State
+
+LEAST_SEATS = 3
+"""With fewer seats nothing tells which of them is off."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +27,9 @@ class BaseCompliance(GravityEffect):
     """
 
     cause: ClassVar[str] = "base_compliance"
-    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm")
+    words: ClassVar[str] = "tilting stand (base compliance)"
+    load: ClassVar[str] = "moment of the weight about the base"
+    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True)
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment about the foot."""
@@ -41,13 +47,17 @@ class SeatError(Effect):
 
     seat: str
     cause: ClassVar[str] = "seat_error"
+    words: ClassVar[str] = "error of the stated place"
     needs: ClassVar[tuple[str, ...]] = ("seat",)
     of_reference: ClassVar[bool] = True
+    terms: ClassVar[tuple[Term, ...]] = shifts(2e-5)
 
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The shift of the seat."""
-        return tuple(Term(name, "m", 2e-5, f"{name}_mm", MM) for name in ("x", "y", "z"))
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Every seat, where there are others that tell where it should be."""
+        seats = list(super().candidates(arm, records))
+        if records is not None and len(seats) >= LEAST_SEATS and records.known.any():
+            yield from seats
 
     def displacements(self, state: State) -> list[Displacement]:
         """The stated coordinates are those of the tip minus e, in records of this seat."""
@@ -65,13 +75,11 @@ class ReferenceFrame(Effect):
     """
 
     cause: ClassVar[str] = "reference_frame"
+    words: ClassVar[str] = "error of the reference frame"
     of_reference: ClassVar[bool] = True
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """Shift and turn."""
-        shifts = [Term(name, "m", 1e-3, f"{name}_mm", MM) for name in ("x", "y", "z")]
-        return (*shifts, *(Term(name, "rad", 1e-3, f"{name}_rad") for name in ("rx", "ry", "rz")))
+    refitted: ClassVar[bool] = True
+    usual: ClassVar[float] = 0.2
+    terms: ClassVar[tuple[Term, ...]] = (*shifts(1e-3), *turns(1e-3))
 
     def displacements(self, state: State) -> list[Displacement]:
         """Unit twists of the base."""

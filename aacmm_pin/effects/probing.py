@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
+from aacmm_pin.effects.effect import Displacement, Effect, Term, shifts, twist
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import UnsupportedArmError
 
@@ -23,16 +23,14 @@ class StylusOffset(Effect):
 
     marker: str | None = None
     cause: ClassVar[str] = "stylus_offset"
+    refitted: ClassVar[bool] = True
+    usual: ClassVar[float] = 0.2
+    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5)
 
     @property
     def needs(self) -> tuple[str, ...]:
         """The marker, where one is named."""
         return () if self.marker is None else ("marker",)
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The shift."""
-        return tuple(Term(name, "m", 5e-5, f"{name}_mm", MM) for name in ("x", "y", "z"))
 
     def displacements(self, state: State) -> list[Displacement]:
         """Unit shifts at the tip."""
@@ -51,12 +49,10 @@ class StylusBending(Effect):
     """
 
     cause: ClassVar[str] = "stylus_bending"
+    usual: ClassVar[float] = 0.2
+    load: ClassVar[str] = "horizontal part of the stylus"
     elastic: ClassVar[bool] = True
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The sag of a level stylus."""
-        return (Term("", "m", 1e-5, "level_sag_mm", MM),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "m", 1e-5, "level_sag_mm", MM, positive=True),)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Gravity across the stylus."""

@@ -19,6 +19,9 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 class State:
     """What a cause of error may look at. Places are those of :mod:`aacmm_pin.arm.chain`.
 
+    All vectors and axes are in the base frame; :meth:`in_axes_of` turns vectors into the axes of a place, in which a
+    :class:`~aacmm_pin.effects.Displacement` states its columns.
+
     Attributes:
         arm: the arm.
         q: encoder indications (n, nq) [rad].
@@ -41,7 +44,7 @@ class State:
 
     @property
     def rotation(self) -> Array:
-        """Axes of every place in the base (places, n, 3, 3)."""
+        """Axes of every place in the base, as columns: (places, n, 3, 3); ``rotation[axis(2)][:, :, 2]`` is z of joint 2."""
         return self._frames[0]
 
     @property
@@ -56,7 +59,7 @@ class State:
 
     @property
     def position(self) -> Array:
-        """Origin of the target, or what is looked at in its stead (n, 3) [m]."""
+        """Origin of the target, or what is looked at in its stead, in the base (n, 3) [m]."""
         if self.looked_at is not None:
             return self.looked_at
         return np.asarray(self.origin[self.target])
@@ -88,7 +91,7 @@ class State:
         return self.q[:, self.joint(row)]
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
-        """Vectors (n, 3) of the base in the axes of ``place``."""
+        """Vectors of the base (n, 3) as components along the axes of ``place`` (n, 3)."""
         return np.asarray(np.einsum("nji,nj->ni", self.rotation[place], vectors))
 
     def span(self, row: int) -> Array:
@@ -97,11 +100,11 @@ class State:
 
     @property
     def down(self) -> Array:
-        """Unit vector along gravity (3,)."""
+        """Unit vector along gravity, in the base (3,)."""
         return -self.arm.up
 
     def moment_at_axis(self, row: int) -> Array:
-        """Moment of the weight of body ``row`` and all beyond, about the origin of its ``axis``: (n, 3) [N·m].
+        """Moment of the weight of body ``row`` and all beyond, about the origin of its ``axis``, in the base (n, 3) [N·m].
 
         Raises:
             UnsupportedArmError: the arm states no masses.
@@ -109,26 +112,27 @@ class State:
         return self._moment(row, self.origin[axis(row)])
 
     def moment_at_end(self, row: int) -> Array:
-        """Moment of the weight of all bodies beyond ``row`` about the origin of ``end row``: (n, 3) [N·m]."""
+        """Moment of the weight of all bodies beyond ``row`` about the origin of ``end row``, in the base (n, 3) [N·m]."""
         return self._moment(row + 1, self.origin[end(row)])
 
     def weight_beyond(self, row: int) -> Array:
-        """Weight of all bodies beyond ``row`` (3,) [N]."""
+        """Weight of all bodies beyond ``row``, in the base (3,) [N]."""
         return np.asarray(self._masses[row:].sum() * self.arm.gravity)
 
     def own_weight(self, row: int) -> Array:
-        """Weight of body ``row`` (3,) [N]."""
+        """Weight of body ``row``, in the base (3,) [N]."""
         return np.asarray(self._masses[row - 1] * self.arm.gravity)
 
     def moment_at_base(self) -> Array:
-        """Moment of the weight of all bodies about the base origin: (n, 3) [N·m]."""
+        """Moment of the weight of all bodies about the base origin, in the base (n, 3) [N·m]."""
         return self._moment(1, np.zeros((self.n, 3)))
 
     def unit_moments(self, row: int) -> Array:
         """The same moment for unknown masses: columns of the unknown first moments of body ``row`` and each beyond.
 
         The static moment about ``axis row`` is ``Σ (R_k H_k) × g`` with one constant vector H_k in each body, into which
-        the masses farther out have been gathered at the body's end; per unit of |g| |H_k|: (n, 3, 3 · bodies).
+        the masses farther out have been gathered at the body's end; for each component of H_k and unit gravity:
+        (n, 3, 3 · bodies).
 
         Raises:
             UnsupportedArmError: a joint beyond ``row`` slides, and H_k is not constant.

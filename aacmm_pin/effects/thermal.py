@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
-from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
+from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, twist
 from aacmm_pin.effects.state import State
+from aacmm_pin.effects.tube import tubes
 
 
 @dataclass(frozen=True)
@@ -24,12 +27,20 @@ class ThermalExpansion(Effect):
 
     link: int | None = None
     cause: ClassVar[str] = "thermal_expansion"
+    whole: ClassVar[str] = "the arm"
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
+    terms: ClassVar[tuple[Term, ...]] = (
+        Term("", "1/K", 2e-5, "expansion_per_k", read_in=("µm/(m·K)", 1e-6), positive=True),
+    )
 
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The coefficient of expansion."""
-        return (Term("", "1/K", 2e-5, "expansion_per_k"),)
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """The whole arm; its tubes too, where each has its own temperature."""
+        present = ("temperature",) if records is None else records.conditions.present
+        if "temperature" in present or "link_temperature" in present:
+            yield (cls(),)
+        if "link_temperature" in present:
+            yield from ((cls(row),) for row in tubes(arm))
 
     def displacements(self, state: State) -> list[Displacement]:
         """Each length of the chain per kelvin, times what the record is warmer."""

@@ -127,7 +127,7 @@ class Elimination:
     """Projection of whitened rows onto what no coordinates of seats can change: variable projection (Golub, Pereyra 1973).
 
     With the seats' derivative ``B = Q C`` (Q orthonormal, seat by seat) the rows become ``R - Q Qᵀ R``; a bar, which couples
-    two seats, then gives one row more, see :meth:`bars`. No loop over records or seats.
+    two seats, then gives one row more, see :meth:`eliminated`. No loop over records or seats.
     """
 
     def __init__(self, observations: Observations, points: Array, whiten: Array) -> None:
@@ -162,28 +162,28 @@ class Elimination:
         flat = each.reshape(len(each), int(np.prod(each.shape[1:])))
         return np.asarray(self._sum @ flat).reshape(len(self.observations.labels), *each.shape[1:])
 
-    def along(self, rows: Array, ties: Array | None = None) -> Array:
-        """``Qᵀ R`` of whitened rows (n, 3, c), and of the seats' own (s, 3, c) where there are any: (s, 3, c)."""
-        found = self._added(self._q.transpose(0, 2, 1) @ rows[self.touched])
-        return found if ties is None else found + self._q_tie.transpose(0, 2, 1) @ ties
+    def eliminated(self, rows: Array, residual: bool) -> tuple[Array, Array, Array, Array]:
+        """Whitened rows (n, 3, c) with the seats at their best; where ``residual``, the last column is the residual.
 
-    def project(self, rows: Array, along: Array) -> Array:
-        """Whitened rows (n, 3, c) with the seats at their best; in place."""
-        rows[self.touched] -= self._q @ along[self.numbers]
-        return rows
+        Returns:
+            ``Qᵀ R`` (s, 3, c), the records' rows (n, 3, c), in place, the seats' own (s, 3, c), and one for each bar (b, c).
+        """
+        q, q_tie = self._q, self._q_tie
+        along = self._added(q.transpose(0, 2, 1) @ rows[self.touched])
+        ties = np.zeros_like(along)
+        if residual:
+            ties[:, :, -1] = self._ties
+            along += q_tie.transpose(0, 2, 1) @ ties
+        rows[self.touched] -= q @ along[self.numbers]
+        return along, rows, ties - q_tie @ along, self._bars(along, residual)
 
-    def of_ties(self, along: Array, ties: Array | None = None) -> Array:
-        """The seats' own rows (s, 3, c) with the seats at their best."""
-        found = -self._q_tie @ along
-        return found if ties is None else found + ties
-
-    def bars(self, along: Array, residual: Array | None = None) -> Array:
+    def _bars(self, along: Array, residual: bool) -> Array:
         """One row for each bar with the seats at their best (b, c): ``(1 + H Hᵀ)^-½ (t - H Qᵀ R)``, H of the bars."""
         if not len(self.observations.ends):
             return np.zeros((0, along.shape[2]))
         rows = -self._of_bars(along)
-        if residual is not None:
-            rows += residual
+        if residual:
+            rows[:, -1] += self._bar_residual
         return np.asarray(solve_triangular(self._factor, rows, lower=True))
 
     def _of_bars(self, along: Array) -> Array:
@@ -202,11 +202,6 @@ class Elimination:
     @cached_property
     def _factor(self) -> Array:
         return np.asarray(np.linalg.cholesky(np.eye(len(self._dense)) + self._dense @ self._dense.T))
-
-    @property
-    def residuals(self) -> tuple[Array, Array]:
-        """Residuals of the ties at the points: of the seats (s, 3, 1), of the bars (b, 1)."""
-        return self._ties[:, :, None], self._bar_residual[:, None]
 
     def step(self, along: Array) -> Array:
         """Best step of the seats (s, 3) for ``Qᵀ`` of the residual, its ties included (s, 3, 1) [m]."""

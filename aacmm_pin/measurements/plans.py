@@ -10,7 +10,7 @@ import scipy
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.measuring_volume import MOST_DRAWS, Room, joint_bounds
+from aacmm_pin.arm.random_postures import MOST_DRAWS, Room, joint_bounds
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.sampling import StateOf, agile, brought_to, different_postures, spread_out
 

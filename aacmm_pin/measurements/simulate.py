@@ -9,8 +9,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.measuring_volume import MARGIN, Room
-from aacmm_pin.effects import SeatError
+from aacmm_pin.arm.random_postures import MARGIN, Room
 from aacmm_pin.effects.conditions import Conditions, Labels
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
@@ -77,8 +76,8 @@ def simulate_measurements(
     stated = plan == "free" or (plan == "seats" and known)
     _check_numbers(plan, records, points, stated, bar_length, above)
     for effect in model.effects:
-        if plan == "seats" and known and isinstance(effect, SeatError) and effect.seat not in _seat_labels(seats):
-            raise UnknownNameError("seat of seat_error", effect.seat, _seat_labels(seats))
+        if plan == "seats" and known and effect.corrects_seat and effect.place not in _seat_labels(seats):
+            raise UnknownNameError(f"seat of {effect.cause}", str(effect.place), _seat_labels(seats))
     used, assumed = _noise(model.arm, noise)
     source = f"simulated, {model.arm.name}, plan {plan}, {_seed(rng)}{assumed}"
     shop = _Workshop(model, used, temperature_range, rng, source)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
 
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.calibrate import ReferenceFrame
-from aacmm_pin.calibration.parameters import Target
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
@@ -26,15 +25,8 @@ def advice(
     *,
     arm: str | None = None,
     options: str = "",
-    reference_frame: ReferenceFrame = "base",
-    target: Target = "tip",
-    prior: bool = True,
-    encoder_noise: ArrayLike | None = None,
-    reference_noise: float | None = None,
-    probe_noise: float | None = None,
-    length_noise: float | None = None,
     progress: bool = False,
-    rng: np.random.Generator | None = None,
+    **setup: Any,
 ) -> str:
     """What to measure next to tell two causes apart, in a sentence with the command that plans it.
 
@@ -48,8 +40,8 @@ def advice(
         records: how many to plan.
         arm: the arm as a command names it; default its name in small letters.
         options: more options of the command, such as `` --data old.csv``.
-        reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise, progress, rng: see
-            :func:`plan_measurements`.
+        progress: show a bar.
+        setup: how records are taken, by keywords of :func:`plan_measurements`: ``reference_frame``, noise, ….
     """
     seat = existing.conditions.seat
     reference: Reference = "seats" if seat is not None and np.mean(seat != "") > 0.5 else "free"
@@ -60,16 +52,9 @@ def advice(
             records,
             existing=existing,
             reference=reference,
-            reference_frame=reference_frame,
-            target=target,
-            prior=prior,
-            encoder_noise=encoder_noise,
-            reference_noise=reference_noise,
-            probe_noise=probe_noise,
-            length_noise=length_noise,
             progress=progress,
             postures=max(QUICK, 2 * records),
-            rng=rng,
+            **setup,
         )
     except AacmmError as error:
         one, other = (cause if isinstance(cause, str) else cause.key for cause in split)

@@ -10,9 +10,10 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
-from aacmm_pin.arm.measuring_volume import Room, joint_bounds
+from aacmm_pin.arm.random_postures import Room, joint_bounds
+from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.calibration.problem import Frame
-from aacmm_pin.calibration.stated_noise import StatedNoise, observations_of
+from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import Conditions, Labels
 from aacmm_pin.effects.error_model import ErrorModel
@@ -20,8 +21,7 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.plans import Pool, seats_for
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning.causes import moving_rows
-from aacmm_pin.planning.setups import SetUp
+from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 
 STEP = 30.0
 """From one record to the next [s]."""
@@ -65,7 +65,7 @@ class Postures:
         above: float | None,
         existing: Measurements | None,
         frame: Frame,
-        noise: StatedNoise,
+        setup: Setup,
         rng: np.random.Generator,
     ) -> Postures:
         """Postures at the seats that were touched before, else at new ones whose coordinates will be stated.
@@ -79,7 +79,7 @@ class Postures:
         seats: dict[str, tuple[Array, Array, Array]] = {}
         if existing is not None:
             tips = frame.apply(model.predict(existing.q, existing.conditions))
-            known = observations_of(existing, noise, 0.0)
+            known = observations_of(existing, setup, 0.0)
             for label, point in zip(known.labels, frame.back(known.start(tips)), strict=True):
                 first = existing.seats()[label][0]
                 seats[label] = (point, existing.reference[first], existing.reference_u[first])
@@ -103,7 +103,7 @@ class Postures:
 
 def candidates(
     postures: Postures,
-    set_up: SetUp,
+    set_up: MeasurementConditions,
     causes: tuple[Effect, ...],
     existing: Measurements | None,
     rng: np.random.Generator,
@@ -153,5 +153,7 @@ def _base_temperature(arm: Arm, known: Conditions | None) -> float:
 def _torques(arm: Arm, q: Array) -> Array:
     """Torques that a drive would need to hold the weight (n, nq) [N·m]: minus the weight's moment about each axis."""
     state = State(arm, q, Conditions(len(q)), arm.chain.tip)
-    found = [np.einsum("ni,ni->n", state.moment_at_axis(r), state.rotation[axis(r)][:, :, 2]) for r in moving_rows(arm)]
+    found = [
+        np.einsum("ni,ni->n", state.moment_at_axis(r), state.rotation[axis(r)][:, :, 2]) for r in arm.chain.moving_rows()
+    ]
     return -np.stack(found, axis=1)

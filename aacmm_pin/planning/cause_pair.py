@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from aacmm_pin.effects import Effect
+from aacmm_pin.effects.labels import usual_size_in_words
 from aacmm_pin.planning.candidate_records import Postures, base_temperature
-from aacmm_pin.planning.detection_power import Power, Size, mimicking, power_of
+from aacmm_pin.planning.detection_power import Power, Size, mimicking
+from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.measurement_sheet import sheet
 from aacmm_pin.planning.result import DECIDED, MeasurementPlan, Tried
 from aacmm_pin.planning.search import Choosing, telling
-from aacmm_pin.planning.setups import set_ups
 from aacmm_pin.planning.situation import Asked, Situation
 
 THOROUGH = 1000
 """From so many postures on, every record of a plan is looked at once more when all are chosen."""
 MORE = (1.5, 2.0, 2.5, 3.0)
 """Where so many times the records would decide, nobody need hang a load on the arm or turn its mount."""
+PAIR = (0, 1)
 BETTER = 0.1
 """More effort that does not decide must at least raise the odds by this much to be worth it."""
 
@@ -49,21 +52,21 @@ def for_two(
     before: Power | None = None
     sizes = (Size.of(split[0]), Size.of(split[1]))
     draws = int(rng.integers(2**32))
-    for set_up in set_ups(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing)):
+    for set_up in possible_conditions(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing)):
         if set_up.changes_arm and (as_it_stands or enough is not None):
             break
         situation = Situation.of(asked, set_up, where, rng)
         if before is None and situation.before:
             sizes = _matched(situation, sizes)
-            before = _power(situation, [], sizes, draws)
-        whole = _power(situation, None, sizes, draws)
+            before = situation.power([], PAIR, sizes, draws)
+        whole = situation.power(None, PAIR, sizes, draws)
         why_not = _why_not(split, whole)
         if why_not and best is not None:
             tried.append(Tried(str(set_up), whole, why_not))
             continue
         chosen = chosen_for(situation, sizes, records, len(where.q) >= THOROUGH, steps)
         steps = range(records)
-        after = _power(situation, chosen, sizes, draws)
+        after = situation.power(chosen, PAIR, sizes, draws)
         tried.append(Tried(str(set_up), whole if why_not else after, why_not))
         decides = after.probability >= DECIDED and not after.same
         better = best is not None and after.probability > best[2].probability + BETTER
@@ -73,16 +76,21 @@ def for_two(
         if decides:
             break
     assert best is not None
-    return sheet(asked, split, best[0], best[1], before, best[2], tuple(tried), enough)
+    plan = sheet(asked, split, best[0], best[1], before, best[2], tuple(tried), enough)
+    plan = replace(plan, notes=(*_assumed(split, before is not None), *plan.notes))
+    if before is None or before.same or before.probability < DECIDED:
+        return plan
+    enough_now = f"the {best[0].before} existing records already tell the two apart (probability {before.probability:.2f})"
+    return replace(plan, notes=(*plan.notes, f"{enough_now}; no more are needed for that"))
 
 
 def chosen_for(
     situation: Situation, sizes: tuple[Size, Size], records: int, thorough: bool, steps: Iterable[int]
 ) -> list[int]:
     """Numbers of the records of the pool that tell the two causes apart best."""
-    flat = situation.rows.records.reshape(-1, situation.layout.width)
+    flat = situation.rows.reshape(-1, situation.layout.width)
     # One record's worth of the average keeps the first steps from being blind; it counts in no power.
-    choice = Choosing(situation.rows.records, situation.start + flat.T @ flat / len(situation.rows.records))
+    choice = Choosing(situation.rows, situation.start + flat.T @ flat / len(situation.rows))
     columns = [situation.layout.nuisances + np.arange(b.start, b.stop) for b in situation.layout.blocks]
     score = telling(columns[0], columns[1], sizes)
     choice.run(records, score, steps)
@@ -91,18 +99,10 @@ def chosen_for(
     return choice.taken
 
 
-def _power(
-    situation: Situation, chosen: list[int] | None, sizes: tuple[Size, Size], draws: int, times: float = 1.0
-) -> Power:
-    """Of a choice; with the same draws each time, so that odds differ by what is measured and not by luck."""
-    one, other = situation.layout.blocks
-    return power_of(situation.triangle(chosen, times), one, other, sizes, np.random.default_rng(draws))
-
-
 def _enough(situation: Situation, chosen: list[int], sizes: tuple[Size, Size], draws: int) -> int | None:
     """About how many records like the chosen ones would decide; None if not even a few times as many."""
     for times in MORE:
-        if _power(situation, chosen, sizes, draws, times).probability >= DECIDED:
+        if situation.power(chosen, PAIR, sizes, draws, times).probability >= DECIDED:
             return int(np.ceil(times * len(chosen)))
     return None
 
@@ -117,6 +117,18 @@ def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size
     if not alike.any():
         return sizes
     return (sizes[0], Size(alike)) if known == 0 else (Size(alike), sizes[1])
+
+
+def _assumed(split: tuple[Effect, Effect], compared: bool) -> Iterator[str]:
+    """How large the causes without values are taken to be; ``compared`` with existing records, see :func:`_matched`."""
+    for effect, other in (split, split[::-1]):
+        if any(effect.values):
+            continue
+        if compared and any(other.values):
+            size = f"as large as it must be to look like {other.label} in the existing records"
+        else:
+            size = f"at its usual size, {usual_size_in_words(effect)}"
+        yield f"{effect.label} states no value; planned {size} ({effect.key},{next(iter(effect.described()))}=… states one)"
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:

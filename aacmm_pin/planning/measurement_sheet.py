@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.effects import Effect
-from aacmm_pin.measurements.csv_columns import REFERENCE
+from aacmm_pin.measurements.csv_columns import REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.candidate_records import STEP
 from aacmm_pin.planning.detection_power import Power
@@ -50,6 +51,8 @@ def sheet(
     if REFERENCE[0] not in table:
         for k, name in enumerate(REFERENCE):
             table.insert(records.nq + k, name, np.full(records.n, np.nan))
+    if asked.existing is not None:
+        table = _in_columns_of(asked.existing.to_frame(), table)
     return MeasurementPlan(
         model=set_up.model,
         split=split,
@@ -70,6 +73,15 @@ def sheet(
         else (),
         measurements=replace(records, conditions=conditions, record=labels),
     )
+
+
+def _in_columns_of(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:
+    """New records in the columns of the old ones, so that they can be appended; empty but for an unchanging uncertainty."""
+    table = new.reindex(columns=[*old.columns, *new.columns.difference([*old.columns, "record"], sort=False)])
+    for name in REFERENCE_U:
+        if name in old and name not in new and old[name].nunique(dropna=False) == 1:
+            table[name] = old[name].iloc[0]
+    return table
 
 
 def _order(records: Measurements) -> Index:

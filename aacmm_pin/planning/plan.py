@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -12,24 +11,19 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.calibrate import ReferenceFrame, encoder_of
-from aacmm_pin.calibration.parameters import Target
-from aacmm_pin.calibration.stated_noise import StatedNoise
-from aacmm_pin.effects import Effect, SeatError
+from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
+from aacmm_pin.effects import Effect, cause_of
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.noise import REFERENCE as REFERENCE_NOISE
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning.candidate_records import Postures, base_temperature
+from aacmm_pin.planning.candidate_records import Postures
 from aacmm_pin.planning.cause_pair import for_two
-from aacmm_pin.planning.causes import cause_of, checked, identity, usual_causes
-from aacmm_pin.planning.detection_power import Size, power_of
-from aacmm_pin.planning.measurement_sheet import sheet
-from aacmm_pin.planning.result import MeasurementPlan, Tried, seed_of
-from aacmm_pin.planning.separability import surveyed
-from aacmm_pin.planning.setups import all_conditions, set_ups
-from aacmm_pin.planning.situation import Asked, Situation
+from aacmm_pin.planning.causes import checked, usual_causes
+from aacmm_pin.planning.result import MeasurementPlan, seed_of
+from aacmm_pin.planning.separability import for_all
+from aacmm_pin.planning.situation import Asked
 
 Reference = Literal["free", "seats"]
 POSTURES = 2000
@@ -90,79 +84,45 @@ def plan_measurements(
         UnsupportedArmError: the arm lacks what a cause needs, such as masses.
         AacmmError: causes that no plan can be about, too few records or postures, or an arm that the records are not of.
     """
-    for what, value, known in (
-        ("reference", reference, get_args(Reference)),
-        ("reference frame", reference_frame, get_args(ReferenceFrame)),
-    ):
-        if value not in known:
-            raise UnknownNameError(what, value, list(known))
+    if reference not in get_args(Reference):
+        raise UnknownNameError("reference", reference, list(get_args(Reference)))
     model = ErrorModel.of(model)
     _check_numbers(model, records, postures, existing)
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)
-    torques = existing is not None and existing.conditions.torque is not None
+    present = () if existing is None else existing.conditions.present
     if split is None:
-        causes, left_out = _of_records(usual_causes(model.arm), model, existing)
-        usable = existing
+        causes, usable, left_out = _of_records(usual_causes(model.arm), model, existing)
     else:
-        causes = tuple(cause_of(c, model, torques) if isinstance(c, str) else c for c in split)
-        usable, left_out = _usable(existing, causes)
+        named = tuple(cause_of(c, model, present) if isinstance(c, str) else c for c in split)
+        causes, usable, left_out = _usable(named, existing)
     checked(causes, model.arm)
-    if reference == "free" and (at_seat := next((e for e in causes if isinstance(e, SeatError)), None)):
+    if reference == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
         raise AacmmError(
             f"{at_seat.label} shows at that seat only: plan with reference 'seats' and the records that touch it"
         )
-    noise, notes = _noise(model.arm, encoder_noise, reference_noise, probe_noise, length_noise)
-    bare = tuple(e.at(()) for e in causes)
-    asked = Asked(model, bare, usable, target, reference_frame == "external", prior, noise)
+    setup, notes = _complete(
+        Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise),
+        model.arm,
+    )
+    asked = Asked(model, tuple(e.at(()) for e in causes), usable, setup)
     if reference == "free":
         where = Postures.free(model.arm, postures, above, rng)
     else:
-        where = Postures.at_seats(model, postures, above, usable, asked.frame, noise, rng)
+        where = Postures.at_seats(model, postures, above, usable, asked.frame, setup, rng)
     if len(where.q) < records:
         raise AacmmError(f"records is {records}, but only {len(where.q)} different postures were found; ask for fewer")
     with watched(range(records), progress, "plan", "record") as steps:
         if split is None:
-            found = _for_all(asked, where, records, rng, steps)
+            found = for_all(asked, where, records, rng, steps)
         else:
             found = for_two(asked, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
+    if "torque" in present and split is not None:
+        left_out += ("the compliance is of measured torques: record torque1_nm … too",)
     usual = {"--reference": (reference, "free"), "--reference-frame": (reference_frame, "base"), "--target": (target, "tip")}
     options = [f"{name} {value}" for name, (value, default) in usual.items() if value != default]
-    options += [words for words, asked_for in (("--no-prior", not prior), ("--as-it-stands", as_it_stands)) if asked_for]
-    torque = ("the compliance is of measured torques: record torque1_nm … too",) if torques and split is not None else ()
-    return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes, *torque), options=tuple(options))
-
-
-def _for_all(asked: Asked, where: Postures, records: int, rng: np.random.Generator, steps: Iterable[int]) -> MeasurementPlan:
-    """The plan for every pair of causes."""
-    set_up = all_conditions(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing))
-    situation = Situation.of(asked, set_up, where, rng)
-    others = [
-        (other.words[-1], Situation.of(asked, other, where, rng).triangle(None))
-        for other in set_ups(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing))
-        if other.changes_arm
-    ]
-    survey = surveyed(situation, asked.causes, records, others, steps)
-    one, other = (asked.causes[k] for k in survey.worst)
-    blocks = [situation.layout.blocks[k] for k in survey.worst]
-    draws = int(rng.integers(2**32))
-    powers = [
-        power_of(
-            situation.triangle(chosen), blocks[0], blocks[1], (Size.of(one), Size.of(other)), np.random.default_rng(draws)
-        )
-        for chosen in ([], survey.chosen)
-    ]
-    tried = (Tried(str(set_up), powers[1]),)
-    plan = sheet(
-        asked,
-        (one, other),
-        situation,
-        survey.chosen,
-        powers[0] if situation.before else None,
-        powers[1],
-        tried,
-    )
-    return replace(plan, asked=False, pairs=survey.pairs, notes=survey.notes)
+    options += [words for words, wanted in (("--no-prior", not prior), ("--as-it-stands", as_it_stands)) if wanted]
+    return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes), options=tuple(options))
 
 
 def _check_numbers(model: ErrorModel, records: int, postures: int, existing: Measurements | None) -> None:
@@ -174,47 +134,42 @@ def _check_numbers(model: ErrorModel, records: int, postures: int, existing: Mea
         raise AacmmError(f"{existing.source} has angles of {existing.nq} joints, {model.arm.name} has {model.arm.nq}")
 
 
-def _noise(
-    arm: Arm, encoder: ArrayLike | None, reference: float | None, probe: float | None, length: float | None
-) -> tuple[StatedNoise, tuple[str, ...]]:
-    """The noise to plan with, and words for what of it was assumed."""
+def _complete(setup: Setup, arm: Arm) -> tuple[Setup, tuple[str, ...]]:
+    """The set-up with the noise to plan with, and words for what of it was assumed."""
     notes = []
-    readings = encoder_of(arm, encoder)
-    if readings is None:
-        readings = np.full(arm.nq, ENCODER)
-        notes.append(f"nobody states the noise of the encoders; {ENCODER:g} rad are assumed")
-    if reference is None:
-        reference = REFERENCE_NOISE
-        notes.append(f"references that state no uncertainty are assumed to have {REFERENCE_NOISE / MM:g} mm")
-    return StatedNoise(readings, reference, 0.0 if probe is None else probe, length), tuple(notes)
+    if setup.encoder_noise is None:
+        setup = replace(setup, encoder_noise=np.full(arm.nq, ENCODER))
+        notes.append(f"encoder noise not given; {ENCODER:g} rad assumed")
+    if setup.reference_noise is None:
+        setup = replace(setup, reference_noise=REFERENCE_NOISE)
+        notes.append(f"reference noise not given; {REFERENCE_NOISE / MM:g} mm assumed where records state none")
+    return replace(setup, probe_noise=setup.probe_noise or 0.0), tuple(notes)
 
 
-def _usable(existing: Measurements | None, causes: tuple[Effect, ...]) -> tuple[Measurements | None, tuple[str, ...]]:
-    """The existing records, if they state what the causes depend on."""
+Usable = tuple[tuple[Effect, ...], Measurements | None, tuple[str, ...]]
+
+
+def _usable(causes: tuple[Effect, ...], existing: Measurements | None) -> Usable:
+    """The causes, the existing records if they state what these depend on, and words for why not."""
     if existing is None:
-        return None, ()
-    missing = sorted(
-        {f"{need} ({effect.label})" for effect in causes for need in effect.needs if need not in _stated(existing)}
-    )
-    if not missing:
-        return existing, ()
-    return None, (f"{existing.source} does not state {', '.join(missing)}, so its records do not count here",)
+        return causes, None, ()
+    needs = {f"{need} ({effect.label})" for effect in causes for need in effect.needs if need not in _stated(existing)}
+    if not needs:
+        return causes, existing, ()
+    why = f"{existing.source} does not state {', '.join(sorted(needs))}, so its records do not count here"
+    return causes, None, (why,)
 
 
-def _of_records(
-    causes: tuple[Effect, ...], model: ErrorModel, existing: Measurements | None
-) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+def _of_records(causes: tuple[Effect, ...], model: ErrorModel, existing: Measurements | None) -> Usable:
     """The causes that are no part of the model already and that existing records could show, and words for the others."""
-    known = {identity(effect) for effect in model.effects}
-    causes = tuple(effect for effect in causes if identity(effect) not in known)
-    if existing is None:
-        return causes, ()
-    silent = [effect for effect in causes if not set(effect.needs) <= _stated(existing)]
-    if not silent:
-        return causes, ()
+    known = {effect.identity for effect in model.effects}
+    causes = tuple(effect for effect in causes if effect.identity not in known)
+    silent = [] if existing is None else [effect for effect in causes if not set(effect.needs) <= _stated(existing)]
+    if existing is None or not silent:
+        return causes, existing, ()
     needs = ", ".join(sorted({need for effect in silent for need in effect.needs}))
-    labels = ", ".join(effect.label for effect in silent)
-    return tuple(e for e in causes if e not in silent), (f"{existing.source} does not state {needs}: left out {labels}",)
+    words = f"{existing.source} does not state {needs}: left out {', '.join(effect.label for effect in silent)}"
+    return tuple(effect for effect in causes if effect not in silent), existing, (words,)
 
 
 def _stated(existing: Measurements) -> set[str]:

@@ -16,9 +16,9 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.effects import Effect
+from aacmm_pin.effects.cause_text import text_of
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning.causes import label_of
 from aacmm_pin.planning.detection_power import Power
 
 SCHEMA = "aacmm-pin/plan/1"
@@ -57,7 +57,8 @@ class MeasurementPlan(Shown):
         after: power of these and the plan.
         tried: the set-ups that were considered, in the order of effort.
         pairs: where no split was asked: every pair of causes with its T, worst first; else None.
-        enough: about how many records of this kind would decide where the plan does not; None if no few times as many.
+        enough: about how many new records of this kind would decide, beside the existing ones, where the plan does not;
+            None if no few times as many.
         existing: number of existing records that count.
         seed: of all that was drawn, or None where the generator does not say.
         notes: what was assumed, and what cannot be told.
@@ -106,6 +107,11 @@ class MeasurementPlan(Shown):
         """The text of that file."""
         return self.records.to_csv(index=False, lineterminator="\n")
 
+    @property
+    def _enough(self) -> str:
+        beside = f" beside the {self.existing} existing ones" if self.existing else ""
+        return f"{self.enough} new records{beside}"
+
     def sentence(self, arm: str | None = None, options: str = "") -> str:
         """One sentence: what to do to tell the two causes apart, and the command.
 
@@ -118,14 +124,14 @@ class MeasurementPlan(Shown):
         where = "" if not self.set_up else f", and {self.setup}"
         options += " --set-up-arm set_up.toml" if self.changes_arm else ""
         command = (
-            f"aacmm-pin plan {arm or _as_command(self.model.arm)} --split {label_of(one)} {label_of(other)} "
+            f"aacmm-pin plan {arm or _as_command(self.model.arm)} --split {text_of(one)} {text_of(other)} "
             f"--records {len(self.records)}{''.join(f' {o}' for o in self.options)}{options} -o plan.csv"
         )
         if self.after.same:
             return f"nothing that was considered tells {one.label} from {other.label}: {self.tried[-1].why_not}"
         with_it = "; diagnose these with set_up.toml, apart from the old ones" if self.changes_arm else ""
         if not self.decided:
-            odds += ", not enough yet" if self.enough is None else f"; about {self.enough} would decide"
+            odds += ", not enough yet" if self.enough is None else f"; about {self._enough} would decide"
         return (
             f"to tell {one.label} from {other.label}, measure {len(self.records)} records where the two differ "
             f"most{where}: {command} (the probability of a right decision goes {odds}{with_it})"
@@ -170,9 +176,10 @@ class MeasurementPlan(Shown):
         if self.after.same:
             text += "nothing that was considered tells them apart"
         else:
-            text += f"T = {self.after.least:.3g}, probability of telling them {self.after.probability:.2f}"
+            text += f"T = {self.after.least:.3g} (expected increase of χ² with the wrong one of the two), "
+            text += f"probability of the right decision {self.after.probability:.2f}"
             text += "" if self.before is None else f", {self.before.probability:.2f} before"
-            more = "" if self.enough is None else f", about {self.enough} records would be"
+            more = "" if self.enough is None else f"; about {self._enough} would decide"
             text += "" if self.decided else f"; that is not enough to decide{more}"
         for t in self.tried:
             if t.why_not:

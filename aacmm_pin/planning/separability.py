@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from itertools import combinations, pairwise, permutations
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import combinations, permutations
 
 import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.planning.candidate_records import Postures, base_temperature
 from aacmm_pin.planning.detection_power import SAME, SILENT, Size, distance
+from aacmm_pin.planning.measurement_conditions import possible_conditions
+from aacmm_pin.planning.measurement_sheet import sheet
+from aacmm_pin.planning.result import MeasurementPlan, Tried
 from aacmm_pin.planning.search import Choosing, informing, telling
-from aacmm_pin.planning.situation import Situation
+from aacmm_pin.planning.situation import Asked, Situation
 
 HOPELESS = 1.0
 """A pair whose T would be smaller than this with random records gets no record of its own."""
@@ -22,74 +25,76 @@ TOLD = 10.8
 """T from which two causes of known size are told apart with odds of 0.95: ``Φ(√T/2)``."""
 
 
-@dataclass(frozen=True, eq=False)
-class Survey:
-    """What was chosen for all pairs.
+def for_all(asked: Asked, where: Postures, records: int, rng: np.random.Generator, steps: Iterable[int]) -> MeasurementPlan:
+    """The plan for every pair of causes, each of typical size: half of the records for all, the others for the worst told.
 
-    Attributes:
-        chosen: numbers of records of the pool.
-        worst: numbers of the causes that are told worst of those that can be told.
-        pairs: every pair that shows, with its T, worst first; ``told`` where that suffices. ``why_not``: the two do
-            ``the same`` in every posture, or what they do is ``too small`` for so many records; else "".
-        notes: pairs that no posture tells apart, and what does.
-    """
-
-    chosen: list[int]
-    worst: tuple[int, int]
-    pairs: pd.DataFrame
-    notes: tuple[str, ...]
-
-
-def surveyed(
-    situation: Situation,
-    causes: tuple[Effect, ...],
-    records: int,
-    others: list[tuple[str, Array]],
-    steps: Iterable[int],
-) -> Survey:
-    """Choose records for all pairs.
+    Its ``pairs`` are all that show, worst first; ``told`` where T suffices. ``why_not``: the two do ``the same`` in every
+    posture, or what they do is ``too small`` for so many records; else "".
 
     Args:
-        situation: the set-up and its pool.
-        causes: of typical size.
+        asked: what the plan is for.
+        where: postures to choose from.
         records: how many.
-        others: other set-ups in words, with the triangle of their whole pool.
+        rng: for the conditions of the records.
         steps: the records, perhaps wrapped to show progress.
+
+    Raises:
+        AacmmError: fewer than two causes would show at all.
     """
-    layout, pool = situation.layout, situation.rows.records
-    whole = situation.triangle(None)
-    share = records / len(pool)
-    silent = {k for k, block in enumerate(layout.blocks) if _silent(whole, block)}
-    every = {pair: both for pair, both in distances(whole, layout.blocks).items() if not silent & set(pair)}
+    options = [*possible_conditions(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing))]
+    set_up = [option for option in options if not option.changes_arm][-1]  # every condition varied
+    situation = Situation.of(asked, set_up, where, rng)
+    others = [
+        (option.words[-1], Situation.of(asked, option, where, rng).triangle(None))
+        for option in options
+        if option.changes_arm
+    ]
+    blocks, whole = situation.layout.blocks, situation.triangle(None)
+    silent = {k for k, block in enumerate(blocks) if _silent(whole, block)}
+    every = {pair: both for pair, both in distances(whole, blocks).items() if not silent & set(pair)}
+    if not every:
+        raise AacmmError("fewer than two causes would show at all, so that there is nothing to tell apart")
     same = {pair for pair, (_, part) in every.items() if part <= SAME}
+    share = records / len(situation.rows)
     open_ = {pair for pair, (t, _) in every.items() if pair not in same and t * share >= HOPELESS}
-    information = situation.known.T @ situation.known
+    chosen = _chosen(situation, records, open_, steps)
+    after = {pair: t for pair, (t, _) in distances(situation.triangle(chosen), blocks).items() if pair in every}
+    labels = [cause.label for cause in asked.causes]
+    rows = [
+        {
+            "cause": labels[pair[0]],
+            "other": labels[pair[1]],
+            "T": t,
+            "told": t >= TOLD,
+            "why_not": "the same" if pair in same else "" if pair in open_ else "too small",
+        }
+        for pair, t in after.items()
+    ]
+    pairs = pd.DataFrame(rows).sort_values("T", ignore_index=True)
+    worst = min(open_ or set(every) - same or set(every), key=lambda pair: after[pair])
+    split = (asked.causes[worst[0]], asked.causes[worst[1]])
+    draws, sizes = int(rng.integers(2**32)), (Size.of(split[0]), Size.of(split[1]))
+    power = situation.power(chosen, worst, sizes, draws)
+    before = situation.power([], worst, sizes, draws) if situation.before else None
+    plan = sheet(asked, split, situation, chosen, before, power, (Tried(str(set_up), power),))
+    told = f"{int(pairs['told'].sum())} of {len(pairs)} pairs of causes of typical size are told apart"
+    notes = (f"{told} with odds of 0.95 or more", *_notes(silent, same, labels, others, blocks))
+    return replace(plan, asked=False, pairs=pairs, notes=notes)
+
+
+def _chosen(situation: Situation, records: int, open_: set[tuple[int, int]], steps: Iterable[int]) -> list[int]:
+    """Numbers of records of the pool: those that tell most of everything, then each for the ``open_`` pair told worst."""
+    layout = situation.layout
     typical = np.zeros(layout.width)
     typical[layout.nuisances :] = 1.0
-    choice = Choosing(pool, information + np.diag(typical))
+    choice = Choosing(situation.rows, situation.known.T @ situation.known + np.diag(typical))
     for step in steps:
         if step < (records + 1) // 2 or not open_:
             choice.run(1, informing)
             continue
         now = distances(situation.triangle(choice.taken), layout.blocks)
         choice.take(_best_for(min(open_, key=lambda pair: now[pair][0]), situation, choice))
-    after = distances(situation.triangle(choice.taken), layout.blocks)
-    if not every:
-        raise AacmmError("fewer than two causes would show at all, so that there is nothing to tell apart")
-    worst = min(open_ or set(every) - same or set(every), key=lambda pair: after[pair][0])
-    rows = [
-        {
-            "cause": causes[pair[0]].label,
-            "other": causes[pair[1]].label,
-            "T": t,
-            "told": t >= TOLD,
-            "why_not": "the same" if pair in same else "" if pair in open_ else "too small",
-        }
-        for pair, (t, _) in after.items()
-        if pair in every
-    ]
-    pairs = pd.DataFrame(rows).sort_values("T", ignore_index=True)
-    return Survey(choice.taken, worst, pairs, tuple(_notes(silent, same, causes, others, layout.blocks, pairs)))
+    return choice.taken
 
 
 def distances(r: Array, blocks: tuple[slice, ...]) -> dict[tuple[int, int], tuple[float, float]]:
@@ -107,35 +112,32 @@ def distances(r: Array, blocks: tuple[slice, ...]) -> dict[tuple[int, int], tupl
 
 def _best_for(pair: tuple[int, int], situation: Situation, choice: Choosing) -> int:
     """The record that tells one pair best, only these two causes being there."""
-    layout, pool = situation.layout, situation.rows.records
-    blocks = [layout.nuisances + np.arange(b.start, b.stop) for b in (layout.blocks[i] for i in pair)]
-    columns = np.concatenate([np.arange(layout.nuisances), *blocks])
+    layout, pool = situation.layout, situation.rows
+    first = layout.nuisances
+    blocks = [first + np.arange(b.start, b.stop) for b in (layout.blocks[i] for i in pair)]
+    columns = np.concatenate([np.arange(first), *blocks])
     taken = pool[choice.taken].reshape(-1, layout.width)
     information = situation.start + taken.T @ taken
     alone = Choosing(pool[:, :, columns], information[np.ix_(columns, columns)])
-    first = layout.nuisances
-    ends = np.cumsum([first, *(len(b) for b in blocks)])
-    own = [np.arange(a, b) for a, b in pairwise(ends)]
-    size = tuple(Size(np.eye(len(b))) for b in own)
-    worth = telling(own[0], own[1], (size[0], size[1]))(alone)
+    one, other = (len(block) for block in blocks)
+    sizes = (Size(np.eye(one)), Size(np.eye(other)))
+    worth = telling(first + np.arange(one), first + one + np.arange(other), sizes)(alone)
     return int(np.argmax(np.where(choice.free, worth, -np.inf)))
 
 
 def _notes(
     silent: set[int],
     same: set[tuple[int, int]],
-    causes: tuple[Effect, ...],
+    labels: list[str],
     others: list[tuple[str, Array]],
     blocks: tuple[slice, ...],
-    pairs: pd.DataFrame,
-) -> Iterable[str]:
-    told, count = int(pairs["told"].sum()), len(pairs)
-    yield f"{told} of {count} pairs of causes of typical size are told apart with odds of 0.95 or more"
+) -> Iterator[str]:
+    """What no posture shows or tells apart, and which of the ``others``, set-ups with their triangles, would."""
     for k in sorted(silent):
-        yield f"{causes[k].label} would not show{_how([words for words, r in others if not _silent(r, blocks[k])])}"
+        yield f"{labels[k]} would not show{_how([words for words, r in others if not _silent(r, blocks[k])])}"
     for one, other in sorted(same):
         helps = [words for words, r in others if _apart(r, blocks[one], blocks[other])]
-        yield f"no posture tells {causes[one].label} from {causes[other].label}{_how(helps)}"
+        yield f"no posture tells {labels[one]} from {labels[other]}{_how(helps)}"
 
 
 def _how(helps: list[str]) -> str:

@@ -17,17 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, batch, unit_vector, vector, whole
-from aacmm_pin._support.shown import drawn
+from aacmm_pin._support.shown import report
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm, require_arm
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
-from aacmm_pin.postures.curve_sampling import Components, Flexibility, flexibility, resample
+from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.reach import reach_of_wrist
 from aacmm_pin.postures.solution_set import PosturesAtPoint
 from aacmm_pin.postures.tip_ik import tip_curves, tip_system
-from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
+from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -92,7 +91,8 @@ class ConfigurationCircle(PosturesAtPoint):
         Raises:
             ShapeError, AacmmError: see :func:`aacmm_pin.report.plots.plot_circle`.
         """
-        return drawn("plot_circle", self, accuracy, postures, ax)
+        drawn: Axes3D = report().plots.plot_circle(self, accuracy, postures, ax)
+        return drawn
 
     def _row(self, number: int) -> dict[str, Any]:
         mine = self.component == number
@@ -169,7 +169,11 @@ def configuration_circles(
     if tip:
         if rest is not None:
             raise AacmmError("rest was given, but with tip=True every joint moves")
-        wrist, stylus, direction = None, _stylus(arm), _direction(axis)
+        if arm.stylus_axis is None:
+            raise UnsupportedArmError(f"{arm.name}: tip=True needs the axis of the stylus ([stylus] in the arm file)")
+        if axis is None:
+            raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
+        wrist, stylus, direction = None, arm.stylus_axis, unit_vector(axis, "axis")
         curves = tip_curves(dh, points, stylus, direction, seeds_per_turn)
         systems = [tip_system(dh, point[None, :], stylus, direction) for point in points]
     else:
@@ -187,38 +191,27 @@ def configuration_circles(
 
 
 def _sampled(arm: Arm, point: Array, at: str, components: Components, count: int) -> ConfigurationCircle:
-    q, component = resample(components, count)
-    q = into_limits(q, arm.limits)
-    points = np.broadcast_to(point, (len(q), 3))
-    swivel = components.swivel.angle(q, points)
-    reason = "" if len(q) else _why_not(components, point, at == arm.tip)
-    broken = broken_limits(q, arm.limits)
-    return ConfigurationCircle(arm, point, at, q, component, swivel, broken, components, reason=reason)
+    """Configurations evenly spaced along the elbow's path."""
+    q, component = np.empty((0, arm.nq)), np.empty(0, dtype=np.intp)
+    if components.curves:
+        some, component = evenly(
+            components.system, components.curves, count, lambda q: components.swivel.elbow(components.full(q))
+        )
+        q = into_limits(components.full(some), arm.limits)
+    swivel = components.swivel.angle(q, np.broadcast_to(point, (len(q), 3)))
+    reason, broken = "" if len(q) else _why_not(components, point), broken_limits(q, arm.limits)
+    return ConfigurationCircle(arm, point, at, q, component + 1, swivel, broken, components, reason=reason)
 
 
-def _why_not(components: Components, point: Array, tip: bool) -> str:
-    distance = float(np.linalg.norm(point - components.swivel.shoulder))
-    if tip or components.wrist is None:
-        return f"the point is {distance / MM:.3f} mm from the shoulder and cannot be reached with that stylus axis"
-    nearest, farthest = reach_of_wrist(components.wrist, components.swivel.shoulder)
-    return (
-        f"the point is {distance / MM:.3f} mm from the shoulder; the wrist reaches "
-        f"from {nearest / MM:.3f} mm to {farthest / MM:.3f} mm"
-    )
+def _why_not(components: Components, point: Array) -> str:
+    shoulder, wrist = components.swivel.shoulder, components.wrist
+    distance = f"the point is {np.linalg.norm(point - shoulder) / MM:.3f} mm from the shoulder"
+    if wrist is None:
+        return f"{distance} and cannot be reached with that stylus axis"
+    nearest, farthest = reach_of_wrist(wrist, shoulder)
+    return f"{distance}; the wrist reaches from {nearest / MM:.3f} mm to {farthest / MM:.3f} mm"
 
 
 def _sides(signs: NDArray[np.intp]) -> str:
     """The sign that all configurations share, or both."""
     return " ".join(f"{sign:+d}" for sign in np.unique(signs))
-
-
-def _stylus(arm: Arm) -> Array:
-    if arm.stylus_axis is None:
-        raise UnsupportedArmError(f"{arm.name}: tip=True needs the axis of the stylus ([stylus] in the arm file)")
-    return arm.stylus_axis
-
-
-def _direction(axis: ArrayLike | None) -> Array:
-    if axis is None:
-        raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
-    return unit_vector(axis, "axis")

@@ -47,17 +47,15 @@ class PoseConditions:
 
     def system(self) -> System:
         """Residual (n, count) [m, rad] and its derivative (n, count, nq), for :mod:`aacmm_pin.postures.continuation`."""
-        places = self.chain.moving_axes()
         orientation = self._orientation()
 
         def system(q: Array, problem: Index) -> tuple[Array, Array]:
             rotation, origin = self.chain.walk(q)
-            z, tip = rotation[places, :, :, 2], origin[-1]
-            linear, angular = np.cross(z, tip - origin[places]).transpose(1, 2, 0), z.transpose(1, 2, 0)
+            off, (linear, angular) = origin[-1] - self.point, self.chain.jacobian(rotation, origin, origin[-1])
             if orientation is None:
-                return tip - self.point, linear
+                return off, linear
             f, derivative = orientation(rotation[-1])
-            return np.concatenate([tip - self.point, f], axis=1), np.concatenate([linear, derivative @ angular], axis=1)
+            return np.concatenate([off, f], axis=1), np.concatenate([linear, derivative @ angular], axis=1)
 
         return system
 

@@ -24,10 +24,25 @@ System = Callable[[Array, Index], tuple[Array, Array]]
 
 CLOSE_ENOUGH = 1e-12
 """Largest residual of a solution [unit of F: m, or 1 for directions]."""
+POLISHED, CORRECTED = 0.02 * CLOSE_ENOUGH, 0.2 * CLOSE_ENOUGH
+"""Residuals at which polishing a seed, and correcting a step, end: what is left to gain is rounding."""
+MOST_POLISHES, MOST_CORRECTIONS, MOST_MEETINGS = 40, 5, 8
+"""Newton steps after which polishing a seed, correcting a step, and meeting a plane (see :func:`on_curves`) give up."""
+LONGEST_POLISH = 0.5
+"""Of one Newton step from a seed [rad]; longer ones would leave the neighbourhood."""
+DAMPING = 1e-14
+"""Part of the trace of ``J Jᵀ`` that is added to its diagonal: felt only where J is nearly singular."""
 SURE_STEP = 5e-7
 """After a Newton step shorter than this the residual is about the arm's length times step²/2, below 2e-13 m."""
 LONGEST_STEP = 0.20
+FIRST_STEP = 0.25 * LONGEST_STEP
 """Of a predictor along the curve [rad]."""
+SHORTENED = 0.4
+"""A step that failed is tried again at this part of its length."""
+STEP_CHANGE = (0.5, 1.8)
+"""Least and largest ratio of a step's length to that of the one before, which succeeded."""
+MOST_VERTICES = 4000
+"""A curve with more is returned unfinished."""
 SHORTEST_STEP = 1e-5
 """Nearer than this to a crossing the residual's rounding, over the distance, hides the direction of the curve; a gap that
 narrow is a crossing [rad]."""
@@ -38,10 +53,20 @@ LEAPS = (0.03, 0.1, 0.01)
 MOST_LEAPS = 100
 LARGEST_TURN = 0.30
 """Largest angle between the tangents at the two ends of a step [rad]."""
+WANTED_TURN, LEAST_TURN = 0.6 * LARGEST_TURN, 1e-3
+"""Angle that the length of the next step aims at, and one below which a piece counts as straight [rad]."""
+OFF_GUESS = 0.4
+"""Part of a step by which its correction may move it; farther away it may be another curve."""
+PAST_START, ASIDE_START = 1.0001, 0.3
+"""Parts of a step: so far along it, and so far aside of it, the start is taken for passed and solved for."""
 BULGE = 0.1
 """A curve that turns by less than ``LARGEST_TURN`` between vertices leaves the chord by less than this part of it."""
 PICKS = 7
 """Vertices of a curve that are looked for on the others."""
+NEAREST = 3
+"""Vertices of a curve from which a solution is looked for on it: the nearest may be on another strand."""
+COMPARED = 200_000
+"""Distances of solutions from vertices that are worked out at once, for the processor's cache."""
 SAME_POINT = 1e-6
 """Two solutions nearer to each other than this are one [rad]."""
 
@@ -61,7 +86,7 @@ class Curve:
     problem: int
 
 
-def polish(system: System, q: Array, problem: Index, iterations: int = 40) -> tuple[Array, NDArray[np.bool_]]:
+def polish(system: System, q: Array, problem: Index) -> tuple[Array, NDArray[np.bool_]]:
     """Move each row to the nearest solution by damped least-norm Newton steps.
 
     Returns:
@@ -70,38 +95,31 @@ def polish(system: System, q: Array, problem: Index, iterations: int = 40) -> tu
     q, best = q.copy(), np.full(len(q), np.inf)
     result = q.copy()
     active = np.arange(len(q))
-    for _ in range(iterations):
+    for _ in range(MOST_POLISHES):
         f, jacobian = system(q[active], problem[active])
         size = np.abs(f).max(axis=1, initial=0.0)
         better = size < best[active]
         result[active[better]], best[active[better]] = q[active[better]], size[better]
-        going = size > 0.02 * CLOSE_ENOUGH
+        going = size > POLISHED
         active, f, jacobian = active[going], f[going], jacobian[going]
         if not active.size:
             break
         step = -_least_norm(jacobian, f)
         length = np.linalg.norm(step, axis=1)
-        q[active] += step * np.minimum(1.0, 0.5 / np.maximum(length, 1e-300))[:, None]
+        q[active] += step * np.minimum(1.0, LONGEST_POLISH / np.maximum(length, 1e-300))[:, None]
         sure = active[length < SURE_STEP]
         result[sure], best[sure] = q[sure], 0.0
         active = active[length >= SURE_STEP]
     return result, best <= CLOSE_ENOUGH
 
 
-def trace(system: System, start: Array, problem: Index, max_vertices: int = 4000) -> list[Curve]:
-    """Follow the curve through each of ``start`` (n, k + 1), which must be solutions, once round.
+def trace(system: System, start: Array, problem: Index) -> list[Curve]:
+    """Follow the curve through each of ``start`` (n, k + 1), which must be solutions, once round: one curve for each.
 
-    Args:
-        system: the equations.
-        start: solutions to start from (n, k + 1) [rad].
-        problem: number of the problem of each (n,).
-        max_vertices: a curve longer than that is returned with ``closed = False``.
-
-    Returns:
-        One curve for each start, in order. Two starts on one curve give it twice: see :func:`on_curves`.
+    Two starts on one curve give it twice: see :func:`on_curves`.
     """
     state = _State(system, start, problem)
-    for _ in range(max_vertices):
+    for _ in range(MOST_VERTICES):
         if not state.step():
             break
     return state.curves()
@@ -114,11 +132,12 @@ class _State:
         self.system, self.start, self.problem = system, start, problem
         n = len(start)
         self.q = start.copy()
-        self.tangent = _null_vectors(system(start, problem)[1])
+        jacobian = system(start, problem)[1]
+        self.tangent = _null_vectors(jacobian)
         self.start_tangent = self.tangent.copy()
-        self.sign = self._orientation(np.arange(n), start, self.tangent)
+        self.sign = np.sign(np.linalg.det(_bordered(jacobian, self.tangent)))
         self.curvature = np.zeros_like(start)
-        self.length = np.full(n, 0.25 * LONGEST_STEP)
+        self.length = np.full(n, FIRST_STEP)
         self.steady = (self.q.copy(), self.tangent.copy(), self.curvature.copy())
         self.leaps = np.zeros(n, dtype=np.intp)
         self.travelled = np.zeros(n)
@@ -136,9 +155,9 @@ class _State:
         q, jacobian, good = _correct(self.system, guess, t, self.problem[who])
         tangent, sign = _next_tangent(jacobian, t)
         cosine = np.einsum("ni,ni->n", tangent, t)
-        good &= (cosine > np.cos(LARGEST_TURN)) & (np.linalg.norm(q - guess, axis=1) < 0.4 * h[:, 0])
+        good &= (cosine > np.cos(LARGEST_TURN)) & (np.linalg.norm(q - guess, axis=1) < OFF_GUESS * h[:, 0])
         good &= sign == self.sign[who]
-        self.length[who[~good]] *= 0.4
+        self.length[who[~good]] *= SHORTENED
         stuck = self.length[who] < SHORTEST_STEP
         self._accept(who[good], q[good], tangent[good], sign[good], np.sqrt(np.maximum(0.0, 1 - cosine[good] ** 2)))
         stuck[stuck] = ~self._leap(who[stuck])
@@ -184,7 +203,7 @@ class _State:
         for kept, now in zip(self.steady, (self.q, self.tangent, self.curvature), strict=True):
             kept[steady] = now[steady]
         self.travelled[who] += distance
-        wanted = np.clip(0.6 * LARGEST_TURN / np.maximum(turn, 1e-3), 0.5, 1.8)
+        wanted = np.clip(WANTED_TURN / np.maximum(turn, LEAST_TURN), *STEP_CHANGE)
         self.length[who] = np.clip(self.length[who] * wanted, SHORTEST_STEP, LONGEST_STEP)
 
     def _returned(self, who: Index, moved: Array, distance: Array) -> NDArray[np.bool_]:
@@ -192,7 +211,7 @@ class _State:
         to_start = wrapped(self.start[who] - self.q[who])
         along = np.einsum("ni,ni->n", to_start, moved) / distance
         aside = np.linalg.norm(to_start - (along / distance)[:, None] * moved, axis=1)
-        near = (along > 0) & (along <= distance * 1.0001) & (aside < 0.3 * distance) & (self.travelled[who] > 0)
+        near = (along > 0) & (along <= PAST_START * distance) & (aside < ASIDE_START * distance) & (self.travelled[who] > 0)
         returned = np.zeros(len(who), dtype=bool)
         if near.any():
             some = np.flatnonzero(near)
@@ -200,10 +219,6 @@ class _State:
             goal = guess + wrapped(self.start[who[some]] - guess)
             returned[some] = _meets(self.system, guess, goal, self.start_tangent[who[some]], self.problem[who[some]])
         return returned
-
-    def _orientation(self, who: Index, q: Array, tangent: Array) -> Array:
-        jacobian = self.system(q, self.problem[who])[1]
-        return np.asarray(np.sign(np.linalg.det(_bordered(jacobian, tangent))))
 
     def curves(self) -> list[Curve]:
         """The vertices gathered by curve."""
@@ -278,16 +293,16 @@ def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> 
     return found
 
 
-def _nearest(q: Array, vertices: Array, lengths: Index, rows: Index, count: int = 3) -> Index:
-    """Numbers of the ``count`` vertices of row ``rows[i]`` that are nearest to ``q[i]``: (n, count).
+def _nearest(q: Array, vertices: Array, lengths: Index, rows: Index) -> Index:
+    """Numbers of the vertices of row ``rows[i]`` that are nearest to ``q[i]``: (n, at most ``NEAREST``).
 
     Beyond its ``lengths`` a row is padded; copies of one vertex would crowd out the second and third nearest.
     """
-    count = min(count, vertices.shape[1])
+    count = min(NEAREST, vertices.shape[1])
     nearest = np.empty((len(q), count), dtype=np.intp)
     real = np.arange(vertices.shape[1]) < lengths[:, None]
     there, here = (_on_circles(vertices) * real[:, :, None]).transpose(0, 2, 1), _on_circles(q)
-    for part in chunks(len(q), max(1, 200_000 // vertices.shape[1])):
+    for part in chunks(len(q), max(1, COMPARED // vertices.shape[1])):
         closeness = (here[part, None, :] @ there[rows[part]])[:, 0, :]  # Σ cos(difference): largest where nearest
         pick = np.argpartition(-closeness, count - 1, axis=1)[:, :count]
         order = np.argsort(-np.take_along_axis(closeness, pick, axis=1), axis=1)
@@ -308,18 +323,18 @@ def _meets(system: System, guess: Array, goal: Array, tangent: Array, problem: I
     near = np.linalg.norm(shifted - goal, axis=1) < 2 * LONGEST_STEP
     met = np.zeros(len(guess), dtype=bool)
     if near.any():
-        q, _, good = _correct(system, shifted[near], tangent[near], problem[near], iterations=8)
+        q, _, good = _correct(system, shifted[near], tangent[near], problem[near], MOST_MEETINGS)
         met[near] = good & (np.linalg.norm(q - goal[near], axis=1) < SAME_POINT)
     return met
 
 
 def _correct(
-    system: System, guess: Array, tangent: Array, problem: Index, iterations: int = 5
+    system: System, guess: Array, tangent: Array, problem: Index, iterations: int = MOST_CORRECTIONS
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Newton across the tangent: solutions, their Jacobians, and which of them converged."""
     q = guess.copy()
     f, jacobian = system(q, problem)
-    good = np.abs(f).max(axis=1) <= 0.2 * CLOSE_ENOUGH
+    good = np.abs(f).max(axis=1) <= CORRECTED
     open_ = np.flatnonzero(~good)
     for _ in range(iterations):
         right = np.zeros((len(open_), q.shape[1], 1))
@@ -332,7 +347,7 @@ def _correct(
         if not open_.size:
             break
         f[open_], jacobian[open_] = system(q[open_], problem[open_])
-        there = np.abs(f[open_]).max(axis=1) <= 0.2 * CLOSE_ENOUGH
+        there = np.abs(f[open_]).max(axis=1) <= CORRECTED
         good[open_[there]] = True
         open_ = open_[~there]
     return q, jacobian, good
@@ -373,5 +388,5 @@ def _null_vectors(jacobian: Array) -> Array:
 def _least_norm(jacobian: Array, f: Array) -> Array:
     """Least-norm solution of J x = f, damped only where J is nearly singular."""
     gram = jacobian @ jacobian.transpose(0, 2, 1)
-    damping = 1e-14 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
+    damping = DAMPING * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
     return np.asarray((jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram + damping, f[:, :, None]))[:, :, 0])

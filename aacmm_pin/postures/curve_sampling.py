@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,11 +14,14 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.arc_length_sampling import evenly, to_solution
-from aacmm_pin.postures.continuation import Curve, System
+from aacmm_pin.postures.continuation import Curve, System, polish
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.wrist_ik import Wrist
 
+FINER = 8
+"""Parts of each piece between vertices when a path is measured."""
+STILL = 1e-9
+"""A path shorter than this along a whole curve gives no measure of it [m, rad]."""
 ARC_BINS = 3600
 """Resolution of the fraction of arc: a tenth of a degree of swivel."""
 SAME_SWIVEL = 1e-10
@@ -127,12 +131,55 @@ class Flexibility(Shown):
     arc_fraction: float
 
 
-def resample(components: Components, count: int) -> tuple[Array, NDArray[np.intp]]:
-    """``count`` configurations on each curve, evenly spaced along the elbow's path, and their component from 1."""
-    if not components.curves:
-        return np.empty((0, components.nq)), np.empty(0, dtype=np.intp)
-    q, number = evenly(components.system, components.curves, count, lambda q: components.swivel.elbow(components.full(q)))
-    return components.full(q), number + 1
+def evenly(system: System, curves: list[Curve], count: int, path: Callable[[Array], Array]) -> tuple[Array, Index]:
+    """``count`` solutions on each curve, evenly spaced along what ``path`` makes of them.
+
+    Args:
+        system: the equations that the curves solve.
+        curves: at least one.
+        count: of each curve.
+        path: from solutions in order along a curve (m, k) to places whose distances count (m, any). A curve along which
+            it stands still is divided by its angles.
+
+    Returns:
+        (curves * count, k) [rad] and the number of the curve of each, from 0.
+    """
+    guesses = []
+    for vertices in _finer(system, curves):
+        length = np.linalg.norm(np.diff(path(vertices), axis=0), axis=1)
+        if length.sum() < STILL:
+            length = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(length)])
+        wanted = np.arange(count) * (along[-1] / count)
+        guesses.append(np.column_stack([np.interp(wanted, along, column) for column in vertices.T]))
+    number = np.repeat(np.arange(len(guesses)), count)
+    problem = np.array([c.problem for c in curves])[number]
+    return to_solution(system, np.concatenate(guesses), problem), number
+
+
+def _finer(system: System, curves: list[Curve]) -> list[Array]:
+    """Each curve with solutions between its vertices, its first repeated at the end where it is closed."""
+    finer = []
+    for curve in curves:
+        turns = np.round((curve.q[-1] - curve.q[0]) / (2 * np.pi)) * 2 * np.pi  # made when it is back at its start
+        q = np.vstack([curve.q, curve.q[:1] + turns]) if curve.closed else curve.q
+        rows = np.arange((len(q) - 1) * FINER + 1) / FINER
+        finer.append(np.column_stack([np.interp(rows, np.arange(len(q)), angles) for angles in q.T]))
+    problem = np.repeat([c.problem for c in curves], [len(q) for q in finer])
+    solutions = to_solution(system, np.concatenate(finer), problem)
+    return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
+
+
+def to_solution(system: System, guess: Array, problem: Index) -> Array:
+    """Points between vertices, moved onto the curve.
+
+    Raises:
+        AacmmError: some of them do not arrive.
+    """
+    q, good = polish(system, guess, problem)
+    if not good.all():
+        raise AacmmError(f"{(~good).sum()} of {len(good)} configurations between those of a curve could not be found")
+    return q
 
 
 def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Index]:
@@ -185,6 +232,43 @@ def sector_centres(sectors: int) -> Array:
     return np.asarray(np.arange(sectors) * (2 * np.pi / sectors), dtype=np.float64)
 
 
+@dataclass(frozen=True, eq=False)
+class Sectors:
+    """What the centres of equal sectors of the swivel angle have, at many points.
+
+    Attributes:
+        q: the configurations inside the limits whose swivel is that of a centre (n, nq) [rad].
+        sector: number of the sector of each (n,).
+        point: number of the point of each (n,).
+        theoretical: which centres some configuration, limits apart, has (points, sectors).
+        working: which of them one of ``q`` has (points, sectors).
+    """
+
+    q: Array
+    sector: Index
+    point: Index
+    theoretical: NDArray[np.bool_]
+    working: NDArray[np.bool_]
+
+    @staticmethod
+    def of(components: Components, limits: Array, sectors: int) -> Sectors:
+        """Those of the points of ``components`` with ``limits`` (nq, 2) [rad]."""
+        q, sector, point = at_swivel(components, sector_centres(sectors))
+        q = into_limits(q, limits)
+        inside = ~broken_limits(q, limits).any(axis=1)
+        theoretical, working = np.zeros((2, len(components.points), sectors), dtype=bool)
+        theoretical[point, sector] = True
+        q, sector, point = q[inside], sector[inside], point[inside]
+        working[point, sector] = True
+        return Sectors(q, sector, point, theoretical, working)
+
+    @property
+    def zeta(self) -> Array:
+        """Working over theoretical sectors of every point (points,); nan where nothing is theoretical."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.working.sum(axis=1) / self.theoretical.sum(axis=1))
+
+
 def flexibility(components: Components, limits: Array, sectors: int) -> Flexibility:
     """Flexibility of the one point of ``components``.
 
@@ -193,13 +277,9 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
     """
     if sectors < 1:
         raise AacmmError(f"sectors is {sectors}, expected at least 1")
-    q, which, _ = at_swivel(components, sector_centres(sectors))
-    inside = ~broken_limits(into_limits(q, limits), limits).any(axis=1)
-    theoretical = np.bincount(which, minlength=sectors) > 0
-    working = np.bincount(which[inside], minlength=sectors) > 0
-    zeta = working.sum() / theoretical.sum() if theoretical.any() else float("nan")
-    arc = arc_fractions(components, limits, ARC_BINS)
-    return Flexibility(float(zeta), tuple(bool(w) for w in working), float(arc[0]))
+    found = Sectors.of(components, limits, sectors)
+    working = tuple(bool(w) for w in found.working[0])
+    return Flexibility(float(found.zeta[0]), working, float(arc_fractions(components, limits)[0]))
 
 
 def arc_fractions(components: Components, limits: Array, bins: int = ARC_BINS) -> Array:

@@ -20,11 +20,9 @@ from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.constraints import PoseConditions
 from aacmm_pin.postures.continuation import Curve
-from aacmm_pin.postures.curve_sampling import Flexibility
+from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.isolated_solutions import Isolated
-from aacmm_pin.postures.newton_search import FLAT, MOST_STARTS, Search, flattest, search
-from aacmm_pin.postures.self_motion import SelfMotion
+from aacmm_pin.postures.newton_search import FLAT, MOST_STARTS, Finds, Isolated, Search, SelfMotion, flattest, search
 from aacmm_pin.postures.solution_set import PosturesAtPoint
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
@@ -145,18 +143,25 @@ def reaching_postures(
     count, most_starts = whole(count, 3, "count"), whole(most_starts, 1, "most_starts")
     conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
     system = conditions.system()
+    curves: tuple[Curve, ...] = ()
+    finds: Isolated | SelfMotion
     if conditions.free == 0:
-        single = Isolated(system, np.empty((0, arm.nq)))
-        found = search(system, arm.nq, single, most_starts)
-        notes = (*_families(single, found), *_next_to_singular(single, found))
-        return _result(arm, conditions, single.q, np.arange(len(single.q)), (), found, notes)
-    motion = SelfMotion(system)
-    found = search(system, arm.nq, motion, most_starts)
-    q, component = motion.spaced(count) if motion.curves else (np.empty((0, arm.nq)), np.empty(0, dtype=np.intp))
-    curves = tuple(motion.curves)
-    unfinished = [n for n, curve in enumerate(curves, start=1) if not curve.closed]
-    more = [f"component {n} could not be followed all the way round" for n in unfinished]
-    return _result(arm, conditions, q, component, curves, found, (*_families(motion, found), *more))
+        finds = Isolated(system, q=np.empty((0, arm.nq)))
+        found = search(finds, arm.nq, most_starts)
+        q, component = finds.q, np.arange(len(finds.q))
+        notes = [*_families(finds, found), *_next_to_singular(finds, found)]
+    else:
+        finds = SelfMotion(system)
+        found = search(finds, arm.nq, most_starts)
+        curves = tuple(finds.curves)
+        q, component = evenly(system, finds.curves, count, lambda q: q) if curves else (np.empty((0, arm.nq)), np.arange(0))
+        unfinished = [n for n, curve in enumerate(curves, start=1) if not curve.closed]
+        notes = _families(finds, found) + [f"component {n} could not be followed all the way round" for n in unfinished]
+    reason = "" if len(q) else "; ".join(notes) or f"{found}: out of reach"
+    q = into_limits(q, arm.limits)
+    swivel, broken = _swivel(arm, q, conditions.point), broken_limits(q, arm.limits)
+    at = (arm, conditions.point, arm.tip)
+    return ReachingPostures(*at, q, component + 1, swivel, broken, conditions, curves, found, tuple(notes), reason=reason)
 
 
 def _conditions(
@@ -209,16 +214,16 @@ def _rotation(values: ArrayLike) -> Array:
     return np.asarray(left @ right)
 
 
-def _families(finds: Isolated | SelfMotion, found: Search) -> tuple[str, ...]:
+def _families(finds: Finds, found: Search) -> list[str]:
     """That there are singular postures in families, which are not listed."""
     if finds.family is None:
-        return ()
+        return []
     angles = ", ".join(f"{angle:.1f}" for angle in wrapped(finds.family) / DEG)
     where = f"{finds.families} of {found.arrived} arrivals at singular postures"
-    return (f"{where} that go on in families, such as ({angles})°; they are not listed",)
+    return [f"{where} that go on in families, such as ({angles})°; they are not listed"]
 
 
-def _next_to_singular(single: Isolated, found: Search) -> tuple[str, ...]:
+def _next_to_singular(single: Isolated, found: Search) -> list[str]:
     """That some postures are so flat that rounding decides whether a neighbour is found, and whether it is another one."""
     near = np.flatnonzero(flattest(single.system, single.q)[0] < FLAT) if len(single.q) else np.empty(0)
     notes = []
@@ -229,34 +234,7 @@ def _next_to_singular(single: Isolated, found: Search) -> tuple[str, ...]:
         notes.append(
             f"{found.stalled} of {found.starts} starts came to a stand next to singular postures: some there may be missed"
         )
-    return tuple(notes)
-
-
-def _result(
-    arm: Arm,
-    conditions: PoseConditions,
-    q: Array,
-    component: Index,
-    curves: tuple[Curve, ...],
-    found: Search,
-    notes: tuple[str, ...],
-) -> ReachingPostures:
-    reason = "" if len(q) else "; ".join(notes) or f"{found}: out of reach"
-    q = into_limits(q, arm.limits)
-    return ReachingPostures(
-        arm,
-        conditions.point,
-        arm.tip,
-        q,
-        component + 1,
-        _swivel(arm, q, conditions.point),
-        broken_limits(q, arm.limits),
-        conditions,
-        curves,
-        found,
-        notes,
-        reason=reason,
-    )
+    return notes
 
 
 def _swivel(arm: Arm, q: Array, point: Array) -> Array:

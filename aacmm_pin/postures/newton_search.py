@@ -1,14 +1,29 @@
-"""Solutions of the equations of a pose by Newton's method from many starts, in rounds, until rounds bring nothing new."""
+"""All solutions of the equations of a pose by Newton's method from many starts, in rounds, until rounds bring nothing new.
+
+Of as many equations as angles the solutions are single (:class:`Isolated`). With one angle more they are closed curves, the
+self-motion of an arm whose pose is held (:class:`SelfMotion`): J. W. Burdick, "On the inverse kinematics of redundant
+manipulators: characterization of the self-motion manifolds", ICRA 1989; at most sixteen of them.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin.postures.continuation import System, polish
+from aacmm_pin._support.angles import wrapped
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.postures.continuation import (
+    CLOSE_ENOUGH,
+    SAME_POINT,
+    Curve,
+    System,
+    on_curves,
+    polish,
+    trace,
+    without_known,
+)
 from aacmm_pin.postures.wrist_ik import spread_angles
 
 ROUND = 256
@@ -24,6 +39,20 @@ SINGULAR = 1e-6
 """A solution is singular where the smallest singular value of the equations' derivative is this part of the largest."""
 FLAT = 1e-4
 """With this part of it, it is next to a singular one: rounding decides what is found there."""
+NEAR = 0.02
+"""Solutions nearer than this are one if the equations hold half-way between them as well [rad]."""
+ASIDE = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
+"""How far beside a solution its neighbour is looked for, in the direction in which it is most easily left [rad]."""
+ALONG = np.array([0.02, 0.04, 0.08])
+"""Steps along a family, each of which has to arrive about there [rad]."""
+ABOUT_THERE = 0.3
+"""Part of such a step by which it may end elsewhere."""
+MOST_SINGLE = 16
+"""Six turning joints have at most so many single postures for a pose (Primrose 1986); more are a family in disguise."""
+MOST_BESIDE = 8
+"""So many finds are looked for beside one another; next to a singular pose an almost-family of them has no end."""
+TOGETHER = 24
+"""Curves that are traced side by side, the same one several times: a batch costs little more than one alone."""
 
 
 @dataclass(frozen=True)
@@ -62,31 +91,158 @@ class Search:
         )
 
 
-class Finds(Protocol):
-    """What gathers solutions."""
+@dataclass(eq=False)
+class Finds:
+    """What gathers solutions.
 
-    @property
-    def hits(self) -> list[int]:
-        """Arrivals at each find so far."""
+    Attributes:
+        system: the equations.
+        hits: arrivals at each find so far.
+        family: a singular solution that belongs to none of the finds (k,); None where none was met.
+        families: arrivals at such.
+    """
+
+    system: System
+    hits: list[int] = field(default_factory=list)
+    family: Array | None = None
+    families: int = 0
 
     def absorb(self, q: Array) -> int:
         """Take in solutions (n, k) [rad]; return the place in ``q`` behind the last that brought something new, or 0."""
+        raise NotImplementedError
+
+    def _count_families(self, q: Array, regular: NDArray[np.bool_]) -> int:
+        """Count those that are not ``regular``; return the place behind the first if no family was known, or 0."""
+        self.families += int((~regular).sum())
+        if self.family is not None or regular.all():
+            return 0
+        first = int(np.flatnonzero(~regular)[0])
+        self.family = q[first]
+        return first + 1
 
 
-def search(system: System, joints: int, finds: Finds, most_starts: int = MOST_STARTS) -> Search:
-    """Fill ``finds`` with the solutions of ``system`` in ``joints`` angles.
+@dataclass(eq=False)
+class Isolated(Finds):
+    """Gathers single solutions.
 
-    Args:
-        system: the equations; see :mod:`aacmm_pin.postures.continuation`.
-        joints: number of angles.
-        finds: gathers them.
-        most_starts: the search ends there in any case.
+    Two solutions that nearly coincide, as next to a singularity, have small basins between them: each find is left in its
+    flattest direction, to both sides, to look for the other.
+
+    Attributes:
+        q: the solutions so far (m, k) [rad].
     """
+
+    q: Array = field(kw_only=True)
+
+    def absorb(self, q: Array) -> int:
+        """See :meth:`Finds.absorb`."""
+        single = self._single(q)
+        newest = self._count_families(q, single)
+        for place in np.flatnonzero(single):
+            number = self._number(q[place])
+            if number is not None:
+                self.hits[number] += 1
+            elif len(self.q) >= MOST_SINGLE:
+                self.families += 1
+                self.family = q[place] if self.family is None else self.family
+            else:
+                self._add(q[place])
+                self.hits[-1] += 1
+                newest = max(newest, int(place) + 1)
+                self._look_beside(q[place])
+        return newest
+
+    def _add(self, q: Array) -> None:
+        self.q = np.vstack([self.q, wrapped(q)])
+        self.hits.append(0)
+
+    def _number(self, q: Array) -> int | None:
+        """Which find ``q`` (k,) is; None where it is none of them."""
+        gap = wrapped(self.q - q)
+        distance = np.linalg.norm(gap, axis=1)
+        for number in np.argsort(distance):
+            if distance[number] < SAME_POINT:
+                return int(number)
+            if distance[number] > NEAR:
+                return None
+            between = (q + 0.5 * gap[number])[None, :]
+            if np.abs(self.system(between, _the_one(between))[0]).max() <= CLOSE_ENOUGH:
+                return int(number)  # a solution of higher order is known less sharply
+        return None
+
+    def _look_beside(self, q: Array) -> None:
+        """Look for neighbours of a find (k,) in its flattest direction, for neighbours of these, and so on."""
+        left = [q]
+        for _ in range(MOST_BESIDE):
+            if not left:
+                return
+            find = left.pop(0)
+            direction = flattest(self.system, find[None, :])[1][0, -1]
+            starts = find + np.concatenate([-ASIDE, ASIDE])[:, None] * direction
+            found, good = polish(self.system, starts, _the_one(starts))
+            found = found[good]
+            for other in found[self._single(found)]:
+                if len(self.q) < MOST_SINGLE and self._number(other) is None:
+                    self._add(other)
+                    left.append(other)
+
+    def _single(self, q: Array) -> NDArray[np.bool_]:
+        """Which solutions (n, k) do not go on beside themselves, in one of their two flattest directions: (n,)."""
+        single = np.ones(len(q), dtype=bool)
+        if not len(q):
+            return single
+        size, vectors = flattest(self.system, q)
+        flat = np.flatnonzero(size < SINGULAR)
+        start, step = np.broadcast_arrays(q[flat, None, None], ALONG[:, None] * vectors[flat, -2:, None])
+        guess = (start + step).reshape(-1, q.shape[1])
+        found, good = polish(self.system, guess, _the_one(guess))
+        off = np.linalg.norm(found - guess, axis=1).reshape(-1, 2, len(ALONG))
+        there = good.reshape(off.shape) & (off < ABOUT_THERE * ALONG)
+        single[flat] = ~there.all(axis=2).any(axis=1)
+        return single
+
+
+@dataclass(eq=False)
+class SelfMotion(Finds):
+    """Gathers closed curves.
+
+    Attributes:
+        curves: those found so far.
+    """
+
+    curves: list[Curve] = field(default_factory=list)
+
+    def absorb(self, q: Array) -> int:
+        """See :meth:`Finds.absorb`."""
+        regular = flattest(self.system, q)[0] > SINGULAR
+        newest, left = self._count_families(q, regular), np.flatnonzero(regular)
+        for number, curve in enumerate(self.curves):
+            left = left[~self._count(number, curve, q[left])]
+        while left.size:
+            some, left = left[:TOGETHER], left[TOGETHER:]
+            for start, curve in zip(some, trace(self.system, q[some], _the_one(some)), strict=True):
+                if start not in some or not without_known(self.system, [curve], [[known] for known in self.curves]):
+                    continue
+                newest = max(newest, int(start) + 1)
+                self.curves.append(curve)
+                self.hits.append(0)
+                some, left = (part[~self._count(-1, curve, q[part])] for part in (some, left))
+        return newest
+
+    def _count(self, number: int, curve: Curve, q: Array) -> NDArray[np.bool_]:
+        on = on_curves(self.system, q, _the_one(q), [curve])
+        self.hits[number] += int(on.sum())
+        return on
+
+
+def search(finds: Finds, joints: int, most_starts: int = MOST_STARTS) -> Search:
+    """Fill ``finds`` with the solutions of its system in ``joints`` angles; it ends at ``most_starts`` in any case."""
+    system = finds.system
     starts = arrived = stalled = since_new = 0
     spread = spread_angles(most_starts, joints)
     while starts < most_starts and since_new < ENOUGH and (arrived or starts < NOTHING):
         some = spread[starts : starts + ROUND]
-        q, good = polish(system, some, np.zeros(len(some), dtype=np.intp))
+        q, good = polish(system, some, _the_one(some))
         stalled += _stalled(system, q[~good])
         q = q[good]
         newest = finds.absorb(q) if len(q) else 0
@@ -97,7 +253,7 @@ def search(system: System, joints: int, finds: Finds, most_starts: int = MOST_ST
 
 def _stalled(system: System, q: Array) -> int:
     """How many of some that did not arrive (n, k) stand beside a solution that is nearly singular."""
-    off = np.abs(system(q, np.zeros(len(q), dtype=np.intp))[0]).max(axis=1, initial=0.0)
+    off = np.abs(system(q, _the_one(q))[0]).max(axis=1, initial=0.0)
     beside = q[off < BESIDE]  # others of these would have arrived with more steps
     return int((flattest(system, beside)[0] < FLAT).sum()) if len(beside) else 0
 
@@ -109,6 +265,10 @@ def flattest(system: System, q: Array) -> tuple[Array, Array]:
         smallest over largest singular value of the derivative (n,), and the unit right singular vectors (n, k, k), the last
         row of each the one that changes the equations least.
     """
-    jacobian = system(q, np.zeros(len(q), dtype=np.intp))[1]
-    _, sizes, vectors = np.linalg.svd(jacobian)
+    _, sizes, vectors = np.linalg.svd(system(q, _the_one(q))[1])
     return sizes[:, -1] / sizes[:, 0], vectors
+
+
+def _the_one(q: Array | Index) -> Index:
+    """Numbers of the problems of solutions ``q`` (n, …) where there is but one."""
+    return np.zeros(len(q), dtype=np.intp)

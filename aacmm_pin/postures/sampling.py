@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
-from aacmm_pin.arm.measuring_volume import joint_bounds
+from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects.state import State
 
 StateOf = Callable[[Array, Index], State]
@@ -30,11 +30,7 @@ DIFFERENT = 0.02
 
 def tip_jacobian(state: State) -> Array:
     """∂tip/∂q (n, 3, nq) [m/rad] of the arm as it stands, its displacements taken as constant."""
-    columns = []
-    for joint, place in enumerate(state.arm.chain.moving_axes()):
-        z = state.rotation[place][:, :, 2]
-        columns.append(z if state.arm.chain.prismatic[joint] else np.cross(z, state.position - state.origin[place]))
-    return np.stack(columns, axis=2)
+    return state.arm.chain.jacobian(state.rotation, state.origin, state.position)[0]
 
 
 def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tuple[Array, NDArray[np.bool_]]:

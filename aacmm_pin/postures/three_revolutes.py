@@ -30,22 +30,19 @@ def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Arr
         angles (m, 3) [rad] to be polished by Newton's method, and the row (m,) that each belongs to.
     """
     w = np.einsum("nji,nj->ni", b0[:, :3, :3], p - b0[:, :3, 3])
-    rows = _linear_rows(b1)
+    rows = np.stack([np.einsum("nji,nj->ni", b1[:, :3, :3], b1[:, :3, 3]), b1[:, 2, :3]], axis=1)  # R1ᵀ t1, R1ᵀ e_z
     u = _affine_point(b2, c)
     h = _affine_right_side(b1, u, c, b2, w, rows)
     phi3, who = _roots(_quadratic_form(rows[:, :, :2], u, h))
-    u3, h3 = _at(u, phi3, who), _at(h, phi3, who)
+    basis = np.stack([np.ones_like(phi3), np.cos(phi3), np.sin(phi3)], axis=1)
+    u3, h3 = (np.einsum("nik,nk->ni", affine[who], basis) for affine in (u, h))
     phi2, twice = _second_angle(rows[who], u3, h3)
     who, phi3, u3 = who[twice], phi3[twice], u3[twice]
-    v = _turned(b1[who], phi2, u3)
+    cosine, sine = np.cos(phi2), np.sin(phi2)
+    v = np.column_stack([cosine * u3[:, 0] - sine * u3[:, 1], sine * u3[:, 0] + cosine * u3[:, 1], u3[:, 2]])
+    v = np.einsum("nij,nj->ni", b1[who, :3, :3], v) + b1[who, :3, 3]
     phi1 = np.arctan2(w[who, 1], w[who, 0]) - np.arctan2(v[:, 1], v[:, 0])
     return np.column_stack([phi1, phi2, phi3]), who
-
-
-def _linear_rows(b1: Array) -> Array:
-    """Vectors m = R1ᵀ t1 and n = R1ᵀ e_z as (n, 2, 3)."""
-    rotation, shift = b1[:, :3, :3], b1[:, :3, 3]
-    return np.stack([np.einsum("nji,nj->ni", rotation, shift), rotation[:, 2, :]], axis=1)
 
 
 def _affine_point(b2: Array, c: Array) -> Array:
@@ -96,11 +93,6 @@ def _roots(form: Array) -> tuple[Array, Index]:
     return np.angle(roots[who, which]), who
 
 
-def _at(affine: Array, phi: Array, who: Index) -> Array:
-    basis = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
-    return np.asarray(np.einsum("nik,nk->ni", affine[who], basis))
-
-
 def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
     """Angles φ2 from the better one of the two linear equations: line and circle meet in two points."""
     weight = np.linalg.norm(rows[:, :, :2], axis=2) / np.maximum(np.linalg.norm(rows, axis=2), 1e-300)
@@ -113,10 +105,3 @@ def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:
     half = np.arccos(np.clip(cosine, -1.0, 1.0))
     middle = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(u[:, 1], u[:, 0])
     return np.concatenate([middle + half, middle - half]), np.concatenate([each, each])
-
-
-def _turned(b1: Array, phi: Array, u: Array) -> Array:
-    """B1 Rz(φ) u."""
-    c, s = np.cos(phi), np.sin(phi)
-    turned = np.column_stack([c * u[:, 0] - s * u[:, 1], s * u[:, 0] + c * u[:, 1], u[:, 2]])
-    return np.asarray(np.einsum("nij,nj->ni", b1[:, :3, :3], turned) + b1[:, :3, 3])

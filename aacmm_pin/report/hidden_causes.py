@@ -5,33 +5,27 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.units import UM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.arm.measuring_volume import Room
+from aacmm_pin.arm.random_postures import Room
 from aacmm_pin.diagnosis import Diagnosis, Finding
-from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError, ZeroDrift
+from aacmm_pin.diagnosis.result import SETTLED
+from aacmm_pin.effects import Effect, all_candidates
+from aacmm_pin.effects.causes import SomeRecords
 from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.labels import FEW_VALUES, in_words, listed, probability, values_in_words
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.planning.causes import moving_rows, usual_causes
-from aacmm_pin.report.diagnosis_findings import in_words, label_in_words, listed, parameters_in_words, probability
-from aacmm_pin.report.diagnosis_tables import motion_of
+from aacmm_pin.report.diagnosis import labels_in_words, motion_of
+from aacmm_pin.report.numbers import lengths
 
 TIMES_TYPICAL = (1.0, 2.5)
 """How large a drawn cause is, in usual magnitudes."""
-ORDERS = (3, 12)
-"""Periods per turn of a drawn periodic error."""
-SLIPS_AT = (1500.0, 4500.0)
-"""When a drawn encoder slips: inside the first session of a virtual workshop [s]."""
-WARM_UPS = (900.0, 5400.0)
-"""Time constant of a drawn warm-up [s]."""
+SESSION = (1200.0, 4800.0)
+"""When something happens: inside the first session of a virtual workshop [s]."""
 SHOWS = 2e-6
 """A cause that moves the tip by less than this, at its usual magnitude, is not worth hiding [m]."""
 POSTURES = 100
-SURE = 0.95
-ONE_WAY = ("compliance", "flexibility", "expansion", "level_sag")
-"""Parameters that nature has above zero only, by how files write them."""
 
 
 def hideable(arm: Arm) -> tuple[str, ...]:
@@ -59,21 +53,22 @@ def hidden_cause(arm: Arm, rng: np.random.Generator, choose: str | None = None) 
     direction = rng.normal(size=len(effect.terms))
     size = rng.uniform(*TIMES_TYPICAL) / np.linalg.norm(direction)
     values = size * direction * np.array([term.typical for term in effect.terms])
-    one_way = [term.key.startswith(ONE_WAY) for term in effect.terms]
-    return effect.at(tuple(np.where(one_way, np.abs(values), values)))
+    return effect.at(tuple(np.where([term.positive for term in effect.terms], np.abs(values), values)))
 
 
 def _everywhere(arm: Arm, rng: np.random.Generator) -> list[Effect]:
     """Every cause that the arm can have, at every place where it shows, once; orders and times are drawn."""
-    state = State(arm, Room(arm).postures(POSTURES, np.random.default_rng(0))[0], Conditions(POSTURES), arm.chain.tip)
-    found: list[Effect] = [effect for effect in usual_causes(arm) if effect.needs or _motion(effect, state) > SHOWS]
-    for row in moving_rows(arm):
-        found += [
-            JointPeriodicError(row, float(rng.integers(ORDERS[0], ORDERS[1], endpoint=True))),
-            EncoderSlip(row, float(rng.uniform(*SLIPS_AT))),
-            ZeroDrift(row, float(rng.uniform(*WARM_UPS))),
-        ]
-    return found
+    fixed = np.random.default_rng(0)
+    conditions = Conditions(
+        POSTURES,
+        time=np.linspace(*SESSION, POSTURES),
+        temperature=arm.reference_temperature + fixed.uniform(-1.0, 1.0, POSTURES),
+        approach=fixed.choice([-1.0, 1.0], (POSTURES, arm.nq)),
+    )
+    visit = SomeRecords(Room(arm).postures(POSTURES, np.random.default_rng(0))[0], conditions, np.ones(POSTURES, dtype=bool))
+    state = State(arm, visit.q, conditions, arm.chain.tip)
+    drawn = [variants[int(rng.integers(len(variants)))] for variants in all_candidates(arm, visit)]
+    return [effect for effect in drawn if len(effect.terms) <= FEW_VALUES and _motion(effect, state) > SHOWS]
 
 
 def _motion(effect: Effect, state: State) -> float:
@@ -105,14 +100,16 @@ def uncovered(result: Diagnosis, hidden: Effect) -> pd.DataFrame:
 
 def uncovered_in_words(result: Diagnosis, hidden: Effect) -> str:
     """What was hidden, how far it moves the tip, and what became of it."""
-    moves = f"{motion_of(result, hidden) / UM:.0f} µm RMS at the tip, beside {result.noise / UM:.0f} µm of noise"
+    moved, noise = lengths([motion_of(result, hidden), result.noise])
+    moves = f"{moved} RMS at the tip, noise {noise}"
     was = f"Hidden was: {in_words(hidden)} ({moves})."
     finding = finding_of(result, hidden)
     if finding is not None:
-        sure = "settled" if finding.probability >= SURE else "not settled beside its look-alikes"
-        found = f"It is named, {parameters_in_words(finding)}, with probability {probability(finding.probability)}: {sure}."
+        sure = "settled" if finding.probability >= SETTLED else "not settled against its look-alikes"
+        values, odds = values_in_words(finding.effect, finding.parameters), probability(finding.probability)
+        found = f"It is named, {values}, with probability {odds}: {sure}."
         others = [in_words(f.effect) for f in result.findings if f is not finding]
-        return f"{was} {found}" + (f" Named beside it, though not hidden: {listed(others)}." if others else "")
+        return f"{was} {found}" + (f" Also named, though not hidden: {listed(others)}." if others else "")
     for other in result.findings:
         alias = next((a for a in other.aliases if a.label == hidden.label), None)
         if alias is not None:
@@ -124,6 +121,6 @@ def uncovered_in_words(result: Diagnosis, hidden: Effect) -> str:
     alike = next((group for group in result.cannot_tell_apart if hidden.label in group), None)
     if result.findings:
         named = listed([in_words(f.effect) for f in result.findings])
-        same = f" In these records it looks like {listed([label_in_words(a) for a in alike])}." if alike else ""
+        same = f" In these records it looks like {labels_in_words(result, alike)}." if alike else ""
         return f"{was} It is not named; named is {named}.{same}"
     return f"{was} Nothing is named: in these records, geometry refitted, it does not stand out from the noise."

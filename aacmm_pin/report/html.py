@@ -1,4 +1,4 @@
-"""One self-contained HTML page: paragraphs, tables, pictures and downloads in sections; nothing is fetched from anywhere.
+"""A document as one self-contained HTML page, or as a fragment that Jupyter shows; nothing is fetched from anywhere.
 
 Text is text: it is escaped, never read as markup.
 """
@@ -6,203 +6,67 @@ Text is text: it is escaped, never read as markup.
 from __future__ import annotations
 
 import base64
-import io
-import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, cast
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Any
 
 import jinja2
-import pandas as pd
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from aacmm_pin.report.scenes import Scene, shared_script
-
-DPI = 130
-"""Resolution of embedded pictures; they are shown at most as wide as the text."""
+from aacmm_pin.report.document import (
+    Block,
+    Bullets,
+    Details,
+    Document,
+    Download,
+    Figure,
+    Heading,
+    Notes,
+    Paragraph,
+    SceneView,
+    Table,
+    are_numbers,
+    is_empty,
+)
 
 WIDE = 1050
-"""A picture of more columns than this has several panels side by side; on a phone it is scrolled, not shrunk [pixels]."""
-
-_TIES = re.compile(r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])")
+"""A figure of more columns than this has several panels side by side; on a phone it is scrolled, not shrunk [pixels]."""
 SHORT = 22
 """Texts up to this many characters stay on one line of a table."""
+_TIES = re.compile(r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])")
 
 
-@dataclass(frozen=True)
-class Paragraph:
-    """A paragraph of plain text; ``finding`` sets it off from the rest."""
-
-    text: str
-    finding: bool = False
-    kind: ClassVar[str] = "paragraph"
-
-
-@dataclass(frozen=True)
-class Bullets:
-    """A list of short plain texts."""
-
-    items: Sequence[str]
-    kind: ClassVar[str] = "bullets"
-
-
-@dataclass(frozen=True, eq=False)
-class Table:
-    """A data frame as a table.
-
-    Attributes:
-        frame: the data; the index is not shown.
-        caption: what it shows.
-        formats: format of the numbers of a column, such as ``{"u_mm": ".4f"}``; others as they print.
-        heads: heads of columns whose name is not what a reader should see, such as ``{"u_mm": "u [mm]"}``.
-    """
-
-    frame: pd.DataFrame
-    caption: str
-    formats: Mapping[str, str] = field(default_factory=dict)
-    heads: Mapping[str, str] = field(default_factory=dict)
-    kind: ClassVar[str] = "table"
-
-    @property
-    def columns(self) -> list[tuple[str, str]]:
-        """Head and style of every column: ``number``, ``short`` (not broken into lines) or ``long`` text."""
-        texts = zip(*self.rows, strict=True) if len(self.frame) else [()] * len(self.frame.columns)
-        return [
-            (self.heads.get(name, name), "number" if _numeric(self.frame[name]) else _text_style(cells))
-            for name, cells in zip(self.frame.columns, texts, strict=True)
-        ]
-
-    @property
-    def rows(self) -> list[list[str]]:
-        """All cells as text; a dash where there is no number."""
-        columns = [[_cell(v, self.formats.get(c, "")) for v in self.frame[c]] for c in self.frame.columns]
-        return [list(row) for row in zip(*columns, strict=True)]
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """An embedded PNG.
-
-    Attributes:
-        png: the picture.
-        alt: what it shows, for those who cannot see it.
-        caption: text below.
-    """
-
-    png: bytes
-    alt: str
-    caption: str
-    kind: ClassVar[str] = "picture"
-
-    @staticmethod
-    def of(drawn: Figure | Axes, alt: str, caption: str) -> Picture:
-        """A matplotlib figure, or the one that the axes are in, as a picture."""
-        return Picture(png_bytes(drawn if isinstance(drawn, Figure) else cast(Figure, drawn.figure)), alt, caption)
-
-    @property
-    def wide(self) -> bool:
-        """Whether it would be unreadable on a phone unless it can be scrolled."""
-        return int.from_bytes(self.png[16:20], "big") > WIDE  # bytes 16 to 19 of a PNG are its width
-
-    @property
-    def uri(self) -> str:
-        """The picture as a ``data:`` URI."""
-        return data_uri(self.png, "image/png")
-
-
-@dataclass(frozen=True)
-class Download:
-    """A file inside the page."""
-
-    name: str
-    content: bytes
-    media: str
-    text: str
-    kind: ClassVar[str] = "download"
-
-    @property
-    def uri(self) -> str:
-        """The file as a ``data:`` URI."""
-        return data_uri(self.content, self.media)
-
-    @property
-    def size(self) -> str:
-        """Size for the reader."""
-        return f"{len(self.content) / 1e3:.0f} kB" if len(self.content) >= 1000 else f"{len(self.content)} B"
-
-
-@dataclass(frozen=True, eq=False)
-class SceneView:
-    """A scene in three dimensions that can be turned, on a screen; paper has no use for it.
-
-    Attributes:
-        scene: what is shown.
-        caption: text below.
-        height: of the frame that it is shown in [px].
-    """
-
-    scene: Scene
-    caption: str
-    height: int = 520
-    kind: ClassVar[str] = "scene"
-
-    @property
-    def markup(self) -> Markup:
-        """The frame and what fills it."""
-        return Markup(self.scene.embedded(self.height))
-
-
-Part = str | Paragraph | Bullets | Table | Picture | SceneView | Download
-
-
-@dataclass(frozen=True)
-class Section:
-    """A section of the page; a plain string among its parts is a paragraph."""
-
-    title: str
-    parts: Sequence[Part]
-
-
-def render_report(title: str, subtitle: str, sections: Sequence[Section], *, language: str = "en") -> str:
-    """The page as HTML.
+def page(document: Document, *, language: str = "en") -> str:
+    """The whole document as an HTML page, with a list of its sections.
 
     Args:
-        title: title of the page.
-        subtitle: one line below it.
-        sections: in the order in which they are read.
+        document: what is told; blocks before its first heading stand above the list of sections.
         language: language of the text, as in HTML's ``lang``.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
-        autoescape=True,
-        finalize=_kept_together,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+    sections: list[dict[str, Any]] = [{"blocks": []}]
+    for block in document.blocks:
+        if isinstance(block, Heading):
+            sections.append({"id": f"s{len(sections)}", "title": block.text, "blocks": []})
+        else:
+            sections[-1]["blocks"].append(block)
+    has_scene = any(isinstance(block, SceneView) for block in document.blocks)
+    contents = [section | {"blocks": _prepared(section["blocks"], on_page=True)} for section in sections]
+    template = _environment().get_template("report.html.j2")
+    return template.render(
+        title=document.title,
+        subtitle=document.subtitle,
+        opening=contents[0]["blocks"],
+        sections=contents[1:],
+        language=language,
+        viewer=_viewer() if has_scene else "",
     )
-    content = [
-        {"id": f"s{number}", "title": section.title, "parts": [_as_part(part) for part in section.parts]}
-        for number, section in enumerate(sections, start=1)
-    ]
-    # The viewer of scenes is large, and stands on the page once, however many there are.
-    viewer = Markup(shared_script() if any(isinstance(part, SceneView) for s in sections for part in s.parts) else "")
-    template = environment.get_template("report.html.j2")
-    return template.render(title=title, subtitle=subtitle, sections=content, language=language, viewer=viewer)
 
 
-def blank_axes(width: float, height: float) -> Axes:
-    """Axes of a figure that pyplot does not know [inches]."""
-    return Figure(figsize=(width, height), layout="constrained").add_subplot()
-
-
-def png_bytes(figure: Figure, dpi: int = DPI) -> bytes:
-    """A matplotlib figure as PNG, cut to what is drawn."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
+def fragment(document: Document) -> str:
+    """The document's short form as HTML that needs no style sheet and sets no colour."""
+    macros: Any = _environment().get_template("blocks.html.j2").module
+    return str(macros.shown(_prepared(document.short(), on_page=False)))
 
 
 def data_uri(content: bytes, media: str) -> str:
@@ -210,26 +74,75 @@ def data_uri(content: bytes, media: str) -> str:
     return f"data:{media};base64,{base64.b64encode(content).decode('ascii')}"
 
 
-def _as_part(part: Part) -> Paragraph | Bullets | Table | Picture | SceneView | Download:
-    return Paragraph(part) if isinstance(part, str) else part
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
+        autoescape=True,
+        finalize=_kept_together,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
 
 
-def _numeric(column: pd.Series[Any]) -> bool:
-    return pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
+def _viewer() -> Markup:
+    """The viewer of scenes is large, and stands on a page once, however many there are."""
+    from aacmm_pin.report.scenes import shared_script  # loads meshcat
+
+    return Markup(shared_script())
+
+
+def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
+    """What the template needs of each block that has something to show."""
+    return [
+        {"kind": type(block).__name__} | vars(block) | _derived(block, on_page)
+        for block in (Paragraph(b) if isinstance(b, str) else b for b in blocks)
+        if not is_empty(block)
+    ]
+
+
+def _derived(block: Block, on_page: bool) -> dict[str, Any]:
+    match block:
+        case Bullets(items=items):
+            return {"texts": items}
+        case Notes(items=items):
+            return {
+                "texts": [f"{text[:1].upper()}{text[1:]}." for text in items],
+                "head": "What was assumed or found beside:",
+            }
+        case Table():
+            return _table(block, on_page)
+        case Figure(png=png):
+            columns = int.from_bytes(png[16:20], "big")  # bytes 16 to 19 of a PNG are its width
+            return {"uri": data_uri(png, "image/png"), "wide": columns > WIDE}
+        case SceneView():
+            scene = block.scene() if callable(block.scene) else block.scene
+            return {"markup": Markup(scene.embedded(block.height))}
+        case Download(content=content, media=media):
+            size = f"{len(content) / 1e3:.0f} kB" if len(content) >= 1000 else f"{len(content)} B"
+            return {"uri": data_uri(content, media), "size": size}
+        case Details(blocks=blocks):
+            return {"inner": _prepared(blocks, on_page=on_page), "open": on_page}
+    return {}
+
+
+def _table(table: Table, on_page: bool) -> dict[str, Any]:
+    """Rows of text; head and style of every column: ``number``, ``short`` (not broken into lines) or ``long`` text."""
+    most = table.most_on_page if on_page else table.most
+    cells = table.cells(most, short=not on_page)
+    return {
+        "explained": table.explained if on_page else "",
+        "columns": [(head, _style(list(texts))) for head, texts in cells.items()],
+        "rows": cells.to_numpy().tolist(),
+        "more": len(table.frame) - len(cells),
+    }
+
+
+def _style(texts: Sequence[str]) -> str:
+    return "number" if are_numbers(texts) else "short" if max(map(len, texts), default=0) <= SHORT else "long"
 
 
 def _kept_together(value: object) -> object:
     """Text with its numbers tied to their units and to equals signs by spaces that do not break."""
     return _TIES.sub("\u00a0", value) if type(value) is str else value
-
-
-def _text_style(cells: Sequence[str]) -> str:
-    return "short" if max(map(len, cells), default=0) <= SHORT else "long"
-
-
-def _cell(value: object, spec: str) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "–"
-    if isinstance(value, str):
-        return value
-    return format(cast(Any, value), spec) if spec else str(value)

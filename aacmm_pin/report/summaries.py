@@ -10,11 +10,9 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.table_cells import spread
-from aacmm_pin._support.units import DEG, MM, MM3, UM
+from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy
-from aacmm_pin.accuracy.configuration_choice import paired
-from aacmm_pin.accuracy.volume import AccuracyVolume
+from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.postures.general_ik import ReachingPostures
 from aacmm_pin.postures.solution_set import PosturesAtPoint
@@ -30,7 +28,7 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
 
     ``best`` and ``worst`` are by accuracy volume, ``smallest_u`` and ``largest_u`` by standard uncertainty; the budget is
     the mean over the configurations; ``taken_as_exact`` names the parameters for which no uncertainty is stated,
-    ``not_included`` the causes of error that are left out, see :class:`aacmm_pin.accuracy.error_sources.ErrorSources`.
+    ``not_included`` the causes of error that are left out, see :class:`aacmm_pin.accuracy.tip_sensitivity.ErrorSources`.
     Numbers that do not exist are None: without a configuration all of them, and ``reason`` says why; for an arm that came
     as URDF swivel angles, sectors (an empty list) and the comprehensive accuracy, whose weights are those of SINO6.
     ``arc_fraction`` of :func:`aacmm_pin.postures.general_ik` is of the way along the curves, and None for single postures;
@@ -94,19 +92,6 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
         "seconds": round(map_.seconds, 3),
     }
     return summary | ({"not_included": list(map_.not_included)} if map_.not_included else {})
-
-
-def map_table(map_: WorkspaceMap) -> pd.DataFrame:
-    """Least, median and largest of what a map holds, over the cells where it is known, as text."""
-    rows = {
-        "comprehensive accuracy [mm³]": map_.data["comprehensive_mm3"],
-        "smallest accuracy volume [mm³]": map_.data["best_mm3"],
-        "largest accuracy volume [mm³]": map_.data["worst_mm3"],
-        "smallest standard uncertainty [µm]": MM / UM * map_.data["smallest_u_mm"],
-        "largest standard uncertainty [µm]": MM / UM * map_.data["largest_u_mm"],
-        "flexibility [1]": map_.data["flexibility"],
-    }
-    return pd.DataFrame([{"over the cells": name} | spread(data.values, ".4g") for name, data in rows.items()])
 
 
 def accuracy_table(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> pd.DataFrame:

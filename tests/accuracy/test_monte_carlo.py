@@ -23,7 +23,7 @@ NOISE = Noise.of(6, encoder=1e-5, probe=3e-5)
 NONE = Noise.of(6, encoder=0.0, probe=0.0)
 Q = np.array([[1.0, -1.2, 2.0, -1.5, 0.3, -0.4]])
 FAR = np.array([[2.5, -0.7, 4.0, -2.0, -1.3, 1.4]])
-DRAWS = 100_000
+DRAWS = 30_000
 WITHIN = 5 * np.sqrt(2.0 / DRAWS)
 """Five standard uncertainties of a variance from as many normal draws, relative; bounded draws scatter less."""
 
@@ -73,11 +73,11 @@ def test_a_point_agrees_with_first_order(sino6: Arm, rng: np.random.Generator) -
 
 
 def test_effects_and_conditions_have_their_part(extended: ErrorModel, rng: np.random.Generator) -> None:
-    result = point_uncertainty(extended, Q, noise=NOISE, rng=rng, draws=20_000, conditions=warm(1))
+    result = point_uncertainty(extended, Q, noise=NOISE, rng=rng, draws=8_000, conditions=warm(1))
     expected = first_order(extended, Q, NOISE, warm(1))
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(
-        result.covariance / np.outer(scale, scale), expected / np.outer(scale, scale), atol=5 * np.sqrt(2 / 20_000)
+        result.covariance / np.outer(scale, scale), expected / np.outer(scale, scale), atol=5 * np.sqrt(2 / 8_000)
     )
     np.testing.assert_allclose(result.estimate, extended.predict(Q, warm(1))[0])
     assert scale.min() > np.sqrt(np.diag(first_order(ErrorModel(extended.arm), Q, NOISE))).min()
@@ -102,9 +102,9 @@ def test_one_rectangular_error_has_rectangular_intervals(rng: np.random.Generato
     result = point_uncertainty(
         Arm.from_file(arm.file.model_copy(update={"joints": rows})), Q, noise=NONE, rng=rng, draws=DRAWS
     )
-    np.testing.assert_allclose(result.u, [0, 0, 2e-5 / np.sqrt(3)], rtol=0.01, atol=1e-12)
-    np.testing.assert_allclose(result.symmetric[2] - result.estimate[2], [-0.95 * 2e-5, 0.95 * 2e-5], rtol=0.01)
-    assert np.ptp(result.shortest[2]) == pytest.approx(0.95 * 4e-5, rel=0.01)
+    np.testing.assert_allclose(result.u, [0, 0, 2e-5 / np.sqrt(3)], rtol=0.02, atol=1e-12)
+    np.testing.assert_allclose(result.symmetric[2] - result.estimate[2], [-0.95 * 2e-5, 0.95 * 2e-5], rtol=0.02)
+    assert np.ptp(result.shortest[2]) == pytest.approx(0.95 * 4e-5, rel=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -195,10 +195,10 @@ def test_both_ends_are_measured_by_one_arm(sino6: Arm, rng: np.random.Generator)
     """Its own errors cancel in a length of nothing and nearly in a short one; encoder noise does not."""
     assert length_uncertainty(sino6, Q, Q, noise=NONE, rng=rng, draws=500).u < 1e-15
     near = Q + 0.01
-    short = length_uncertainty(sino6, Q, near, noise=NONE, rng=rng, draws=5000)
-    point = point_uncertainty(sino6, Q, noise=NONE, rng=rng, draws=5000)
+    short = length_uncertainty(sino6, Q, near, noise=NONE, rng=rng, draws=1000)
+    point = point_uncertainty(sino6, Q, noise=NONE, rng=rng, draws=1000)
     assert short.u < 0.1 * point.u.max()
-    noisy = length_uncertainty(sino6, Q, near, noise=Noise.of(6, encoder=1e-5), rng=rng, draws=5000)
+    noisy = length_uncertainty(sino6, Q, near, noise=Noise.of(6, encoder=1e-5), rng=rng, draws=1000)
     assert noisy.u > 3 * short.u
 
 
@@ -215,18 +215,16 @@ def test_conditions_of_both_ends(extended: ErrorModel, rng: np.random.Generator)
 # --- intervals
 
 
-def test_intervals_of_a_skew_distribution(rng: np.random.Generator) -> None:
-    """Exponential: the shortest interval starts at nothing, the symmetric one leaves 2.5 % on either side."""
-    draws = rng.exponential(size=400_000)
-    np.testing.assert_allclose(shortest_interval(draws), [0.0, -np.log(0.05)], atol=0.03)
-    np.testing.assert_allclose(symmetric_interval(draws), [-np.log(0.975), -np.log(0.025)], atol=0.03)
-
-
-def test_intervals_count_as_the_standard_does() -> None:
-    """JCGM 101, 7.7: of 10 000 ordered draws the 250th and the 9750th; of 100 the 3rd and the 98th."""
+def test_intervals(rng: np.random.Generator) -> None:
+    """JCGM 101, 7.7: of 10 000 ordered draws the 250th and the 9750th; of 100 the 3rd and the 98th. Of an exponential
+    distribution the shortest interval starts at nothing, the symmetric one leaves 2.5 % on either side.
+    """
     np.testing.assert_array_equal(symmetric_interval(np.arange(1, 10_001)), [250, 9750])
     np.testing.assert_array_equal(symmetric_interval(np.arange(1, 101)[::-1]), [3, 98])
     np.testing.assert_array_equal(shortest_interval(np.array([*range(96), 200, 300, 400, 500])), [0, 95])
+    draws = rng.exponential(size=400_000)
+    np.testing.assert_allclose(shortest_interval(draws), [0.0, -np.log(0.05)], atol=0.03)
+    np.testing.assert_allclose(symmetric_interval(draws), [-np.log(0.975), -np.log(0.025)], atol=0.03)
 
 
 # --- results and messages
@@ -241,12 +239,9 @@ def test_results_are_reproducible_and_say_what_they_are(sino6: Arm) -> None:
     assert table["coordinate"].tolist() == ["x", "y", "z"]
     np.testing.assert_allclose(table["u_mm"], 1e3 * first.u)
     assert "u [mm]" in first._repr_html_()
-    length = length_uncertainty(sino6, Q, FAR, noise=NOISE, rng=np.random.default_rng(4), draws=500)
+    length = length_uncertainty(sino6, Q, FAR, noise=NOISE, rng=np.random.default_rng(4), draws=10_001)  # in two parts
+    assert "10001 draws" in str(length)
     assert "shortest 95 % interval" in str(length)
-
-
-def test_many_draws_come_in_parts(sino6: Arm, rng: np.random.Generator) -> None:
-    assert point_uncertainty(sino6, Q, noise=NOISE, rng=rng, draws=10_001).draws == 10_001
 
 
 def test_messages(sino6: Arm, zero6: Arm, extended: ErrorModel, rng: np.random.Generator) -> None:

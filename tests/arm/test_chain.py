@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ from scipy.linalg import expm
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import BASE, axis, end, exp, skew
-from aacmm_pin.arm.dh import DHTable, table
 from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.errors import UnknownNameError, UnsupportedArmError
 
@@ -24,15 +24,12 @@ ROBOTS = [  # file, frame, number of joints that slide
     ("tiago.urdf", "arm_tool_link", 1),
 ]
 
-COMPONENTS = {"a": 0, "d": 2, "alpha": 3, "theta_offset": 5}
 
-
-@pytest.fixture(params=ROBOTS, ids=lambda r: f"{r[0].split('.')[0]}-{r[1]}")
-def robot(request: pytest.FixtureRequest, robot_file: Callable[[str], Path]) -> Arm:
-    file, frame, sliding = request.param
-    arm = Arm.from_urdf(robot_file(file), frame)
-    assert arm.chain.prismatic.sum() == sliding
-    return arm
+@pytest.fixture(scope="module")
+def robots(robot_file: Callable[[str], Path]) -> list[Arm]:
+    arms = [Arm.from_urdf(robot_file(file), frame) for file, frame, _ in ROBOTS]
+    assert [arm.chain.prismatic.sum() for arm in arms] == [sliding for *_, sliding in ROBOTS]
+    return arms
 
 
 def postures(arm: Arm, rng: np.random.Generator, n: int) -> Array:
@@ -81,59 +78,36 @@ def test_axes_of_a_table_are_the_joints(arm_file: ArmFile, rng: np.random.Genera
             same(walked[place, k], step)
 
 
-def test_places_of_a_robot_are_its_joints_and_placements(robot: Arm, rng: np.random.Generator) -> None:
-    q, data = postures(robot, rng, 50), robot.model.createData()
-    walked = frames(robot, q)
-    same(walked[robot.chain.tip], robot.poses(q).placement)
-    for k, each in enumerate(q):
-        jacobian = pin.computeJointJacobians(robot.model, data, each)  # in the base, of the point that passes its origin
-        for joint, column in enumerate(jacobian.T, start=1):
-            placement = data.oMi[joint - 1] * robot.model.jointPlacements[joint]
-            same(walked[end(joint - 1), k], placement.homogeneous)
-            same(walked[axis(joint), k, :3, 3], data.oMi[joint].translation)
-            same(walked[axis(joint), k, :3, 2], column[:3] if robot.chain.prismatic[joint - 1] else column[3:])
+def test_places_of_a_robot_are_its_joints_and_placements(robots: list[Arm], rng: np.random.Generator) -> None:
+    for robot in robots:
+        q, data = postures(robot, rng, 10), robot.model.createData()
+        walked = frames(robot, q)
+        same(walked[robot.chain.tip], robot.poses(q).placement)
+        for k, each in enumerate(q):
+            jacobian = pin.computeJointJacobians(robot.model, data, each)  # in the base, of the point that passes its origin
+            for joint, column in enumerate(jacobian.T, start=1):
+                placement = data.oMi[joint - 1] * robot.model.jointPlacements[joint]
+                same(walked[end(joint - 1), k], placement.homogeneous)
+                same(walked[axis(joint), k, :3, 3], data.oMi[joint].translation)
+                same(walked[axis(joint), k, :3, 2], column[:3] if robot.chain.prismatic[joint - 1] else column[3:])
 
 
-def test_a_frame_that_is_no_place(sino6: Arm, robot: Arm) -> None:
+def test_a_frame_that_is_no_place_and_names_of_places(sino6: Arm, robots: list[Arm]) -> None:
     with pytest.raises(UnsupportedArmError, match="DH table"):
-        robot.place(robot.model.frames[1].name)
+        robots[0].place(robots[0].model.frames[1].name)
     with pytest.raises(UnsupportedArmError, match="'base_link' is not one of the DH table"):
         sino6.place("base_link")
     with pytest.raises(UnknownNameError, match="frame9"):
         sino6.place("frame9")
-
-
-def test_names_of_places(sino6: Arm) -> None:
     chain = sino6.chain
     assert [chain.name(p) for p in (BASE, end(0), axis(1), end(6), chain.tip)] == ["base", "end 0", "axis 1", "end 6", "tip"]
     assert len({chain.name(p) for p in range(chain.places)}) == chain.places
 
 
-@pytest.mark.parametrize("kinds", [("a",), ("d",), ("alpha",), ("theta_offset",), ("a", "alpha"), ("d", "theta_offset")])
-def test_a_twist_is_the_table_with_other_values(arm_file: ArmFile, kinds: tuple[str, ...], rng: np.random.Generator) -> None:
+def test_twists_are_the_table_with_other_values(arm_file: ArmFile, rng: np.random.Generator) -> None:
     """(d, θ) at the axis and (a, α) at the end, of any size, in either convention and in rows without a joint."""
     arm, dh = Arm.from_file(arm_file), arm_file.dh
-    q = postures(arm, rng, 10)
-    of_axis = kinds[0] in ("d", "theta_offset")
-    for row in range(1, dh.rows + 1):
-        errors = dict(zip(kinds, rng.uniform(-0.5, 0.5, len(kinds)), strict=True))
-        place = axis(row) if of_axis else end(row if dh.standard else row - 1)
-        twist = np.zeros((1, 6))
-        for kind, error in errors.items():
-            twist[0, COMPONENTS[kind]] = error
-        same(frames(arm, q, {place: twist})[arm.chain.tip], with_errors(dh, row, errors).placements(q)[:, -1])
-
-
-def with_errors(dh: DHTable, row: int, errors: dict[str, float]) -> DHTable:
-    values = dh.values()
-    for kind, error in errors.items():
-        values[row - 1, ("a", "d", "alpha", "theta_offset").index(kind)] += error
-    return table(values, dh.convention, list(dh.moving))
-
-
-def test_twists_of_many_places_are_the_table_with_all_values_changed(arm_file: ArmFile, rng: np.random.Generator) -> None:
-    arm, dh = Arm.from_file(arm_file), arm_file.dh
-    q, errors = postures(arm, rng, 10), rng.normal(scale=1e-2, size=(10, dh.rows, 4))
+    q, errors = postures(arm, rng, 10), rng.uniform(-0.5, 0.5, size=(10, dh.rows, 4))
     twists = {}
     for row in range(1, dh.rows + 1):
         a, d, alpha, theta = errors[:, row - 1].T
@@ -143,43 +117,33 @@ def test_twists_of_many_places_are_the_table_with_all_values_changed(arm_file: A
     same(arm.chain.walk(q, twists)[1][arm.chain.tip], dh.positions(q, errors=errors))
 
 
-@pytest.mark.parametrize("components", [range(6), (5,), (2, 5)], ids=["any", "turn about z", "screw along z"])
-def test_a_twist_acts_behind_its_place_and_on_all_beyond(
-    components: Sequence[int], robot: Arm, rng: np.random.Generator
-) -> None:
-    q = postures(robot, rng, 5)
-    plain, twist = frames(robot, q), np.zeros((5, 6))
-    twist[:, list(components)] = rng.normal(scale=0.3, size=(5, len(components)))
-    motion = np.stack([expm(generator(each)) for each in twist])
-    for place in range(robot.chain.places):
-        bent = frames(robot, q, {place: twist})
-        np.testing.assert_array_equal(bent[:place], plain[:place])
-        carried = plain[place] @ motion @ np.linalg.inv(plain[place])
-        same(bent[place:], carried @ plain[place:])
+def test_a_twist_acts_behind_its_place_and_on_all_beyond(robots: list[Arm], rng: np.random.Generator) -> None:
+    """Any twist, a turn about z, a screw along z; a twist for all records is that twist in each."""
+    for robot, components in product(robots, ([0, 1, 2, 3, 4, 5], [5], [2, 5], [2])):
+        q = postures(robot, rng, 5)
+        plain, twist = frames(robot, q), np.zeros((5, 6))
+        twist[:, components] = rng.normal(scale=0.3, size=(5, len(components)))
+        motion = np.stack([expm(generator(each)) for each in twist])
+        for place in range(robot.chain.places):
+            bent = frames(robot, q, {place: twist})
+            np.testing.assert_array_equal(bent[:place], plain[:place])
+            carried = plain[place] @ motion @ np.linalg.inv(plain[place])
+            same(bent[place:], carried @ plain[place:])
+            same(frames(robot, q, {place: twist[:1]}), frames(robot, q, {place: np.tile(twist[:1], (5, 1))}))
 
 
-@pytest.mark.parametrize("components", [range(6), (2, 5), (2,), (5,)], ids=str)
-def test_one_twist_for_all_records_is_that_twist_in_each(
-    robot: Arm, components: tuple[int, ...], rng: np.random.Generator
-) -> None:
-    q, twist = postures(robot, rng, 5), np.zeros((1, 6))
-    twist[:, list(components)] = rng.normal(scale=0.3, size=len(components))
-    for place in range(robot.chain.places):
-        same(frames(robot, q, {place: twist}), frames(robot, q, {place: np.tile(twist, (5, 1))}))
-
-
-def test_no_record_and_one_record(robot: Arm) -> None:
-    for n in (0, 1):
+def test_no_record_and_one_record(robots: list[Arm]) -> None:
+    for robot, n in product(robots, (0, 1)):
         rotation, origin = robot.chain.walk(np.zeros((n, robot.nq)), {axis(1): np.zeros((n, 6)), end(2): np.zeros((1, 6))})
         assert rotation.shape == (robot.chain.places, n, 3, 3)
         assert origin.shape == (robot.chain.places, n, 3)
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 0.999e-3, 1.001e-3, 0.1, 1.0, np.pi - 1e-9, np.pi, 6.0, 40.0])
-def test_exp_is_the_matrix_exponential(angle: float, rng: np.random.Generator) -> None:
-    directions = rng.normal(size=(20, 3))
-    w = angle * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    twists = np.hstack([rng.normal(size=(20, 3)), w])
+def test_exp_is_the_matrix_exponential(rng: np.random.Generator) -> None:
+    angles = np.repeat([0.0, 1e-12, 1e-6, 0.999e-3, 1.001e-3, 0.1, 1.0, np.pi - 1e-9, np.pi, 6.0, 40.0], 20)
+    directions = rng.normal(size=(len(angles), 3))
+    w = angles[:, None] * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    twists = np.hstack([rng.normal(size=(len(angles), 3)), w])
     rotation, shift = exp(twists)
     expected = np.stack([expm(generator(twist)) for twist in twists])
     same(rotation, expected[:, :3, :3])

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.corrected_urdf import corrected_urdf, roll_pitch_yaw
+from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 ROBOTS = [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand_tcp"), ("panda.urdf", "panda_link5")]
@@ -62,15 +61,8 @@ def test_pinocchio_finds_the_corrected_arm(
     arm = Arm.from_urdf(robot_file(name), frame)
     after = moved(arm, rng)
     assert_same(reread(corrected_urdf(arm, after), tmp_path, frame), after, np.zeros(3), rng)
-
-
-@pytest.mark.parametrize(("name", "frame"), ROBOTS[:2])
-def test_the_tip_is_shifted_in_its_own_axes(
-    name: str, frame: str, robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator
-) -> None:
-    arm = Arm.from_urdf(robot_file(name), frame)
-    after = moved(arm, rng)
-    assert_same(reread(corrected_urdf(arm, after, SHIFT), tmp_path, frame), after, SHIFT, rng)
+    if frame != "panda_link5":  # which moves by itself: its tip cannot be shifted
+        assert_same(reread(corrected_urdf(arm, after, SHIFT), tmp_path, frame), after, SHIFT, rng)
 
 
 def test_joints_without_an_origin_and_with_odd_tags(small: Arm, tmp_path: Path, rng: np.random.Generator) -> None:
@@ -91,45 +83,21 @@ def test_all_else_stays_as_it_was(robot_file: Callable[[str], Path], rng: np.ran
     assert all(b"<origin" in line for line in changed)
 
 
-def test_a_tip_without_a_joint_of_its_own_is_refused(robot_file: Callable[[str], Path]) -> None:
+def test_what_is_refused(small: Arm, robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
     arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "wrist_3_link")
     with pytest.raises(UnsupportedArmError, match=r"wrist_3_link.*no fixed joint"):
         corrected_urdf(arm, arm, SHIFT)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (SMALL.replace('"j2" type', '"other" type'), "no joint 'j2'"),
-        (SMALL[:-20], "not XML"),
-        (None, "cannot be read"),
-    ],
-)
-def test_another_file_under_the_same_name_is_refused(small: Arm, text: str | None, said: str) -> None:
-    path = Path(small.source)
-    path.unlink()
-    if text is not None:
-        path.write_text(text, encoding="utf-8")
-    with pytest.raises(AacmmError, match=said) as error:
-        corrected_urdf(small, small)
-    assert "small.urdf" in str(error.value)
-
-
-def test_an_encoding_without_ascii_tags_is_refused(small: Arm, rng: np.random.Generator) -> None:
-    Path(small.source).write_bytes(SMALL.replace("version='1.0'", "version='1.0' encoding='utf-16'").encode("utf-16"))
-    with pytest.raises(AacmmError, match="UTF-8"):
-        corrected_urdf(small, moved(small, rng))
-
-
-def test_roll_pitch_yaw_against_scipy(rng: np.random.Generator) -> None:
-    for rotation in Rotation.random(200, rng=rng).as_matrix():
-        again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
-        np.testing.assert_allclose(again, rotation, rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 1.57079632679, -np.pi / 2 + 1e-7])
-def test_roll_pitch_yaw_where_the_gimbals_lock(pitch: float, rng: np.random.Generator) -> None:
-    for roll, yaw in rng.uniform(-3, 3, (50, 2)):
-        rotation = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
-        again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
-        np.testing.assert_allclose(again, rotation, rtol=0, atol=1e-14)
+    utf16 = SMALL.replace("version='1.0'", "version='1.0' encoding='utf-16'").encode("utf-16")
+    other = SMALL.replace('"j2" type', '"other" type').encode()
+    for content, said in (
+        (other, "no joint 'j2'"),
+        (SMALL[:-20].encode(), "not XML"),
+        (utf16, "UTF-8"),
+        (None, "cannot be"),
+    ):
+        path = Path(small.source)
+        path.unlink()
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(AacmmError, match=rf"small\.urdf.*{said}"):
+            corrected_urdf(small, moved(small, rng))

@@ -32,9 +32,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm.urdf import urdf_text
 
-PEER = "AACMM_PIN_FIGAROH_PYTHON"
-SCRIPT = Path(__file__).parent / "peers" / "solve_with_figaroh.py"
 VISIBLE = 40.0
 """λ of a fault that nobody may overlook: a test of one parameter at 1e-3 sees it in 999 of 1000 data sets."""
 TARGET = 6e-6
@@ -86,30 +85,8 @@ def _shell(folder: Path, *words: str) -> str:
     return done.stdout
 
 
-def theirs(spot: BlindSpot, folder: Path, *options: str) -> dict[str, Any]:
-    """What the peer's script reports of the same poses; ``predicted_m`` are its tips at those held out."""
-    python = os.environ.get(PEER)
-    if not python:
-        pytest.skip(f"{PEER} is not set, expected the interpreter of an environment with figaroh")
-    _shell(folder, "urdf", str(ARM), "-o", "arm.urdf", "--force")
-    np.savez(folder / "problem.npz", q=spot.q, positions=spot.positions, held_out=spot.held_out)
-    gravity = [f"{g:g}" for g in load_arm_file(str(ARM)).gravity_m_s2]
-    command = [python, "-I", str(SCRIPT), "problem.npz", "arm.urdf", "--repeats", "1", "--gravity", *gravity, *options]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
-    if "No module named 'figaroh'" in done.stderr:
-        pytest.skip(f"{PEER}={python} cannot import figaroh")
-    assert done.returncode == 0, done.stderr
-    report: dict[str, Any] = json.loads(done.stdout)
-    return report
-
-
-@pytest.fixture
-def say(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
-    def print_past_the_capture(text: str) -> None:
-        with capsys.disabled():
-            print(f"\n{text}")
-
-    return print_past_the_capture
+def off(spot: BlindSpot, report: dict[str, Any]) -> float:
+    return spot.off(np.array(report["predicted_m"]))
 
 
 def test_all_twelve_causes_are_named_and_corrected(tmp_path: Path) -> None:
@@ -129,71 +106,64 @@ def test_no_compliance_is_named_where_there_is_none(tmp_path: Path) -> None:
     assert spot.off(diagnosed.predicted) < NEAR * spot.perfect
 
 
+@pytest.fixture
+def theirs(peer: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
+    """What FIGAROH reports of the same poses; ``predicted_m`` are its tips at those held out."""
+    file = load_arm_file(str(ARM))
+    options = ["--repeats", "1", "--gravity", *(f"{g:g}" for g in file.gravity_m_s2)]
+
+    def of(spot: BlindSpot, *more: str) -> dict[str, Any]:
+        arrays = {"q": spot.q, "positions": spot.positions, "held_out": spot.held_out}
+        return peer("figaroh", urdf_text(file), *options, *more, **arrays)
+
+    return of
+
+
 def test_figaroh_with_eccentric_encoders_and_compliance(
-    benchmark: BenchmarkFixture, tmp_path: Path, say: Callable[[str], None]
+    benchmark: BenchmarkFixture, tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
 ) -> None:
     spots = [BlindSpot.of(seed) for seed in SEEDS]
-    rigid = [theirs(spot, tmp_path) for spot in spots]
-    elastic = [theirs(spot, tmp_path, "--elastic") for spot in spots]
+    rigid, elastic = ([theirs(spot, *options) for spot in spots] for options in ([], ["--elastic"]))
     mine = [ours(spot, tmp_path / f"{seed}") for seed, spot in zip(SEEDS, spots, strict=True)]
     benchmark.pedantic(lambda: ours(spots[0], tmp_path / "again"), rounds=1)
-    version = elastic[0]["version"]
     rows = {
         "nominal": [spot.off(spot.nominal) for spot in spots],
-        f"figaroh {version}, geometry": [_off(*pair) for pair in zip(spots, rigid, strict=True)],
-        f"figaroh {version}, and stiffness": [_off(*pair) for pair in zip(spots, elastic, strict=True)],
+        "figaroh, geometry": list(map(off, spots, rigid)),
+        "figaroh, and stiffness": list(map(off, spots, elastic)),
         "aacmm_pin": [spot.off(m.predicted) for spot, m in zip(spots, mine, strict=True)],
         "perfect": [spot.perfect for spot in spots],
     }
-    rms = {who: float(np.sqrt(np.mean(np.square(off)))) for who, off in rows.items()}
-    lines = [f"{'held out, µm':32}" + "".join(f"{f'seed {seed}':>10}" for seed in SEEDS) + f"{'rms':>10}"]
-    lines += [f"{who:32}" + "".join(f"{x / UM:10.2f}" for x in (*off, rms[who])) for who, off in rows.items()]
-    named = ", ".join(f"{len(set(m.named) & set(s.faults))}" for s, m in zip(spots, mine, strict=True))
-    lines.append(
-        f"aacmm_pin named {named} of the {len(spots[0].faults)} causes in {max(m.seconds for m in mine):.1f} s at most;"
-    )
-    lines.append(f"compliances where the truth is {COMPLIANCE:g} rad/(N·m), seed {SEEDS[0]}:")
+    rms = {who: float(np.sqrt(np.mean(np.square(of_seeds)))) for who, of_seeds in rows.items()}
+    lines = [f"{f'held out, µm; seeds {SEEDS} and rms':36} (figaroh {elastic[0]['version']})"]
+    lines += [f"{who:36}" + "".join(f"{x / UM:10.2f}" for x in (*of_seeds, rms[who])) for who, of_seeds in rows.items()]
+    lines.append(f"aacmm_pin: {max(m.seconds for m in mine):.1f} s at most; compliances, truth {COMPLIANCE:g} rad/(N·m):")
     for joint, (value, u) in elastic[0]["compliance_rad_per_nm"].items():
-        off = abs(value - COMPLIANCE) / u
-        lines.append(
-            f"  joint {joint}: figaroh {value:.3g} ± {2 * u:.1g}, {off:.1f} u off; aacmm_pin {_said(mine[0], joint)}"
-        )
+        key = f"joint_compliance:{joint}"
+        named = f"{mine[0].value(key):.3g}" if key in mine[0].named else "not named"
+        lines.append(f"  joint {joint}: figaroh {value:.3g} ± {2 * u:.1g}, aacmm_pin {named}")
     say("\n".join(lines))
     assert all(report["converged"] for report in elastic)
     # Its stiffness works: what it leaves is not for want of fitting.
-    assert rms[f"figaroh {version}, and stiffness"] < 0.2 * rms[f"figaroh {version}, geometry"]
+    assert rms["figaroh, and stiffness"] < 0.2 * rms["figaroh, geometry"]
     assert all(sorted(m.named) == sorted(s.faults) for s, m in zip(spots, mine, strict=True))
     assert rms["aacmm_pin"] < min(NEAR * rms["perfect"], TARGET)
-    assert rms[f"figaroh {version}, and stiffness"] > 10 * rms["aacmm_pin"]
+    assert rms["figaroh, and stiffness"] > 10 * rms["aacmm_pin"]
 
 
 def test_figaroh_with_eccentric_encoders_alone(
-    benchmark: BenchmarkFixture, tmp_path: Path, say: Callable[[str], None]
+    benchmark: BenchmarkFixture, tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
 ) -> None:
     spot = BlindSpot.of(4, compliance=0.0)
-    elastic = theirs(spot, tmp_path, "--elastic")
+    elastic = theirs(spot, "--elastic")
     mine = benchmark.pedantic(lambda: ours(spot, tmp_path / "ours"), rounds=1)
     false = {j: (v, u) for j, (v, u) in elastic["compliance_rad_per_nm"].items() if abs(v) > 3 * u}
-    lines = [
-        f"no joint yields; held out µm: figaroh {_off(spot, elastic) / UM:.1f}, "
-        f"aacmm_pin {spot.off(mine.predicted) / UM:.2f}, perfect {spot.perfect / UM:.2f}"
-    ]
-    lines += [f"  figaroh, joint {j}: {v:.2g} ± {2 * u:.1g} rad/(N·m), {abs(v) / u:.0f} u" for j, (v, u) in false.items()]
-    lines.append(f"  aacmm_pin: {', '.join(mine.named)}")
-    say("\n".join(lines))
+    say(
+        f"no joint yields; held out µm: figaroh {off(spot, elastic) / UM:.1f}, "
+        f"aacmm_pin {spot.off(mine.predicted) / UM:.2f}, perfect {spot.perfect / UM:.2f}\n"
+        + "\n".join(
+            f"  figaroh, joint {j}: {v:.2g} ± {2 * u:.1g} rad/(N·m), {abs(v) / u:.0f} u" for j, (v, u) in false.items()
+        )
+    )
     assert false, "the peer reports no stiffness that is not there"
     assert sorted(mine.named) == sorted(spot.faults)
-    assert _off(spot, elastic) > 10 * spot.off(mine.predicted)
-
-
-def _off(spot: BlindSpot, report: dict[str, Any]) -> float:
-    return spot.off(np.array(report["predicted_m"]))
-
-
-def _said(mine: Diagnosed, joint: str) -> str:
-    key = f"joint_compliance:{joint}"
-    return f"{mine.value(key):.3g}" if key in mine.named else "not named"
-
-
-if __name__ == "__main__":
-    print(__doc__)
+    assert off(spot, elastic) > 10 * spot.off(mine.predicted)

@@ -14,13 +14,9 @@ alone, imports and reading of files excluded, and the best of three counts, for 
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +26,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.arm.urdf_writer import urdf_text
+from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.measurements.records import Measurements
 
@@ -42,36 +38,8 @@ ERRORS = np.array([2e-4, 2e-4, 5e-4, 5e-4])
 REPEATS = 3
 
 
-@dataclass(frozen=True)
-class Peer:
-    """A package to compare with: who runs it, and how many times as long it has to take."""
-
-    package: str
-    variable: str
-    least_ratio: float
-
-    @property
-    def script(self) -> Path:
-        return Path(__file__).parent / "peers" / f"solve_with_{self.package}.py"
-
-    def python(self) -> str:
-        """Its interpreter; skips the test where there is none that can import the package."""
-        python = os.environ.get(self.variable)
-        if not python:
-            pytest.skip(f"{self.variable} is not set, expected the interpreter of an environment with {self.package}")
-        try:
-            done = subprocess.run([python, "-I", "-c", f"import {self.package}"], capture_output=True, text=True)
-        except OSError as error:
-            pytest.skip(f"{self.variable}={python} cannot be run: {error.strerror}")
-        if done.returncode != 0:
-            pytest.skip(f"{python} cannot import {self.package}: {(done.stderr.strip().splitlines() or ['no message'])[-1]}")
-        return python
-
-
-PEERS = [
-    Peer("robotkinecal", "AACMM_PIN_ROBOTKINECAL_PYTHON", 12.0),
-    Peer("figaroh", "AACMM_PIN_FIGAROH_PYTHON", 10.0),
-]
+LEAST_RATIO = {"robotkinecal": 12.0, "figaroh": 10.0}
+"""How many times as long each package has to take."""
 
 
 @dataclass(frozen=True)
@@ -107,68 +75,33 @@ def ours(problem: Problem) -> Any:
     24 DH values and the 6 of an unknown reference frame, of which 27 combinations can be told; the result has ``.rms`` [m].
     """
     measurements = Measurements.of(problem.q, reference=problem.positions)
-    return calibrate(
-        problem.arm,
-        measurements,
-        "geometry",
-        reference_frame="external",
-        reference_noise=NOISE,
-        prior=False,
-        robust=False,
-        hold_out=False,
-    )
+    plain = {"reference_noise": NOISE, "prior": False, "robust": False, "hold_out": False}
+    return calibrate(problem.arm, measurements, "geometry", reference_frame="external", **plain)
 
 
-def theirs(peer: Peer, problem: Problem, folder: Path) -> dict[str, Any]:
-    """What the peer's script reports of the same problem."""
-    python = peer.python()
-    data, urdf = folder / "problem.npz", folder / "arm.urdf"
-    np.savez(data, q=problem.q, positions=problem.positions)
-    urdf.write_text(problem.urdf)
-    command = [python, "-I", str(peer.script), str(data), str(urdf), "--repeats", str(REPEATS)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    report: dict[str, Any] = json.loads(done.stdout)
-    return report
-
-
-@pytest.fixture
-def say(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
-    def print_past_the_capture(text: str) -> None:
-        with capsys.disabled():
-            print(f"\n{text}")
-
-    return print_past_the_capture
-
-
-@pytest.mark.parametrize("peer", PEERS, ids=lambda peer: peer.package)
+@pytest.mark.parametrize("package", LEAST_RATIO)
 def test_calibration_of_100_records(
-    peer: Peer, benchmark: BenchmarkFixture, tmp_path: Path, say: Callable[[str], None]
+    package: str, benchmark: BenchmarkFixture, peer: Callable[..., dict[str, Any]], say: Callable[[str], None]
 ) -> None:
     problem = Problem.of("sino6", np.random.default_rng(3))
-    report = theirs(peer, problem, tmp_path)
+    report = peer(package, problem.urdf, "--repeats", str(REPEATS), q=problem.q, positions=problem.positions)
     assert report["rms_before_m"] > 10 * NOISE  # otherwise there was nothing to calibrate
     assert report["rms_after_m"] < 1.1 * NOISE  # and a peer that does not calibrate is no peer
-    mine, result = float("inf"), None
+    mine = float("inf")
     for _ in range(10 * REPEATS):  # milliseconds: other work on the machine shows in a few of them
         start = time.perf_counter()
         result = ours(problem)
         mine = min(mine, time.perf_counter() - start)
     benchmark.pedantic(lambda: ours(problem), rounds=REPEATS)
-    assert result is not None
     assert result.rms < 2 * NOISE  # of coordinates, or of distances, which is √3 times as much
-    ratio = report["seconds"] / mine
+    ratio, least = report["seconds"] / mine, LEAST_RATIO[package]
     benchmark.extra_info |= {"ratio": ratio, "peer": report}
     say(
         f"calibration of {RECORDS} records, best of {REPEATS}\n"
         f"{'':24}{'ms':>10}{'parameters':>12}{'rms before µm':>15}{'rms after µm':>14}\n"
-        f"{peer.package + ' ' + report['version']:24}{report['seconds'] * 1e3:10.1f}{report['parameters']:12d}"
+        f"{package + ' ' + report['version']:24}{report['seconds'] * 1e3:10.1f}{report['parameters']:12d}"
         f"{report['rms_before_m'] * 1e6:15.1f}{report['rms_after_m'] * 1e6:14.2f}\n"
         f"{'aacmm_pin':24}{mine * 1e3:10.1f}{'':27}{result.rms * 1e6:14.2f}\n"
-        f"ratio {ratio:.1f}, expected at least {peer.least_ratio:g}"
+        f"ratio {ratio:.1f}, expected at least {least:g}"
     )
-    assert ratio >= peer.least_ratio
-
-
-if __name__ == "__main__":
-    print(__doc__)
+    assert ratio >= least

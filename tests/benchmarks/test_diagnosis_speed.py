@@ -44,17 +44,14 @@ def computing(work: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def where(work: Callable[[], object]) -> tuple[Counter[str], list[tuple[float, str]]]:
-    """Seconds in each module of the package, or library, and the functions that take most, by ``cProfile``."""
+def where(work: Callable[[], object]) -> Counter[str]:
+    """Seconds in each module of the package, or library, by ``cProfile``."""
     profile = cProfile.Profile()
     profile.runcall(work)
     modules: Counter[str] = Counter()
-    functions = []
-    for (file, line, name), (_, _, own, _, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
-        module = _module(file)
-        modules[module] += own
-        functions.append((own, f"{module}:{line} {name}"))
-    return modules, sorted(functions, reverse=True)[:TOP]
+    for (file, _, _), (_, _, own, _, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
+        modules[_module(file)] += own
+    return modules
 
 
 def _module(file: str) -> str:
@@ -63,15 +60,6 @@ def _module(file: str) -> str:
         return str(path.relative_to(PACKAGE))
     parts = path.parts
     return parts[parts.index("site-packages") + 1] if "site-packages" in parts else "python"
-
-
-@pytest.fixture
-def say(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
-    def print_past_the_capture(text: str) -> None:
-        with capsys.disabled():
-            print(f"\n{text}")
-
-    return print_past_the_capture
 
 
 @pytest.mark.parametrize("plan", ["free", "seats"])
@@ -88,22 +76,14 @@ def test_diagnosis_with_held_out_groups(
     yardstick = min(computing(reference) for _ in range(3))
     diagnosed: list[Diagnosis] = []
     seconds = computing(lambda: diagnosed.append(benchmark.pedantic(work, rounds=1)))
-    modules, functions = where(work)
-    total = sum(modules.values())
+    modules = where(work)
     ratio = seconds / yardstick
     benchmark.extra_info |= {"seconds": seconds, "ratio": ratio, "modules": dict(modules)}
-    lines = [
+    say(
         f"diagnosis of {records} records, plan {plan}: {seconds:.2f} s of computing, target {TARGETS[records]:g} s; "
-        f"{ratio:.0f} times calibrate ({yardstick:.3f} s), at most {MOST_RATIO[records]:g}",
-        *(f"  {share / total:6.1%}  {name}" for name, share in modules.most_common(TOP)),
-        "  of which",
-        *(f"  {own / total:6.1%}  {name}" for own, name in functions),
-    ]
-    say("\n".join(lines))
+        f"{ratio:.0f} times calibrate ({yardstick:.3f} s), at most {MOST_RATIO[records]:g}\n"
+        + "\n".join(f"  {share / modules.total():6.1%}  {name}" for name, share in modules.most_common(TOP))
+    )
     assert {f.label for f in diagnosed[0].findings} >= {effect.label for effect in HIDDEN}  # or it was quick for nothing
     assert diagnosed[0].held_out is not None
     assert ratio < MOST_RATIO[records]
-
-
-if __name__ == "__main__":
-    print(__doc__)

@@ -10,12 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import distribution
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
 import numpy as np
+import yourdfpy
 from numpy.typing import NDArray
 
-from blind.kinematics import Array, identity, read_arm, rotation, shift_x, turn_x, turn_z_shift
+from blind.kinematics import Arm, Array, arm_of, identity, read_arm, rotation, shift_x, turn_x, turn_z_shift
 
 Pieces = tuple[Array, Array]
 TUBE_M = 0.3
@@ -108,31 +108,18 @@ def dh_pieces(values: Array, standard: bool) -> Callable[[Array], Pieces]:
     return pieces
 
 
-def of_dh(
-    name: str,
-    values: Array,
-    half_width: Array,
-    moving: NDArray[np.bool_],
-    limits: Array,
-    mass: Array,
-    com: Array,
-    stylus: Array,
-    *,
-    standard: bool = True,
-) -> Chain:
-    """From a DH table (R, 4); ``com`` (R, 3) is in the frame of the row, as in an arm file."""
-    pieces = dh_pieces(values, standard)
-    after = pieces(np.zeros_like(values))[1]
-    in_axis = np.einsum("rij,rj->ri", after[:, :3, :3], com) + after[:, :3, 3] if standard else com
-    typical = np.tile([2e-4, 2e-4, 5e-4, 5e-4], (len(values), 1))
-    gravity = np.array([0.0, 0.0, -9.81])
-    return Chain(name, pieces, half_width, typical, moving, limits, mass, in_axis, stylus, gravity)
+def of_dh(name: str, arm: Arm) -> Chain:
+    """From a DH table; its centres of mass are in the frames of the rows, as in an arm file."""
+    pieces = dh_pieces(arm.values, arm.standard)
+    after = pieces(np.zeros_like(arm.values))[1]
+    com = np.einsum("rij,rj->ri", after[:, :3, :3], arm.com) + after[:, :3, 3] if arm.standard else arm.com
+    of_table = {f: getattr(arm, f) for f in ("half_width", "typical", "moving", "limits", "mass", "stylus", "gravity")}
+    return Chain(name, pieces, com=com, **of_table)
 
 
 def sino6() -> Chain:
     """The bundled arm."""
-    a = read_arm()
-    return of_dh("sino6", a.values, a.half_width, a.moving, a.limits, a.mass, a.com, a.stylus)
+    return of_dh("sino6", read_arm())
 
 
 # a [mm], d [mm], alpha [rad], theta offset [rad], mass [kg], centre of mass [mm], limits [rad]
@@ -164,13 +151,7 @@ BOUNDS = (3e-5, 3e-5, 5e-5, 8e-5)
 
 def seven(convention: str, stated: bool) -> Chain:
     """An arm of seven joints by its table."""
-    table = np.array(SEVEN[convention])
-    values = table[:, :4] * [1e-3, 1e-3, 1.0, 1.0]
-    moving = table[:, 8] < table[:, 9]
-    bounds = np.tile(BOUNDS, (len(table), 1)) * stated
-    stylus = np.array([1.0, 0.0, 0.0])
-    com, limits = 1e-3 * table[:, 5:8], table[moving, 8:]
-    return of_dh("seven", values, bounds, moving, limits, table[:, 4], com, stylus, standard=convention == "standard-dh")
+    return of_dh("seven", arm_of(seven_text(convention, stated, masses=True)))
 
 
 def seven_text(convention: str, stated: bool, masses: bool) -> str:
@@ -206,39 +187,33 @@ def robot_file(name: str) -> Path:
 
 def robot(name: str, translation_m: float, rotation_rad: float) -> Chain:
     """A robot by its URDF, every joint placement within the given bounds (zero: nothing is stated)."""
-    root = ET.parse(robot_file(name)).getroot()
-    parents = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
-    placements, joints, bodies, here = [np.eye(4)], [], {}, ROBOTS[name][1]
+    urdf = yourdfpy.URDF.load(str(robot_file(name)), build_scene_graph=False, load_meshes=False).robot
+    parents = {joint.child: joint for joint in urdf.joints}
+    placements, joints, here = [np.eye(4)], [], ROBOTS[name][1]
     while here in parents:  # from the tip to the base; what is fixed goes to the body before
         joint = parents[here]
-        here = joint.find("parent").get("link")
-        if joint.get("type") == "fixed":
-            placements[0] = _origin(joint) @ placements[0]
+        here = joint.parent
+        if joint.type == "fixed":
+            placements[0] = _placed(joint) @ placements[0]
         else:
             joints.insert(0, joint)
-            placements.insert(0, _origin(joint))
-    for number, joint in enumerate(joints):
-        bodies[joint.find("child").get("link")] = number
+            placements.insert(0, _placed(joint))
+    bodies = {joint.child: number for number, joint in enumerate(joints)}
     mass, first = np.zeros(len(joints)), np.zeros((len(joints), 3))
-    for link in root.findall("link"):
-        inertial = link.find("inertial")
-        at, owner = np.eye(4), str(link.get("name"))
+    for link in urdf.links:
+        at, owner = np.eye(4), link.name
         while owner not in bodies and owner in parents:
-            at = _origin(parents[owner]) @ at
-            owner = parents[owner].find("parent").get("link")
-        if inertial is not None and owner in bodies:
-            m = float(inertial.find("mass").get("value"))
-            mass[bodies[owner]] += m
-            first[bodies[owner]] += m * (at @ _origin(inertial))[:3, 3]
-    aligned = np.stack([_axis_frame(_floats(joint.find("axis"), "xyz", "1 0 0")) for joint in joints])
-    com = np.einsum("rji,rj->ri", aligned[:, :3, :3], first / np.maximum(mass, 1e-12)[:, None])
+            at, owner = _placed(parents[owner]) @ at, parents[owner].parent
+        if link.inertial is not None and owner in bodies:
+            mass[bodies[owner]] += link.inertial.mass
+            first[bodies[owner]] += link.inertial.mass * (at @ _placed(link.inertial))[:3, 3]
+    aligned = np.stack([_axis_frame(np.array([1.0, 0.0, 0.0]) if j.axis is None else j.axis) for j in joints])
 
     def pieces(deviations: Array) -> Pieces:  # `aligned` turns only: its transpose is its inverse
         placed = [p @ _screw(d) for p, d in zip(placements[:-1], deviations, strict=True)] + [placements[-1]]
         before = [placed[0] @ aligned[0], *aligned[1:]]
         return np.stack(before), np.stack([a.T @ p for a, p in zip(aligned, placed[1:], strict=True)])
 
-    limits = np.array([_limits(joint) for joint in joints])
     shape = (len(joints), 1)
     return Chain(
         name=name,
@@ -246,34 +221,22 @@ def robot(name: str, translation_m: float, rotation_rad: float) -> Chain:
         half_width=np.tile([translation_m] * 3 + [rotation_rad] * 3, shape),
         typical=np.tile([2e-4] * 3 + [5e-4] * 3, shape),
         moving=np.ones(len(joints), dtype=bool),
-        limits=limits,
+        limits=np.array([_limits(joint) for joint in joints]),
         mass=mass,
-        com=com,
+        com=np.einsum("rji,rj->ri", aligned[:, :3, :3], first / np.maximum(mass, 1e-12)[:, None]),
         stylus=np.array([0.0, 0.0, 1.0]),
         gravity=np.array([0.0, 0.0, -9.81]),
     )
 
 
-def _limits(joint: ET.Element) -> tuple[float, float]:
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") == "continuous":
+def _limits(joint: yourdfpy.Joint) -> tuple[float, float]:
+    if joint.limit is None or joint.type == "continuous":
         return -np.pi, np.pi
-    return max(float(limit.get("lower", -np.pi)), -np.pi), min(float(limit.get("upper", np.pi)), np.pi)
+    return max(joint.limit.lower, -np.pi), min(joint.limit.upper, np.pi)
 
 
-def _floats(element: ET.Element | None, name: str, otherwise: str) -> Array:
-    return np.array([float(x) for x in (otherwise if element is None else element.get(name, otherwise)).split()])
-
-
-def _origin(element: ET.Element) -> Array:
-    origin = element.find("origin")
-    roll, pitch, yaw = _floats(origin, "rpy", "0 0 0")
-    out = np.eye(4)
-    out[:3, :3] = (
-        rotation(np.array([0.0, 0.0, yaw])) @ rotation(np.array([0.0, pitch, 0.0])) @ rotation(np.array([roll, 0.0, 0.0]))
-    )
-    out[:3, 3] = _floats(origin, "xyz", "0 0 0")
-    return out
+def _placed(element: yourdfpy.Joint | yourdfpy.Inertial) -> Array:
+    return np.eye(4) if element.origin is None else np.asarray(element.origin)
 
 
 def _axis_frame(axis: Array) -> Array:

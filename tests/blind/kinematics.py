@@ -29,6 +29,7 @@ class Arm:
         gravity: (3,) in the base frame [m/s²].
         reference_temperature: [°C].
         stylus: axis of the stylus in the last frame (3,).
+        standard: convention; False for the modified one.
     """
 
     values: Array
@@ -40,10 +41,21 @@ class Arm:
     gravity: Array
     reference_temperature: float
     stylus: Array
+    standard: bool = True
 
     @property
     def rows(self) -> int:
         return len(self.values)
+
+    @property
+    def exact(self) -> Array:
+        """Geometry as the file says."""
+        return self.values
+
+    @property
+    def typical(self) -> Array:
+        """Deviations of a usual arm (R, 4) [m, m, rad, rad]."""
+        return np.tile([2e-4, 2e-4, 5e-4, 5e-4], (self.rows, 1))
 
     def tubes(self) -> list[int]:
         """Rows (from 1) whose length along d or a exceeds 0.3 m."""
@@ -55,12 +67,22 @@ class Arm:
         angles[:, self.moving] = q
         return angles
 
+    def jacobian(self, q: Array, values: Array | None = None) -> Array:
+        """Velocity of the tip per joint rate, (n, 3, nq) [m/rad], of the rigid arm."""
+        return jacobian(placements(self.values if values is None else values, self.all_angles(q)), self.moving)
+
 
 def read_arm(path: Path | str = SINO6) -> Arm:
     """Read an arm file of standard DH rows."""
-    table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    if table["convention"] != "standard-dh":
-        raise ValueError(f"{path}: {table['convention']}, expected standard-dh")
+    arm = arm_of(Path(path).read_text(encoding="utf-8"))
+    if not arm.standard:
+        raise ValueError(f"{path}: modified-dh, expected standard-dh")
+    return arm
+
+
+def arm_of(text: str) -> Arm:
+    """The DH table of the text of an arm file."""
+    table = tomllib.loads(text)
     rows = table["joints"]
     moving = np.array([not row.get("fixed", False) for row in rows])
     stylus = np.array(table.get("stylus", {}).get("axis", [1.0, 0.0, 0.0]))
@@ -74,6 +96,7 @@ def read_arm(path: Path | str = SINO6) -> Arm:
         gravity=np.array(table["gravity_m_s2"]),
         reference_temperature=float(table.get("reference_temperature_c", 20.0)),
         stylus=stylus / np.linalg.norm(stylus),
+        standard=table["convention"] == "standard-dh",
     )
 
 

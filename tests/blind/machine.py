@@ -10,7 +10,7 @@ import numpy as np
 from blind import outside
 from blind.conditions import Conditions
 from blind.encoders import ENCODER, Parameters
-from blind.kinematics import Arm, Array, jacobian, placements
+from blind.kinematics import Arm, Array
 from blind.statics import Elastic, Rest, settle
 from blind.truth import Hidden
 
@@ -39,23 +39,32 @@ class Machine:
                 angles = outside.joint_product(angles, fault.parameters)
         return angles if self.small is None else self.small.added(angles, conditions)
 
-    def dh(self, conditions: Conditions) -> Array:
-        """DH values of each record (n, R, 4): warm and moist lengths, geometric faults."""
-        values = np.repeat(self.values[None], len(conditions.time), axis=0)
-        growth = np.zeros(values.shape[:2])
+    def geometry(self) -> Array:
+        """``values`` with the faults of a DH table."""
+        values = self.values.copy()
+        for fault in self.faults:
+            if fault.cause in GEOMETRY:
+                assert fault.joint is not None
+                name, column, unit = GEOMETRY[fault.cause]
+                values[fault.joint - 1, column] += unit * fault.parameters[name]
+        return values
+
+    def growth(self, conditions: Conditions) -> Array:
+        """Relative growth of the bodies (n, R) with temperature and humidity."""
+        growth = np.zeros((len(conditions.time), self.arm.rows))
         for fault in self.faults:
             rows = slice(None) if fault.joint is None else slice(fault.joint - 1, fault.joint)
             if fault.cause == "thermal_expansion":
                 rise = conditions.temperature - self.arm.reference_temperature
                 growth[:, rows] += fault.parameters["expansion_per_k"] * rise[:, None]
-            elif fault.cause in GEOMETRY:
-                name, column, unit = GEOMETRY[fault.cause]
-                values[:, rows, column] += unit * fault.parameters[name]
             elif fault.parameters.get("kind") == "humidity":
                 for tube in self.arm.tubes():
                     growth[:, tube - 1] += outside.swelling(fault.parameters, conditions)
-        values[:, :, :2] *= 1.0 + growth[:, :, None]
-        return values
+        return growth
+
+    def lengths(self) -> Array:
+        """Of the tubes (R,) [m]."""
+        return np.asarray(np.abs(self.values[:, :2]).max(axis=1))
 
     def elastic(self) -> Elastic:
         """The flexibilities among the faults."""
@@ -68,13 +77,15 @@ class Machine:
                 assert fault.joint is not None
                 i = fault.joint - 1
                 name, where = ELASTIC[fault.cause]
-                length = np.abs(self.values[i, :2]).max() if fault.cause == "torsional_windup" else 1.0
+                length = self.lengths()[i] if fault.cause == "torsional_windup" else 1.0
                 getattr(elastic, where)[i] += fault.parameters[name] / length
         return replace(elastic, base=base)
 
     def rest(self, q: Array, conditions: Conditions) -> Rest:
         """The arm at rest."""
-        return settle(self.arm, self.dh(conditions), self.joint_angles(q, conditions), self.elastic())
+        values = np.repeat(self.geometry()[None], len(q), axis=0)
+        values[:, :, :2] *= 1.0 + self.growth(conditions)[:, :, None]
+        return settle(self.arm, values, self.joint_angles(q, conditions), self.elastic())
 
     def observed(self, q: Array, conditions: Conditions) -> Array:
         """Coordinates of the tip (n, 3) [m] that a perfect reference in the base frame states."""
@@ -98,8 +109,23 @@ class Machine:
         return np.asarray(down - axis * (axis @ down)[:, None])
 
     def jacobian(self, q: Array) -> Array:
-        """Of the bare table at the indications, (n, 3, nq) [m/rad]."""
-        return jacobian(placements(self.values, self.arm.all_angles(q)), self.arm.moving)
+        """Of the rigid arm at the indications, (n, 3, nq) [m/rad]."""
+        return self.arm.jacobian(q, self.values)
+
+    def shift_by(self, fault: Hidden, q: Array, conditions: Conditions) -> Array:
+        """What ``fault`` moves the observed coordinates by beside all others (n, 3) [m]."""
+        others = [other for other in self.faults if other is not fault]
+        with_it = self.with_faults([*others, fault]).observed(q, conditions)
+        return with_it - self.with_faults(others).observed(q, conditions)
+
+    def moves(self, fault: Hidden, q: Array, conditions: Conditions) -> float:
+        """The same as rms over the records [m]."""
+        return float(np.sqrt((self.shift_by(fault, q, conditions) ** 2).sum(axis=1).mean()))
+
+    def sized(self, q: Array, conditions: Conditions) -> tuple[Hidden, ...]:
+        """The faults with what each moves the tip by, the largest first."""
+        sized = [replace(fault, size_um=1e6 * self.moves(fault, q, conditions)) for fault in self.faults]
+        return tuple(sorted(sized, key=lambda fault: -fault.size_um))
 
     def touching(self, q: Array, conditions: Conditions, points: Array) -> Array:
         """Indications near q (n, nq) at which the reference states ``points`` (n, 3) [m] exactly."""

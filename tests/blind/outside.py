@@ -9,7 +9,7 @@ import numpy as np
 from blind.chains import Chain
 from blind.conditions import Conditions
 from blind.encoders import Parameters, bumps
-from blind.kinematics import Arm, Array, jacobian, placements
+from blind.kinematics import Arm, Array
 
 DEPENDS_ON = {
     "joint_product": ("theta{j}", "theta{k}"),
@@ -59,20 +59,9 @@ class SmallTerms:
     ripple: Array
 
     @staticmethod
-    def of(rng: np.random.Generator, arm: Arm) -> SmallTerms:
-        total = rng.uniform(1.0e-6, 2.0e-6)
-        q = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (200, len(arm.limits)))
-        return SmallTerms._drawn(rng, total, jacobian(placements(arm.values, arm.all_angles(q)), arm.moving), arm.rows)
-
-    @staticmethod
-    def for_joints(rng: np.random.Generator, arm: Chain) -> SmallTerms:
-        """The same for a chain."""
-        total = rng.uniform(1.0e-6, 2.0e-6)
+    def of(rng: np.random.Generator, arm: Arm | Chain) -> SmallTerms:
+        total, rows = rng.uniform(1.0e-6, 2.0e-6), arm.rows
         levers = arm.jacobian(rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (200, len(arm.limits))))
-        return SmallTerms._drawn(rng, total, levers, arm.rows)
-
-    @staticmethod
-    def _drawn(rng: np.random.Generator, total: float, levers: Array, rows: int) -> SmallTerms:
         lever = float(np.sqrt((levers**2).sum(axis=(1, 2)).mean()))
         ripple = rng.uniform(3.0e-6, 5.0e-6, rows) / 2.0  # from peak to peak
         share = rng.uniform(0.6, 0.9)

@@ -27,6 +27,10 @@ class Seats:
     axes: Array
     bars: NDArray[np.int_]
 
+    def lengths(self) -> Array:
+        """Of the bars (B,) [m]."""
+        return np.asarray(np.linalg.norm(self.points[self.bars[:, 0]] - self.points[self.bars[:, 1]], axis=1))
+
 
 def free_postures(rng: np.random.Generator, arm: Arm, n: int) -> Array:
     """(n, nq) [rad]: a Latin hypercube within the limits."""
@@ -54,13 +58,18 @@ def choose_seats(rng: np.random.Generator, arm: Arm) -> Seats:
 
 
 def visits(n: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Seat and session of each record (n,): each session goes round all seats."""
+    """Seat and session of each record (n,)."""
     session = np.arange(n) * SESSIONS // n
-    seat = np.empty(n, dtype=int)
-    for number in range(SESSIONS):
+    return round_trips(session, SEATS), session
+
+
+def round_trips(session: NDArray[np.int_], seats: int) -> NDArray[np.int_]:
+    """Index of the seat of each record (n,): each session goes round all seats, or as many as it has records for."""
+    seat = np.empty(len(session), dtype=int)
+    for number in range(session[-1] + 1):
         these = np.flatnonzero(session == number)
-        seat[these] = np.arange(len(these)) * SEATS // len(these)
-    return seat, session
+        seat[these] = np.arange(len(these)) * seats // len(these) if len(these) >= seats else these % seats
+    return seat
 
 
 def seat_postures(rng: np.random.Generator, arm: Arm, seats: Seats, seat: NDArray[np.int_]) -> Array:

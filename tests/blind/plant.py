@@ -10,19 +10,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from blind import plans, workshop
+from blind import plans, table, workshop
 from blind.conditions import SESSIONS, Conditions, run
-from blind.kinematics import KINDS, SINO6, Arm, Array, read_arm, rotation
+from blind.kinematics import KINDS, Arm, Array, read_arm, rotation
 from blind.machine import Machine
 from blind.outside import SmallTerms
-from blind.table import text
 from blind.truth import Hidden, Truth
 
 ENCODER_NOISE = 8e-6
 REFERENCE_NOISE = 12e-6
 OUTLIER_M = (0.2e-3, 50e-3)
-SMALLEST = 8e-6
-"""``any`` and a missing joint are drawn among the places where the fault moves the tip by so much (rms) at least [m]."""
+BAR_U = 1e-6
+"""How exactly the length of a bar is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +50,22 @@ class Sample:
     @property
     def csv_text(self) -> str:
         """The measurement file."""
-        return text(self.read, self.noted, self.conditions, self.seats, self.plan == "unknown-seats")
+        c, n, unknown = self.conditions, len(self.read), self.plan == "unknown-seats"
+        columns: dict[str, Sequence[str]] = {
+            "record": [str(i) for i in range(n)],
+            "session": [f"S{i + 1}" for i in c.session],
+            "operator": ["AB"[i] for i in c.operator],
+            "time_s": table.fixed(c.time, 1),
+            **table.angles(self.read),
+            **({} if unknown else table.coordinates(self.noted)),
+        }
+        if self.seats is not None:
+            columns["seat"] = [f"P{i + 1}" for i in c.seat]
+        if self.seats is not None and unknown:
+            columns |= table.bars(c.seat, self.seats.bars, self.seats.lengths())
+        columns["temperature_c"] = table.fixed(c.temperature_reading, 2)
+        columns |= table.approaches(c, np.ones(c.approach.shape[1], dtype=bool))
+        return table.csv(columns | {"humidity_pct": table.fixed(c.humidity, 1)})
 
     def write(self, path: Path | str) -> Path:
         path = Path(path)
@@ -94,10 +108,8 @@ class Plant:
         """Run number ``index`` with n records."""
         q, conditions = self.route(index, n)
         noise = self.rng("noise", index)
-        encoder, reference_noise = (
-            ENCODER_NOISE * noise.standard_normal(q.shape),
-            REFERENCE_NOISE * noise.standard_normal((n, 3)),
-        )
+        encoder = ENCODER_NOISE * noise.standard_normal(q.shape)
+        reference_noise = REFERENCE_NOISE * noise.standard_normal((n, 3))
         jumps = Jumps.of(self.rng("outliers", index), self.machine, q, round(outliers * n))
         if self.seats is None:
             reference = self.machine.observed(q, conditions) + reference_noise + jumps.contact
@@ -146,10 +158,39 @@ class Jumps:
 
 @dataclass(frozen=True, eq=False)
 class Draw(Sample):
-    """The first run of a plant, with what is hidden in it."""
+    """The first run of a plant, with what is hidden in it, and what its records leave unknown (see :mod:`blind.oracle`)."""
 
     plant: Plant
     truth: Truth
+    encoder_u = ENCODER_NOISE
+    seat_u = np.inf
+    bar_u = BAR_U
+    targets = 0
+
+    @property
+    def machine(self) -> Machine:
+        return self.plant.machine
+
+    @property
+    def hidden(self) -> tuple[Hidden, ...]:
+        return self.truth.hidden
+
+    @property
+    def reference_u(self) -> Array:
+        return np.full(len(self.read), REFERENCE_NOISE)
+
+    @property
+    def external(self) -> bool:
+        return bool(np.any(self.plant.frame[1]))
+
+    @property
+    def fitted_seats(self) -> Array:
+        """Seats whose places are not known (S, 3) [m]."""
+        return self.seats.points if self.seats is not None and self.plan == "unknown-seats" else np.zeros((0, 3))
+
+    @property
+    def bars(self) -> NDArray[np.int_]:
+        return self.seats.bars if self.seats is not None and self.plan == "unknown-seats" else np.zeros((0, 2), dtype=int)
 
     def fresh(self, n: int, index: int = 1) -> Sample:
         """Another run of the same plant: new postures, noise and weather, the same clock; no outliers."""
@@ -169,7 +210,6 @@ def draw(
     outliers: float = 0.0,
     twin: bool = False,
     *,
-    arm: Path | str = SINO6,
     small_terms: bool = True,
     external: bool = False,
     shifts: Mapping[tuple[int, str], float] | None = None,
@@ -187,7 +227,6 @@ def draw(
         records: how many.
         outliers: fraction of the records.
         twin: the same run of the same arm with the fault switched off.
-        arm: its file.
         small_terms: False for an arm without any term beside its fault, and a true thermometer.
         external: references in a frame of their own.
         shifts: further deviations of DH values from the arm file, in standard uncertainties (half-width / √3), by row and
@@ -195,31 +234,26 @@ def draw(
     """
     if plan not in plans.PLANS:
         raise ValueError(f"plan {plan!r}, expected one of {', '.join(plans.PLANS)}")
-    table = read_arm(arm)
-    geometry = _geometry(np.random.default_rng([seed, 1]), table, shifts or {})
-    seats = None if plan == "free" else plans.choose_seats(np.random.default_rng([seed, 2]), table)
-    small = SmallTerms.of(np.random.default_rng([seed, 3]), table) if small_terms else None
-    machine = Machine(table, table.values + geometry, (), small)
+    arm = read_arm()
+    geometry = _geometry(np.random.default_rng([seed, 1]), arm, shifts or {})
+    seats = None if plan == "free" else plans.choose_seats(np.random.default_rng([seed, 2]), arm)
+    small = SmallTerms.of(np.random.default_rng([seed, 3]), arm) if small_terms else None
+    machine = Machine(arm, arm.values + geometry, (), small)
     frame = _frame(np.random.default_rng([seed, 4])) if external else (np.eye(3), np.zeros(3))
     plant = Plant(seed, machine, plan, records, seats, frame, small_terms)
-    hidden: tuple[Hidden, ...] = ()
     if cause is not None and not twin:
-        hidden = _faults(np.random.default_rng([seed, 5]), plant, cause, joint, size, count)
+        wanted = workshop.Wanted(cause, joint, size, count)
+        hidden = workshop.hide_all(np.random.default_rng([seed, 5]), machine, *plant.route(0, records), wanted, _others)
+        if len(hidden) < count:
+            raise ValueError(f"{cause} is felt nowhere on this arm")
         plant = replace(plant, machine=machine.with_faults(hidden))
     sample = plant.sample(0, records, outliers)
-    return Draw(**vars(sample), plant=plant, truth=Truth(_sized(plant.machine, sample), sample.outliers, geometry))
+    truth = Truth(plant.machine.sized(sample.read, sample.conditions), sample.outliers, geometry)
+    return Draw(**vars(sample), plant=plant, truth=truth)
 
 
-def moves(machine: Machine, fault: Hidden, q: Array, conditions: Conditions) -> float:
-    """What ``fault`` moves the observed coordinates by beside all others, rms [m]."""
-    others = [other for other in machine.faults if other is not fault]
-    gap = machine.with_faults([*others, fault]).observed(q, conditions) - machine.with_faults(others).observed(q, conditions)
-    return float(np.sqrt((gap**2).sum(axis=1).mean()))
-
-
-def _sized(machine: Machine, sample: Sample) -> tuple[Hidden, ...]:
-    sized = [replace(fault, size_um=1e6 * moves(machine, fault, sample.read, sample.conditions)) for fault in machine.faults]
-    return tuple(sorted(sized, key=lambda fault: -fault.size_um))
+def _others(hidden: set[str]) -> list[str]:
+    return [cause for cause in workshop.ANY if cause not in hidden]
 
 
 def _geometry(rng: np.random.Generator, arm: Arm, shifts: Mapping[tuple[int, str], float]) -> Array:
@@ -232,39 +266,3 @@ def _geometry(rng: np.random.Generator, arm: Arm, shifts: Mapping[tuple[int, str
 
 def _frame(rng: np.random.Generator) -> tuple[Array, Array]:
     return rotation(rng.uniform(-1.5, 1.5, 3)), rng.uniform(-2.0, 2.0, 3)
-
-
-def _faults(
-    rng: np.random.Generator, plant: Plant, cause: str, joint: int | None, size: float, count: int
-) -> tuple[Hidden, ...]:
-    """The faults; where joint or cause are left to the seed, at places where a fault of size 1 would be felt."""
-    q, conditions = plant.route(0, plant.records)
-    some = np.linspace(0, plant.records - 1, min(plant.records, 60)).astype(int)
-    q, conditions_of_some = q[some], conditions.take(some)
-    clock = (float(conditions.time[0]), float(conditions.time[-1]))
-    hidden: list[Hidden] = []
-    while len(hidden) < count:
-        first = not hidden
-        name = (
-            cause
-            if first and cause != "any"
-            else _pick(rng, [c for c in workshop.ANY if c not in {h.cause for h in hidden}])
-        )
-        rows: Sequence[int | None] = [joint] if first and joint is not None else workshop.rows_for(name, plant.machine.arm)
-        rows = [row for row in rows if row is None or row not in {h.joint for h in hidden}]
-        stream = int(rng.integers(2**31))
-
-        def hide(row: int | None, size: float, name: str = name, stream: int = stream) -> Hidden:
-            return workshop.hide(np.random.default_rng(stream), plant.machine.arm, name, row, size, clock)
-
-        if len(rows) > 1:
-            rows = [row for row in rows if moves(plant.machine, hide(row, 1.0), q, conditions_of_some) >= SMALLEST]
-        if rows:
-            hidden.append(hide(rows[int(rng.integers(len(rows)))], size))
-        elif first and cause != "any":
-            raise ValueError(f"{cause} is felt nowhere on this arm")
-    return tuple(hidden)
-
-
-def _pick(rng: np.random.Generator, names: Sequence[str]) -> str:
-    return str(names[int(rng.integers(len(names)))])

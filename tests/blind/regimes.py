@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blind import chains, plans, workshop
+from blind import chains, plans, table, workshop
 from blind.chains import Chain
 from blind.conditions import SESSIONS, run
 from blind.kinematics import Array, rotation
 from blind.outside import SmallTerms
-from blind.plant import SMALLEST, Jumps
-from blind.rig import Loaded, Rig, strength
-from blind.table import fixed
+from blind.plant import Jumps
+from blind.rig import Loaded, Rig
 from blind.truth import Hidden
 
 ARMS = ("sino6", "standard-dh", "modified-dh", "ur5", "panda")
@@ -109,10 +108,9 @@ class RegimeFile:
     Attributes:
         regime: what was drawn.
         files: name -> text.
-        rig: the arm with its faults.
-        q: indications as noted (n, nq) [rad].
+        machine: the arm with its faults, the largest first.
+        read: indications as noted (n, nq) [rad].
         conditions: of each record.
-        hidden: faults, the largest first.
         outliers: records (from 0).
         reference_u: standard uncertainty of each record's reference or contact (n,) [m].
         seats: places of the seats (S, 3) [m]; none where there are none.
@@ -120,13 +118,46 @@ class RegimeFile:
 
     regime: Regime
     files: dict[str, str]
-    rig: Rig
-    q: Array
+    machine: Rig
+    read: Array
     conditions: Loaded
-    hidden: tuple[Hidden, ...]
     outliers: tuple[int, ...]
     reference_u: Array
-    seats: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    seats: Array
+    bar_u = BAR_U
+
+    @property
+    def hidden(self) -> tuple[Hidden, ...]:
+        return self.machine.faults
+
+    # --- what the records leave unknown (see :mod:`blind.oracle`)
+
+    @property
+    def encoder_u(self) -> float:
+        return self.regime.encoder_u
+
+    @property
+    def external(self) -> bool:
+        return self.regime.external
+
+    @property
+    def targets(self) -> int:
+        return 0 if self.machine.targets is None else len(self.machine.targets)
+
+    @property
+    def fitted_seats(self) -> Array:
+        return self.seats
+
+    @property
+    def seat_u(self) -> float:
+        return self.regime.reference_u if self.regime.evidence == "seats" else np.inf
+
+    @property
+    def bars(self) -> NDArray[np.int_]:
+        """Each is between two seats that follow each other (B, 2)."""
+        return np.arange(self.regime.seats if self.regime.evidence == "bars" else 0).reshape(-1, 2)
+
+    # --- for the command line
 
     def write(self, folder: Path) -> None:
         for name, text in self.files.items():
@@ -200,61 +231,57 @@ def regime_file(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
     def rng(stream: str) -> np.random.Generator:
         return np.random.default_rng([seed, zlib.crc32(stream.encode())])
 
-    arm, n = regime.chain(), regime.records
+    arm = regime.chain()
     bounds = np.where(arm.half_width.any(), arm.half_width, arm.typical)
     geometry = bounds * rng("geometry").uniform(-1.0, 1.0, bounds.shape)
-    targets = _targets(rng("targets"), regime)
-    rig = Rig(arm, geometry, (), SmallTerms.for_joints(rng("small"), arm), targets)
-    # --- route
-    route, session = rng("route"), np.arange(n) * SESSIONS // n
-    seats, seat = np.zeros((0, 3)), np.full(n, -1)
+    rig = Rig(arm, geometry, (), SmallTerms.of(rng("small"), arm), _targets(rng("targets"), regime))
+    q, conditions, seats = _route(rng("route"), rng("weather"), regime, rig)
+    wanted = workshop.Wanted(regime.cause, regime.joint, regime.size, regime.faults, regime.value, regime.seats)
+    rig = rig.with_faults(workshop.hide_all(rng("faults"), rig, q, conditions, wanted, lambda _: causes_of(regime)))
+    jumps = Jumps.of(rng("outliers"), rig, q, round(regime.outliers * len(q)))
+    return _measured(rng("noise"), jumps, regime, rig, q, conditions, seats)
+
+
+def _route(rng: np.random.Generator, weather: np.random.Generator, regime: Regime, rig: Rig) -> tuple[Array, Loaded, Array]:
+    """Postures (n, nq) [rad], their conditions, and the places of the seats (S, 3) [m]."""
+    n, arm = regime.records, rig.arm
+    session, seats, seat = np.arange(n) * SESSIONS // n, np.zeros((0, 3)), np.full(n, -1)
     if regime.at_seats:
-        seats, seat = _seats(route, arm, regime), _visits(session, regime.seats)
-        q = _at_seats(route, arm, seats[seat])
+        seats, seat = _seats(rng, arm, regime), plans.round_trips(session, regime.seats)
+        q = _at_seats(rng, arm, seats[seat])
     else:
-        q = plans.free_postures(route, arm, n)
-    weather = run(rng("weather"), arm, seat, session, 1.0, True)
-    payload = route.choice(PAYLOADS_KG, n) if regime.torque else np.zeros(n)
-    marker = route.integers(0, 1 if targets is None else len(targets), n)
-    conditions = Loaded(**vars(weather), payload=payload, marker=marker)
-    # --- faults
-    hidden = _faults(rng("faults"), regime, rig, q, conditions)
-    rig = replace(rig, faults=hidden)
-    # --- records
-    noise, jumps = rng("noise"), Jumps.of(rng("outliers"), rig, q, round(regime.outliers * n))
+        q = plans.free_postures(rng, arm, n)
+    payload = rng.choice(PAYLOADS_KG, n) if regime.torque else np.zeros(n)
+    marker = rng.integers(0, 1 if rig.targets is None else len(rig.targets), n)
+    return q, Loaded(**vars(run(weather, arm, seat, session, 1.0, True)), payload=payload, marker=marker), seats
+
+
+def _measured(
+    noise: np.random.Generator, jumps: Jumps, regime: Regime, rig: Rig, q: Array, conditions: Loaded, seats: Array
+) -> RegimeFile:
+    n = len(q)
     u = regime.reference_u * (np.exp(noise.uniform(-0.7, 0.9, n)) if regime.own_u else np.ones(n))
     encoder = regime.encoder_u * noise.standard_normal(q.shape)
     contact = u[:, None] * noise.standard_normal((n, 3)) + jumps.contact
-    torque = np.zeros_like(q)
     if regime.at_seats:
         places = seats + (regime.reference_u if regime.evidence == "seats" else 0.0) * noise.standard_normal(seats.shape)
-        q = rig.touching(q, conditions, seats[seat] + contact)
-        reference = places[seat]
+        q = rig.touching(q, conditions, seats[conditions.seat] + contact)
+        reference = places[conditions.seat]
     else:
         reference = rig.observed(q, conditions) + contact
-    if regime.torque:
-        torque = rig.torque(q, conditions) + TORQUE_U_NM * noise.standard_normal(q.shape)
+    torque = rig.torque(q, conditions) + TORQUE_U_NM * noise.standard_normal(q.shape) if regime.torque else None
     read = q + encoder + jumps.angle
     turn, shift = rotation(noise.uniform(-1.5, 1.5, 3)), noise.uniform(-2.0, 2.0, 3)
     if regime.external:
         reference = reference @ turn.T + shift
-    sized = [replace(fault, size_um=1e6 * strength(rig, fault, read, conditions)) for fault in hidden]
-    found = RegimeFile(
-        regime=regime,
-        files={},
-        rig=rig,
-        q=read,
-        conditions=conditions,
-        hidden=tuple(sorted(sized, key=lambda fault: -fault.size_um)),
-        outliers=tuple(jumps.records.tolist()),
-        reference_u=u,
-        seats=seats,
-    )
-    rig = replace(rig, faults=found.hidden)
-    files = {"data.csv": _text(found, reference, torque, BAR_U * noise.standard_normal(max(1, regime.seats // 2)))}
+    bar_error = BAR_U * noise.standard_normal(max(1, regime.seats // 2))
+    files: dict[str, str] = {}
     if regime.arm in chains.SEVEN:
         files["arm.toml"] = chains.seven_text(regime.arm, regime.stated, regime.masses)
-    return replace(found, files=files, rig=rig)
+    rig = rig.with_faults(rig.sized(read, conditions))
+    file = RegimeFile(regime, files, rig, read, conditions, tuple(jumps.records.tolist()), u, seats)
+    files["data.csv"] = _text(file, reference, torque, bar_error)
+    return file
 
 
 # --- where the arm goes
@@ -263,15 +290,6 @@ def regime_file(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
 def _targets(rng: np.random.Generator, regime: Regime) -> Array | None:
     count = {"markers": 3, "target": 1}.get(regime.evidence)
     return None if count is None else rng.uniform(-0.12, 0.12, (count, 3))
-
-
-def _visits(session: NDArray[np.int_], seats: int) -> NDArray[np.int_]:
-    """Index of the seat of each record (n,): each session goes round the seats, on from where the last one ended."""
-    seat = np.empty(len(session), dtype=int)
-    for number in range(session[-1] + 1):
-        these = np.flatnonzero(session == number)
-        seat[these] = np.arange(len(these)) * seats // len(these) if len(these) >= seats else these % seats
-    return seat
 
 
 def _seats(rng: np.random.Generator, arm: Chain, regime: Regime) -> Array:
@@ -326,69 +344,28 @@ def causes_of(regime: Regime) -> list[str]:
     return causes
 
 
-def _faults(rng: np.random.Generator, regime: Regime, rig: Rig, q: Array, conditions: Loaded) -> tuple[Hidden, ...]:
-    """At places where a fault of size 1 would be felt."""
-    some = np.unique(np.linspace(0, len(q) - 1, 60).astype(int))
-    felt, where = q[some], conditions.take(some)
-    clock = (float(conditions.time[0]), float(conditions.time[-1]))
-    hidden: list[Hidden] = []
-    for _ in range(50):
-        if len(hidden) == regime.faults:
-            break
-        given = not hidden and regime.cause != "any"
-        cause = regime.cause if given else str(rng.choice(causes_of(regime)))
-        rows: Sequence[int | None] = [regime.joint] if given and regime.joint is not None else _rows(cause, rig.arm)
-        rows = [row for row in rows if not any(h.cause == cause or (row is not None and h.joint == row) for h in hidden)]
-        stream = int(rng.integers(2**31))
-        found = [workshop.hide(np.random.default_rng(stream), rig.arm, cause, row, 1.0, clock) for row in rows]
-        if cause == "seat_error":
-            seat = f"P{stream % regime.seats + 1}"
-            found = [replace(fault, parameters={**fault.parameters, "seat": seat}) for fault in found]
-        found = [fault for fault in found if len(rows) == 1 or strength(rig, fault, felt, where) >= SMALLEST]
-        if found:
-            chosen = _scaled(found[int(rng.integers(len(found)))], regime.size)
-            if given and regime.value is not None:
-                (name,) = workshop.SIZES[cause]
-                chosen = replace(chosen, parameters={**chosen.parameters, name: regime.value})
-            hidden.append(chosen)
-    return tuple(hidden)
-
-
-def _rows(cause: str, arm: Chain) -> list[int | None]:
-    return workshop.rows_for(cause, arm)
-
-
-def _scaled(fault: Hidden, size: float) -> Hidden:
-    sizes = {*workshop.SIZES.get(fault.cause, {}), "heights_rad", "x_mm", "y_mm", "z_mm"}
-    return replace(fault, parameters={k: size * v if k in sizes else v for k, v in fault.parameters.items()})
-
-
 # --- the file
 
 
-def _text(file: RegimeFile, reference: Array, torque: Array, bar_error: Array) -> str:
-    regime, conditions, n = file.regime, file.conditions, len(file.q)
-    columns: dict[str, Sequence[str]] = {f"theta{k + 1}_deg": fixed(np.degrees(v), 8) for k, v in enumerate(file.q.T)}
+def _text(file: RegimeFile, reference: Array, torque: Array | None, bar_error: Array) -> str:
+    regime, conditions = file.regime, file.conditions
+    columns: dict[str, Sequence[str]] = {**table.angles(file.read)}
     if regime.evidence != "bars":
-        columns |= {name: fixed(reference[:, k], 6, 1e3) for k, name in enumerate(("x_mm", "y_mm", "z_mm"))}
+        columns |= table.coordinates(reference)
     if regime.own_u:
-        columns |= {name: fixed(file.reference_u, 6, 1e3) for name in ("u_x_mm", "u_y_mm", "u_z_mm")}
+        columns |= {name: table.fixed(file.reference_u, 6, 1e3) for name in ("u_x_mm", "u_y_mm", "u_z_mm")}
     if regime.at_seats:
         columns["seat"] = [f"P{s + 1}" for s in conditions.seat]
     if regime.evidence == "bars":
         length = np.linalg.norm(file.seats[0::2] - file.seats[1::2], axis=1) + bar_error
-        columns["bar"] = [f"B{s // 2 + 1}" for s in conditions.seat]
-        columns["bar_end"] = ["AB"[s % 2] for s in conditions.seat]
-        columns["bar_length_mm"] = [f"{1e3 * length[s // 2]:.6f}" for s in conditions.seat]
+        columns |= table.bars(conditions.seat, file.bars, length)
     if regime.evidence == "markers":
         columns["marker"] = [f"M{m + 1}" for m in conditions.marker]
     if regime.environment:
-        columns["time_s"], columns["temperature_c"] = fixed(conditions.time, 1), fixed(conditions.temperature_reading, 2)
+        columns["time_s"] = table.fixed(conditions.time, 1)
+        columns["temperature_c"] = table.fixed(conditions.temperature_reading, 2)
         columns["session"] = [f"S{s + 1}" for s in conditions.session]
-        moved = conditions.approach[:, file.rig.arm.moving]
-        columns |= {f"approach{k + 1}": [str(int(v)) for v in column] for k, column in enumerate(moved.T)}
-    if regime.torque:
-        columns |= {f"torque{k + 1}_nm": fixed(column, 4) for k, column in enumerate(torque.T)}
-    assert all(len(column) == n for column in columns.values())
-    rows = zip(*columns.values(), strict=True)
-    return "\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n"
+        columns |= table.approaches(conditions, file.machine.arm.moving)
+    if torque is not None:
+        columns |= {f"torque{k + 1}_nm": table.fixed(column, 4) for k, column in enumerate(torque.T)}
+    return table.csv(columns)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from blind.chains import Chain
 from blind.conditions import Conditions
 from blind.kinematics import Array, identity, moved, rotation, turn_z_shift
-from blind.machine import ELASTIC, GEOMETRY, Machine
+from blind.machine import Machine
 from blind.statics import INTEGRAL, MOST_ROUNDS, NODES, STOP, STRUT, Elastic, W, X
-from blind.truth import Hidden
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,41 +36,8 @@ class Rig(Machine):
     arm: Chain
     targets: Array | None = None
 
-    def jacobian(self, q: Array) -> Array:
-        return self.arm.jacobian(q, self.values)
-
-    def elastic(self) -> Elastic:
-        elastic, base = Elastic.rigid(self.arm.rows), 0.0
-        lengths = np.abs(self.arm.spans()).max(axis=1)
-        for fault in self.faults:
-            if fault.cause == "base_compliance":
-                base += fault.parameters["compliance_rad_per_nm"]
-            elif fault.cause in ELASTIC:
-                assert fault.joint is not None
-                name, where = ELASTIC[fault.cause]
-                length = lengths[fault.joint - 1] if fault.cause == "torsional_windup" else 1.0
-                getattr(elastic, where)[fault.joint - 1] += fault.parameters[name] / length
-        return replace(elastic, base=base)
-
-    def deviations(self) -> Array:
-        """Of the geometry, with faults of a DH table."""
-        values = self.values.copy()
-        for fault in self.faults:
-            if fault.cause in GEOMETRY:
-                assert fault.joint is not None
-                name, column, unit = GEOMETRY[fault.cause]
-                values[fault.joint - 1, column] += unit * fault.parameters[name]
-        return values
-
-    def growth(self, conditions: Conditions) -> Array:
-        """(n, R) relative growth of the bodies."""
-        growth = np.zeros((len(conditions.time), self.arm.rows))
-        for fault in self.faults:
-            if fault.cause == "thermal_expansion":
-                rows = slice(None) if fault.joint is None else slice(fault.joint - 1, fault.joint)
-                rise = conditions.temperature - self.arm.reference_temperature
-                growth[:, rows] += fault.parameters["expansion_per_k"] * rise[:, None]
-        return growth
+    def lengths(self) -> Array:
+        return np.asarray(np.abs(self.arm.spans()).max(axis=1))
 
     def observed(self, q: Array, conditions: Conditions) -> Array:
         tip = super().observed(q, conditions)
@@ -91,7 +57,7 @@ class Rig(Machine):
     def rest(self, q: Array, conditions: Conditions) -> Pose:
         """The arm at rest: rounds until no deflection changes."""
         angles, growth, elastic = self.joint_angles(q, conditions), self.growth(conditions), self.elastic()
-        before, after = self.arm.pieces(self.deviations())
+        before, after = self.arm.pieces(self.geometry())
         n, rows = angles.shape
         base, joint, slope, sag = np.zeros((n, 3)), *np.zeros((3, rows, n, 3))
         spans, clamps = _tubes(self.arm)
@@ -205,10 +171,3 @@ def _share(arm: Chain, i: int, span: Array, clamp: Array) -> tuple[float, Array 
     share = float(np.clip(2.0 * min(place, 1.0 - place), 0.0, 1.0 - 1e-9))
     lump = (arm.com[i] - share * (clamp + 0.5 * span)) / (1.0 - share)
     return share, lump if place > 0.5 else None
-
-
-def strength(machine: Machine, fault: Hidden, q: Array, conditions: Conditions) -> float:
-    """What ``fault`` moves the observed coordinates by beside all others, rms [m]."""
-    others = [other for other in machine.faults if other is not fault]
-    gap = machine.with_faults([*others, fault]).observed(q, conditions) - machine.with_faults(others).observed(q, conditions)
-    return float(np.sqrt((gap**2).sum(axis=1).mean()))

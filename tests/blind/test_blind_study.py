@@ -1,4 +1,4 @@
-"""The counting of the study of blind files, on tables that are made up: what a right answer is, rates, curves, intervals."""
+"""The counting of the study of blind files, on rows that are made up: what a right answer is, rates, intervals, files."""
 
 from __future__ import annotations
 
@@ -10,271 +10,199 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from blind.study import evaluate as study
+from blind.study import __main__ as command
+from blind.study import sources
 from blind.study.experiments import EXPERIMENTS
-from blind.study.judge import covariate, intervals, judge, statements
-from blind.study.report import report
-from blind.study.table import Results
+from blind.study.outcomes import count, covariate, figures, outcome, rate, table
+from blind.study.results import Results
 
-ABOUT = {"date": "today", "command": "made up", "version": ["0"]}
+Row = dict[str, Any]
 
 
-def fault(key: str, aliases: tuple[str, ...] = (), lambda_: float = 100.0, **parameters: Any) -> dict[str, Any]:
+def fault(key: str, aliases: tuple[str, ...] = (), **parameters: Any) -> Row:
     cause, _, at = key.partition(":")
-    hidden: dict[str, Any] = {
-        "cause": cause,
-        "joint": int(at) if at.isdigit() else None,
-        "key": key,
-        "parameters": parameters,
-    }
-    hidden |= {"size_um": 50.0, "depends_on": [], "lambda": lambda_, "retained_fraction": 0.5, "columns": 2}
-    return hidden | {"aliases": dict.fromkeys(aliases, 0.97)}
+    hidden: Row = {"cause": cause, "joint": int(at) if at.isdigit() else None, "key": key, "parameters": parameters}
+    return hidden | {"size_um": 50.0, "depends_on": [], "lambda": 100.0, "aliases": dict.fromkeys(aliases, 0.97)}
 
 
-def finding(key: str, probability: float = 0.99, aliases: tuple[str, ...] = (), parameters: Any = ()) -> dict[str, Any]:
+def finding(key: str, probability: float = 0.9, parameters: Any = ()) -> Row:
     cause, _, at = key.partition(":")
     place = {"seat": at} if cause == "seat_error" else {"joint": int(at) if at else None}
-    said: dict[str, Any] = {"cause": cause, **place, "probability": probability, "parameters": dict(parameters)}
-    return said | {"aliases": [{"correlation": 0.97, **finding(a, 0.01)} for a in aliases]}
+    return {"cause": cause, **place, "probability": probability, "parameters": dict(parameters)}
 
 
-def row(
-    kind: str = "single",
-    hidden: tuple[dict[str, Any], ...] = (),
-    findings: tuple[dict[str, Any], ...] = (),
-    verdict: str = "",
-    depends_on: tuple[str, ...] = (),
-    **more: Any,
-) -> dict[str, Any]:
-    said: dict[str, Any] = {
-        "verdict": verdict or ("explained" if findings else "no-discrepancy"),
-        "findings": list(findings),
-    }
-    said |= {"unexplained": {"p_value": 0.5, "depends_on": list(depends_on)}, "records": {"excluded": []}}
-    truth: dict[str, Any] = {"hidden": list(hidden), "outliers": [], "probabilities": None}
-    plain = {"experiment": kind, "seed": 1, "kind": kind, "arguments": {}, "error": None, "seconds": 2.0, "fresh": None}
-    return plain | {"said": said, "truth": truth, "version": "0"} | more
+def row(said: tuple[Any, ...] = (), hidden: tuple[Row, ...] = (), verdict: str = "", **more: Any) -> Row:
+    """Findings by key or as they are; the verdict is ``explained`` where there are any."""
+    findings = [finding(f) if isinstance(f, str) else f for f in said]
+    answer = {"verdict": verdict or ("explained" if said else "no-discrepancy"), "findings": findings}
+    truth = {"hidden": list(hidden), "outliers": [], "probabilities": None}
+    made = {"experiment": "made-up", "seed": 1, "arguments": {"seed": 1, "records": 50}, "error": None, "fresh": None}
+    return made | {"seconds": 2.0, "said": answer, "truth": truth} | more
 
 
 TILT = fault("bearing_tilt:1", ("base_compliance", "joint_error_curve:1"))
+GAIN = fault("encoder_gain:3")
+SEAT = fault("seat_error:P5", seat="P5")
 
 
 # --- one run
 
 
 @pytest.mark.parametrize(
-    ("said", "right", "tolerated", "listed", "alone"),
+    ("said", "hidden", "strict", "alike", "all_named", "wrong"),
     [
-        (("bearing_tilt:1",), True, True, True, True),
-        (("bearing_tilt:1", "encoder_gain:3"), True, True, True, False),
-        (("encoder_gain:3", "bearing_tilt:1"), False, False, False, False),
-        (("base_compliance",), False, True, False, False),
-        (("bearing_tilt:3",), False, False, False, False),
-        (("joint_error_curve:1",), False, False, False, False),
-        ((), False, False, False, False),
+        (("bearing_tilt:1",), (TILT,), True, True, True, False),
+        (("encoder_gain:3", "bearing_tilt:1"), (TILT,), True, True, True, True),
+        (("base_compliance",), (TILT,), False, True, False, False),
+        (("bearing_tilt:3",), (TILT,), False, False, False, True),
+        (("joint_error_curve:1",), (TILT,), False, False, False, True),  # alike, and yet no better name
+        ((), (TILT,), False, False, False, None),
+        (("seat_error:P5",), (SEAT,), True, True, True, False),
+        (("seat_error:P4",), (SEAT,), False, False, False, True),
+        (("encoder_gain:3", "bearing_tilt:1"), (TILT, GAIN), True, True, True, False),
+        (("encoder_gain:3",), (TILT, GAIN), True, True, False, False),
     ],
 )
-def test_what_is_right_of_one_fault(said: tuple[str, ...], right: bool, tolerated: bool, listed: bool, alone: bool) -> None:
-    judged = judge(row(hidden=(TILT,), findings=tuple(map(finding, said))))
-    assert [judged[name] for name in ("right", "right_or_alias", "listed", "alone")] == [right, tolerated, listed, alone]
-    assert judged["answer"] == right
-    assert judged["silent"] == (not said)
-    assert judged["false_findings"] == sum(key != "bearing_tilt:1" for key in said)
-
-
-def test_a_stated_alias_lists_the_truth() -> None:
-    judged = judge(row(hidden=(TILT,), findings=(finding("base_compliance", aliases=("bearing_tilt:1",)),)))
-    assert judged["listed"]
-    assert not judged["right"]
-
-
-def test_a_seat_is_part_of_the_name() -> None:
-    hidden = (fault("seat_error:P5", seat="P5"),)
-    assert judge(row(hidden=hidden, findings=(finding("seat_error:P5"),)))["right"]
-    assert not judge(row(hidden=hidden, findings=(finding("seat_error:P4"),)))["right"]
-
-
-def test_pairs_need_both_in_any_order() -> None:
-    hidden = (fault("encoder_gain:2"), fault("link_bending:3"))
-    both = judge(row("pair", hidden, (finding("link_bending:3"), finding("encoder_gain:2"))))
-    assert both["answer"]
-    assert not both["right"]
-    one = judge(row("pair", hidden, (finding("link_bending:3"), finding("encoder_gain:4"))))
-    assert not one["answer"]
-    assert one["any_named"]
-    assert one["false_findings"] == 1
+def test_what_is_right_of_hidden_causes(
+    said: tuple[str, ...], hidden: tuple[Row, ...], strict: bool, alike: bool, all_named: bool, wrong: bool | None
+) -> None:
+    found = outcome(row(said, hidden))
+    assert [found[name] for name in ("strict", "alike", "all", "wrong")] == [strict, alike, all_named, wrong]
+    assert found["right"] == alike
+    assert found["named"] is found["covariate"] is None
+    for verdict in ("ambiguous", "inconclusive"):
+        assert outcome(row(said, hidden, verdict))["wrong"] is None
 
 
 def test_nothing_hidden_wants_silence() -> None:
-    assert judge(row("nothing"))["answer"]
-    assert not judge(row("nothing", findings=(finding("encoder_gain:2"),)))["answer"]
-    assert not judge(row("nothing", verdict="unexplained"))["answer"]
-    assert judge(row("nothing"))["true"] == "none"
+    def told(*said: str, verdict: str = "") -> tuple[bool, bool]:
+        found = outcome(row(said, verdict=verdict))
+        assert found["true"] == "none"
+        return found["named"], found["right"]
+
+    assert told() == (False, True)
+    assert told("encoder_gain:2") == (True, False)
+    assert told("encoder_gain:2", verdict="inconclusive") == (False, False)
+    assert told(verdict="unexplained") == (False, False)
+    broken = outcome(row() | {"said": None, "error": "diagnose: exit status 1"})
+    assert not broken["right"]
+    assert broken["verdict"] == "error"
 
 
-@pytest.mark.parametrize(
-    ("verdict", "depends_on", "answer"),
-    [
-        ("unexplained", ("joint 4",), True),
-        ("unexplained", ("time", "joint 2"), True),
-        ("unexplained", ("joint 3",), False),
-        ("unexplained", (), False),
-        ("explained", ("joint 4",), False),
-    ],
-)
-def test_outside_the_library_the_covariate_counts(verdict: str, depends_on: tuple[str, ...], answer: bool) -> None:
-    hidden = fault("unexplained", kind="joint_product") | {"depends_on": ["theta2", "theta4"]}
-    judged = judge(row("outside", (hidden,), verdict=verdict, depends_on=depends_on))
-    assert judged["answer"] == answer
-    assert not judged["depends_all"]
-
-
-@pytest.mark.parametrize(
-    ("name", "one"),
-    [
-        ("theta2_deg", "joint 2"),
-        ("Joint 2", "joint 2"),
-        ("time_s", "time"),
-        ("z_mm", "tip"),
-        ("tip position", "tip"),
-        ("humidity_pct", "humidity"),
-        ("session", "session"),
-    ],
-)
-def test_covariates_have_one_name(name: str, one: str) -> None:
-    assert covariate(name) == one
-
-
-def test_a_broken_run_is_a_wrong_answer() -> None:
-    judged = judge(row("nothing", said=None, error="diagnose: exit status 1"))
-    assert not judged["answer"]
-    assert judged["verdict"] == "error"
+def test_outside_the_library_the_covariate_counts() -> None:
+    hidden = fault("unexplained", kind="joint_product") | {"depends_on": ["theta2_deg", "theta4_deg"]}
+    for verdict, told, right in [
+        ("unexplained", ["Joint 4"], True),
+        ("unexplained", ["time_s", "joint 2"], True),
+        ("unexplained", ["joint 3"], False),
+        ("unexplained", [], False),
+        ("explained", ["joint 4"], False),
+    ]:
+        made = row((), (hidden,), verdict)
+        made["said"]["unexplained"] = {"depends_on": told}
+        found = outcome(made)
+        assert found["covariate"] == found["right"] == right
+        assert found["alike"] is None
+    assert [covariate(n) for n in ("z_mm", "tip position", "humidity_pct", "session")] == [
+        "tip",
+        "tip",
+        "humidity",
+        "session",
+    ]
 
 
 def test_excluded_rows_are_those_of_the_file() -> None:
-    table = row("nothing")
-    table["truth"]["outliers"] = [0, 7]
-    table["said"]["records"]["excluded"] = [{"row": 2}, {"row": 8}]
-    judged = judge(table)
-    assert (judged["outliers"], judged["outliers_found"], judged["good_excluded"]) == (2, 1, 1)
+    made = row()
+    made["truth"]["outliers"] = [0, 7]
+    made["said"]["records"] = {"excluded": [{"row": 2}, {"row": 8}]}
+    found = outcome(made)
+    assert (found["outliers"], found["outliers_found"], found["good_excluded"]) == (2, 1, 1)
 
 
 def test_the_likeliest_of_the_oracle() -> None:
-    def asked(**probabilities: float) -> Any:
-        table = row(hidden=(fault("base_compliance"),))
-        table["truth"]["probabilities"] = probabilities
-        return judge(table)["oracle_right"]
+    def asked(hidden: tuple[Row, ...], **probabilities: float) -> bool | None:
+        made = row(hidden=hidden)
+        made["truth"]["probabilities"] = probabilities or None
+        return outcome(made)["oracle"]
 
-    assert asked(base_compliance=0.6, none=0.4) is True
-    assert asked(base_compliance=0.4, none=0.6) is False
-    assert asked(none=1.0) is None  # a cause that the oracle does not know
-    assert judge(row(hidden=(TILT,)))["oracle_right"] is None
+    base = (fault("base_compliance"),)
+    assert asked(base, base_compliance=0.6, none=0.4) is True
+    assert asked(base, base_compliance=0.4, none=0.6) is False
+    assert asked((), base_compliance=0.4, none=0.6) is True
+    assert asked(base, none=1.0) is None  # a cause that the oracle does not know
+    assert asked(base) is None
 
 
-# --- rates and curves
+# --- counts
+
+
+def counted(*rows: Row) -> Row:
+    return figures(pd.DataFrame([outcome(r) for r in rows]))
 
 
 def test_wilson_intervals() -> None:
     """Brown, Cai, DasGupta 2001: 10 of 10 leaves 0.7225."""
-    r = study.rate(pd.Series([True] * 10))
+    r = rate(pd.Series([True] * 10 + [None] * 3))
     assert (r["k"], r["n"], r["share"], r["high"]) == (10, 10, 1.0, 1.0)
     assert r["low"] == pytest.approx(0.7225, abs=1e-4)
-    assert study.rate(pd.Series(dtype=bool))["share"] is None
+    assert rate(pd.Series(dtype=bool))["share"] is None
 
 
-def test_confusion_keeps_wrong_joints_apart() -> None:
-    rows = [row(hidden=(TILT,), findings=(finding(key),)) for key in ("bearing_tilt:1", "bearing_tilt:3", "base_compliance")]
-    rows += [row(hidden=(TILT,)), row("nothing"), row(hidden=(TILT,), said=None, error="broke")]
-    table = study.confusion(pd.DataFrame(list(map(judge, rows))))
-    assert table.loc["bearing_tilt"].to_dict() == {"base_compliance": 1, "bearing_tilt": 1, "none": 1, "other joint": 1}
-    assert list(table.index) == ["bearing_tilt"]
-
-
-def test_the_oracles_power_is_that_of_the_noncentral_chi_square() -> None:
-    """λ of 80 % power of a two-sided z test at 1 %: (2.5758 + 0.8416)² = 11.679; q = 1 is that test."""
-    assert study.oracle_lambda([1]) == pytest.approx(11.679, abs=2e-3)
-    assert study.oracle_power([0.0], [5])[0] == pytest.approx(0.01, abs=1e-6)
-    rng = np.random.default_rng(1)
-    drawn = ((rng.standard_normal((40000, 3)) + np.array([3.0, 0.0, 0.0])) ** 2).sum(axis=1)
-    assert study.oracle_power([9.0], [3])[0] == pytest.approx((drawn > 11.345).mean(), abs=0.01)
-
-
-def test_the_logistic_fit_finds_the_curve_it_was_drawn_from() -> None:
-    rng = np.random.default_rng(2)
-    x = rng.uniform(np.log(1.0), np.log(400.0), 4000)
-    right = rng.uniform(size=4000) < 1.0 / (1.0 + np.exp(-2.0 * (x - np.log(20.0))))
-    fit = study.logistic_lambda(np.exp(x), right)
-    assert fit["slope"] == pytest.approx(2.0, rel=0.1)
-    assert fit["lambda"] == pytest.approx(20.0 * 4.0**0.5, rel=0.1)  # ln 4 / 2 above the middle
-
-
-@pytest.mark.parametrize("right", [[True] * 20, [False] * 20, [False] * 18 + [True] * 2])
-def test_no_curve_where_the_data_hold_none(right: list[bool]) -> None:
-    fit = study.logistic_lambda(np.geomspace(1.0, 100.0, 20), right)
-    assert fit["lambda"] is None or fit["lambda"] > 50.0
-
-
-def test_power_counts_by_lambda() -> None:
-    rows = [
-        row(hidden=(fault("encoder_gain:2", lambda_=x),), findings=(finding("encoder_gain:2"),) if x > 12.0 else ())
-        for x in np.geomspace(1.0, 200.0, 60)
-    ]
-    power = study.power(pd.DataFrame(list(map(judge, rows))))
-    shares = [b["right"]["share"] for b in power["bins"]]
-    assert shares[:3] == [0.0, 0.0, 0.0]
-    assert 0.0 < shares[3] < 1.0  # 10 to 15
-    assert set(shares[4:]) == {1.0}
-    assert power["at_80"]["right"]["lambda"] == pytest.approx(12.0, rel=0.1)
-    assert power["oracle_lambda_at_80"] == pytest.approx(study.oracle_lambda([2]))
+def test_wrong_names_are_counted_where_the_verdict_is_sure() -> None:
+    rows = [row(("encoder_slip:3",), (GAIN,)), row(("encoder_gain:3",), (GAIN,)), row(("encoder_slip:1",))]
+    found = counted(*rows, row(verdict="inconclusive"))
+    assert (found["sure and wrong"]["k"], found["sure and wrong"]["n"]) == (2, 3)
+    assert (found["named where nothing is hidden"]["k"], found["named where nothing is hidden"]["n"]) == (1, 2)
+    assert (found["hidden cause named"]["k"], found["hidden cause named"]["n"]) == (1, 2)
+    assert found["stated minus true"]["mean"] == pytest.approx(0.9 - 1 / 3)
 
 
 def test_probabilities_are_compared_with_what_came_true() -> None:
     """80 % said of ten statements of which eight are true: nothing to blame; 99 % said of the same: 0.19 too much."""
-    rows = [
-        row(hidden=(TILT,), findings=(finding("bearing_tilt:1" if i < 8 else "encoder_gain:1", 0.8),)) for i in range(10)
-    ]
-    said = pd.DataFrame([s for r in rows for s in statements(r)])
-    found = study.reliability(said)
-    assert found["mean_stated_minus_true"] == pytest.approx(0.0)
-    assert found["brier"] == pytest.approx(0.16)
-    assert [(b["stated"], b["k"], b["n"]) for b in found["bins"]] == [(pytest.approx(0.8), 8, 10)]
-    assert study.reliability(said.assign(probability=0.99))["mean_stated_minus_true"] == pytest.approx(0.19)
-
-
-def test_aliases_are_statements_too() -> None:
-    said = statements(row(hidden=(TILT,), findings=(finding("base_compliance", 0.7, aliases=("bearing_tilt:1",)),)))
-    assert [(s["what"], s["probability"], s["true"]) for s in said] == [("finding", 0.7, False), ("alias", 0.01, True)]
+    for stated in (0.8, 0.99):
+        named = [finding("bearing_tilt:1" if i < 8 else "encoder_gain:1", stated) for i in range(10)]
+        found = counted(*(row((f,), (TILT,)) for f in named))["stated minus true"]
+        off = np.array([stated - (i < 8) for i in range(10)])
+        assert found == {"n": 10, "mean": pytest.approx(off.mean()), "u": pytest.approx(off.std(ddof=1) / 10**0.5)}
 
 
 def test_intervals_hold_or_miss_the_truth() -> None:
     hidden = (fault("encoder_eccentricity:3", amplitude_rad=1e-4, phase_rad=3.1),)
     stated = {
-        "amplitude_rad": {"value": 1.3e-4, "u": 1e-5},
-        "phase_rad": {"value": -3.1, "u": 0.1},
+        "amplitude_rad": {"value": 1.3e-4, "u": 1e-5},  # 3 u off
+        "phase_rad": {"value": -3.1, "u": 0.1},  # 0.08 rad off, round the turn
         "beside": {"value": 1.0, "u": 0.1},
     }
-    found = pd.DataFrame(intervals(row(hidden=hidden, findings=(finding("encoder_eccentricity:3", parameters=stated),))))
-    z = found.set_index("parameter")["z"]
-    assert z["amplitude_rad"] == pytest.approx(3.0)
-    assert z["phase_rad"] == pytest.approx((2.0 * np.pi - 6.2) / 0.1)
-    cover = study.coverage(found)
-    assert (cover["all"]["k"], cover["all"]["n"]) == (1, 2)
-    assert cover["without_truth"] == {"encoder_eccentricity.beside": 1}
-    assert intervals(row(hidden=hidden, findings=(finding("encoder_eccentricity:4", parameters=stated),))) == []
+    found = counted(row((finding("encoder_eccentricity:3", parameters=stated),), hidden))["within ± 1.96 u"]
+    assert (found["k"], found["n"]) == (1, 2)
+    assert not counted(row((finding("encoder_eccentricity:4", parameters=stated),), hidden))["within ± 1.96 u"]["n"]
 
 
 def test_gains_stated_and_fresh() -> None:
-    def run(stated: float, fresh: float) -> dict[str, Any]:
-        table = row(hidden=(TILT,), fresh={"gain": fresh, "rms_mm": {"extended": 0.022, "noise": 0.020}})
-        table["said"]["held_out"] = {"gain": stated, "gain_ci95": [stated - 0.1, stated + 0.1]}
-        return table
+    def run(stated: float, fresh: float) -> Row:
+        made = row(("bearing_tilt:1",), (TILT,), fresh={"gain": fresh})
+        made["said"]["held_out"] = {"gain": stated, "gain_ci95": [stated - 0.1, stated + 0.1]}
+        return made
 
-    found = study.gains(pd.DataFrame(list(map(judge, [run(0.8, 0.78), run(0.8, 0.72), run(0.6, 0.1), row()]))))
-    assert found["n"] == 3
-    assert found["mean_stated_minus_fresh"] == pytest.approx(0.2)
-    assert found["within_0.05"]["k"] == 1
-    assert found["in_stated_interval"]["k"] == 2
-    assert found["fresh_rms_over_noise"] == pytest.approx(1.1)
+    found = counted(run(0.8, 0.78), run(0.8, 0.72), run(0.6, 0.1), row())
+    assert found["stated minus fresh gain"]["n"] == 3
+    assert found["stated minus fresh gain"]["mean"] == pytest.approx(0.2)
+    assert (found["fresh gain in stated interval"]["k"], found["fresh gain in stated interval"]["n"]) == (2, 3)
+
+
+def test_the_table_is_by_experiment_and_number_of_records() -> None:
+    rows = [row(("bearing_tilt:1",), (TILT,)), row(), row(experiment="other")]
+    rows.append(row(experiment="other", arguments={"records": 400}))
+    found, _ = count(rows)
+    assert [(f["experiment"], f["records"], f["files"]) for f in found] == [
+        ("made-up", "50", 2),
+        ("other", "20 to 60", 1),
+        ("other", "301 to 3000", 1),
+        ("other", "all", 2),
+    ]
+    head, _, first, *_ = table(found).splitlines()
+    assert "| 1/1 (0.21 to 1.00) |" in first
+    assert "covariate" not in head  # nothing to say there
 
 
 # --- files
@@ -283,43 +211,37 @@ def test_gains_stated_and_fresh() -> None:
 def test_a_study_is_taken_up_where_it_was_cut_off(tmp_path: Path) -> None:
     path = tmp_path / "runs.jsonl"
     first = Results(path)
-    first.add(row(seed=1))
+    first.add(row() | {"seed": 1})
     with path.open("a") as file:
-        file.write('{"experiment": "single", "se')
+        file.write('{"experiment": "made-up", "se')
     again = Results(path)
-    assert again.has(("single", 1), fresh=False)
-    assert not again.has(("single", 1), fresh=True)
-    assert not again.has(("single", 2), fresh=False)
-    again.add(row(seed=3, error="broke"))
-    assert again.has(("single", 3), fresh=True)
-    assert not again.has(("single", 3), fresh=True, retry=True)
-    again.add(row(seed=2))
-    again.add(row(seed=1, seconds=5.0))
-    assert {key: r["seconds"] for key, r in Results(path).rows.items()} == {
-        ("single", 1): 5.0,
-        ("single", 2): 2.0,
-        ("single", 3): 2.0,
-    }
+    assert again.has(("made-up", 1), fresh=False)
+    assert not again.has(("made-up", 1), fresh=True)
+    assert not again.has(("made-up", 2), fresh=False)
+    again.add(row() | {"seed": 3, "error": "broke"})
+    assert again.has(("made-up", 3), fresh=True)
+    assert not again.has(("made-up", 3), fresh=True, retry=True)
+    again.add(row() | {"seed": 1, "seconds": 5.0})
+    assert {key: r["seconds"] for key, r in Results(path).rows.items()} == {("made-up", 1): 5.0, ("made-up", 3): 2.0}
 
 
-def test_the_page_says_what_was_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = [row(hidden=(TILT,), findings=(finding("bearing_tilt:1"),), seed=i) for i in range(11)]
-    rows += [row(hidden=(TILT,), findings=(finding("base_compliance"),), seed=11), row("nothing"), row("outside")]
-    report(rows, tmp_path, ABOUT)
-    assert "11/12" in (tmp_path / "study.md").read_text()
-    wrong = pd.read_csv(tmp_path / "wrong.csv")
-    assert list(zip(wrong["experiment"], wrong["seed"], strict=True)) == [("single", 11), ("outside", 1)]
-    assert wrong["said"][0] == "base_compliance"
+def test_the_command_counts_what_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two runs that are in the file already, and so are not made."""
+    experiment = next(e for e in EXPERIMENTS if e.name == "single-free")
+    results = Results(tmp_path / "runs.jsonl")
+    for number, said in enumerate(("bearing_tilt:1", "encoder_gain:5")):
+        made = row((said,), (TILT,), experiment="single-free", version="0", sources=sources.digest())
+        results.add(made | {"seed": 10000 + number, "arguments": experiment.arguments(number)})
+    assert command.main(["--only", "single-free", "--count", "2", "-o", str(tmp_path)]) == 0
+    assert "1/2 (0.09 to 0.91)" in capsys.readouterr().out
+    assert pd.read_csv(tmp_path / "wrong.csv")["said"].tolist() == ["encoder_gain:5"]
     found = json.loads((tmp_path / "study.json").read_text())
-    assert found["experiments"]["single"]["rates"]["right"]["k"] == 11
-    assert found["about"]["seeds"]["single"] == [0, 11]
-    assert {p.stem for p in tmp_path.glob("*.png")} == {"confusion", "power", "reliability"}
-    assert "11/12" in capsys.readouterr().out
+    assert found["figures"][0]["hidden cause named"]["k"] == 1
 
 
 def test_experiments_have_their_own_names_and_fixed_seeds() -> None:
-    assert len({e.name for e in EXPERIMENTS}) == len(EXPERIMENTS)
     by_name = {e.name: e for e in EXPERIMENTS}
+    assert len(by_name) == len(EXPERIMENTS)
     assert by_name["single-free"].arguments(3) == {"seed": 10003, "cause": "any"}
     assert by_name["twins"].arguments(3) == {"seed": 10003, "cause": "any", "twin": True}
     assert by_name["outside-seats"].arguments(1)["cause"] != by_name["outside-seats"].arguments(2)["cause"]

@@ -10,6 +10,7 @@ import pytest
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import Effect, JointCompliance, JointDistance, JointZeroOffset, LinkTwist
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
@@ -24,7 +25,7 @@ STEP = 1e-4
 def problem(sino6: Arm, rng: np.random.Generator) -> Problem:
     q = rng.uniform(*sino6.limits.T, (20, 6))
     records = Measurements.of(q, sino6.poses(q).position)
-    return problem_of(ErrorModel(sino6), records, ["geometry", JointCompliance(2)], prior=True, target="tip", external=True)
+    return problem_of(ErrorModel(sino6), records, ["geometry", JointCompliance(2)], Setup("external"))
 
 
 @pytest.mark.parametrize("name", DISPLACED)

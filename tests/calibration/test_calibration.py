@@ -17,7 +17,6 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.calibration import Calibration, calibrate, solver
 from aacmm_pin.calibration.calibrate import notes_of
-from aacmm_pin.calibration.stated_noise import StatedNoise
 from aacmm_pin.effects import (
     BaseCompliance,
     Effect,
@@ -72,7 +71,7 @@ def normalised(arm: Arm, result: Calibration, errors: Array) -> Array:
 def agreement(arm: Arm, result: Calibration, errors: Array) -> float:
     """Chance of an estimate as far from the truth as this one, by its own covariance."""
     position = {p.name: i for i, p in enumerate(arm.parameters)}
-    off = result.fit.solution.point.x - errors[[position[p.name] for p in result.fit.problem.parameters]]
+    off = result.fit.solution.point.x - errors[[position[p.name] for p in result.fit.problem.vector.parameters]]
     return float(chi2.sf(off @ np.linalg.solve(result.covariance, off), off.size))
 
 
@@ -297,7 +296,7 @@ def test_the_calibrated_arm_is_saved_and_calibrated_again(sino6: Arm, rng: np.ra
     np.testing.assert_allclose(loaded.predict(q), result.model.predict(q), rtol=0, atol=1e-12)
     np.testing.assert_allclose(loaded.predict(data.q), result.fit.solution.point.prediction.tips, rtol=0, atol=1e-9)
     by_name = {p.name: i for i, p in enumerate(loaded.parameters)}
-    names = [p.name for p in result.fit.problem.parameters]
+    names = [p.name for p in result.fit.problem.vector.parameters]
     where = [by_name[name] for name in names]
     np.testing.assert_allclose(loaded.covariance()[np.ix_(where, where)], result.covariance, rtol=1e-6, atol=1e-30)
     again = quick(loaded, data, ["geometry", EncoderEccentricity(3)])
@@ -337,10 +336,10 @@ def test_a_search_that_does_not_converge_gives_its_best_point_and_says_so(
     start = solver.begin(fit.problem, fit.observations)
     weights = fit.used.astype(np.float64)
     monkeypatch.setattr(solver, "MOST_STEPS", 1)
-    far = solver.solve(fit.problem, fit.observations, fit.noise, start, weights)
+    far = solver.solve(fit.problem, fit.noise, start, weights)
     assert not far.converged
-    assert far.cost < solver.standing(fit.problem, fit.observations, fit.noise, start, weights).cost
-    said = notes_of(replace(fit, solution=far), StatedNoise(np.full(6, READING), REFERENCE, None, None))
+    assert far.cost < solver.standing(fit.problem, fit.noise, start, weights).cost
+    said = notes_of(replace(fit, solution=far))
     assert [note for note in said if far.held_up in note]
     assert len(said) == 1 + len(result.notes)
 
@@ -357,7 +356,7 @@ def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(sino6: 
         x = problem.widths * rng.uniform(-1.0, 1.0, problem.widths.size)
         prediction = problem.predict(x, fit.solution.point.frame)
         start = solver.Point(x, fit.solution.point.frame, fit.observations.start(prediction.tips), prediction)
-        found = solver.solve(problem, fit.observations, fit.noise, start, weights)
+        found = solver.solve(problem, fit.noise, start, weights)
         assert found.converged
         costs.append(found.cost)
     np.testing.assert_allclose(costs, fit.solution.cost, rtol=1e-6)

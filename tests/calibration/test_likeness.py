@@ -31,40 +31,6 @@ XYZ = ["x_mm", "y_mm", "z_mm"]
 THETA = [f"theta{j}_deg" for j in range(1, 7)]
 
 
-def scaled(factor: float) -> Callable[[pd.DataFrame], None]:
-    def change(table: pd.DataFrame) -> None:
-        table[XYZ] *= factor
-
-    return change
-
-
-def exchanged(table: pd.DataFrame) -> None:
-    table[["x_mm", "y_mm"]] = table[["y_mm", "x_mm"]].to_numpy()
-
-
-def other_sign(table: pd.DataFrame) -> None:
-    table["z_mm"] *= -1.0
-
-
-def other_frame(table: pd.DataFrame) -> None:
-    table[XYZ] = Rotation.from_rotvec([0.3, -1.0, 0.5]).apply(table[XYZ].to_numpy()) + np.array([500.0, 20.0, 900.0])
-
-
-def other_angles(table: pd.DataFrame) -> None:
-    table[THETA[1:3]] = table[[THETA[2], THETA[1]]].to_numpy()
-
-
-MISTAKES = [
-    (scaled(1e-3), "base", "in metres"),
-    (scaled(1e-3), "external", "in metres"),
-    (scaled(1 / 25.4), "external", "in inches"),
-    (exchanged, "external", "mirror image"),
-    (other_sign, "base", "x, y, -z"),
-    (other_frame, "base", "external"),
-    (other_angles, "external", "joints 2 and 3"),
-]
-
-
 def simulated(folder: Path, plan: str) -> pd.DataFrame:
     path = folder / "simulated.csv"
     done = CliRunner().invoke(app, ["simulate", "sino6", "--plan", plan, "--records", "60", "--seats", "6", "-o", str(path)])
@@ -72,22 +38,16 @@ def simulated(folder: Path, plan: str) -> pd.DataFrame:
     return pd.read_csv(path)
 
 
-@pytest.mark.parametrize("command", [["calibrate", "--no-held-out"], ["diagnose", "--no-held-out"]], ids=lambda c: c[0])
-@pytest.mark.parametrize(("mistake", "frame", "said"), MISTAKES)
-def test_a_mistaken_file_is_refused(
-    tmp_path: Path, command: list[str], mistake: Callable[[pd.DataFrame], None], frame: str, said: str
-) -> None:
+@pytest.mark.parametrize("command", ["calibrate", "diagnose"])
+def test_a_mistaken_file_is_refused(tmp_path: Path, command: str) -> None:
     table = simulated(tmp_path, "free")
-    mistake(table)
+    table[XYZ] *= 1e-3
     path, target = tmp_path / "mistaken.csv", tmp_path / "result"
     table.to_csv(path, index=False)
-    name, *options = command
-    done = CliRunner().invoke(app, [name, "sino6", str(path), "--reference-frame", frame, *options, "-o", str(target)])
-    assert done.exit_code == 1
-    assert done.stdout == ""
+    done = CliRunner().invoke(app, [command, "sino6", str(path), "--no-held-out", "-o", str(target)])
+    assert (done.exit_code, done.stdout, target.exists()) == (1, "", False)
     assert "mistaken.csv does not fit this arm" in done.stderr
-    assert said in done.stderr
-    assert not target.exists()
+    assert "in metres" in done.stderr
 
 
 def counted(*joints: int) -> Change:
@@ -117,6 +77,10 @@ def bars_in(factor: float) -> Change:
     return lambda d: replace(d, bar_length=None if d.bar_length is None else factor * d.bar_length)
 
 
+def other_frame(d: Measurements) -> Measurements:
+    return replace(d, reference=Rotation.from_rotvec([0.3, -1.0, 0.5]).apply(d.reference) + np.array([0.5, 0.02, 0.9]))
+
+
 def first_and_second(d: Measurements) -> Measurements:
     return turned(1, 90.0)(counted(2)(d))
 
@@ -137,6 +101,7 @@ OF_COORDINATES: list[tuple[Change, str]] = [
     (along([0, 1, 2], [1, 1, -1]), "x, y, z should be x, y, -z"),
     (in_unit(1e-3), "coordinates are in metres"),
     (in_unit(1 / 25.4), "coordinates are in inches"),
+    (other_frame, "is the reference frame external?"),
 ]
 
 
@@ -167,7 +132,7 @@ def test_every_mistake_is_named(arm: Arm, setup: str, rng: np.random.Generator) 
         data = simulate_measurements(arm, "ball-bar", 60, rng=rng, seats=6, bar_length=0.3)
     mistakes = {
         "base": OF_ANGLES + OF_COORDINATES,
-        "external": [*OF_ANGLES, (OF_COORDINATES[1][0], "mirror image"), *OF_COORDINATES[2:]],
+        "external": [*OF_ANGLES, (OF_COORDINATES[1][0], "mirror image"), *OF_COORDINATES[2:4]],
         "seats": OF_ANGLES,
         "bars": [OF_ANGLES[2], OF_ANGLES[4], (bars_in(1e-3), "bars are in metres")],  # bars are slower to fit
     }[setup]

@@ -10,15 +10,14 @@ import pytest
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.calibration.cross_validation import groups_of
-from aacmm_pin.calibration.duplicate_records import counted_once, postures_of, together
+from aacmm_pin.calibration.cross_validation import groups_of, parts_of, together
+from aacmm_pin.calibration.duplicate_records import counted_once
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.diagnosis.cross_validation import parts_of
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.report.calibration_findings import verdict
+from aacmm_pin.report.calibration import verdict
 
 
 def several(table: pd.DataFrame, times: int) -> Measurements:
@@ -72,7 +71,7 @@ def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.G
         again[xyz] += rng.normal(0.0, 0.01, (40, 3))
         repeats.append(again)
     records = Measurements.from_frame(pd.concat(repeats, ignore_index=True))
-    postures = postures_of(records.q)
+    postures = records.postures
     assert postures.tolist() == list(range(40)) * 4
     result = calibrate(sino6, records, hold_out=False, progress=False)
     kind, groups = groups_of(result.fit, np.random.default_rng(1))

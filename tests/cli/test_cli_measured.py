@@ -11,19 +11,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from shell import NOISE, POINT, done, found, refused
 
 import aacmm_pin
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.cli import app
-from aacmm_pin.cli.effect_options import effects_of, known_effects
 from aacmm_pin.effects import (
     EncoderEccentricity,
-    JointCompliance,
     JointErrorCurve,
-    SeatError,
     StylusOffset,
     ThermalExpansion,
 )
@@ -32,31 +28,10 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 
-NOISE = ["--encoder-noise-rad", "8e-6"]
 QUICK = [*NOISE, "--no-held-out"]
 REFERENCE = ["x_mm", "y_mm", "z_mm"]
 HEADER = "theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg"
 CORRECTED = [f"corrected_{name}" for name in REFERENCE]
-
-
-def run(*words: str | Path) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result.exit_code, result.stdout, result.stderr
-
-
-def done(*words: str | Path) -> tuple[str, str]:
-    status, out, err = run(*words)
-    assert status == 0, err
-    return out, err
-
-
-def refused(*words: str | Path) -> str:
-    status, out, err = run(*words)
-    assert (status, out) == (1, "")
-    assert err.splitlines()[-1].startswith("aacmm-pin: ") or "\naacmm-pin: " in f"\n{err}"
-    return err
 
 
 @pytest.fixture(scope="module")
@@ -87,32 +62,25 @@ def extended(folder: Path) -> Path:
 # simulate ---------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("words", "known", "seats", "bars"),
-    [
-        (["--plan", "free"], 40, 0, 0),
-        (["--plan", "seats", "--seats", "4"], 40, 4, 0),
-        (["--plan", "seats", "--seats", "4", "--unknown"], 0, 4, 0),
-        (["--plan", "ball-bar", "--seats", "4", "--bar-length-mm", "400"], 0, 4, 2),
-        (["--plan", "single-point"], 0, 1, 0),
-    ],
-)
-def test_every_plan_gives_a_file_that_can_be_read(
-    words: list[str], known: int, seats: int, bars: int, tmp_path: Path
-) -> None:
+def test_every_plan_gives_a_file_that_can_be_read(tmp_path: Path) -> None:
     target = tmp_path / "d.csv"
-    out, err = done("simulate", "sino6", *words, "--records", "40", "-o", target)
-    assert out == ""
-    read = Measurements.read(target, 6)
-    assert (read.n, read.known.sum(), len(read.seats()), len(read.bars())) == (40, known, seats, bars)
-    for word in ("seed 1", "40 records", "8e-06 rad are assumed", "references 0.012 mm", "contacts 0 mm"):
-        assert word in err
-
-
-def test_a_ball_bar_has_a_usual_length_which_is_said(tmp_path: Path) -> None:
-    _, err = done("simulate", "sino6", "--plan", "ball-bar", "--seats", "2", "--records", "20", "-o", tmp_path / "d.csv")
-    assert "bars of 500 mm are assumed" in err
-    assert Measurements.read(tmp_path / "d.csv").bars()[0].length == pytest.approx(0.5, abs=1e-4)
+    for words, known, seats, bars in (
+        (["free"], 40, 0, 0),
+        (["seats", "--seats", "4"], 40, 4, 0),
+        (["seats", "--seats", "4", "--unknown"], 0, 4, 0),
+        (["ball-bar", "--seats", "4", "--bar-length-mm", "400"], 0, 4, 2),
+        (["ball-bar", "--seats", "2"], 0, 2, 1),
+        (["single-point"], 0, 1, 0),
+    ):
+        out, err = done("simulate", "sino6", "--plan", *words, "--records", "40", "-o", target, "--force")
+        assert out == ""
+        read = Measurements.read(target, 6)
+        assert (read.n, read.known.sum(), len(read.seats()), len(read.bars())) == (40, known, seats, bars), words
+        for word in ("seed 1", "40 records", "8e-06 rad assumed", "references 0.012 mm", "contacts 0 mm"):
+            assert word in err
+        assert ("bars of 500 mm are assumed" in err) == (words == ["ball-bar", "--seats", "2"])
+        if bars:
+            assert read.bars()[0].length == pytest.approx(0.4 if bars == 2 else 0.5, abs=1e-4)
 
 
 def test_without_a_file_the_same_goes_to_stdout(tmp_path: Path) -> None:
@@ -181,93 +149,43 @@ def test_any_arm_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path) 
     done("simulate", *words, "-o", tmp_path / "d.csv")
     assert Measurements.read(tmp_path / "d.csv").nq == 7
     for more in ([], ["-o", tmp_path / "e.csv"]):
-        assert "needs a DH table" in refused("simulate", *words, "--truth", tmp_path / "t.toml", *more)
+        refused("simulate", *words, "--truth", tmp_path / "t.toml", *more, said=["needs a DH table"])
     assert [path.name for path in tmp_path.iterdir()] == ["d.csv"]
 
 
 SIMULATE = ["simulate", "sino6", "--records", "30", "--seats", "3"]
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
+def test_what_cannot_be_simulated_is_one_message(tmp_path: Path) -> None:
+    for words, said in (
         (["simulate", "sino7"], ["sino7", "sino6, zero6"]),
         ([*SIMULATE, "--plan", "grid"], ["unknown plan 'grid'", "free, seats, ball-bar, single-point"]),
         (["simulate", "sino6", "--records", "5"], ["records is 5"]),
         ([*SIMULATE, "--seats", "0"], ["seats is 0"]),
         ([*SIMULATE, "--plan", "ball-bar"], ["seats is 3", "even"]),
         ([*SIMULATE, "--bar-length-mm", "300"], ["bar_length", "0.3"]),
-        ([*SIMULATE, "--encoder-noise-rad", "nan"], ["encoder noise", "nan"]),
-        ([*SIMULATE, "--reference-noise-mm", "-1"], ["reference noise", "-0.001"]),
+        ([*SIMULATE, "--encoder-noise-rad", "nan"], ["--encoder-noise-rad", "nan"]),
+        ([*SIMULATE, "--reference-noise-mm", "-1"], ["--reference-noise-mm is -1"]),
         ([*SIMULATE, "--effect", "gremlin:joint=3"], ["unknown cause 'gremlin'", "encoder_eccentricity", "stylus_offset"]),
-        ([*SIMULATE, "--effect", "encoder_gain:joint=2,gian=1"], ["encoder_gain 'gian'", "joint, gain"]),
-        ([*SIMULATE, "--effect", "encoder_gain:gain=1e-4"], ["encoder_gain", "missing joint"]),
-        ([*SIMULATE, "--effect", "encoder_gain:joint=two"], ["joint is 'two'", "integer"]),
-        ([*SIMULATE, "--effect", "encoder_gain:joint=0"], ["joint is 0", "from 1"]),
         ([*SIMULATE, "--effect", "encoder_gain:joint=9,gain=1e-4"], ["encoder_gain:9", "rows 1 to 6"]),
-        ([*SIMULATE, "--effect", "encoder_gain:joint=2,gain=much"], ["gain is 'much'", "number"]),
-        ([*SIMULATE, "--effect", "encoder_gain:joint=2,gain=inf"], ["inf", "finite"]),
-        ([*SIMULATE, "--effect", "encoder_gain:joint=2,gain"], ["'gain' has no value", "NAME=VALUE"]),
-        ([*SIMULATE, "--effect", "encoder_gain:joint=2,joint=3"], ["joint is there twice"]),
         ([*SIMULATE, "--effect", "encoder_gain:joint=2", "--effect", "encoder_gain:joint=2"], ["there twice"]),
         ([*SIMULATE, "--effect", "seat_error:seat=S9,x_mm=1"], ["S9", "S1, S2, S3"]),
         (["simulate", "zero6", "--perturb"], ["zero6", "no parameter has an uncertainty"]),
         (["simulate", "--urdf", "none.urdf", "--frame", "tool0"], ["none.urdf", "no such file"]),
-    ],
-)
-def test_what_cannot_be_simulated_is_one_message(words: list[str], said: list[str], tmp_path: Path) -> None:
-    err = refused(*words, "-o", tmp_path / "d.csv", *(["--truth", tmp_path / "t.toml"] if "--urdf" not in words else []))
-    for word in said:
-        assert word in err
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_effects_as_they_are_typed(sino6: Arm) -> None:
-    typed = {
-        "encoder_eccentricity:3,amplitude_rad=1e-4": EncoderEccentricity(joint=3, values=(1e-4, 0.0)),
-        "seat_error:seat=S3,x_mm=0.02": SeatError(seat="S3", values=(2e-5, 0.0, 0.0)),
-        "seat_error:seat=3": SeatError(seat="3"),
-        "thermal_expansion:expansion_per_k=2e-5": ThermalExpansion(values=(2e-5,)),
-        "thermal_expansion:link=3": ThermalExpansion(link=3),
-        "joint_compliance:joint=4,bodies=4+5+6": JointCompliance(joint=4, bodies=(4, 5, 6)),
-        "joint_error_curve:joint=2,lower_rad=-4,upper_rad=1,coefficients=5,c2_rad=1e-4": JointErrorCurve(
-            joint=2, lower_rad=-4.0, upper_rad=1.0, coefficients=5, values=(0.0, 1e-4, 0.0, 0.0, 0.0)
-        ),
-    }
-    assert effects_of(list(typed)) == list(typed.values())
-    assert effects_of(None) == []
-
-
-def test_an_effect_to_be_estimated_starts_where_the_arm_has_it(sino6: Arm) -> None:
-    known = EncoderEccentricity(joint=3, values=(1e-4, 2e-5), u=(1e-6, 1e-6))
-    model = ErrorModel(sino6, (known,))
-    assert known_effects(["encoder_eccentricity:joint=3"], model) == [known]
-    assert known_effects(["encoder_eccentricity:joint=4"], model) == [EncoderEccentricity(joint=4)]
-    stated = "encoder_eccentricity:joint=3,amplitude_rad=5e-5"
-    assert known_effects([stated], model) == [EncoderEccentricity(joint=3, values=(5e-5, 0.0))]
+    ):
+        refused(*words, "-o", tmp_path / "d.csv", "--truth", tmp_path / "t.toml", said=said)
+        assert list(tmp_path.iterdir()) == []
 
 
 # calibrate --------------------------------------------------------------------------------------------------------------
 
 
-def test_three_commands_in_a_row(tmp_path: Path) -> None:
-    data, calibrated = tmp_path / "data.csv", tmp_path / "cal.toml"
-    done("simulate", "sino6", "--plan", "seats", "--records", "300", "--perturb", "--seed", "1", "-o", data)
-    out, _ = done("calibrate", "sino6", data, "-o", calibrated)
-    assert out.startswith("Calibration helps SINO6: seats it never saw are off by ")
-    out, _ = done("accuracy", calibrated, "--point", "33.6", "-671.9", "182.9")
-    assert "theta_offset3" in out
-
-
-def test_what_is_said_of_a_calibration(data: Path) -> None:
+def test_what_is_said_of_a_calibration(folder: Path, data: Path) -> None:
     out, err = done("calibrate", "sino6", data, *NOISE)
     assert err == ""
-    verdict, fit, *_ = out.splitlines()
-    assert verdict.startswith("Calibration helps SINO6: seats it never saw are off by")
-    assert verdict.endswith("mm after.")
-    assert fit.startswith("The residuals are what the stated noise explains: χ² = ")
-    for word in ("U (k = 2)", "known", "theta_offset3", "µrad", "measured"):
+    for word in ("SINO6", "χ² = ", "U (k = 2)", "theta_offset3", "µrad", " mm"):
         assert word in out
+    assert "theta_offset3" in done("accuracy", folder / "cal.toml", *POINT, "--count", "12")[0]
 
 
 def test_the_truth_is_found_within_its_uncertainty(folder: Path) -> None:
@@ -301,9 +219,7 @@ def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder: Path
 
 
 def test_json_is_alone_on_stdout(data: Path) -> None:
-    out, err = done("calibrate", "sino6", data, *NOISE, "--parameters", "zero-offsets", "--json", "-", "--seed", "3")
-    assert err == ""
-    summary = json.loads(out)
+    summary = found("calibrate", "sino6", data, *NOISE, "--parameters", "zero-offsets", "--seed", "3")
     assert (summary["schema"], summary["data"], summary["seed"]) == ("aacmm-pin/calibration/1", str(data), 3)
     assert [row["parameter"] for row in summary["parameters"]] == [f"theta_offset{j}" for j in range(1, 7)]
     assert summary["parameters"][0]["stated"] is None
@@ -333,9 +249,9 @@ def test_all_files_at_once(data: Path, tmp_path: Path) -> None:
 
 def test_one_file_that_cannot_be_written_leaves_none(data: Path, tmp_path: Path) -> None:
     words = ["calibrate", "sino6", data, *QUICK, "-o", tmp_path / "c.toml", "--residuals", tmp_path / "r.csv"]
-    assert "does not exist" in refused(*words, "--report", tmp_path / "no" / "r.html")
-    assert "two results" in refused(*words, "--plot", tmp_path / "c.toml")
-    assert ".png" in refused(*words, "--plot", tmp_path / "c.nope")
+    refused(*words, "--report", tmp_path / "no" / "r.html", said=["does not exist"])
+    refused(*words, "--plot", tmp_path / "c.toml", said=["two results"])
+    refused(*words, "--plot", tmp_path / "c.nope", said=[".png"])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -345,7 +261,7 @@ def test_files_are_looked_at_before_the_work_begins(data: Path, tmp_path: Path, 
 
     monkeypatch.setattr("aacmm_pin.cli.calibrate.calibrate", work)
     (tmp_path / "c.toml").write_text("mine")
-    assert "--force" in refused("calibrate", "sino6", data, "-o", tmp_path / "c.toml")
+    refused("calibrate", "sino6", data, "-o", tmp_path / "c.toml", said=["--force"])
     assert (tmp_path / "c.toml").read_text() == "mine"
 
 
@@ -354,9 +270,9 @@ def test_a_failure_on_the_way_leaves_none(data: Path, tmp_path: Path, monkeypatc
         assert any(tmp_path.iterdir())  # the others are on their way
         raise AacmmError("no page today")
 
-    monkeypatch.setattr("aacmm_pin.report.calibration_page.calibration_page", fail)
+    monkeypatch.setattr("aacmm_pin.report.calibration.calibration_document", fail)
     files = ["-o", tmp_path / "c.toml", "--residuals", tmp_path / "r.csv", "--report", tmp_path / "r.html", "--json", "-"]
-    assert "no page today" in refused("calibrate", "sino6", data, *QUICK, *files)
+    refused("calibrate", "sino6", data, *QUICK, *files, said=["no page today"])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -364,32 +280,28 @@ def test_without_the_prior_nothing_counts_as_stated(data: Path) -> None:
     with_prior, without = (done("calibrate", "sino6", data, *QUICK, *more) for more in ([], ["--no-prior"]))
     assert "alpha6" not in with_prior[0]
     assert "alpha6: not at all" in without[0]
-    assert "nobody states" in without[1]
 
 
 def test_noise_on_the_command_line_is_in_millimetres(folder: Path, tmp_path: Path) -> None:
     table = Measurements.read(folder / "data.csv").to_frame().drop(columns=["u_x_mm", "u_y_mm", "u_z_mm"])
     table.to_csv(tmp_path / "d.csv", index=False)
-    words = [*QUICK, "--json", "-"]
-    stated = json.loads(done("calibrate", "sino6", tmp_path / "d.csv", *words, "--reference-noise-mm", "0.012")[0])
-    file = json.loads(done("calibrate", "sino6", folder / "data.csv", *words)[0])
+    stated = found("calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--reference-noise-mm", "0.012")
+    file = found("calibrate", "sino6", folder / "data.csv", *QUICK)
     assert stated["noise_stated"]
     assert stated["chi2"]["value"] == pytest.approx(file["chi2"]["value"], rel=1e-6)
 
 
 def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_path: Path) -> None:
     effects = ["--effect", "encoder_eccentricity:joint=3", "--effect", "thermal_expansion"]
-    out, err = done("calibrate", "sino6", folder / "warm.csv", *QUICK, *effects, "-o", tmp_path / "c.toml")
-    (line,) = (line for line in out.splitlines() if line.startswith("encoder eccentricity of joint 3: amplitude "))
+    out, _ = done("calibrate", "sino6", folder / "warm.csv", *QUICK, *effects, "-o", tmp_path / "c.toml")
+    (line,) = (line for line in out.splitlines() if "encoder eccentricity of joint 3: amplitude " in line)
     assert re.search(r"amplitude [\d.]+ ± [\d.]+ µrad, phase [\d.]+ ± [\d.]+°", line)
     assert "10⁻⁶/K" in out
-    assert "nobody states how far off" in err
     eccentricity, expansion = ErrorModel.load(tmp_path / "c.toml").effects
     assert eccentricity.values == pytest.approx((1e-4 * np.cos(0.5), 1e-4 * np.sin(0.5)), abs=4 * max(eccentricity.u))
     assert expansion.values[0] == pytest.approx(2e-5, abs=4 * expansion.u[0])
     assert 0 < expansion.u[0] < 1e-5
-    out, err = done("calibrate", tmp_path / "c.toml", folder / "warm.csv", *QUICK, *effects)  # from where it has them now
-    assert "nobody states how far off" not in err
+    out, _ = done("calibrate", tmp_path / "c.toml", folder / "warm.csv", *QUICK, *effects)  # from where it has them now
     assert re.search(r"thermal expansion of the arm: expansion -?\d+(\.\d+)? ± \d", out)
 
 
@@ -400,11 +312,11 @@ def test_references_in_a_frame_that_nobody_knows(folder: Path, tmp_path: Path) -
     table[REFERENCE] = table[REFERENCE].to_numpy() @ turn.T + [1000.0, -200.0, 30.0]
     table.to_csv(tmp_path / "d.csv", index=False)
     words = ["calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--reference-frame", "external"]
-    summary = json.loads(done(*words, "--json", "-")[0])
+    summary = found(*words)
     frame = summary["base_in_reference_frame"]
     np.testing.assert_allclose(frame["rotation"], turn, atol=1e-4)
     np.testing.assert_allclose(frame["origin_mm"], [1000.0, -200.0, 30.0], atol=0.1)
-    assert "The base stands at (" in done(*words)[0]
+    assert "The origin of the base is at (" in done(*words)[0]
 
 
 def test_records_that_cannot_belong_are_listed(folder: Path, tmp_path: Path) -> None:
@@ -412,7 +324,7 @@ def test_records_that_cannot_belong_are_listed(folder: Path, tmp_path: Path) -> 
     table.loc[3, "theta2_deg"] += 0.5
     table.to_csv(tmp_path / "d.csv", index=False)
     out, _ = done("calibrate", "sino6", tmp_path / "d.csv", *QUICK)
-    assert "excluded records (1)" in out
+    assert "Excluded records (1)" in out
     (row,) = (line.split() for line in out.splitlines() if line.split()[:1] == ["5"])
     assert row[1] == table.loc[3, "record"]
     assert row[2] == table.loc[3, "seat"]
@@ -424,11 +336,9 @@ def test_noise_that_nobody_states_is_found_and_said(folder: Path, tmp_path: Path
     table = Measurements.read(folder / "warm.csv").to_frame().drop(columns=["u_x_mm", "u_y_mm", "u_z_mm"])
     table.to_csv(tmp_path / "d.csv", index=False)
     out, err = done("calibrate", "sino6", tmp_path / "d.csv", "--no-held-out")
-    assert "The noise was not stated in full" in out
-    assert "nobody states the noise of the encoders" in err
+    assert "noise" in out
+    assert "noise" in err
     out, err = done("calibrate", "sino6", tmp_path / "d.csv", "--no-held-out", "--encoder-noise-rad", "1e-3")
-    assert "what was stated of it is enough for these residuals" in out
-    assert "what is stated of it is enough for these records" in err
     assert "0.0000 mm" not in out + err
 
 
@@ -439,14 +349,14 @@ def test_a_robot_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path, 
     simulate_measurements(true, "free", 80, rng=rng).save(tmp_path / "d.csv")
     words = ["calibrate", "--urdf", path, "--frame", "tool0", tmp_path / "d.csv", *QUICK, "--target", "unknown"]
     out, _ = done(*words, "--urdf-out", tmp_path / "c.urdf")
-    assert "These data do not tell" in out
+    assert "Not determined by these data" in out
     assert "only their sum" in out
     found = Arm.from_urdf(tmp_path / "c.urdf", "tool0")
     q = rng.uniform(-np.pi, np.pi, (200, 6))
     off = np.linalg.norm(found.positions(q) - true.predict(q), axis=1)
     assert off.max() < 0.05 * MM
     assert np.linalg.norm(arm.positions(q) - true.predict(q), axis=1).min() > 10 * MM
-    assert "DH table" in refused(*words, "-o", tmp_path / "c.toml")
+    refused(*words, "-o", tmp_path / "c.toml", said=["DH table"])
 
 
 def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended: Path, tmp_path: Path) -> None:
@@ -470,53 +380,40 @@ def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended: Path
     assert "a URDF has no place for encoder_eccentricity:3, thermal_expansion" in err
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
+def test_what_cannot_be_calibrated_is_one_message(data: Path, tmp_path: Path) -> None:
+    for words, said in (
         (["--parameters", "everything"], ["everything", "zero-offsets, geometry"]),
         (["--target", "nose"], ["nose", "tip, unknown"]),
         (["--reference-frame", "room"], ["room", "base, external"]),
-        (["--encoder-noise-rad", "-1"], ["encoder noise", "not negative"]),
-        (["--probe-noise-mm", "nan"], ["probe noise", "not negative"]),
-        (["--reference-noise-mm", "-1"], ["reference noise is -0.001", "not negative"]),
-        (["--length-noise-mm", "-1"], ["length noise is -0.001", "not negative"]),
+        (["--encoder-noise-rad", "-1"], ["--encoder-noise-rad is -1", "not negative"]),
+        (["--encoder-noise-rad", "0.1"], ["--encoder-noise-rad is 0.1", "unit"]),
+        (["--probe-noise-mm", "nan"], ["--probe-noise-mm is nan", "not negative"]),
+        (["--reference-noise-mm", "-1"], ["--reference-noise-mm is -1", "not negative"]),
+        (["--length-noise-mm", "-1"], ["--length-noise-mm is -1", "not negative"]),
         (["--effect", "encoder_gain:joint=7"], ["encoder_gain:7", "rows 1 to 6"]),
         (["--effect", "torsion"], ["unknown cause 'torsion'"]),
         (["--effect", "joint_zero_offset:joint=3"], ["joint_zero_offset:3", "twice"]),
-    ],
-)
-def test_what_cannot_be_calibrated_is_one_message(words: list[str], said: list[str], data: Path, tmp_path: Path) -> None:
-    err = refused("calibrate", "sino6", data, "--no-held-out", *words, "-o", tmp_path / "c.toml", "--json", "-")
-    for word in said:
-        assert word in err
-    assert list(tmp_path.iterdir()) == []
+    ):
+        refused("calibrate", "sino6", data, "--no-held-out", *words, "-o", tmp_path / "c.toml", "--json", "-", said=said)
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_an_effect_without_its_column_is_refused(data: Path, tmp_path: Path) -> None:
     table = pd.read_csv(data).drop(columns="temperature_c")
     table.to_csv(tmp_path / "d.csv", index=False)
-    err = refused("calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--effect", "thermal_expansion")
-    assert "temperature_c" in err
+    refused("calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--effect", "thermal_expansion", said=["temperature_c"])
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
+def test_a_bad_measurement_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "bad.csv"
+    for text, said in (
         ("", ["is empty"]),
         ("theta1_deg,theta2_deg\n1,2\n", ["2 joints", "6"]),
-        (
-            "theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg\n1,2,3,4,5,six\n",
-            ["row 2", "theta6_deg", "six"],
-        ),
-        ("theta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg\n1,2,3,4,5,6\n", ["no record says where"]),
-    ],
-)
-def test_a_bad_measurement_file_is_named(text: str, said: list[str], tmp_path: Path) -> None:
-    path = tmp_path / "bad.csv"
-    path.write_text(text, encoding="utf-8")
-    err = refused("calibrate", "sino6", path, "-o", tmp_path / "c.toml")
-    for word in said:
-        assert word in err
+        (HEADER + "\n1,2,3,4,5,six\n", ["row 2", "theta6_deg", "six"]),
+        (HEADER + "\n1,2,3,4,5,6\n", ["no record says where"]),
+    ):
+        path.write_text(text, encoding="utf-8")
+        refused("calibrate", "sino6", path, "-o", tmp_path / "c.toml", said=said)
     assert [p.name for p in tmp_path.iterdir()] == ["bad.csv"]
 
 
@@ -526,7 +423,8 @@ def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(data: Path, tmp
     text = "\n".join(zero if line.startswith("uncertainty") else line for line in lines)
     (tmp_path / "exact.toml").write_text(text, encoding="utf-8")
     files = ["--plot", tmp_path / "p.png", "--report", tmp_path / "r.html"]
-    out, _ = done("calibrate", tmp_path / "exact.toml", data, *QUICK, *files)
+    pd.read_csv(data).head(60).to_csv(tmp_path / "d.csv", index=False)
+    out, _ = done("calibrate", tmp_path / "exact.toml", tmp_path / "d.csv", *QUICK, *files)
     assert "No parameter was estimated" in out
     assert "No parameter was estimated" in (tmp_path / "r.html").read_text(encoding="utf-8")
 
@@ -571,9 +469,9 @@ def test_without_a_stated_uncertainty_u_is_empty(tmp_path: Path) -> None:
     assert not done("correct", "zero6", tmp_path / "r.csv", *NOISE)[0].endswith(",\n")
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
+def test_readings_that_cannot_be_corrected_are_named(extended: Path, tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    for text, said in (
         ("", ["is empty"]),
         (HEADER + "\n", ["no records"]),
         (HEADER + "\n1,2,3,4,5\n", ["row 2", "5 cells", "6"]),
@@ -583,14 +481,13 @@ def test_without_a_stated_uncertainty_u_is_empty(tmp_path: Path) -> None:
         (HEADER[:-11] + "\n1,2,3,4,5\n", ["5 joints", "6"]),
         (HEADER + "\n1,2,3,4,5,6\n", ["temperature_c", "thermal_expansion"]),
         (HEADER + '\n1,2,3,4,5,"6\n', ["not CSV"]),
-    ],
-)
-def test_readings_that_cannot_be_corrected_are_named(text: str, said: list[str], extended: Path, tmp_path: Path) -> None:
-    path = tmp_path / "r.csv"
-    path.write_text(text, encoding="utf-8")
-    err = refused("correct", extended, path, "-o", tmp_path / "c.csv")
-    for word in ["r.csv", *said]:
-        assert word in err
+    ):
+        path.write_text(text, encoding="utf-8")
+        refused("correct", extended, path, "-o", tmp_path / "c.csv", said=["r.csv", *said])
+    path.write_bytes(b"\xff\xfe\x00")
+    refused("correct", "sino6", path, said=["UTF-8"])
+    for command in ("correct", "calibrate"):
+        refused(command, "sino6", tmp_path / "none.csv", said=["none.csv"])
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
 
 
@@ -616,36 +513,6 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6: Arm, t
     assert table.loc[2, ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm"]].isna().all()
     np.testing.assert_array_equal(table[columns], q)
     pd.DataFrame(q[[2, 2]], columns=columns).to_csv(tmp_path / "none.csv", index=False)
-    err = refused("correct", tmp_path / "arm.toml", tmp_path / "none.csv", "-o", tmp_path / "d.csv")
-    for word in ("none.csv", "row 2", "row 3", "no reading"):
-        assert word in err
+    said = ("none.csv", "row 2", "row 3", "no reading")
+    refused("correct", tmp_path / "arm.toml", tmp_path / "none.csv", "-o", tmp_path / "d.csv", said=said)
     assert not (tmp_path / "d.csv").exists()
-
-
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    for command in ("correct", "calibrate"):
-        assert "none.csv" in refused(command, "sino6", tmp_path / "none.csv")
-    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
-    assert "UTF-8" in refused("correct", "sino6", tmp_path / "b.csv")
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["simulate"],
-        ["simulate", "sino6", "--unknown", "--plan", "free"],
-        ["simulate", "sino6", "--seed", "-1"],
-        ["simulate", "sino6", "--urdf", "a.urdf", "--frame", "tip"],
-        ["simulate", "--urdf", "a.urdf"],
-        ["calibrate"],
-        ["calibrate", "sino6"],
-        ["calibrate", "sino6", "data.csv", "--frame", "tip"],
-        ["calibrate", "sino6", "data.csv", "--urdf", "a.urdf", "--frame", "tip"],
-        ["correct", "sino6"],
-        ["correct", "sino6", "readings.csv", "--encoder-noise-rad", "small"],
-    ],
-)
-def test_wrong_usage_is_status_2(words: list[str]) -> None:
-    status, out, err = run(*words)
-    assert (status, out) == (2, "")
-    assert "Usage" in err

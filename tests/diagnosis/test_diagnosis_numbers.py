@@ -20,21 +20,21 @@ from scipy.linalg import null_space, orth, subspace_angles
 from scipy.stats import chi2, f, kstest, multivariate_normal
 
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.calibrate import encoder_of
+from aacmm_pin.calibration.cross_validation import parts_of
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.stated_noise import StatedNoise
+from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.diagnosis import chow_test as groups
 from aacmm_pin.diagnosis import cross_validation as gain
-from aacmm_pin.diagnosis import outlier_groups as groups
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.cross_validation import parts_of
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
-from aacmm_pin.diagnosis.model_extension import Choice, choose, free
+from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
+from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
@@ -53,13 +53,10 @@ class Case:
 
     records: Measurements
     choice: Choice
-    noise: StatedNoise
+    problem: ProblemOf
 
     def refit(self, effects: Sequence[Effect], used: NDArray[np.bool_] | None = None) -> Fit:
-        arm = ErrorModel.of(Arm.load("sino6"))
-        unknown: list[str | Effect] = ["geometry", *effects]
-        problem = problem_of(arm, self.records, unknown, prior=True, target="tip", external=False)
-        return fit(problem, self.noise, used=used)
+        return fit(self.problem(effects), used=used)
 
 
 def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: object) -> Case:
@@ -67,16 +64,20 @@ def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: obje
     draw(seed, cause, plan=plan, records=RECORDS, small_terms=False, **options).write(path)  # type: ignore[arg-type]
     records = Measurements.read(path, 6)
     arm = Arm.load("sino6")
-    noise = StatedNoise(encoder_of(arm, ENCODER), REFERENCE, None if plan == "free" else PROBE, LENGTH)
+    setup = Setup(
+        encoder_noise=np.full(6, ENCODER),
+        reference_noise=REFERENCE,
+        probe_noise=None if plan == "free" else PROBE,
+        length_noise=LENGTH,
+    )
 
     def problem(effects: Sequence[Effect]) -> Problem:
-        unknown: list[str | Effect] = ["geometry", *effects]
-        return problem_of(ErrorModel.of(arm), records, unknown, prior=True, target="tip", external=False)
+        return problem_of(ErrorModel.of(arm), records, ["geometry", *effects], setup)
 
-    first = fit(problem([]), noise)
+    first = fit(problem([]))
     parts = parts_of(first, np.random.default_rng(1))[1]
     library = candidates(ErrorModel.of(arm), records, first.problem)
-    return Case(records, choose(problem, noise, first, library, covariates(arm, records), parts), noise)
+    return Case(records, choose(problem, first, library, covariates(arm, records), parts), problem)
 
 
 def away(case: Case) -> Case:
@@ -84,7 +85,8 @@ def away(case: Case) -> Case:
     design = case.choice.design
     moved = design.tips + np.random.default_rng(5).normal(0.0, 4e-5, design.tips.shape)
     design = replace(design, tips=moved)
-    return replace(case, choice=replace(case.choice, design=design, gram=Gram(products_of(design, case.choice.parts))))
+    gram = Gram(products_of(design, case.choice.parts))
+    return replace(case, choice=replace(case.choice, design=design, gram=gram, held=gram))
 
 
 @pytest.fixture(scope="module", params=PLANS)
@@ -222,20 +224,20 @@ def test_conditional_and_evidence(case: Case, admitted: tuple[int, ...], left_ou
     admitted = tuple(k % len(question.blocks) for k in admitted)
     variance = 1.7
     gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
-    left = Conditional(gram, question.blocks, question.nuisances, admitted, variance)
+    left = Conditional(Projection(gram, admitted), variance)
     slices = [question.blocks[k].columns for k in admitted]
-    rows, refitted = beside(dense(case, choice.parts, left_out), question.nuisances, slices)
+    rows, refitted = beside(dense(case, choice.parts, left_out), choice.design.nuisances, slices)
     basis = np.linalg.qr(refitted)[0]
     free_rows = rows - basis @ (basis.T @ rows)
     residual = free_rows[:, -1]
-    assert left.chi2 == pytest.approx(residual @ residual, rel=1e-6)
+    assert left.projection.chi2 == pytest.approx(residual @ residual, rel=1e-6)
     step = -np.linalg.lstsq(refitted, rows[:, -1])[0]
-    np.testing.assert_allclose(left.solution(), step, atol=1e-5 * np.abs(step).max())
-    data = rows[: len(rows) - question.nuisances - sum(s.stop - s.start for s in slices)]
-    own = np.concatenate([np.arange(question.nuisances), *(np.arange(s.start, s.stop) for s in slices)])
+    np.testing.assert_allclose(left.projection.solution(), step, atol=1e-5 * np.abs(step).max())
+    data = rows[: len(rows) - choice.design.nuisances - sum(s.stop - s.start for s in slices)]
+    own = np.concatenate([np.arange(choice.design.nuisances), *(np.arange(s.start, s.stop) for s in slices)])
     covariance = np.linalg.inv(refitted.T @ refitted)
     np.testing.assert_allclose(left.covariance, variance * covariance, atol=1e-6 * np.abs(covariance).max())
-    assert left.determined == pytest.approx(np.trace(data[:, own].T @ data[:, own] @ covariance), rel=1e-5)
+    assert left.projection.determined == pytest.approx(np.trace(data[:, own].T @ data[:, own] @ covariance), rel=1e-5)
     for k in some_blocks(choice):
         if k in admitted:
             assert left.evidences[k] == -np.inf
@@ -247,7 +249,7 @@ def test_conditional_and_evidence(case: Case, admitted: tuple[int, ...], left_ou
         np.testing.assert_allclose(
             left.gradient[block.columns], columns.T @ residual / variance, atol=1e-6 * np.sqrt(scale) * np.sqrt(len(rows))
         )
-        wanted = log_bayes_factor(data, question.nuisances, rows, slices, block.columns, variance)
+        wanted = log_bayes_factor(data, choice.design.nuisances, rows, slices, block.columns, variance)
         assert left.evidences[k] == pytest.approx(wanted, abs=1e-4)
         assert left.evidence(k) == pytest.approx(wanted, abs=1e-4)
 
@@ -276,17 +278,17 @@ def test_evidence_without_one_of_the_admitted(case: Case, taken_out: int, left_o
     choice, question, variance = case.choice, case.choice.question, 1.7
     admitted = (5, 17, len(question.blocks) - 1)
     gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
-    found = Conditional(gram, question.blocks, question.nuisances, admitted, variance).evidences_without(admitted[taken_out])
+    found = Conditional(Projection(gram, admitted), variance).evidences_without(admitted[taken_out])
     rest = [k for k in admitted if k != admitted[taken_out]]
     slices = [question.blocks[k].columns for k in rest]
     all_rows = dense(case, choice.parts, left_out)
-    rows, _ = beside(all_rows, question.nuisances, slices)
-    data = all_rows[: len(all_rows) - question.nuisances]
+    rows, _ = beside(all_rows, choice.design.nuisances, slices)
+    data = all_rows[: len(all_rows) - choice.design.nuisances]
     for k in sorted({*some_blocks(choice), *admitted}):
         if k in rest:
             assert found[k] == -np.inf
             continue
-        wanted = log_bayes_factor(data, question.nuisances, rows, slices, question.blocks[k].columns, variance)
+        wanted = log_bayes_factor(data, choice.design.nuisances, rows, slices, question.blocks[k].columns, variance)
         assert found[k] == pytest.approx(wanted, abs=1e-4)
 
 
@@ -296,21 +298,21 @@ def test_evidence_of_all_admitted_together(case: Case) -> None:
     admitted = (5, 17, len(question.blocks) - 1)
     gram = Gram(products_of(choice.design, choice.parts))
     all_rows = dense(case, choice.parts)
-    data = all_rows[: len(all_rows) - question.nuisances]
+    data = all_rows[: len(all_rows) - choice.design.nuisances]
     wanted = 0.0
     for count, k in enumerate(admitted):
         before = [question.blocks[j].columns for j in admitted[:count]]
-        rows, _ = beside(all_rows, question.nuisances, before)
-        wanted += log_bayes_factor(data, question.nuisances, rows, before, question.blocks[k].columns, variance)
-    found = Conditional(gram, question.blocks, question.nuisances, admitted, variance).of_admitted()
+        rows, _ = beside(all_rows, choice.design.nuisances, before)
+        wanted += log_bayes_factor(data, choice.design.nuisances, rows, before, question.blocks[k].columns, variance)
+    found = Conditional(Projection(gram, admitted), variance).of_admitted()
     assert found == pytest.approx(wanted, abs=1e-4)
 
 
 def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
     choice, question = case.choice, case.choice.question
-    left = Conditional(choice.held, question.blocks, question.nuisances, ())
+    left = Conditional(Projection(choice.held, ()))
     rows = dense(case, choice.parts)
-    basis = np.linalg.qr(rows[:, : question.nuisances])[0]
+    basis = np.linalg.qr(rows[:, : choice.design.nuisances])[0]
     off = rows - basis @ (basis.T @ rows)
     some = some_blocks(choice)
     for k in some:
@@ -350,7 +352,7 @@ def test_the_score_is_chi2_when_nothing_is_there(case: Case, own_draws: bool) ->
     """By noise drawn here, and by the draws of the package itself; the first draw also by least squares."""
     choice, question = case.choice, case.choice.question
     gram = choice.held
-    left = Conditional(gram, question.blocks, question.nuisances, ())
+    left = Conditional(Projection(gram, ()))
     products, rows = nothing_there(case, 1000, 7)
     if own_draws:
         products = gram.products.drawn(1000, np.random.default_rng(9))
@@ -361,7 +363,7 @@ def test_the_score_is_chi2_when_nothing_is_there(case: Case, own_draws: bool) ->
         assert kstest(drawn, chi2(rank).cdf).pvalue > 1e-3
         if not own_draws:
             # Of a free curve some coefficients are all but unknown: left out by the same bound as in the pseudo-inverse.
-            basis = np.linalg.qr(rows[:, : question.nuisances])[0]
+            basis = np.linalg.qr(rows[:, : choice.design.nuisances])[0]
             own = rows[:, block.columns] - basis @ (basis.T @ rows[:, block.columns])
             left_of = rows[:, -1] - basis @ (basis.T @ rows[:, -1])
             taken = own @ np.linalg.lstsq(own, left_of, rcond=1e-5)[0]
@@ -379,8 +381,8 @@ def narrowed(choice: Choice) -> Choice:
     number = {c: k for k, c in enumerate(few)}
     blocks = tuple(replace(b, candidate=number[b.candidate]) for b in choice.question.blocks if b.candidate in number)
     prior = choice.question.log_prior[few]
-    question = replace(choice.question, blocks=blocks, candidates=len(few), log_prior=prior, contained={})
-    return replace(choice, question=question, design=replace(choice.design, blocks=blocks))
+    design = replace(choice.design, blocks=blocks)
+    return replace(choice, question=replace(choice.question, design=design, log_prior=prior, contained={}), design=design)
 
 
 def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -392,9 +394,9 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
     rng = np.random.default_rng(12)
     found = []
     for k in range(products.shape[1]):
-        left = Conditional(gram, choice.question.blocks, choice.question.nuisances, ())
+        left = Conditional(Projection(gram, ()))
         left.__dict__["gradient"] = left.gradients(products[:, k : k + 1])[:, 0]  # where the property keeps it
-        odds = choice.question.log_prior + choice.question.per_candidate(left.evidences)
+        odds = choice.question.odds(left.evidences)
         best = int(np.argmax(odds))
         block = choice.question.best_blocks(left.evidences)[best]
         found.append(findings.family_wise(choice.question, left, float(odds[best]), block, rng))
@@ -419,7 +421,7 @@ def test_chow_s_test_of_every_session(case: Case, monkeypatch: pytest.MonkeyPatc
     labels = case.records.conditions.session
     assert labels is not None
     names, part = np.unique(labels, return_inverse=True)
-    nuisances = choice.question.nuisances
+    nuisances = choice.design.nuisances
     found = {group.name: group for group in groups.odd_groups(choice) if group.name.startswith("session")}
     assert len(found) == len(names) >= 3
     total = dense(case, part)

@@ -18,10 +18,10 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Scatter, evidence_of
-from aacmm_pin.diagnosis.result import Finding
+from aacmm_pin.diagnosis.result import Finding, _finding
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.verdict import verdict_of
-from aacmm_pin.effects import Displacement, Effect, EncoderEccentricity, EncoderGain, Term, ZeroDrift
+from aacmm_pin.effects import Displacement, Effect, EncoderEccentricity, EncoderGain, SeatError, Term, ZeroDrift
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
@@ -72,7 +72,7 @@ def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(sino6: Arm, rng
     data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 80, rng=rng)
     fit = calibrate(sino6, data, [drift.at(())], hold_out=False, robust=False, **NOISE).fit  # type: ignore[arg-type]
     told = replace(fit, found=(drift.label,))
-    own = fit.problem.effects(fit.solution.point.x)[0]
+    own = fit.solution.effects[0]
     assert isinstance(own, ZeroDrift)
 
     def by(one: ZeroDrift, other: ZeroDrift, step: float) -> Array:
@@ -107,7 +107,7 @@ def test_a_trial_that_cannot_be_evaluated_is_a_rejected_step(
     x = fit.problem.start + np.where(np.arange(fit.problem.start.size) == 0, 2.9e-4, 0.0)
     prediction = predict(fit.problem, x, fit.solution.point.frame)
     start = solver.Point(x, fit.solution.point.frame, fit.solution.point.seats, prediction)
-    found = solver.solve(fit.problem, fit.observations, fit.noise, start, fit.used.astype(float))
+    found = solver.solve(fit.problem, fit.noise, start, fit.used.astype(float))
     assert found.converged
     assert found.cost == pytest.approx(fit.solution.cost, rel=1e-6)
 
@@ -224,3 +224,12 @@ def test_excluded_records_of_one_seat_are_said_to_be_of_it(sino6: Arm) -> None:
     moved = replace(data, conditions=replace(data.conditions, seat=seat))
     result = calibrate(sino6, moved, encoder_noise=8e-6, probe_noise=5e-6, hold_out=False)
     assert any(f"seat {names[1]}" in note for note in result.notes)
+
+
+def test_a_look_alike_at_a_seat_has_a_seat_and_no_joint() -> None:
+    at_seat, of_arm = Alias("seat_error:3", 0.9, 0.1, effect=SeatError("3")), Alias("humidity_pct", 0.9, 0.1)
+    written = _finding(replace(finding(0.7), aliases=(at_seat, of_arm)))["aliases"]
+    assert [(a["cause"], a["joint"], a.get("seat")) for a in written] == [
+        ("seat_error", None, "3"),
+        ("humidity_pct", None, None),
+    ]

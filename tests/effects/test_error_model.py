@@ -11,8 +11,7 @@ import pytest
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile, load_arm_file
-from aacmm_pin.arm.text import arm_text
+from aacmm_pin.arm.file import ArmFile, arm_text, load_arm_file
 from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,

@@ -1,17 +1,23 @@
-"""A cause that the package does not have: registered from outside, hidden in data, found by its name, written and read."""
+"""A cause that the package does not have: the class of the README, known to every command and nowhere else."""
 
 from __future__ import annotations
 
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from aacmm_pin import Arm, ErrorModel, Measurements, diagnose, simulate_measurements
-from aacmm_pin.arm.chain import axis
-from aacmm_pin.cli.effect_options import effects_of
+from aacmm_pin import Arm, Diagnosis, ErrorModel, Measurements, calibrate, diagnose, plan_measurements, simulate_measurements
+from aacmm_pin.cli import app, common
 from aacmm_pin.effects import (
     CAUSES,
     Displacement,
@@ -20,82 +26,124 @@ from aacmm_pin.effects import (
     JointCompliance,
     JointPeriodicError,
     LinkLength,
+    State,
     Term,
+    about_axis,
+    cause_of,
+    example,
     register,
 )
-from aacmm_pin.effects.effect import about_axis
-from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnknownNameError
-from aacmm_pin.planning.causes import cause_of
 from aacmm_pin.report import plots
-from aacmm_pin.report.diagnosis_findings import verdict_in_words
 from aacmm_pin.report.plots.partial_residuals import partial_residual
 
 NOISE = 8e-6
-HOOK = (0.0, 0.0, 1000.0)
-
-
-@dataclass(frozen=True)
-class HosePull(Effect):
-    """A hose from the wrist to a hook turns a joint by the moment of its pull."""
-
-    joint: int
-    hook_mm: tuple[float, float, float] = HOOK
-    cause: ClassVar[str] = "hose_pull"
-    elastic: ClassVar[bool] = True
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        return (Term("", "rad/m", 1e-4, "turn_rad_per_m"),)
-
-    def displacements(self, state: State) -> list[Displacement]:
-        wrist, pivot = state.origin[axis(5)], state.origin[axis(self.joint)]
-        pull = np.array(self.hook_mm) * 1e-3 - wrist
-        pull /= np.linalg.norm(pull, axis=1, keepdims=True)
-        moment = np.sum(state.rotation[axis(self.joint)][:, :, 2] * np.cross(wrist - pivot, pull), axis=1)
-        return [about_axis(state, self.joint, moment[:, None])]
-
-
-@pytest.fixture(autouse=True)
-def _registered() -> None:
-    register(HosePull)
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+HOSE = re.search(r"<!-- file: hose.py -->\n```python\n(.*?)```", README, re.DOTALL)[1]  # type: ignore[index]
+SIZE = 2e-4
 
 
 @pytest.fixture(scope="module")
-def hidden() -> Measurements:
-    arm = Arm.load("sino6")
-    return simulate_measurements(ErrorModel(arm, (HosePull(2, values=(2e-4,)),)), "free", 200, rng=np.random.default_rng(1))
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With the README's file and nothing else."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "hose.py").write_text(HOSE, encoding="utf-8")
+    return folder
 
 
-def test_it_is_found_by_its_name_only_where_it_is_tried(sino6: Arm, hidden: Measurements, tmp_path: Path) -> None:
-    without = diagnose(sino6, hidden, encoder_noise=NOISE, hold_out=False)
-    assert "hose_pull" not in {f.cause for f in without.findings}
-    tried = [HosePull(joint) for joint in (1, 2, 3, 4)]
-    found = diagnose(sino6, hidden, encoder_noise=NOISE, extra_causes=tried)
+@pytest.fixture(scope="module")
+def hose(folder: Path) -> Iterator[Any]:
+    """The class, as a program has it that imports the file; known as long as this file's tests run."""
+    before = dict(CAUSES)
+    yield common._import(str(folder / "hose.py")).HosePull
+    CAUSES.clear()
+    CAUSES.update(before)
+
+
+@pytest.fixture(scope="module")
+def hidden(hose: Any) -> Measurements:
+    truth = ErrorModel(Arm.load("sino6"), (hose(2, values=(SIZE,)),))
+    return simulate_measurements(truth, "free", 200, rng=np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def found(hidden: Measurements) -> Diagnosis:
+    return diagnose(Arm.load("sino6"), hidden, encoder_noise=NOISE)
+
+
+def test_the_readme_shows_it_in_few_lines() -> None:
+    assert len(HOSE.splitlines()) <= 30
+    assert HOSE in (Path(__file__).parents[2] / "notebooks" / "site" / "own_cause.md").read_text(encoding="utf-8")
+
+
+def test_it_is_found_written_read_and_drawn(hose: Any, found: Diagnosis, hidden: Measurements, tmp_path: Path) -> None:
     assert [f.label for f in found.findings] == ["hose_pull:2"]
     assert found.verdict == "explained"
-    assert verdict_in_words(found).startswith("SINO6: the simulation lacks one cause, hose pull of joint 2.")
-    value, u = found.findings[0].parameters["turn_rad_per_m"]
-    assert abs(value - 2e-4) < 3.3 * u
+    (finding,) = found.findings
+    value, u = finding.parameters["turn_rad_per_m"]
+    assert abs(value - SIZE) < 3.3 * u
     assert found.held_out is not None
     assert found.held_out.gain > 0.2
-    assert found.summary()["findings"][0]["hook_mm"] == HOOK
+    assert found.summary()["findings"][0]["hook_mm"] == (0.0, 0.0, 1000.0)
+    assert "µrad/m" in str(finding)
 
-    path = tmp_path / "extended.toml"
-    found.model.save(path)
-    loaded = ErrorModel.load(path)
+    found.model.save(tmp_path / "extended.toml")
+    loaded = ErrorModel.load(tmp_path / "extended.toml")
     assert loaded.effects == found.model.effects
     np.testing.assert_allclose(loaded.predict(hidden.q), found.model.predict(hidden.q), rtol=0, atol=1e-12)
-    ax = plots.plot_cause(found, found.findings[0])
+    ax = plots.plot_cause(found, finding)
     assert "hose pull of joint 2" in ax.get_title()
+    assert ax.get_xlabel() == "load [m]"
     del CAUSES["hose_pull"]
     with pytest.raises(ArmFileError, match="unknown cause 'hose_pull'"):
-        ErrorModel.load(path)
+        ErrorModel.load(tmp_path / "extended.toml")
 
 
-def test_options_and_plans_know_its_name(sino6: Arm) -> None:
-    (typed,) = effects_of(["hose_pull:joint=2,turn_rad_per_m=1e-4"])
-    assert typed == HosePull(2, values=(1e-4,)) == cause_of("hose_pull:2,turn_rad_per_m=1e-4", ErrorModel(sino6))
+def test_it_is_calibrated_planned_and_known(hose: Any, hidden: Measurements, sino6: Arm) -> None:
+    fitted = calibrate(sino6, hidden, ["geometry", hose(2)], encoder_noise=NOISE, hold_out=False).model.effects[-1]
+    assert abs(fitted.values[0] - SIZE) < 3.3 * fitted.u[0]
+    known = ErrorModel(sino6, (hose(2, values=(SIZE,), u=(1e-5,)),))
+    assert diagnose(known, hidden, encoder_noise=NOISE, hold_out=False).verdict == "no-discrepancy"
+    assert cause_of("hose_pull:2", known) == known.effects[0]
+    plan = plan_measurements(sino6, ("hose_pull:2", "encoder_gain:2"), 10, postures=60, progress=False)
+    assert [effect.label for effect in plan.split] == ["hose_pull:2", "encoder_gain:2"]
+    assert plan.after.one > 0
+    assert isinstance(example(hose), hose)
+
+
+def test_the_shell_knows_it_by_a_plugin(folder: Path) -> None:
+    """In processes of their own, where nothing but the file makes it known."""
+
+    def run(words: str, *, plugin: str = "--plugin hose.py ") -> str:
+        command = [sys.executable, "-m", "aacmm_pin.cli", *f"{plugin}{words}".split()]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        assert done.returncode == (0 if plugin else 1), done.stderr
+        return done.stdout if plugin else done.stderr
+
+    run("simulate sino6 --effect hose_pull:3,turn_rad_per_m=3e-3 --plan free --records 120 -o data.csv")
+    noise = f"--encoder-noise-rad {NOISE} --no-held-out"
+    out = json.loads(run(f"diagnose sino6 data.csv {noise} -o page.html --extended-arm extended.toml --json -"))
+    assert [(f["cause"], f["joint"]) for f in out["findings"]] == [("hose_pull", 3)]
+    assert "Hose pull of joint 3" in (folder / "page.html").read_text(encoding="utf-8")
+    run("correct extended.toml data.csv -o corrected.csv")
+    run(f"calibrate sino6 data.csv --effect hose_pull:3 {noise} -o calibrated.toml --report calibration.html")
+    assert "hose pull of joint 3" in (folder / "calibration.html").read_text(encoding="utf-8")
+    run("plan sino6 --split hose_pull:3 encoder_gain:3 --records 8 --postures 40 -o plan.csv")
+    assert "hose_pull:JOINT" in run("causes")
+    assert "A hose from the wrist" in run("causes hose_pull")
+    assert "unknown cause 'hose_pull'" in run("correct extended.toml data.csv -o again.csv", plugin="")
+
+
+def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, said in {"nothere.py": "FileNotFoundError", "not_a_module": "ModuleNotFoundError"}.items():
+        done = CliRunner().invoke(app, ["--plugin", name, "causes"])
+        assert done.exit_code == 1
+        assert f"--plugin {name}: {said}" in done.stderr
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setattr(common, "entry_points", lambda group: [EntryPoint("hose", "hose", group)])
+    monkeypatch.delitem(sys.modules, "hose", raising=False)
+    done = CliRunner().invoke(app, ["causes"])
+    assert "hose_pull:JOINT" in done.stdout, done.stderr
 
 
 @dataclass(frozen=True)
@@ -104,23 +152,22 @@ class Coupled(Effect):
 
     joint: int
     cause: ClassVar[str] = "coupled"
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        return (Term("", "1", 1e-4, "gain"),)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-4, "gain"),)
 
     def displacements(self, state: State) -> list[Displacement]:
         return [about_axis(state, self.joint, np.sin(state.angle(self.joint - 1) * state.angle(self.joint))[:, None])]
 
 
 def test_a_cause_of_two_angles_is_not_drawn_over_one(sino6: Arm) -> None:
+    """Joint 1 has none before it, so that it is no candidate there."""
     register(Coupled)
+    assert [variants[0].joint for variants in Coupled.candidates(sino6)] == [2, 3, 4, 5, 6]
     model = ErrorModel(sino6, (Coupled(4, values=(3e-4,)),))
     data = simulate_measurements(model, "free", 200, rng=np.random.default_rng(2))
-    found = diagnose(sino6, data, encoder_noise=NOISE, extra_causes=[Coupled(4)], hold_out=False)
+    found = diagnose(sino6, data, encoder_noise=NOISE, hold_out=False)
     assert [f.label for f in found.findings] == ["coupled:4"]
     shown = partial_residual(found, found.findings[0].effect)
-    assert shown.x_label == "load [1]"
+    assert shown.x_label == "load [rad]"
     angle = data.q[:, 3] * data.q[:, 2]
     np.testing.assert_allclose(np.sort(shown.x), np.sort(np.sin(angle)), atol=1e-9)
 
@@ -135,47 +182,23 @@ def test_another_order_of_a_known_cause_is_one_more_variant(sino6: Arm) -> None:
     assert [(f.label, f.effect.order) for f in found.findings] == [("joint_periodic_error:2", 77.0)]  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize(
-    ("extra", "error", "said"),
-    [
-        (HosePull(9), AacmmError, "SINO6 has rows 1 to 6"),
-        (Coupled(4), UnknownNameError, "aacmm_pin.effects.register"),
+def test_what_cannot_be_tried_is_refused(hose: Any, sino6: Arm, hidden: Measurements) -> None:
+    for extra, error, said in (
+        (hose(9), AacmmError, "SINO6 has rows 1 to 6"),
+        (Coupled(4), UnknownNameError, r"aacmm_pin\.effects\.register"),
         (JointCompliance(2, torque="measured"), MissingConditionError, "torque1_nm"),
-    ],
-)
-def test_what_cannot_be_tried_is_refused(
-    sino6: Arm, hidden: Measurements, extra: Effect, error: type[AacmmError], said: str
-) -> None:
-    with pytest.raises(error, match=said):
-        diagnose(sino6, hidden, encoder_noise=NOISE, extra_causes=[extra], hold_out=False)
-
-
-def test_what_the_arm_is_known_to_have_is_no_candidate(sino6: Arm, hidden: Measurements) -> None:
-    known = ErrorModel(sino6, (HosePull(2, values=(2e-4,), u=(1e-5,)),))
-    found = diagnose(known, hidden, encoder_noise=NOISE, extra_causes=[HosePull(2)], hold_out=False)
-    assert found.verdict == "no-discrepancy"
-
-
-def test_names_that_are_of_no_use_are_refused() -> None:
-    @dataclass(frozen=True)
-    class Nameless(LinkLength):
-        cause: ClassVar[str] = "Link Length!"
-
-    @dataclass(frozen=True)
-    class Taken(LinkLength):
-        cause: ClassVar[str] = "encoder_gain"
-
-    with pytest.raises(AacmmError, match="small letters"):
-        register(Nameless)
-    with pytest.raises(
-        AacmmError, match=r"the cause encoder_gain is there already, aacmm_pin\.effects\.encoder\.EncoderGain"
     ):
-        register(Taken)
+        with pytest.raises(error, match=said):
+            diagnose(sino6, hidden, encoder_noise=NOISE, extra_causes=[extra], hold_out=False)
+
+
+def test_names_that_are_of_no_use_are_refused(hose: Any) -> None:
+    for name, said in {
+        "Link Length!": "small letters",
+        "encoder_gain": r"the cause encoder_gain is there already, aacmm_pin\.effects\.encoder\.EncoderGain",
+    }.items():
+        with pytest.raises(AacmmError, match=said):
+            register(dataclass(frozen=True)(type("Own", (LinkLength,), {"__module__": __name__, "cause": name})))
     assert CAUSES["encoder_gain"] is EncoderGain
-
-
-def test_a_class_defined_anew_takes_its_own_place() -> None:
-    old = CAUSES["hose_pull"]
-    new = register(dataclass(frozen=True)(type("HosePull", (HosePull,), {"__module__": __name__, "cause": "hose_pull"})))
-    assert CAUSES["hose_pull"] is new is not old
-    register(HosePull)
+    anew = dataclass(frozen=True)(type("HosePull", (hose,), {"__module__": "hose", "cause": "hose_pull"}))
+    assert register(anew) is CAUSES["hose_pull"] is not hose

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError, ShapeError, UnknownNameError
-from aacmm_pin.measurements import csv_columns as measurement_columns
 from aacmm_pin.measurements.records import Bar, Measurements
 
 DEG = np.pi / 180
@@ -78,102 +76,69 @@ def test_every_column_is_read_in_its_unit(full: Measurements) -> None:
     nan = [np.nan] * 3
     np.testing.assert_allclose(full.reference, [[0.1, 0.2, -0.3], nan, nan, [1e-3, 2e-3, 3e-3]], rtol=1e-15)
     np.testing.assert_allclose(full.reference_u, [[1e-5, 2e-5, 3e-5], nan, nan, nan], rtol=1e-15)
-    np.testing.assert_array_equal(full.known, [True, False, False, True])
-    np.testing.assert_array_equal(full.row, [2, 3, 4, 5])
-    assert full.bar is not None
-    assert full.bar.tolist() == ["", "ball", "ball", ""]
-    assert full.bar_end is not None
-    assert full.bar_end.tolist() == ["", "A", "B", ""]
     np.testing.assert_array_equal(full.bar_length, [np.nan, 0.5, 0.5, np.nan])
-    assert full.operator is not None
-    assert full.operator.tolist() == ["Ann", "Ann", "Ann", "Bob"]
-    assert full.record is not None
-    assert full.record.tolist() == ["1", "2", "3", ""]
-
-
-def test_conditions_are_read(full: Measurements) -> None:
     known = full.conditions
-    assert known.n == 4
     assert known.present == ("time", "link_temperature", "approach", "torque", "seat", "marker", "session")
     np.testing.assert_array_equal(known.time, [0, 1.5, -1, 9])  # running backwards is no mistake
     np.testing.assert_array_equal(known.link_temperature, [[20, 21, 22]] * 4)  # a DH table may have more rows than joints
     np.testing.assert_array_equal(known.approach, [[-1, 0], [1, 1], [0, 0], [0, 0]])
     np.testing.assert_array_equal(known.torque, [[0.5, -1.5]] * 2 + [[0, 0]] * 2)
-    assert known.seat is not None
-    assert known.seat.tolist() == ["", "007", "NA", "007"]  # labels are text: no number, no missing value
-    assert known.marker is not None
-    assert known.marker.tolist() == ["m1", "m1", "m2", ""]
-
-
-def test_unknown_columns_are_kept_as_they_came(full: Measurements) -> None:
-    assert full.extra.to_dict("list") == {
-        "humidity": ["45.0", "45.5", "", "wet"],
-        "comment": ["", 'a "b", c', "NaN", ""],
+    lists = {
+        "known": [True, False, False, True],
+        "row": [2, 3, 4, 5],
+        "bar": ["", "ball", "ball", ""],
+        "bar_end": ["", "A", "B", ""],
+        "operator": ["Ann", "Ann", "Ann", "Bob"],
+        "record": ["1", "2", "3", ""],
+        "seat": ["", "007", "NA", "007"],  # labels are text: no number, no missing value
+        "marker": ["m1", "m1", "m2", ""],
     }
+    for name, values in lists.items():
+        assert getattr(full if hasattr(full, name) else known, name).tolist() == values, name
+    unknown = {"humidity": ["45.0", "45.5", "", "wet"], "comment": ["", 'a "b", c', "NaN", ""]}
+    assert full.extra.to_dict("list") == unknown
+    assert {seat: rows.tolist() for seat, rows in full.seats().items()} == {"007": [1, 3], "NA": [2]}
+    assert full.bars() == [Bar("ball", "007", "NA", 0.5)]
 
 
 def test_radians_and_one_temperature(tmp_path: Path) -> None:
-    text = "theta2_rad,theta1_rad,temperature_c\n-0.5,31.4,21.5\n"
-    measurements = Measurements.read(write(tmp_path, text), nq=2)
+    measurements = Measurements.read(write(tmp_path, "theta2_rad,theta1_rad,temperature_c\n-0.5,31.4,21.5\n"), nq=2)
     np.testing.assert_array_equal(measurements.q, [[31.4, -0.5]])  # by number, whatever the order of the columns
     np.testing.assert_array_equal(measurements.conditions.temperature, [21.5])
-    assert not measurements.known.any()
-    assert (measurements.seats(), measurements.bars()) == ({}, [])
+    assert (measurements.known.any(), measurements.seats(), measurements.bars()) == (False, {}, [])
 
 
 def test_spellings_of_text_files(tmp_path: Path) -> None:
     """A byte order mark, other line ends, blank lines, spaces around numbers, a line break within quotes."""
     plain = Measurements.read(write(tmp_path, SMALL))
-    for text in (
-        "\ufeff" + SMALL,
-        SMALL.replace("\n", "\r\n"),
-        SMALL.replace("\n", "\r"),
-        SMALL.rstrip("\n"),
-        SMALL + "\n\n",
-        SMALL.replace(",20,", ", 20 ,"),
-        SMALL.replace(",20,", ',"20",'),
-    ):
+    other_ends = [SMALL.replace("\n", end) for end in ("\r\n", "\r")]
+    spaced, quoted = SMALL.replace(",20,", ", 20 ,"), SMALL.replace(",20,", ',"20",')
+    for text in ("\ufeff" + SMALL, *other_ends, SMALL.rstrip("\n"), SMALL + "\n\n", spaced, quoted):
         assert_same(Measurements.read(write(tmp_path, text)), plain)
     text = 'theta1_deg,comment\n1,"two\nlines"\n\n2,x\n'
     assert Measurements.read(write(tmp_path, text)).row.tolist() == [2, 5]
     assert error_of(tmp_path, text.replace("2,x", "two,x")).row == 5
 
 
-def test_from_frame_takes_numbers_and_missing_values() -> None:
-    table = pd.DataFrame(
-        {
-            "theta1_rad": pd.array([1, 2, 3], dtype="Int64"),
-            "x_mm": [1.0, np.nan, np.nan],
-            "y_mm": pd.array([2.0, None, None], dtype="Float64"),
-            "z_mm": ["3", "", None],
-            "seat": [7, None, "a b"],
-            "session": pd.Categorical(["one", None, "one"]),
-            "dew": [0.5, np.nan, 1.5],
-        },
-        index=[9, 9, 4],
-    )
-    table.loc[4, ["x_mm", "y_mm", "z_mm"]] = [1.0, 1.0, "1.0"]
+def test_from_frame_takes_numbers_and_missing_values_and_keeps_no_hold_of_the_table() -> None:
+    columns: dict[str, object] = {
+        "theta1_rad": pd.array([1, 2, 3], dtype="Int64"),
+        "x_mm": [1.0, np.nan, 1.0],
+        "y_mm": pd.array([2.0, None, 1.0], dtype="Float64"),
+        "z_mm": ["3", "", "1.0"],
+        "seat": [7, None, "a b"],
+        "session": pd.Categorical(["one", None, "one"]),
+        "dew": [0.5, np.nan, 1.5],
+    }
+    table = pd.DataFrame(columns, index=[9, 9, 4])
     measurements = Measurements.from_frame(table)
+    table.loc[:, "dew"], table.loc[:, "x_mm"] = 9.0, 9.0
     np.testing.assert_array_equal(measurements.q, [[1], [2], [3]])
     np.testing.assert_allclose(measurements.reference, [[1e-3, 2e-3, 3e-3], [np.nan] * 3, [1e-3] * 3])
-    assert measurements.conditions.seat is not None
-    assert measurements.conditions.seat.tolist() == ["7", "", "a b"]
-    assert measurements.conditions.session is not None
-    assert measurements.conditions.session.tolist() == ["one", "", "one"]
+    labels = measurements.conditions.take(np.arange(3))
+    assert [list(labels.seat), list(labels.session)] == [["7", "", "a b"], ["one", "", "one"]]  # type: ignore[arg-type]
     pd.testing.assert_frame_equal(measurements.extra, pd.DataFrame({"dew": [0.5, np.nan, 1.5]}))
     assert (measurements.source, measurements.row.tolist()) == ("table", [2, 3, 4])
-
-
-def test_from_frame_keeps_no_hold_of_the_table() -> None:
-    seats = np.array(["a", "a"], dtype=object)
-    table = pd.DataFrame({"theta1_rad": [1.0, 2.0], "time_s": [1.0, 2.0], "seat": seats, "dew": [1.0, 2.0]})
-    measurements = Measurements.from_frame(table)
-    for name, value in {"theta1_rad": 9.0, "time_s": 9.0, "seat": "z", "dew": 9.0}.items():
-        table.loc[:, name] = value
-    assert measurements.q.tolist() == [[1], [2]]
-    np.testing.assert_array_equal(measurements.conditions.time, [1, 2])
-    assert measurements.seats().keys() == {"a"}
-    assert measurements.extra["dew"].tolist() == [1, 2]
 
 
 def test_bounds_belong_to_what_is_believed() -> None:
@@ -186,186 +151,90 @@ def test_bounds_belong_to_what_is_believed() -> None:
 
 # --- mistakes: the file
 
-# content, row, words of the answer
-FILES: dict[str, tuple[str | bytes, int | None, Sequence[str]]] = {
-    "empty": (b"", None, ["is empty", "expected a header"]),
-    "blank": (b"\n \n", None, ["is empty"]),
-    "header only": (SMALL.splitlines()[0], None, ["has a header but no records"]),
-    "not UTF-8": (
-        SMALL.replace("z_mm", "z_mm,größe").encode("latin-1"),
-        1,
-        ["not UTF-8", "byte 39", "expected a CSV file in UTF-8"],
-    ),
-    "UTF-16": (SMALL.encode("utf-16-le"), None, ["UTF-16", "expected a CSV file in UTF-8"]),
-    "UTF-16 with a mark": (SMALL.encode("utf-16"), 1, ["not UTF-8"]),
-    "open quote": (SMALL.replace("11,", '11,"'), 3, ["not CSV", "quotes"]),
-    "text behind a quote": (SMALL.replace("11,", '"11"x,'), 3, ["not CSV", "quotes"]),
-    "short row": (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, ["4 cells, expected 5 as in the header"]),
-    "long row": (SMALL.replace("10,20", "10,20,30"), 2, ["6 cells, expected 5"]),
-    "short rows": (SMALL + "12\n13,14\n", 4, ["1 cells, expected 5", "and 1 more: row 5"]),
-    "decimal commas": (SMALL.replace("10,20", "10,5,20,5"), 2, ["7 cells, expected 5", "decimal points"]),
-    "semicolons": (SMALL.replace(",", ";"), 1, ["semicolons", "expected commas between cells", "decimal points"]),
-    "semicolons and commas": (
-        "theta1_deg;theta2_deg\n1,5;1.234,5\n",
-        1,
-        ["semicolons", "expected commas between cells", "decimal points"],
-    ),
-    "comment": ("# arm 7 on Tuesday\n" + SMALL, 1, ["begins with '# arm 7 on Tuesday'", "no comments"]),
-    "tabs": (SMALL.replace(",", "\t"), 1, ["tabulators", "expected commas between cells"]),
-}
+# content, row, what the answer must name
+FILES: list[tuple[str | bytes, int | None, str]] = [
+    (b"", None, "is empty"),
+    (b"\n \n", None, "is empty"),
+    (SMALL.splitlines()[0], None, "no records"),
+    (SMALL.replace("z_mm", "z_mm,größe").encode("latin-1"), 1, "not UTF-8 text (byte 39"),
+    (SMALL.encode("utf-16-le"), None, "UTF-16"),
+    (SMALL.encode("utf-16"), 1, "not UTF-8"),
+    (SMALL.replace("11,", '11,"'), 3, "quotes"),
+    (SMALL.replace("11,", '"11"x,'), 3, "quotes"),
+    (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, "4 cells, expected 5"),
+    (SMALL.replace("10,20", "10,20,30"), 2, "6 cells, expected 5"),
+    (SMALL + "12\n13,14\n", 4, "and 1 more: row 5"),
+    (SMALL.replace("10,20", "10,5,20,5"), 2, "decimal points"),
+    (SMALL.replace(",", ";"), 1, "semicolons"),
+    ("theta1_deg;theta2_deg\n1,5;1.234,5\n", 1, "semicolons"),
+    ("# arm 7 on Tuesday\n" + SMALL, 1, "'# arm 7 on Tuesday'"),
+    (SMALL.replace(",", "\t"), 1, "tabulators"),
+]
 
 
-@pytest.mark.parametrize("mistake", FILES)
-def test_a_file_that_is_no_table(tmp_path: Path, mistake: str) -> None:
-    content, row, words = FILES[mistake]
-    error = error_of(tmp_path, content)
-    assert error.row == row
-    for word in words:
-        assert word in str(error)
-
-
-def test_no_file(tmp_path: Path) -> None:
-    with pytest.raises(MeasurementFileError, match=r"none\.csv: no such file"):
-        Measurements.read(tmp_path / "none.csv")
-    with pytest.raises(MeasurementFileError, match=r"is a folder, expected a measurement file"):
-        Measurements.read(tmp_path)
-    with pytest.raises(MeasurementFileError, match="cannot be read: "):
-        Measurements.read(write(tmp_path, SMALL) / "inside.csv")
+def test_a_file_that_is_no_table(tmp_path: Path) -> None:
+    for content, row, word in FILES:
+        error = error_of(tmp_path, content)
+        assert (error.row, word in str(error)) == (row, True), str(error)
+    inside = write(tmp_path, SMALL) / "inside.csv"
+    for path, said in ((tmp_path / "none.csv", "no such file"), (tmp_path, "is a folder"), (inside, "cannot be read: ")):
+        with pytest.raises(MeasurementFileError, match=said):
+            Measurements.read(path)
 
 
 # --- mistakes: the header
 
-# header, number of joints of the arm or None, column, words of the answer
-HEADERS: dict[str, tuple[str, int | None, str, Sequence[str]]] = {
-    "no name": ("theta1_deg,,x", None, "", ["column 2 of 3 has no name"]),
-    "twice": ("theta1_deg,seat,seat", None, "seat", ["2 times", "expected each name once"]),
-    "angle twice": ("theta1_deg,theta1_deg", None, "theta1_deg", ["2 times"]),
-    "unknown twice": ("theta1_deg,wind,wind", None, "wind", ["2 times"]),
-    "no angles": ("a,b,x_mm", None, "", ["no angles", "theta1_deg … (or theta1_rad …)", "'a', 'b', 'x_mm'"]),
-    "no header": ("10,20,1", None, "", ["no angles", "first line", "'10', '20', '1'"]),
-    "gap": ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", ["numbered 1, 3", "theta2_deg is missing"]),
-    "from zero": ("theta0_deg,theta1_deg", None, "theta0_deg … theta1_deg", ["numbered 0, 1", "expected numbers from 1"]),
-    "from two": ("theta2_rad", None, "theta2_rad", ["numbered 2", "theta1_rad is missing"]),
-    "two units": (
-        "theta1_deg,theta2_rad,theta3_deg",
-        None,
-        "",
-        ["theta1_deg, theta3_deg in degrees", "theta2_rad in radians", "expected one unit"],
-    ),
-    "another arm": (
-        "theta1_rad,theta2_rad,theta3_rad",
-        2,
-        "theta1_rad … theta3_rad",
-        ["3 joints", "the arm has 2", "expected theta1_rad … theta2_rad"],
-    ),
-    "fewer joints": ("theta1_deg", 6, "theta1_deg", ["1 joints", "the arm has 6", "expected theta1_deg … theta6_deg"]),
-    "x alone": ("theta1_deg,x_mm", None, "y_mm, z_mm", ["missing beside x_mm", "expected all of x_mm, y_mm, z_mm"]),
-    "no y": ("theta1_deg,z_mm,x_mm", None, "y_mm", ["missing beside x_mm, z_mm"]),
-    "no u_z": ("theta1_deg,x_mm,y_mm,z_mm,u_x_mm,u_y_mm", None, "u_z_mm", ["missing beside u_x_mm, u_y_mm"]),
-    "u without reference": (
-        "theta1_deg,u_x_mm,u_y_mm,u_z_mm",
-        None,
-        "u_x_mm",
-        ["reference that is not there", "expected x_mm, y_mm, z_mm"],
-    ),
-    "no bar_end": ("theta1_deg,seat,bar,bar_length_mm", None, "bar_end", ["missing beside bar, bar_length_mm"]),
-    "no bar_length": ("theta1_deg,seat,bar,bar_end", None, "bar_length_mm", ["missing beside bar, bar_end"]),
-    "bar alone": ("theta1_deg,seat,bar", None, "bar_end, bar_length_mm", ["missing beside bar"]),
-    "bar without seat": ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", ["missing beside bar"]),
-    "both temperatures": (
-        "theta1_deg,temperature_c,temperature1_c",
-        None,
-        "temperature_c",
-        ["beside temperature1_c", "expected one temperature, or one for each DH row"],
-    ),
-    "gap in temperatures": (
-        "theta1_deg,temperature1_c,temperature3_c",
-        None,
-        "temperature1_c … temperature3_c",
-        ["numbered 1, 3", "temperature2_c is missing"],
-    ),
-    "few temperatures": (
-        "theta1_deg,theta2_deg,temperature1_c",
-        None,
-        "temperature1_c",
-        ["1 columns", "one for each DH row, so 2 or more", "temperature_c"],
-    ),
-    "gap in approaches": ("theta1_deg,approach2", None, "approach2", ["numbered 2", "approach1 is missing"]),
-    "few approaches": ("theta1_deg,theta2_deg,approach1", None, "approach1", ["1 columns", "each of the 2 joints"]),
-    "many approaches": (
-        "theta1_deg,approach1,approach2",
-        None,
-        "approach1 … approach2",
-        ["2 columns", "each of the 1 joints"],
-    ),
-    "gap in torques": ("theta1_deg,torque3_nm", None, "torque3_nm", ["numbered 3", "torque1_nm is missing"]),
-    "few torques": ("theta1_deg,theta2_deg,torque1_nm", None, "torque1_nm", ["1 columns", "each of the 2 joints"]),
+# header, number of joints of the arm or None, column, what the answer must name
+HEADERS: list[tuple[str, int | None, str, str]] = [
+    ("theta1_deg,,x", None, "", "column 2 of 3"),
+    ("theta1_deg,seat,seat", None, "seat", "2 times"),
+    ("theta1_deg,theta1_deg", None, "theta1_deg", "2 times"),
+    ("theta1_deg,wind,wind", None, "wind", "2 times"),
+    ("a,b,x_mm", None, "", "'a', 'b', 'x_mm'"),
+    ("10,20,1", None, "", "'10', '20', '1'"),
+    ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "theta2_deg is missing"),
+    ("theta0_deg,theta1_deg", None, "theta0_deg … theta1_deg", "numbered 0, 1"),
+    ("theta2_rad", None, "theta2_rad", "theta1_rad is missing"),
+    ("theta1_deg,theta2_rad,theta3_deg", None, "", "theta1_deg, theta3_deg in degrees beside theta2_rad in radians"),
+    ("theta1_rad,theta2_rad,theta3_rad", 2, "theta1_rad … theta3_rad", "the arm has 2; expected theta1_rad … theta2_rad"),
+    ("theta1_deg", 6, "theta1_deg", "expected theta1_deg … theta6_deg"),
+    ("theta1_deg,x_mm", None, "y_mm, z_mm", "expected all of x_mm, y_mm, z_mm"),
+    ("theta1_deg,z_mm,x_mm", None, "y_mm", "missing beside x_mm, z_mm"),
+    ("theta1_deg,x_mm,y_mm,z_mm,u_x_mm,u_y_mm", None, "u_z_mm", "missing beside u_x_mm, u_y_mm"),
+    ("theta1_deg,u_x_mm,u_y_mm,u_z_mm", None, "u_x_mm", "expected x_mm, y_mm, z_mm"),
+    ("theta1_deg,seat,bar,bar_length_mm", None, "bar_end", "missing beside bar, bar_length_mm"),
+    ("theta1_deg,seat,bar,bar_end", None, "bar_length_mm", "missing beside bar, bar_end"),
+    ("theta1_deg,seat,bar", None, "bar_end, bar_length_mm", "missing beside bar"),
+    ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", "missing beside bar"),
+    ("theta1_deg,temperature_c,temperature1_c", None, "temperature_c", "beside temperature1_c"),
+    ("theta1_deg,temperature1_c,temperature3_c", None, "temperature1_c … temperature3_c", "temperature2_c is missing"),
+    ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
+    ("theta1_deg,approach2", None, "approach2", "approach1 is missing"),
+    ("theta1_deg,theta2_deg,approach1", None, "approach1", "each of the 2 joints"),
+    ("theta1_deg,approach1,approach2", None, "approach1 … approach2", "each of the 1 joints"),
+    ("theta1_deg,torque3_nm", None, "torque3_nm", "torque1_nm is missing"),
+    ("theta1_deg,theta2_deg,torque1_nm", None, "torque1_nm", "each of the 2 joints"),
+]
+SLIPS = {
+    "seat": [" seat", "Seat"],
+    "x_mm": ["X_mm", "x mm", "x [mm]", "x-mm", "x_m", "x"],
+    "y_mm": ["y"],
+    "z_mm": ["z_in", "Z"],
+    "u_x_mm": ["ux_mm", "u_x_um"],
+    "theta2_deg": ["Theta2_deg", "theta 2 (deg)", "theta02_deg", "thetta2_deg", "theta2_mrad"],
+    "theta2_rad": ["theta2_rad "],
+    "approach1": ["aproach1", "approach_1"],
+    "torque1_nm": ["torque1_Nm", "torque1_nmm"],
+    "temperature_c": ["temperature_°C", "temperature", "temperature_k"],
+    "temperature3_c": ["temperature3_f"],
+    "time_s": ["time_ms", "Time s"],
+    "bar_end": ["bar end"],
+    "bar_length_mm": ["bar_lenght_mm", "bar_length", "bar_length_m"],
+    "session": ["sesion"],
+    "record": ["records"],
+    "operator": ["Operator"],
+    "marker": ["MARKER"],
 }
-
-
-@pytest.mark.parametrize("mistake", HEADERS)
-def test_a_header_with_a_mistake(tmp_path: Path, mistake: str) -> None:
-    header, nq, column, words = HEADERS[mistake]
-    cells = ",".join("1" for _ in header.split(","))
-    error = error_of(tmp_path, f"{header}\n{cells}\n{cells}\n", nq)
-    assert (error.row, error.column) == (None, column)
-    for word in words:
-        assert word in str(error)
-
-
-@pytest.mark.parametrize(
-    ("slip", "meant"),
-    [
-        (" seat", "seat"),
-        ("Seat", "seat"),
-        ("X_mm", "x_mm"),
-        ("x mm", "x_mm"),
-        ("x [mm]", "x_mm"),
-        ("x-mm", "x_mm"),
-        ("x_m", "x_mm"),
-        ("z_in", "z_mm"),
-        ("ux_mm", "u_x_mm"),
-        ("u_x_um", "u_x_mm"),
-        ("Theta2_deg", "theta2_deg"),
-        ("theta 2 (deg)", "theta2_deg"),
-        ("theta2_rad ", "theta2_rad"),
-        ("theta02_deg", "theta2_deg"),
-        ("thetta2_deg", "theta2_deg"),
-        ("theta2_mrad", "theta2_deg"),
-        ("aproach1", "approach1"),
-        ("approach_1", "approach1"),
-        ("torque1_Nm", "torque1_nm"),
-        ("torque1_nmm", "torque1_nm"),
-        ("temperature_°C", "temperature_c"),
-        ("temperature", "temperature_c"),
-        ("temperature_k", "temperature_c"),
-        ("temperature3_f", "temperature3_c"),
-        ("time_ms", "time_s"),
-        ("Time s", "time_s"),
-        ("bar end", "bar_end"),
-        ("bar_lenght_mm", "bar_length_mm"),
-        ("bar_length", "bar_length_mm"),
-        ("bar_length_m", "bar_length_mm"),
-        ("sesion", "session"),
-        ("records", "record"),
-        ("Operator", "operator"),
-        ("MARKER", "marker"),
-    ],
-)
-def test_a_slip_in_a_name_is_no_unknown_column(tmp_path: Path, slip: str, meant: str) -> None:
-    error = error_of(tmp_path, f"theta1_deg,{slip}\n1,1\n")
-    assert (error.row, error.column) == (None, slip)
-    assert f"is not a known name; expected {meant}," in str(error)
-
-
-def test_a_slip_beside_the_known_column(tmp_path: Path) -> None:
-    assert "expected seat" in str(error_of(tmp_path, "theta1_deg,seat,Seat\n1,,\n"))
-    for header in ("session,sessions", "temperature_c,temperature_k", "x_mm,y_mm,z_mm,x_m", "time_s,time_ms"):
-        names = f"theta1_deg,{header}".split(",")
-        text = ",".join(names) + "\n" + ",".join("1" for _ in names) + "\n"
-        assert list(Measurements.read(write(tmp_path, text)).extra.columns) == names[-1:]  # then it is another thing
-
-
 UNRELATED = """
     humidity theta q1 Δx_mm dx_mm nominal_x_mm x_mm_nominal pressure_hpa comment seat_id seat2 marker1 time date
     timestamp load_kg wrist_load_nm rpm1 theta1_deg_raw q1_deg torque_limit_nm room_temperature_c bar_pressure encoder1
@@ -373,67 +242,66 @@ UNRELATED = """
 """
 
 
-@pytest.mark.parametrize("name", ["x", "y", "Z"])
-def test_a_coordinate_without_a_unit_is_refused(name: str) -> None:
-    assert measurement_columns._near_miss(name, ["theta1_deg"]) == f"{name.lower()}_mm"
-    assert measurement_columns._near_miss(name, ["x_mm", "y_mm", "z_mm"]) is None
-
-
-@pytest.mark.parametrize("name", UNRELATED.split())
-def test_an_unrelated_name_is_an_unknown_column(tmp_path: Path, name: str) -> None:
-    measurements = Measurements.read(write(tmp_path, f"theta1_deg,{name}\n1,1\n"))
-    assert list(measurements.extra.columns) == [name]
-
-
-def test_names_of_a_table_are_text() -> None:
+def test_a_header_with_a_mistake(tmp_path: Path) -> None:
+    for header, nq, column, word in HEADERS:
+        cells = ",".join("1" for _ in header.split(","))
+        error = error_of(tmp_path, f"{header}\n{cells}\n{cells}\n", nq)
+        assert (error.row, error.column, word in str(error)) == (None, column, True), str(error)
     with pytest.raises(MeasurementFileError, match="column 2 of 2 has no name but 7, which is not text"):
         Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0], 7: [2.0]}))
 
 
+def test_a_slip_in_a_name_is_no_unknown_column(tmp_path: Path) -> None:
+    for meant, slips in SLIPS.items():
+        for slip in slips:
+            error = error_of(tmp_path, f"theta1_deg,{slip}\n1,1\n")
+            assert (error.row, error.column, f"expected {meant}," in str(error)) == (None, slip, True), str(error)
+    assert "expected seat" in str(error_of(tmp_path, "theta1_deg,seat,Seat\n1,,\n"))
+    beside = ["session,sessions", "temperature_c,temperature_k", "x_mm,y_mm,z_mm,x_m", "time_s,time_ms", "x_mm,y_mm,z_mm,x"]
+    for header in (*beside, *UNRELATED.split()):  # then it is another thing
+        names = f"theta1_deg,{header}".split(",")
+        text = ",".join(names) + "\n" + ",".join("1" for _ in names) + "\n"
+        assert list(Measurements.read(write(tmp_path, text)).extra.columns) == names[-1:]
+
+
 # --- mistakes: the cells
 
-# column, cell of row 3, words of the answer
-CELLS: dict[str, tuple[str, str, Sequence[str]]] = {
-    "empty angle": ("theta2_deg", "", ["is empty", "expected a number in every row"]),
-    "blank angle": ("theta2_deg", "  ", ["is empty", "expected a number in every row"]),
-    "NaN": ("theta1_deg", "nan", ["is 'nan', expected a finite number"]),
-    "infinite": ("theta1_deg", "-inf", ["is '-inf', expected a finite number"]),
-    "text": ("theta1_deg", "1.5°", ["is '1.5°', expected a finite number"]),
-    "python": ("theta1_deg", "1_000", ["is '1_000', expected a finite number"]),
-    "decimal comma": ("theta2_deg", '"1,5"', ["is '1,5'", "decimal point, not a decimal comma"]),
-    "thousands": ("x_mm", '"1.234,5"', ["is '1.234,5'", "decimal point, not a decimal comma"]),
-    "NaN coordinate": ("x_mm", "NaN", ["is 'NaN', expected a finite number"]),
-    "infinite coordinate": ("z_mm", "inf", ["is 'inf'"]),
-    "partly known": ("y_mm", "", ["is empty in a row that states others of x_mm, y_mm, z_mm", "expected all three or none"]),
-    "partly uncertain": ("u_z_mm", "", ["is empty in a row that states others of u_x_mm, u_y_mm, u_z_mm"]),
-    "text uncertainty": ("u_z_mm", "?", ["is '?'"]),
-    "no uncertainty": ("u_x_mm", "0", ["is 0, expected a standard uncertainty above zero"]),
-    "negative uncertainty": ("u_y_mm", "-0.01", ["is -0.01, expected a standard uncertainty above zero"]),
-    "time not finite": ("time_s", "inf", ["is 'inf', expected a finite number"]),
-    "no time": ("time_s", "", ["is empty"]),
-    "kelvin": ("temperature_c", "293.15", ["is 293.15 °C, expected -50 to 150", "kelvin or Fahrenheit"]),
-    "cold": ("temperature_c", "-50.1", ["is -50.1 °C"]),
-    "no temperature": ("temperature_c", "", ["is empty"]),
-    "approach": ("approach2", "2", ["is 2, expected -1, 0 or 1"]),
-    "half an approach": ("approach1", "0.5", ["is 0.5, expected -1, 0 or 1"]),
-    "torque": ("torque2_nm", "12 Nm", ["is '12 Nm'"]),
-    "lonely seat": ("seat", "S9", ["seat 'S9' has this record only", "contributes nothing", "two records or more"]),
-    "no end": ("bar_end", "", ["is '', expected A or B"]),
-    "wrong end": ("bar_end", "a", ["is 'a', expected A or B"]),
-    "no length": ("bar_length_mm", "", ["is empty in a row of bar 'b', expected its length"]),
-    "length of zero": ("bar_length_mm", "0", ["is 0, expected a length above zero"]),
-    "negative length": ("bar_length_mm", "-500", ["is -500, expected a length above zero"]),
-    "bar without seat": ("seat", "", ["is empty in a row of bar 'b'", "label of the seat"]),
-}
-GOOD = {
+# column, cell of row 3, what the answer must name
+CELLS: list[tuple[str, str, str]] = [
+    ("theta2_deg", "", "is empty"),
+    ("theta2_deg", "  ", "is empty"),
+    ("theta1_deg", "nan", "'nan', expected a finite number"),
+    ("theta1_deg", "-inf", "'-inf', expected a finite number"),
+    ("theta1_deg", "1.5°", "'1.5°'"),
+    ("theta1_deg", "1_000", "'1_000'"),
+    ("theta2_deg", '"1,5"', "decimal comma"),
+    ("x_mm", '"1.234,5"', "decimal comma"),
+    ("x_mm", "NaN", "'NaN'"),
+    ("z_mm", "inf", "'inf'"),
+    ("y_mm", "", "x_mm, y_mm, z_mm"),
+    ("u_z_mm", "", "u_x_mm, u_y_mm, u_z_mm"),
+    ("u_z_mm", "?", "'?'"),
+    ("u_x_mm", "0", "is 0, expected a standard uncertainty above zero"),
+    ("u_y_mm", "-0.01", "is -0.01"),
+    ("time_s", "inf", "'inf'"),
+    ("time_s", "", "is empty"),
+    ("temperature_c", "293.15", "is 293.15 °C, expected -50 to 150"),
+    ("temperature_c", "-50.1", "is -50.1 °C"),
+    ("temperature_c", "", "is empty"),
+    ("approach2", "2", "is 2, expected -1, 0 or 1"),
+    ("approach1", "0.5", "is 0.5"),
+    ("torque2_nm", "12 Nm", "'12 Nm'"),
+    ("seat", "S9", "'S9'"),
+    ("bar_end", "", "is '', expected A or B"),
+    ("bar_end", "a", "is 'a', expected A or B"),
+    ("bar_length_mm", "", "of bar 'b'"),
+    ("bar_length_mm", "0", "is 0, expected a length above zero"),
+    ("bar_length_mm", "-500", "is -500"),
+    ("seat", "", "of bar 'b'"),
+]
+GOOD = {f"{name}_mm": "0.1" for name in ("x", "y", "z", "u_x", "u_y", "u_z")} | {
     "theta1_deg": "12",
     "theta2_deg": "-3e1",
-    "x_mm": "1",
-    "y_mm": "2",
-    "z_mm": "3",
-    "u_x_mm": "0.1",
-    "u_y_mm": "0.1",
-    "u_z_mm": "0.1",
     "time_s": "5",
     "temperature_c": "20",
     "approach1": "1",
@@ -449,20 +317,17 @@ def csv_of(columns: dict[str, list[str]]) -> str:
     return "\n".join(rows) + "\n"
 
 
-@pytest.mark.parametrize("mistake", CELLS)
-def test_a_cell_with_a_mistake(tmp_path: Path, mistake: str) -> None:
-    column, cell, words = CELLS[mistake]
-    with_bar = "bar" in mistake or column.startswith("bar")
-    columns = {name: [good] * 4 for name, good in GOOD.items()} | (AT_BAR if with_bar else {"seat": [""] * 4})
-    if mistake == "lonely seat":
-        columns |= {name: [""] * 4 for name in ("x_mm", "y_mm", "z_mm")}
-    Measurements.read(write(tmp_path, csv_of(columns)))
-    columns[column] = [columns[column][0], cell, *columns[column][2:]]
-    error = error_of(tmp_path, csv_of(columns))
-    assert (error.row, error.column) == (3, column)
-    assert "more" not in str(error).replace("two records or more", "")
-    for word in words:
-        assert word in str(error)
+def test_a_cell_with_a_mistake(tmp_path: Path) -> None:
+    for column, cell, word in CELLS:
+        with_bar = "bar" in word or column.startswith("bar")
+        columns = {name: [good] * 4 for name, good in GOOD.items()} | (AT_BAR if with_bar else {"seat": [""] * 4})
+        if column == "seat" and cell:
+            columns |= {name: [""] * 4 for name in ("x_mm", "y_mm", "z_mm")}
+        Measurements.read(write(tmp_path, csv_of(columns)))
+        columns[column] = [columns[column][0], cell, *columns[column][2:]]
+        error = error_of(tmp_path, csv_of(columns))
+        assert (error.row, error.column, word in str(error)) == (3, column, True), str(error)
+        assert " more: row" not in str(error)
 
 
 def test_numbers_of_a_table_are_looked_at_too() -> None:
@@ -506,14 +371,7 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
     with pytest.raises(MeasurementFileError) as caught:
         Measurements.from_frame(angles("deg", q))
     assert (caught.value.row, caught.value.column) == (None, "theta1_deg … theta6_deg")
-    for word in (
-        "look like radians",
-        "all 5 records",
-        "rename the columns to theta1_rad … theta6_rad",
-        "from 5 records on",
-        "2π",
-    ):
-        assert word in str(caught.value)
+    assert "rename the columns to theta1_rad … theta6_rad" in str(caught.value)
     np.testing.assert_array_equal(Measurements.from_frame(angles("rad", q)).q, q)
 
 
@@ -529,8 +387,8 @@ def test_radians_that_look_like_degrees() -> None:
     with pytest.raises(MeasurementFileError) as caught:
         Measurements.from_frame(angles("rad", q))
     assert (caught.value.row, caught.value.column) == (3, "theta2_rad")
-    for word in ("is -31.5 rad", "at most 5 turns", "rename the columns to theta1_deg", "and 1 more: row 4"):
-        assert word in str(caught.value)
+    assert "is -31.5 rad" in str(caught.value)
+    assert "and 1 more: row 4" in str(caught.value)
     assert Measurements.from_frame(angles("deg", q)).n == 3
 
 
@@ -544,49 +402,21 @@ def test_a_seat_with_one_record_may_have_a_reference_or_a_bar(tmp_path: Path) ->
     assert Measurements.read(write(tmp_path, text)).bars() == [Bar("b", "one", "two", 0.005)]
 
 
-# column of AT_BAR, its cells, row, words
-BARS: dict[str, tuple[dict[str, list[str]], int, str, Sequence[str]]] = {
-    "one end": (
-        {"bar_end": ["A"] * 4, "seat": ["p"] * 4},
-        2,
-        "bar_end",
-        ["bar 'b' has records of end A only", "of A and of B"],
-    ),
-    "two lengths": (
-        {"bar_length_mm": ["500", "500.0", "500.1", "500"]},
-        4,
-        "bar_length_mm",
-        ["is 500.1 for bar 'b', which row 2 says is 500.0 long", "expected one length"],
-    ),
-    "two seats": (
-        {"seat": ["p", "p", "q", "r"]},
-        5,
-        "seat",
-        ["is 'r' at end B of bar 'b', which row 4 says is seat 'q'", "expected one seat for each end"],
-    ),
-    "one seat": ({"seat": ["p"] * 4}, 2, "seat", ["'p' is at both ends of bar 'b'", "expected two seats"]),
-    "end without bar": (
-        {"bar": ["b", "b", "b", ""], "bar_length_mm": ["5", "5", "5", ""]},
-        5,
-        "bar_end",
-        ["is 'B' in a row without bar"],
-    ),
-    "length without bar": (
-        {"bar": ["b", "b", "b", ""], "bar_end": ["A", "A", "B", ""]},
-        5,
-        "bar_length_mm",
-        ["is 500 in a row without bar"],
-    ),
-}
+# columns of AT_BAR, row, column, what the answer must name
+BARS: list[tuple[dict[str, list[str]], int, str, str]] = [
+    ({"bar_end": ["A"] * 4, "seat": ["p"] * 4}, 2, "bar_end", "'b' has records of end A only"),
+    ({"bar_length_mm": ["500", "500.0", "500.1", "500"]}, 4, "bar_length_mm", "is 500.1 for bar 'b', which row 2"),
+    ({"seat": ["p", "p", "q", "r"]}, 5, "seat", "is 'r' at end B of bar 'b', which row 4 says is seat 'q'"),
+    ({"seat": ["p"] * 4}, 2, "seat", "'p' is at both ends of bar 'b'"),
+    ({"bar": ["b", "b", "b", ""], "bar_length_mm": ["5", "5", "5", ""]}, 5, "bar_end", "is 'B' in a row without bar"),
+    ({"bar": ["b", "b", "b", ""], "bar_end": ["A", "A", "B", ""]}, 5, "bar_length_mm", "is 500 in a row without bar"),
+]
 
 
-@pytest.mark.parametrize("mistake", BARS)
-def test_a_bar_that_contradicts_itself(tmp_path: Path, mistake: str) -> None:
-    changes, row, column, words = BARS[mistake]
-    error = error_of(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | AT_BAR | changes))
-    assert (error.row, error.column) == (row, column)
-    for word in words:
-        assert word in str(error)
+def test_a_bar_that_contradicts_itself(tmp_path: Path) -> None:
+    for changes, row, column, word in BARS:
+        error = error_of(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | AT_BAR | changes))
+        assert (error.row, error.column, word in str(error)) == (row, column, True), str(error)
 
 
 def test_a_seat_may_be_an_end_of_several_bars(tmp_path: Path) -> None:
@@ -614,38 +444,37 @@ def test_of_arrays(rng: np.random.Generator) -> None:
 
 
 ONE = [[1.0, 2.0]]
-ARRAYS: dict[str, tuple[dict[str, object], str]] = {
-    "one posture": ({"q": [1.0, 2.0]}, r"q has shape \(2,\).*pass q\[None, :\]"),
-    "no posture": ({"q": 1.0}, r"q has shape \(\)"),
-    "ragged": ({"q": [[1.0, 2.0], [1.0]]}, "q is not an array of numbers|q has shape"),
-    "NaN": ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan, expected a finite number"),
-    "text": ({"q": [["1", "2"]]}, "q is not an array of numbers"),
-    "no coordinates": ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\), expected \(n, 3\)"),
-    "flat coordinates": ({"q": ONE, "reference": [1.0, 2.0, 3.0]}, r"pass reference\[None, :\]"),
-    "many coordinates": ({"q": ONE, "reference": np.ones((2, 3))}, "reference has 2 rows, expected 1"),
-    "part of the coordinates": ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN for all"),
-    "infinite coordinates": ({"q": ONE, "reference": [[1.0, np.inf, 3.0]]}, r"reference\[0, 1\] is inf"),
-    "masked coordinates": ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
-    "text for coordinates": ({"q": ONE, "reference": [["1", "2", "3"]]}, "reference is not an array of numbers"),
-    "no uncertainty": ({"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1, 0, 1]]}, "reference_u .* not above zero"),
-    "labels": ({"q": ONE, "operator": ["a", "b"]}, r"operator has shape \(2,\), expected \(1,\)"),
-    "numbers for labels": ({"q": ONE, "record": [3]}, r"record\[0\] is 3, expected text"),
-    "lengths": ({"q": ONE, "bar_length": [[1.0]]}, r"bar_length has shape \(1, 1\), expected \(1,\)"),
-    "conditions": ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records, expected 1"),
-    "time": ({"q": ONE, "conditions": Conditions(1, time=np.array([np.nan]))}, r"time\[0\] is nan"),
-    "torque": ({"q": ONE, "conditions": Conditions(1, torque=np.zeros((2, 2)))}, "torque has 2 rows, expected 1"),
-    "approach": ({"q": ONE, "conditions": Conditions(1, approach=np.array([[0.5, 1]]))}, "approach holds other numbers"),
-    "seat": ({"q": ONE, "conditions": Conditions(1, seat=np.array([None]))}, r"seat\[0\] is None, expected text"),
-    "extra": ({"q": ONE, "extra": pd.DataFrame({"a": [1, 2]})}, "extra has 2 rows, expected 1"),
-    "known extra": ({"q": ONE, "extra": pd.DataFrame({"seat": ["a"]})}, "extra has columns of known names: seat"),
-}
+ARRAYS: list[tuple[dict[str, object], str]] = [
+    ({"q": [1.0, 2.0]}, r"q has shape \(2,\).*pass q\[None, :\]"),
+    ({"q": 1.0}, r"q has shape \(\)"),
+    ({"q": [[1.0, 2.0], [1.0]]}, "q is not an array of numbers|q has shape"),
+    ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan, expected a finite number"),
+    ({"q": [["1", "2"]]}, "q is not an array of numbers"),
+    ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\), expected \(n, 3\)"),
+    ({"q": ONE, "reference": [1.0, 2.0, 3.0]}, r"pass reference\[None, :\]"),
+    ({"q": ONE, "reference": np.ones((2, 3))}, "reference has 2 rows, expected 1"),
+    ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN for all"),
+    ({"q": ONE, "reference": [[1.0, np.inf, 3.0]]}, r"reference\[0, 1\] is inf"),
+    ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
+    ({"q": ONE, "reference": [["1", "2", "3"]]}, "reference is not an array of numbers"),
+    ({"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1, 0, 1]]}, "reference_u .* not above zero"),
+    ({"q": ONE, "operator": ["a", "b"]}, r"operator has shape \(2,\), expected \(1,\)"),
+    ({"q": ONE, "record": [3]}, r"record\[0\] is 3, expected text"),
+    ({"q": ONE, "bar_length": [[1.0]]}, r"bar_length has shape \(1, 1\), expected \(1,\)"),
+    ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records, expected 1"),
+    ({"q": ONE, "conditions": Conditions(1, time=np.array([np.nan]))}, r"time\[0\] is nan"),
+    ({"q": ONE, "conditions": Conditions(1, torque=np.zeros((2, 2)))}, "torque has 2 rows, expected 1"),
+    ({"q": ONE, "conditions": Conditions(1, approach=np.array([[0.5, 1]]))}, "approach holds other numbers"),
+    ({"q": ONE, "conditions": Conditions(1, seat=np.array([None]))}, r"seat\[0\] is None, expected text"),
+    ({"q": ONE, "extra": pd.DataFrame({"a": [1, 2]})}, "extra has 2 rows, expected 1"),
+    ({"q": ONE, "extra": pd.DataFrame({"seat": ["a"]})}, "extra has columns of known names: seat"),
+]
 
 
-@pytest.mark.parametrize("mistake", ARRAYS)
-def test_arrays_with_a_mistake(mistake: str) -> None:
-    arguments, words = ARRAYS[mistake]
-    with pytest.raises(ShapeError, match=words):
-        Measurements.of(**arguments)  # type: ignore[arg-type]
+def test_arrays_with_a_mistake() -> None:
+    for arguments, words in ARRAYS:
+        with pytest.raises(ShapeError, match=words):
+            Measurements.of(**arguments)  # type: ignore[arg-type]
 
 
 def test_arrays_that_contradict_each_other() -> None:
@@ -715,7 +544,7 @@ def random_measurements(rng: np.random.Generator) -> Measurements:
     )
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(20))
 def test_there_and_back(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     measurements = random_measurements(rng)
@@ -739,7 +568,9 @@ def test_there_and_back(tmp_path: Path, seed: int) -> None:
 
 
 def test_there_and_back_of_every_column(full: Measurements, tmp_path: Path) -> None:
-    assert list(full.to_frame().columns) == FULL.splitlines()[0].replace("approach1", "approach1").split(",")
+    with pytest.raises(UnknownNameError, match="'gon'; known: deg, rad"):
+        full.to_frame("gon")  # type: ignore[arg-type]
+    assert list(full.to_frame().columns) == FULL.splitlines()[0].split(",")
     full.save(tmp_path / "again.csv")
     assert_same(Measurements.read(tmp_path / "again.csv"), full)
 
@@ -792,11 +623,6 @@ def test_unknown_columns_of_any_kind_are_saved(tmp_path: Path) -> None:
     assert again == {"a": ["x", ""], "b": ["1.5", ""], "c": ["True", "False"], "d": ["2020-01-01", ""]}
 
 
-def test_other_angle_units(full: Measurements) -> None:
-    with pytest.raises(UnknownNameError, match="'gon'; known: deg, rad"):
-        full.to_frame("gon")  # type: ignore[arg-type]
-
-
 # --- part of it, and what people see
 
 
@@ -816,43 +642,13 @@ def test_take(full: Measurements) -> None:
     str(full.take([])), full.take([]).summary()
 
 
-def test_seats_and_bars(full: Measurements) -> None:
-    assert {seat: rows.tolist() for seat, rows in full.seats().items()} == {"007": [1, 3], "NA": [2]}
-    assert full.bars() == [Bar("ball", "007", "NA", 0.5)]
-
-
 def test_summary(full: Measurements) -> None:
     shown = full.summary().set_index("what")["value"].to_dict()
-    assert shown == {
-        "records": "4",
-        "joints": "2",
-        "with reference": "2",
-        "seats": "2, records of each: 1 to 2",
-        "bars": "1, mm: 500",
-        "theta1_deg": "-90 to 180",
-        "theta2_deg": "-45 to 45",
-        "x_mm": "1 to 100",
-        "y_mm": "2 to 200",
-        "z_mm": "-300 to 3",
-        "u_x_mm": "0.01",
-        "u_y_mm": "0.02",
-        "u_z_mm": "0.03",
-        "marker": "2 (m1, m2)",
-        "time_s": "-1 to 9",
-        "temperature1_c": "20",
-        "temperature2_c": "21",
-        "temperature3_c": "22",
-        "approach1": "-1 to 1",
-        "approach2": "0 to 1",
-        "torque1_nm": "0 to 0.5",
-        "torque2_nm": "-1.5 to 0",
-        "session": "2 (s1, s2)",
-        "operator": "2 (Ann, Bob)",
-        "record": "3 (1, 2, 3)",
-        "unknown columns": "humidity, comment (kept; candidates for 'depends on')",
-    }
-    said = "4 records of 2 joints, 2 with reference, 2 seats, 1 bars, unknown columns humidity, comment"
-    assert str(full) == f"{full.source}: {said}"
+    wanted = {"records": "4", "joints": "2", "with reference": "2", "bars": "1, mm: 500", "z_mm": "-300 to 3"}
+    wanted |= {"u_x_mm": "0.01", "marker": "2 (m1, m2)", "temperature3_c": "22", "approach1": "-1 to 1"}
+    assert wanted.items() <= shown.items()
+    assert "humidity, comment" in shown["unknown columns"]
+    assert "4 records of 2 joints, 2 with reference, 2 seats, 1 bars" in str(full)
 
 
 def test_html_shows_labels_as_they_are() -> None:

@@ -17,6 +17,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.accuracy.workspace import map_caveats
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import ArmFile, load_arm_file, parse_arm_file
@@ -24,10 +25,9 @@ from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
 from aacmm_pin.postures.continuation import Curve
-from aacmm_pin.postures.curve_sampling import Components, arc_fractions, at_swivel, sector_centres
+from aacmm_pin.postures.curve_sampling import Components, at_swivel, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.reach import reach_of_wrist
-from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
+from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 
@@ -243,12 +243,12 @@ def clouds_of(arm: Arm, rng: np.random.Generator, n: int) -> dict[str, Array]:
 @pytest.fixture(scope="session")
 def clouds(arm: Arm) -> dict[str, Cloud]:
     rng = np.random.default_rng(71)
-    n = 30 if arm.name == "SINO6" and arm.require_dh("").standard else 7
+    n = 10 if arm.name == "SINO6" and arm.require_dh("").standard else 4
     grid = np.array(list(product(np.linspace(-np.pi, np.pi, 4)[:-1] + 0.2, repeat=4)))
     result = {}
     for kind, points in clouds_of(arm, rng, n).items():
-        starts = np.concatenate([np.vstack([grid, rng.uniform(-np.pi, np.pi, (119, 4))]) for _ in points])
-        which = np.repeat(np.arange(n), len(grid) + 119)
+        starts = np.concatenate([np.vstack([grid, rng.uniform(-np.pi, np.pi, (59, 4))]) for _ in points])
+        which = np.repeat(np.arange(n), len(grid) + 59)
         q, which = solve(at_wrist(arm.require_dh(""), points), starts, which)
         result[kind] = Cloud(points, q, which)
     return result
@@ -257,12 +257,10 @@ def clouds(arm: Arm) -> dict[str, Cloud]:
 @pytest.mark.parametrize("per_turn", PER_TURN.values(), ids=PER_TURN)
 def test_brute_force_finds_nothing_that_the_circles_miss(arm: Arm, clouds: dict[str, Cloud], per_turn: int) -> None:
     wrist = Wrist.of(arm.require_dh(""), np.zeros(arm.nq - 4))
-    total = 0
     for kind, cloud in clouds.items():
         system = at_wrist(arm.require_dh(""), cloud.points)
         curves = wrist_curves(wrist, cloud.points, per_turn)
-        reached = {c.problem for c in curves}
-        assert reached >= set(cloud.which.tolist()), kind
+        assert {c.problem for c in curves} >= set(cloud.which.tolist()), kind
         assert all(c.closed for c in curves), kind
         if curves:
             lost = missed(system, curves, cloud.q, cloud.which)
@@ -271,31 +269,10 @@ def test_brute_force_finds_nothing_that_the_circles_miss(arm: Arm, clouds: dict[
             of = np.repeat([c.problem for c in curves], [len(c.q) for c in curves])
             place = arm.poses(np.column_stack([every, np.zeros((len(every), arm.nq - 4))]), "frame5").position
             np.testing.assert_allclose(place, cloud.points[of], rtol=0, atol=1e-12)
-        total += len(cloud.q)
-    assert total > 2000
+            assert twice(system, [c for c in curves if c.problem < 2]) == 0, kind
+    assert sum(len(cloud.q) for cloud in clouds.values()) > 500
     assert not len(clouds["just too far"].q)
     assert not len(clouds["just in the hole"].q)
-
-
-def test_components_of_the_hard_places_are_found_once(arm: Arm, clouds: dict[str, Cloud]) -> None:
-    wrist = Wrist.of(arm.require_dh(""), np.zeros(arm.nq - 4))
-    for kind, cloud in clouds.items():
-        curves = wrist_curves(wrist, cloud.points[:4], PER_TURN["one point"])
-        assert twice(at_wrist(arm.require_dh(""), cloud.points), curves) == 0, kind
-
-
-def test_a_circle_holds_what_was_found_for_many_points_together(arm: Arm, clouds: dict[str, Cloud]) -> None:
-    for kind in ("anywhere", "near the base axis", "almost folded"):
-        cloud = clouds[kind]
-        for k, point in enumerate(cloud.points[:2]):
-            circle = configuration_circle(arm, point, count=8)
-            mine = cloud.which == k
-            assert bool(len(circle)) == bool(mine.any())
-            if mine.any():
-                zero = np.zeros(mine.sum(), dtype=np.intp)
-                assert not missed(
-                    at_wrist(arm.require_dh(""), point[None]), circle.components.curves, cloud.q[mine], zero
-                ).any()
 
 
 # --- (b, c) exact, in order, even
@@ -310,16 +287,12 @@ def circles(arm: Arm) -> list[ConfigurationCircle]:
     return [configuration_circle(arm, point, count=120) for point in points]
 
 
-def test_pinocchio_returns_the_point(arm: Arm, circles: list[ConfigurationCircle]) -> None:
+def test_components_are_ordered_closed_and_even(arm: Arm, circles: list[ConfigurationCircle]) -> None:
     for circle in circles:
         assert len(circle) >= 240
         place = arm.poses(circle.q, "frame5").position
         np.testing.assert_allclose(place, np.broadcast_to(circle.point, place.shape), rtol=0, atol=1e-12)
         np.testing.assert_allclose(circle.q[:, 4:], 0.0, atol=1e-15)
-
-
-def test_components_are_ordered_closed_and_even(arm: Arm, circles: list[ConfigurationCircle]) -> None:
-    for circle in circles:
         assert list(np.unique(circle.component)) == list(range(1, len(circle) // 120 + 1))
         assert twice(at_wrist(arm.require_dh(""), circle.point[None]), circle.components.curves) == 0
         for number in np.unique(circle.component):
@@ -334,26 +307,17 @@ def test_components_are_ordered_closed_and_even(arm: Arm, circles: list[Configur
                 assert (steps < 0.95 * steps.mean()).sum() <= 4  # where the path turns back on itself a chord is shorter
 
 
-def test_samples_of_another_count_lie_on_the_same_curves(sino6: Arm) -> None:
-    few, many = (configuration_circle(sino6, SEAT, count=count) for count in (3, 50))
-    assert few.component.max() == many.component.max() == 4
-    system = at_wrist(sino6.require_dh(""), SEAT[None])
-    assert not missed(system, many.components.curves, few.q[:, :4], np.zeros(len(few), dtype=np.intp)).any()
-
-
 def test_theta5_at_rest_changes_the_circle_a_little(sino6: Arm) -> None:
-    zero = configuration_circle(sino6, SEAT, count=30)
     turned = configuration_circle(sino6, SEAT, rest=[1.2, -0.4], count=30)
     np.testing.assert_allclose(turned.q[:, 4:], np.tile([1.2, -0.4], (len(turned), 1)), rtol=0, atol=1e-15)
     np.testing.assert_allclose(sino6.poses(turned.q, "frame5").position - SEAT, 0.0, atol=1e-12)
-    rng = np.random.default_rng(4)
     system = at_wrist(sino6.require_dh(""), SEAT[None], 1.2)
-    q, which = solve(system, rng.uniform(-np.pi, np.pi, (300, 4)), np.zeros(300, dtype=np.intp))
-    assert len(q) > 200
+    starts = np.random.default_rng(4).uniform(-np.pi, np.pi, (150, 4))
+    q, which = solve(system, starts, np.zeros(150, dtype=np.intp))
+    assert len(q) > 100
     assert not missed(system, turned.components.curves, q, which).any()
     without = sino6.poses(np.column_stack([turned.q[:, :4], np.zeros((len(turned), 2))]), "frame5").position
     assert 1e-6 < np.linalg.norm(without - SEAT, axis=1).max() < 1e-4  # a5 is 0.037 mm
-    assert len(zero) == len(turned)
 
 
 # --- (d) swivel
@@ -368,8 +332,9 @@ def own_swivel(elbow: Array, shoulder: Array, point: Array, up: Array) -> Array:
     return np.arctan2((elbow - shoulder) @ side, (elbow - shoulder) @ top)
 
 
-@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.0, 0.0, 9.81), (9.81, 0.0, 0.0), (1.0, -2.0, 3.0)])
-@pytest.mark.parametrize("name", ["sino6", "zero6", "craig"])
+@pytest.mark.parametrize(
+    ("name", "gravity"), [("sino6", (0.0, 0.0, -9.81)), ("zero6", (9.81, 0.0, 0.0)), ("craig", (1.0, -2.0, 3.0))]
+)
 def test_swivel_is_zero_at_the_top_and_right_handed(name: str, gravity: tuple[float, float, float]) -> None:
     arm = Arm.from_file(ARMS[name]().model_copy(update={"gravity_m_s2": gravity}))
     shoulder = np.array([0.0, 0.0, 0.09985 if name == "zero6" else 0.0])
@@ -384,13 +349,6 @@ def test_swivel_is_zero_at_the_top_and_right_handed(name: str, gravity: tuple[fl
         assert abs(circle.swivel[mine][highest]) < np.radians(12)  # the elbow's path is nearly a circle, not quite
     across = np.cross(point - shoulder, up)  # the right hand turns the top towards (point - shoulder) × up
     np.testing.assert_array_equal(np.sign((elbow - shoulder) @ across), np.sign(np.sin(circle.swivel)))
-
-
-def test_reversed_gravity_turns_the_swivel_by_half_a_turn(sino6: Arm) -> None:
-    hanging = Arm.from_file(load_arm_file("sino6").model_copy(update={"gravity_m_s2": (0.0, 0.0, 9.81)}))
-    one, other = (configuration_circle(arm, SEAT, count=40) for arm in (sino6, hanging))
-    np.testing.assert_allclose(one.q, other.q, atol=1e-12)
-    np.testing.assert_allclose(np.abs(wrapped(one.swivel - other.swivel)), np.pi, atol=1e-9)
 
 
 def test_above_the_shoulder_x_takes_the_place_of_the_highest(sino6: Arm) -> None:
@@ -419,8 +377,8 @@ def test_configurations_at_a_swivel_have_it(name: str) -> None:
 
 
 def test_angles_are_turned_into_their_limits_by_whole_turns(rng: np.random.Generator) -> None:
-    lower = rng.uniform(-8, 5, (400, 1))
-    limits = np.hstack([lower, lower + rng.uniform(0.01, 9, (400, 1))])
+    lower = rng.uniform(-8, 5, (60, 1))
+    limits = np.hstack([lower, lower + rng.uniform(0.01, 9, (60, 1))])
     for pair in limits:
         q = rng.uniform(-30, 30, (50, 1))
         inside = into_limits(q, pair[None])
@@ -432,11 +390,10 @@ def test_angles_are_turned_into_their_limits_by_whole_turns(rng: np.random.Gener
         np.testing.assert_array_equal(broken_limits(inside, pair[None])[:, 0], outside > 1e-9)
 
 
-@pytest.mark.parametrize("edge", [0.0, 1e-10, -1e-10])
-def test_an_angle_on_its_limit_is_inside(edge: float) -> None:
+def test_an_angle_on_its_limit_is_inside() -> None:
     limits = np.array([[-np.pi, 0.0], [0.0, 2 * np.pi], [-np.pi, np.pi]])
-    q = np.array([[0.0 + edge, 2 * np.pi + edge, np.pi + edge], [-np.pi - edge, 0.0 - edge, -np.pi - edge]])
-    for turns in (-2, 0, 3):
+    for edge, turns in product((0.0, 1e-10, -1e-10), (-2, 0, 3)):
+        q = np.array([[0.0 + edge, 2 * np.pi + edge, np.pi + edge], [-np.pi - edge, 0.0 - edge, -np.pi - edge]])
         assert not broken_limits(into_limits(q + 2 * np.pi * turns, limits), limits).any()
 
 
@@ -469,79 +426,70 @@ def test_branch_signs_are_those_of_the_geometry(arm: Arm, circles: list[Configur
 
 
 def test_four_components_have_the_four_branches(sino6: Arm) -> None:
-    circle = configuration_circle(sino6, SEAT, count=90)
+    circle = configuration_circle(sino6, SEAT, count=36)
     branches = [np.unique(circle.branch[circle.component == k], axis=0) for k in range(1, 5)]
-    assert all(len(b) == 1 for b in branches)
-    assert {tuple(b[0].tolist()) for b in branches} == {(-1, -1), (-1, 1), (1, -1), (1, 1)}
-
-
-def test_theta3_is_folded(sino6: Arm) -> None:
-    circle = configuration_circle(sino6, SEAT, count=60)
-    assert circle.theta3.min() >= -np.pi
-    assert circle.theta3.max() < np.pi
+    assert {tuple(b.ravel().tolist()) for b in branches} == {(-1, -1), (-1, 1), (1, -1), (1, 1)}
+    assert ((circle.theta3 >= -np.pi) & (circle.theta3 < np.pi)).all()
     np.testing.assert_allclose(wrapped(circle.theta3 - circle.q[:, 2]), 0.0, atol=1e-12)
 
 
 # --- (g) what cannot be reached, and what cannot be asked
 
 
-@pytest.mark.parametrize(
-    ("name", "point", "distance"),
-    [("sino6", (1.3, 0, 0), "1300.000"), ("sino6", (0.05, 0.1, -0.05), "122.474"), ("zero6", (0, 0, 1.0), "900.150")],
-)
-def test_out_of_reach_is_empty_with_a_reason(name: str, point: tuple[float, float, float], distance: str) -> None:
-    arm = Arm.load(name)
-    circle = configuration_circle(arm, point)
-    assert len(circle) == 0
-    assert circle.q.shape == (0, 6)
-    assert circle.branch.shape == (0, 2)
-    near, far = {"sino6": ("200.464", "1210.680"), "zero6": ("106.735", "839.921")}[name]
-    for part in (distance, near, far):
-        assert part in circle.reason
-        assert part in str(circle)
-    flexibility = circle.flexibility()
-    assert np.isnan(flexibility.zeta)
-    assert np.isnan(flexibility.arc_fraction)
-    assert flexibility.sectors == (False,) * 12
-    assert len(circle.to_frame()) == 0
-    assert "theta6_deg" in circle.to_frame().columns
-    assert "no configuration" in circle._repr_html_()
+def test_out_of_reach_is_empty_with_a_reason(sino6: Arm, zero6: Arm) -> None:
+    for arm, point, words in (
+        (sino6, (1.3, 0, 0), ("1300.000", "200.464", "1210.680")),
+        (sino6, (0.05, 0.1, -0.05), ("122.474", "200.464", "1210.680")),
+        (zero6, (0, 0, 1.0), ("900.150", "106.735", "839.921")),
+    ):
+        circle = configuration_circle(arm, point)
+        assert (circle.q.shape, circle.branch.shape) == ((0, 6), (0, 2))
+        assert all(word in circle.reason and word in str(circle) for word in words)
+        flexibility = circle.flexibility()
+        assert np.isnan([flexibility.zeta, flexibility.arc_fraction]).all()
+        assert flexibility.sectors == (False,) * 12
+        assert len(circle.to_frame()) == 0
+        assert "theta6_deg" in circle.to_frame().columns
+        assert "no configuration" in circle._repr_html_()
+    tip = configuration_circle(sino6, [1.36, 0.0, 0.0], tip=True, axis=[-1, 0, 0])
+    assert len(tip) == 0
+    assert "1360.000 mm" in tip.reason
+    assert "stylus axis" in tip.reason
 
 
 def test_reach_is_what_brute_force_reaches(arm: Arm) -> None:
     dh = arm.require_dh("")
     shoulder = Swivel(dh, arm.up).shoulder
     near, far = reach_of_wrist(Wrist.of(dh, np.zeros(arm.nq - 4)), shoulder)
-    q = np.random.default_rng(8).uniform(-np.pi, np.pi, (200_000, arm.nq))
+    q = np.random.default_rng(8).uniform(-np.pi, np.pi, (100_000, arm.nq))
     q[:, 4:] = 0.0
     distance = np.linalg.norm(frames(dh, q, 5)[0][:, :3, 3] - shoulder, axis=1)
-    assert near <= distance.min() < near + 3e-3
-    assert far - 3e-3 < distance.max() <= far
+    assert near <= distance.min() < near + 6e-3
+    assert far - 6e-3 < distance.max() <= far
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "words"),
-    [
+def test_what_cannot_be_asked(sino6: Arm) -> None:
+    up = {"point": SEAT, "tip": True, "axis": [0, 0, 1]}
+    asked: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"point": [0.1, np.nan, 0.3]}, ShapeError, r"point\[1\] is nan"),
-        ({"point": [0.1, np.inf, 0.3]}, ShapeError, "finite"),
-        ({"point": [0.1, 0.2]}, ShapeError, r"\(2,\), expected \(3,\)"),
         ({"point": [[0.1, 0.2, 0.3]]}, ShapeError, r"\(1, 3\), expected \(3,\)"),
         ({"point": "here"}, ShapeError, "numbers"),
-        ({"point": SEAT, "tip": True}, AacmmError, "needs axis"),
-        ({"point": SEAT, "axis": [0, 0, 1]}, AacmmError, "without tip"),
-        ({"point": SEAT, "tip": True, "axis": [0, 0, 0]}, AacmmError, "direction"),
-        ({"point": SEAT, "tip": True, "axis": [0, 1]}, ShapeError, "axis has shape"),
-        ({"point": SEAT, "tip": True, "axis": [0, 0, 1], "rest": [0, 0]}, AacmmError, "rest"),
+        (up | {"axis": None}, AacmmError, "needs axis"),
+        (up | {"tip": False}, AacmmError, "without tip"),
+        (up | {"axis": [0, 0, 0]}, AacmmError, "direction"),
+        (up | {"axis": [0, 1]}, ShapeError, "axis has shape"),
+        (up | {"rest": [0, 0]}, AacmmError, "rest"),
         ({"point": SEAT, "rest": [0.0]}, ShapeError, r"rest has shape \(1,\), expected \(2,\)"),
-        ({"point": SEAT, "rest": [0.0, np.nan]}, ShapeError, "finite"),
         ({"point": SEAT, "count": 2}, AacmmError, "count is 2"),
         ({"point": SEAT, "count": 10.5}, AacmmError, "count is 10.5, expected a whole number"),
         ({"point": SEAT, "seeds_per_turn": 1}, AacmmError, "seeds_per_turn is 1"),
-    ],
-)
-def test_what_cannot_be_asked(sino6: Arm, arguments: dict[str, object], error: type[Exception], words: str) -> None:
-    with pytest.raises(error, match=words):
-        configuration_circle(sino6, **arguments)
+    ]
+    for arguments, error, words in asked:
+        with pytest.raises(error, match=words):
+            configuration_circle(sino6, **arguments)
+    for sectors in (0, -3):
+        with pytest.raises(AacmmError, match="sectors"):
+            configuration_circle(sino6, SEAT, count=3).flexibility(sectors)
 
 
 def test_arms_that_lack_what_is_needed(robot_file: Callable[[str], Path]) -> None:
@@ -566,13 +514,10 @@ def test_arms_that_lack_what_is_needed(robot_file: Callable[[str], Path]) -> Non
 
 TIPS = [
     ("sino6", (0.3, -0.4, 0.2), (0.0, 0.0, -1.0)),
-    ("sino6", (-0.2, 0.3, -0.5), (0.6, 0.5, 0.3)),
-    ("sino6", (0.9, 0.2, 0.2), (0.0, -2.0, 0.1)),
     ("sino6", (0.0, 0.0, 0.9), (1.0, 0.0, 0.0)),
     ("sino6", (0.0, -1.32, 0.2), (0.0, -1.0, 0.2)),  # near the end of the reach
     ("zero6", (0.3, -0.3, 0.2), (0.0, 0.0, -1.0)),
     ("nominal", (0.4, 0.1, 0.3), (1.0, 0.0, 0.0)),
-    ("craig", (0.3, 0.3, 0.1), (0.3, -0.2, -1.0)),
     # so near the end of the reach that the body behind joint 6 has a few degrees to turn about the stylus
     (
         "craig",
@@ -595,10 +540,10 @@ def test_tip_circles_are_exact_and_complete(name: str, point: tuple[float, ...],
     np.testing.assert_allclose(placement[:, :3, 3] - place, 0.0, atol=1e-12)
     np.testing.assert_allclose(placement[:, :3, :3] @ arm.stylus_axis - direction, 0.0, atol=2e-12)
 
-    starts = np.random.default_rng(12).uniform(-np.pi, np.pi, (700, 6))
+    starts = np.random.default_rng(12).uniform(-np.pi, np.pi, (350, 6))
     system = at_tip(dh, place, arm.stylus_axis, direction)
-    q, which = solve(system, starts, np.zeros(700, dtype=np.intp), iterations=80)
-    assert len(q) > 100
+    q, which = solve(system, starts, np.zeros(350, dtype=np.intp), iterations=80)
+    assert len(q) > 50
     lost = missed(system, circle.components.curves, q, which)
     assert not lost.any(), f"{lost.sum()} of {len(q)}: {q[lost][:2].tolist()}"
     assert twice(system, circle.components.curves) == 0
@@ -620,13 +565,6 @@ def test_circles_of_many_points_are_those_of_each(sino6: Arm, more: dict[str, An
     assert configuration_circles(sino6, np.empty((0, 3)), **more) == []
 
 
-def test_tip_out_of_reach(sino6: Arm) -> None:
-    circle = configuration_circle(sino6, [1.36, 0.0, 0.0], tip=True, axis=[-1, 0, 0])
-    assert len(circle) == 0
-    assert "1360.000 mm" in circle.reason
-    assert "stylus axis" in circle.reason
-
-
 # --- (i, j) as a table
 
 
@@ -645,6 +583,9 @@ def test_table_has_the_columns_of_the_command(sino6: Arm) -> None:
         assert inside == (text == "")
     assert table["broken_limits"].ne("").any()
     assert table["broken_limits"].eq("").any()
+    assert "SINO6" in str(circle)
+    assert "144 configurations on 4 components" in str(circle)
+    assert "<table" in circle._repr_html_()
 
 
 # --- (k) flexibility
@@ -653,7 +594,7 @@ def test_table_has_the_columns_of_the_command(sino6: Arm) -> None:
 def brute_flexibility(circle: ConfigurationCircle, sectors: int) -> tuple[list[bool], list[bool], float]:
     """From dense samples: which sector centres are crossed, crossed inside the limits, and the working range of swivel."""
     crossed, works = [False] * sectors, [False] * sectors
-    bins = 720
+    bins = 1440
     any_bin, good_bin = np.zeros(bins, dtype=bool), np.zeros(bins, dtype=bool)
     for number in np.unique(circle.component):
         mine = circle.component == number
@@ -671,23 +612,34 @@ def brute_flexibility(circle: ConfigurationCircle, sectors: int) -> tuple[list[b
     return crossed, works, float(good_bin.sum() / any_bin.sum())
 
 
+def limited(name: str, joint: int, lower_deg: float, upper_deg: float) -> Arm:
+    """A bundled arm with other limits of a joint; 0 for all of them."""
+    file, limits = load_arm_file(name), tuple(np.radians([lower_deg, upper_deg]).tolist())
+    rows = [
+        row if row.fixed or joint not in (0, n) else row.model_copy(update={"limits_rad": limits})
+        for n, row in enumerate(file.joints, start=1)
+    ]
+    return Arm.from_file(file.model_copy(update={"joints": rows}))
+
+
 @pytest.mark.parametrize(
-    ("name", "point"),
+    ("limits", "point_mm"),
     [
-        ("sino6", tuple(SEAT)),
-        ("sino6", (0.02, 0.01, 0.62)),
-        ("sino6", (0.05, -0.05, -0.7)),
-        ("sino6", (0.3, 0.0, -0.3)),
-        ("sino6", (0.0, 1.19, 0.1)),
-        ("zero6", (0.2, 0.2, 0.4)),
+        (None, (33.6, -671.9, 182.9)),
+        (None, (20, 10, 620)),
+        (None, (300, 0, -300)),
+        (None, (0, 1190, 100)),
+        (("zero6", 0, -109, 92), (200, 200, 400)),  # so that there is something to lose
+        (("sino6", 1, 30, 33), (-250, 300, -640)),  # windows narrower than a step
+        (("sino6", 3, 100, 102), (33.6, -671.9, 182.9)),
+        (("sino6", 1, 0, 355), (60, 20, -700)),
+        (("sino6", 4, -180, 0), (205, 10, -20)),
     ],
 )
-def test_flexibility_is_that_of_dense_samples(name: str, point: tuple[float, float, float]) -> None:
-    file = load_arm_file(name)
-    if name == "zero6":  # narrower limits, so that there is something to lose
-        rows = [row if row.fixed else row.model_copy(update={"limits_rad": (-1.9, 1.6)}) for row in file.joints]
-        file = file.model_copy(update={"joints": rows})
-    circle = configuration_circle(Arm.from_file(file), point, count=6000)
+def test_flexibility_is_that_of_dense_samples(
+    limits: tuple[str, int, float, float] | None, point_mm: tuple[float, ...], sino6: Arm
+) -> None:
+    circle = configuration_circle(limited(*limits) if limits else sino6, np.array(point_mm) * 1e-3, count=6000)
     for sectors in (1, 7, 12):
         result = circle.flexibility(sectors)
         crossed, works, fraction = brute_flexibility(circle, sectors)
@@ -696,45 +648,36 @@ def test_flexibility_is_that_of_dense_samples(name: str, point: tuple[float, flo
         assert result.arc_fraction == pytest.approx(fraction, abs=0.004)
 
 
-def test_arc_fractions_of_many_points_are_those_of_each(sino6: Arm) -> None:
-    wrist = Wrist.of(sino6.require_dh(""), np.zeros(2))
-    points = np.array([[0.02, 0.01, 0.62], [2.0, 0.0, 0.0], [0.3, 0.0, -0.3]])
-    curves = wrist_curves(wrist, points, 24)
-    swivel = Swivel(sino6.require_dh(""), sino6.up)
-    together = arc_fractions(Components(swivel, wrist_system(wrist, points), points, curves, wrist), sino6.limits)
-    assert np.isnan(together[1])
-    for k in (0, 2):
-        assert together[k] == pytest.approx(
-            configuration_circle(sino6, points[k], count=3).flexibility().arc_fraction, abs=2e-3
-        )
+@pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)])
+def test_swivel_straight_above_and_below_the_shoulder_in_any_mount(axis: int, sign: float) -> None:
+    gravity = tuple((9.81 * sign * np.eye(3)[axis]).tolist())
+    arm = Arm.from_file(load_arm_file("sino6").model_copy(update={"gravity_m_s2": gravity}))
+    for side in (0.5, -0.5):
+        circle = configuration_circle(arm, side * np.eye(3)[axis], count=72)
+        turned = np.unwrap(circle.swivel[circle.component == 1])
+        assert abs(turned[-1] - turned[0]) > np.radians(340)  # once round, not stuck at one angle
+        zeta = circle.flexibility()
+        assert (zeta.zeta, zeta.arc_fraction) == (1.0, 1.0)
 
 
-@pytest.mark.parametrize("sectors", [0, -3])
-def test_flexibility_needs_a_sector(sino6: Arm, sectors: int) -> None:
-    with pytest.raises(AacmmError, match="sectors"):
-        configuration_circle(sino6, SEAT, count=3).flexibility(sectors)
-
-
-def test_a_circle_shows_itself(sino6: Arm) -> None:
-    circle = configuration_circle(sino6, SEAT, count=36)
-    assert "SINO6" in str(circle)
-    assert "144 configurations on 4 components" in str(circle)
-    assert "<table" in circle._repr_html_()
+def test_a_map_says_where_its_half_plane_does_not_stand_for_all_of_space(sino6: Arm) -> None:
+    assert map_caveats(sino6) == ()
+    assert "joint 1" in map_caveats(limited("sino6", 1, 0, 180))[0]
+    wall = load_arm_file("sino6").model_copy(update={"gravity_m_s2": (9.81, 0.0, 0.0)})
+    assert "gravity" in map_caveats(Arm.from_file(wall))[0]
 
 
 def test_long_and_short_curves_traced_together_are_found_once() -> None:
     """Two places at once: what is found at the one may not depend on the length of the curves at the other."""
-    arm = Arm.from_file(load_arm_file("sino6").model_copy(update={"convention": "modified-dh"}))
-    dh = arm.require_dh("")
-    wrist = Wrist.of(dh, np.zeros(2))
-    rng = np.random.default_rng(2)
+    dh = Arm.from_file(load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})).require_dh("")
+    wrist, rng = Wrist.of(dh, np.zeros(2)), np.random.default_rng(2)
     hard = [
         [-0.5613270715600934, 0.2105439318645954, -1.1109481019553742],
         [0.3873560469020973, -0.22004002553804586, 1.1807423968630923],
     ]
-    points = np.array(hard + list(directions(rng, 60) * rng.uniform(0.2, 1.2, (60, 1))))
+    points = np.array(hard + list(directions(rng, 30) * rng.uniform(0.2, 1.2, (30, 1))))
     curves = wrist_curves(wrist, points, 24)
     assert twice(at_wrist(dh, points), [c for c in curves if c.problem < 2]) == 0
     together = np.bincount([c.problem for c in curves], minlength=len(points))
-    alone = [len(wrist_curves(wrist, point[None], 24)) for point in points[:12]]
-    np.testing.assert_array_equal(together[:12], alone)
+    alone = [len(wrist_curves(wrist, point[None], 24)) for point in points[:6]]
+    np.testing.assert_array_equal(together[:6], alone)

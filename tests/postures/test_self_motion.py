@@ -27,7 +27,7 @@ def panda(robot_file: Callable[[str], Path]) -> Arm:
 
 @pytest.fixture(scope="module")
 def poses(panda: Arm) -> Array:
-    q = np.random.default_rng(5).uniform(*panda.limits.T, (3, 7))
+    q = np.random.default_rng(5).uniform(*panda.limits.T, (2, 7))
     return panda.poses(q).placement
 
 
@@ -62,8 +62,8 @@ def test_newton_by_pinocchio_finds_nothing_beside_the_curves(
     panda: Arm, poses: Array, motions: list[ReachingPostures], rng: np.random.Generator
 ) -> None:
     for pose, motion in zip(poses, motions, strict=True):
-        brute = by_newton(panda, pose, rng.uniform(-np.pi, np.pi, (300, 7)))
-        assert len(brute) > 100
+        brute = by_newton(panda, pose, rng.uniform(-np.pi, np.pi, (150, 7)))
+        assert len(brute) > 50
         assert off_polylines(brute, motion.component, motion.q).max() < 3e-4
 
 
@@ -82,14 +82,9 @@ def test_limits_are_flags(panda: Arm, motions: list[ReachingPostures]) -> None:
 
 def test_table_and_words(motions: list[ReachingPostures]) -> None:
     motion = motions[0]
-    table = motion.to_frame()
-    assert list(table)[:3] == ["component", "swivel_deg", "theta1_deg"]
-    assert list(table)[-5:] == ["within_limits", "broken_limits", "x_mm", "y_mm", "z_mm"]
-    assert table["swivel_deg"].isna().all()
-    np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]], np.tile(motion.point * 1e3, (len(table), 1)), atol=1e-6)
+    assert motion.to_frame()["swivel_deg"].isna().all()
     assert f"{len(motion.curves)} closed curves" in str(motion)
     assert len(motion.summary()) == len(motion.curves)
-    assert str(motion) in motion._repr_html_()
 
 
 def partner_of(q: Array, motion: ReachingPostures) -> int:
@@ -106,7 +101,7 @@ def partner_of(q: Array, motion: ReachingPostures) -> int:
 def test_sino6_agrees_with_the_configuration_circle(sino6: Arm, rng: np.random.Generator, as_urdf: bool) -> None:
     """Seeds from closed forms there, spread starts here; DH there, the exported URDF here."""
     arm = Arm.from_urdf(KEPT / "sino6.urdf", "tip") if as_urdf else sino6
-    for q in rng.uniform(-np.pi, np.pi, (2, 1, 6)):
+    for q in rng.uniform(-np.pi, np.pi, (1, 1, 6)):
         pose = sino6.poses(q).placement[0]
         axis = pose[:3, :3] @ sino6.stylus_axis
         circle = configuration_circle(sino6, pose[:3, 3], tip=True, axis=axis, count=24)
@@ -159,8 +154,8 @@ def test_curves_that_cross_are_followed_straight_on(
     turn = rng.uniform(-np.pi, np.pi)  # the whole pose, at random about the tool's axis
     pose = poses[0].copy()
     pose[:3, :3] = rotation_about([0, 0, -1], turn) @ pose[:3, :3]
-    brute = by_newton(ur5, pose, rng.uniform(-np.pi, np.pi, (150, 6)))
-    assert len(brute) > 50
+    brute = by_newton(ur5, pose, rng.uniform(-np.pi, np.pi, (80, 6)))
+    assert len(brute) > 20
     assert off_polylines(brute, motion.component, motion.q).max() < 1e-3
 
 

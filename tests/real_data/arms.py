@@ -16,40 +16,16 @@ LIMITS = [-6.3, 6.3]
 Row = tuple[float, float, float]
 """a [mm], d [mm], alpha [rad]."""
 
-UR10: list[Row] = [
-    (0, 127.3, QUARTER),
-    (-612, 0, 0),
-    (-572.3, 0, 0),
-    (0, 163.941, QUARTER),
-    (0, 115.7, -QUARTER),
-    (0, 92.2, 0),
-]
-PANDA: list[Row] = [  # Craig: a and alpha of the row before
-    (0, 333, 0),
-    (0, 0, -QUARTER),
-    (0, 316, QUARTER),
-    (82.5, 0, QUARTER),
-    (-82.5, 384, -QUARTER),
-    (0, 0, QUARTER),
-    (88, 107, QUARTER),
-]
-IIWA14: list[Row] = [
-    (0, 360, -QUARTER),
-    (0, 0, QUARTER),
-    (0, 420, QUARTER),
-    (0, 0, -QUARTER),
-    (0, 400, -QUARTER),
-    (0, 0, QUARTER),
-    (0, 126, 0),
-]
-FANUC: list[Row] = [  # joints 3 to 6 turn against the base's axes: the rows before them point z the other way
-    (312, 670, -QUARTER),
-    (1075, 0, pi),
-    (225, 0, -QUARTER),
-    (0, -1280, QUARTER),
-    (0, 0, -QUARTER),
-    (0, -215, 0),
-]
+UR10: list[Row] = [(0, 127.3, QUARTER), (-612, 0, 0), (-572.3, 0, 0)]
+UR10 += [(0, 163.941, QUARTER), (0, 115.7, -QUARTER), (0, 92.2, 0)]
+PANDA: list[Row] = [(0, 333, 0), (0, 0, -QUARTER), (0, 316, QUARTER), (82.5, 0, QUARTER)]
+PANDA += [(-82.5, 384, -QUARTER), (0, 0, QUARTER), (88, 107, QUARTER)]
+"""Craig: a and alpha of the row before."""
+IIWA14: list[Row] = [(0, 360, -QUARTER), (0, 0, QUARTER), (0, 420, QUARTER), (0, 0, -QUARTER)]
+IIWA14 += [(0, 400, -QUARTER), (0, 0, QUARTER), (0, 126, 0)]
+FANUC: list[Row] = [(312, 670, -QUARTER), (1075, 0, pi), (225, 0, -QUARTER), (0, -1280, QUARTER), (0, 0, -QUARTER)]
+FANUC += [(0, -215, 0)]
+"""Joints 3 to 6 turn against the base's axes: the rows before them point z the other way."""
 FANUC_OFFSETS = [0, -QUARTER, 0, 0, 0, 0]
 """The upper arm stands upright at zero; x of its row points along it."""
 
@@ -66,16 +42,9 @@ FANUC_FLANGE = "0.215 0 0"
 
 def of_table(name: str, rows: list[Row], convention: str = "standard-dh", offsets: list[float] | None = None) -> Arm:
     """An arm by its DH table; nobody states how well the numbers are known."""
-    joints = [
-        {
-            "a_mm": float(a),
-            "d_mm": float(d),
-            "alpha_rad": float(alpha),
-            "theta_offset_rad": float(offset),
-            "limits_rad": LIMITS,
-        }
-        for (a, d, alpha), offset in zip(rows, offsets or [0.0] * len(rows), strict=True)
-    ]
+    names = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
+    values = [(a, d, alpha, offset) for (a, d, alpha), offset in zip(rows, offsets or [0.0] * len(rows), strict=True)]
+    joints = [{**dict(zip(names, map(float, row), strict=True)), "limits_rad": LIMITS} for row in values]
     content = {"schema": "aacmm-pin/arm/1", "name": name, "convention": convention, "joints": joints}
     return Arm.from_file(ArmFile.model_validate(content))
 
@@ -102,11 +71,6 @@ def fanuc_table() -> Arm:
 
 def fanuc() -> Arm:
     """Fanuc R-2000iC/165F as a chain of joints."""
-    return Arm.from_model(pin.buildModelFromXML(fanuc_urdf()), "flange")
-
-
-def fanuc_urdf() -> str:
-    """URDF text of that chain."""
     links = "".join(f'<link name="link{k}"/>' for k in range(len(FANUC_CHAIN) + 1))
     limit = f'<limit lower="{LIMITS[0]}" upper="{LIMITS[1]}" effort="0" velocity="0"/>'
     joints = "".join(
@@ -118,4 +82,4 @@ def fanuc_urdf() -> str:
         f'<link name="flange"/><joint name="mount" type="fixed"><parent link="link{len(FANUC_CHAIN)}"/>'
         f'<child link="flange"/><origin xyz="{FANUC_FLANGE}"/></joint>'
     )
-    return f'<robot name="R-2000iC">{links}{joints}{last}</robot>'
+    return Arm.from_model(pin.buildModelFromXML(f'<robot name="R-2000iC">{links}{joints}{last}</robot>'), "flange")

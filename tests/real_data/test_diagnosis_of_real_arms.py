@@ -12,10 +12,9 @@ import pytest
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.calibrate import ReferenceFrame
-from aacmm_pin.calibration.parameters import Target
+from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration.setup import ReferenceFrame, Target
 from aacmm_pin.diagnosis import Diagnosis, diagnose
-from aacmm_pin.diagnosis.cross_validation import rms
 from aacmm_pin.effects import JointErrorCurve
 from aacmm_pin.measurements.records import Measurements
 

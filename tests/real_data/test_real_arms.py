@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import arms
 import numpy as np
@@ -21,7 +22,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
-from aacmm_pin.calibration.calibrate import ReferenceFrame
+from aacmm_pin.calibration.setup import ReferenceFrame
 from aacmm_pin.measurements.records import Measurements
 
 MARGIN = 0.03
@@ -50,24 +51,38 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="session")
-def table(real_data: Path) -> Callable[[str], pd.DataFrame]:
-    """The measurement file of a case, as a table."""
-    return cache(lambda name: pd.read_csv(real_data / CASES[name].folder / "measurements.csv"))
+@dataclass(frozen=True)
+class Measured:
+    """A case as it was measured, and as anybody would calibrate it, with everything held out in turn."""
+
+    case: Case
+    path: Path
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        return pd.read_csv(self.path)
+
+    @cached_property
+    def records(self) -> Measurements:
+        return Measurements.read(self.path)
+
+    @cached_property
+    def usual(self) -> Calibration:
+        return self.calibrated()
+
+    def calibrated(self, arm: Arm | None = None, records: Measurements | None = None, **options: Any) -> Calibration:
+        options = {"target": "unknown", "reference_frame": self.case.frame} | options
+        return calibrate(arm or self.case.arm(), records or self.records, **options)
 
 
 @pytest.fixture(scope="session")
-def measured(real_data: Path) -> Callable[[str], Measurements]:
-    """The records of a case."""
-    return cache(lambda name: Measurements.read(real_data / CASES[name].folder / "measurements.csv"))
+def all_measured(real_data: Path) -> dict[str, Measured]:
+    return {name: Measured(case, real_data / case.folder / "measurements.csv") for name, case in CASES.items()}
 
 
-@pytest.fixture(scope="session")
-def calibrated(measured: Callable[[str], Measurements]) -> Callable[[str], Calibration]:
-    """A case as anybody would calibrate it, with everything held out in turn."""
-    return cache(
-        lambda name: calibrate(CASES[name].arm(), measured(name), target="unknown", reference_frame=CASES[name].frame)
-    )
+@pytest.fixture(params=CASES)
+def measured(request: pytest.FixtureRequest, all_measured: dict[str, Measured]) -> Measured:
+    return all_measured[request.param]
 
 
 def held_out(calibration: Calibration) -> list[float]:
@@ -83,35 +98,26 @@ def postures(records: Measurements) -> list[str]:
 # --- how well unseen records are predicted
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_what_geometry_alone_predicts(name: str, calibrated: Callable[[str], Calibration]) -> None:
-    case, found = CASES[name], calibrated(name)
+def test_what_geometry_alone_predicts(measured: Measured) -> None:
+    case, found = measured.case, measured.usual
     assert found.held_out[0].rms_before / MM == pytest.approx(case.before, rel=MARGIN)
     assert held_out(found) == pytest.approx([case.records, case.groups], rel=MARGIN)
     assert found.rms < found.held_out[0].rms_after
 
 
-@pytest.mark.parametrize("seed", [2, 3])
-@pytest.mark.parametrize("name", CASES)
-def test_which_records_are_left_out_together_hardly_matters(
-    name: str, seed: int, calibrated: Callable[[str], Calibration], measured: Callable[[str], Measurements]
-) -> None:
-    case = CASES[name]
-    rng = np.random.default_rng(seed)
-    other = calibrate(case.arm(), measured(name), target="unknown", reference_frame=case.frame, rng=rng)
-    usual = held_out(calibrated(name))
-    few = name == "fanuc"  # 24 postures, which stay together
-    assert held_out(other)[0] == pytest.approx(usual[0], rel=0.1 if few else MARGIN)
-    assert held_out(other)[1] == pytest.approx(usual[1], rel=0.3 if few else 0.15)  # ten blocks of joint space are few
+def test_which_records_are_left_out_together_hardly_matters(measured: Measured) -> None:
+    usual, few = held_out(measured.usual), measured.case.arm is arms.fanuc  # 24 postures, which stay together
+    for seed in (2, 3):
+        other = held_out(measured.calibrated(rng=np.random.default_rng(seed)))
+        assert other[0] == pytest.approx(usual[0], rel=0.1 if few else MARGIN)
+        assert other[1] == pytest.approx(usual[1], rel=0.3 if few else 0.15)  # ten blocks of joint space are few
 
 
 @pytest.mark.parametrize(("name", "expected"), [("ur10", 0.435), ("fanuc", 0.248)])
-def test_whole_postures_left_out(
-    name: str, expected: float, table: Callable[[str], pd.DataFrame], measured: Callable[[str], Measurements]
-) -> None:
+def test_whole_postures_left_out(name: str, expected: float, all_measured: dict[str, Measured]) -> None:
     """The Fanuc stood in 24 postures, 10 times in each with all 3 markers; 293 postures of the UR10 were measured twice."""
-    records = Measurements.from_frame(table(name).assign(session=postures(measured(name))))
-    found = calibrate(CASES[name].arm(), records, target="unknown", reference_frame="external")
+    measured = all_measured[name]
+    found = measured.calibrated(records=Measurements.from_frame(measured.table.assign(session=postures(measured.records))))
     assert found.held_out[1].kind == "sessions"
     assert found.held_out[1].rms_after / MM == pytest.approx(expected, rel=MARGIN)
 
@@ -119,24 +125,19 @@ def test_whole_postures_left_out(
 # --- the UR10 beside a plain fit
 
 
-def test_no_geometry_fits_the_ur10_better(
-    measured: Callable[[str], Measurements], table: Callable[[str], pd.DataFrame]
-) -> None:
+def test_no_geometry_fits_the_ur10_better(all_measured: dict[str, Measured]) -> None:
     """0.4414 mm over all records is the least that any geometry leaves of them; predictions of unseen ones are worse."""
-    records = measured("ur10")
-    reference = table("ur10")[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=np.float64)
-    plain = fitted_distances(np.array(arms.UR10), records.q, reference, np.array([0.0, 0.0, 109.0]))
+    measured = all_measured["ur10"]
+    reference = measured.table[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=np.float64)
+    plain = fitted_distances(np.array(arms.UR10), measured.records.q, reference, np.array([0.0, 0.0, 109.0]))
     least = float(np.sqrt(np.mean(plain**2)))
     assert least == pytest.approx(0.4414, abs=2e-4)
-    found = calibrate(arms.ur10(), records, target="unknown", reference_frame="external", robust=False, hold_out=False)
-    assert found.rms / MM == pytest.approx(least, rel=1e-3)
+    assert measured.calibrated(robust=False, hold_out=False).rms / MM == pytest.approx(least, rel=1e-3)
 
 
-def test_the_records_of_the_ur10_that_cannot_belong(
-    calibrated: Callable[[str], Calibration], measured: Callable[[str], Measurements]
-) -> None:
+def test_the_records_of_the_ur10_that_cannot_belong(all_measured: dict[str, Measured]) -> None:
     """Four are off by 1.3 to 2 mm; three of them were measured again eight records before or after, and the twin fits."""
-    found, same = calibrated("ur10"), np.array(postures(measured("ur10")))
+    found, same = all_measured["ur10"].usual, np.array(postures(all_measured["ur10"].records))
     assert list(found.excluded["record"]) == ["532", "854", "855", "1398"]
     distance = found.residuals["after_mm"].to_numpy()
     for record in (532, 854, 855):
@@ -149,24 +150,22 @@ def test_the_records_of_the_ur10_that_cannot_belong(
 # --- seats and bars
 
 
-def test_all_records_of_the_iiwa(measured: Callable[[str], Measurements]) -> None:
+def test_all_records_of_the_iiwa(all_measured: dict[str, Measured]) -> None:
     """Two are excluded otherwise, both of one bar: with them, whole seats are predicted worse than the usual figure says."""
-    found = calibrate(arms.iiwa14(), measured("iiwa14"), target="unknown", robust=False)
-    assert held_out(found) == pytest.approx([0.236, 0.349], rel=MARGIN)
+    assert held_out(all_measured["iiwa14"].calibrated(robust=False)) == pytest.approx([0.236, 0.349], rel=MARGIN)
 
 
 @pytest.mark.parametrize(("name", "farthest_off"), [("panda", 0.09), ("iiwa14", 0.04)])
-def test_a_bar_whose_length_was_kept_back(name: str, farthest_off: float, table: Callable[[str], pd.DataFrame]) -> None:
+def test_a_bar_whose_length_was_kept_back(name: str, farthest_off: float, all_measured: dict[str, Measured]) -> None:
     """Six and three bars of 50.0 mm, known to 0.1 mm or better."""
-    lengths = []
-    for bar in table(name)["bar"].unique():
-        rest = table(name).copy()
+    measured, lengths = all_measured[name], []
+    for bar in measured.table["bar"].unique():
+        rest = measured.table.copy()
         kept_back = rest["bar"] == bar
         rest.loc[kept_back, ["bar", "bar_end"]] = ""
         rest.loc[kept_back, "bar_length_mm"] = np.nan
         records = Measurements.from_frame(rest)
-        found = calibrate(CASES[name].arm(), records, target="unknown", hold_out=False)
-        tips = found.model.predict(records.q, records.conditions)
+        tips = measured.calibrated(records=records, hold_out=False).model.predict(records.q, records.conditions)
         a, b = (tips[records.conditions.seat == f"{bar}-{end}"].mean(axis=0) for end in (0, 1))
         lengths.append(float(np.linalg.norm(a - b)) / MM)
     assert np.abs(np.array(lengths) - 50.0).max() == pytest.approx(farthest_off, abs=0.03)
@@ -179,40 +178,23 @@ def test_a_bar_whose_length_was_kept_back(name: str, farthest_off: float, table:
     ("name", "robot", "tip"), [("ur10", "ur10_robot.urdf", "tool0"), ("panda", "panda.urdf", "panda_link8")]
 )
 def test_table_and_urdf_tell_the_same(
-    name: str,
-    robot: str,
-    tip: str,
-    robot_file: Callable[[str], Path],
-    calibrated: Callable[[str], Calibration],
-    measured: Callable[[str], Measurements],
+    name: str, robot: str, tip: str, robot_file: Callable[[str], Path], all_measured: dict[str, Measured]
 ) -> None:
-    arm = Arm.from_urdf(robot_file(robot), tip)
-    found = calibrate(arm, measured(name), target="unknown", reference_frame=CASES[name].frame)
-    usual = calibrated(name)
+    usual, found = all_measured[name].usual, all_measured[name].calibrated(Arm.from_urdf(robot_file(robot), tip))
     assert found.rms == pytest.approx(usual.rms, rel=0.01)
     assert held_out(found) == pytest.approx(held_out(usual), rel=0.01)
     assert list(found.fit.excluded) == list(usual.fit.excluded)
 
 
-def test_the_two_descriptions_of_the_fanuc(
-    calibrated: Callable[[str], Calibration], measured: Callable[[str], Measurements]
-) -> None:
-    found = calibrate(arms.fanuc_table(), measured("fanuc"), reference_frame="external")
-    assert held_out(found) == pytest.approx(held_out(calibrated("fanuc")), rel=0.01)
+def test_the_two_descriptions_of_the_fanuc(all_measured: dict[str, Measured]) -> None:
+    found = all_measured["fanuc"].calibrated(arms.fanuc_table(), target="tip")
+    assert held_out(found) == pytest.approx(held_out(all_measured["fanuc"].usual), rel=0.01)
 
 
-TABLES = {"ur10": arms.ur10, "fanuc": arms.fanuc_table, "panda": arms.panda, "iiwa14": arms.iiwa14}
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_where_the_search_starts(
-    name: str,
-    calibrated: Callable[[str], Calibration],
-    measured: Callable[[str], Measurements],
-    rng: np.random.Generator,
-) -> None:
+def test_where_the_search_starts(measured: Measured, rng: np.random.Generator) -> None:
     """Every value of the table is off by up to 2 mm or 0.5°."""
-    file = TABLES[name]().file
+    arm_of = measured.case.arm
+    file = (arms.fanuc_table if arm_of is arms.fanuc else arm_of)().file
     assert file is not None
     half_widths = {"a_mm": 2.0, "d_mm": 2.0, "alpha_rad": 0.5 * DEG, "theta_offset_rad": 0.5 * DEG}
     for _ in range(3):
@@ -220,6 +202,5 @@ def test_where_the_search_starts(
             row.model_copy(update={k: getattr(row, k) + rng.uniform(-w, w) for k, w in half_widths.items()})
             for row in file.joints
         ]
-        arm = Arm.from_file(file.model_copy(update={"joints": rows}))
-        found = calibrate(arm, measured(name), target="unknown", reference_frame=CASES[name].frame, hold_out=False)
-        assert found.rms == pytest.approx(calibrated(name).rms, rel=0.02)  # one record more or less is excluded
+        found = measured.calibrated(Arm.from_file(file.model_copy(update={"joints": rows})), hold_out=False)
+        assert found.rms == pytest.approx(measured.usual.rms, rel=0.02)  # one record more or less is excluded

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pytest
-from blind import draw
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG, MM
+from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.fit import fit
 from aacmm_pin.calibration.parameters import problem_of
-from aacmm_pin.calibration.stated_noise import StatedNoise
-from aacmm_pin.diagnosis import Diagnosis, Finding, diagnose
+from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
@@ -46,7 +43,7 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.report.html import blank_axes
+from aacmm_pin.report.document import blank_axes
 from aacmm_pin.report.plots import (
     plot_arm_residual_vectors,
     plot_arm_residuals,
@@ -59,38 +56,10 @@ from aacmm_pin.report.plots import (
     plot_unexplained,
 )
 from aacmm_pin.report.plots.groups import held_out_parts, residuals_by_group
-from aacmm_pin.report.plots.partial_residuals import partial_residual
-
-mpl.use("Agg")
+from aacmm_pin.report.plots.partial_residuals import partial_residual, unit_of_load
 
 ENCODER, REFERENCE = 8e-6, 12e-6
 RECORDS = 240
-
-
-@pytest.fixture(scope="session")
-def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
-    """The diagnosis of a file of the plant."""
-
-    @cache
-    def of(cause: str | None, seed: int = 3, plan: str = "free", outliers: float = 0.0, external: bool = False) -> Diagnosis:
-        path = tmp_path_factory.mktemp("blind") / "data.csv"
-        draw(seed, cause, plan=plan, records=150, outliers=outliers, external=external).write(path)
-        probe = REFERENCE if plan != "free" else None
-        return diagnose(
-            ErrorModel.load("sino6"),
-            Measurements.read(path),
-            encoder_noise=ENCODER,
-            reference_noise=REFERENCE,
-            probe_noise=probe,
-            reference_frame="external" if external else "base",
-        )
-
-    return of
-
-
-@pytest.fixture(scope="session")
-def sound(blind: Callable[..., Diagnosis]) -> Diagnosis:
-    return blind(None, seed=11)
 
 
 def measured(arm: Arm, effect: Effect, rng: np.random.Generator, external: bool) -> Measurements:
@@ -117,13 +86,14 @@ def knowing(base: Diagnosis, arm: Arm, effect: Effect, external: bool = False) -
     """The diagnosis of an arm with one cause, named as it is: what the pictures are drawn from, without the search."""
     rng = np.random.default_rng(5)
     data = measured(arm, effect, rng, external)
-    noise = StatedNoise(np.full(6, ENCODER), REFERENCE, None, None)
+    frame: Any = "external" if external else "base"
+    setup = Setup(frame, encoder_noise=np.full(6, ENCODER), reference_noise=REFERENCE)
 
     def fitted(parameters: list[Any]) -> Any:
-        return fit(problem_of(ErrorModel(arm), data, parameters, prior=True, target="tip", external=external), noise)
+        return fit(problem_of(ErrorModel(arm), data, parameters, setup))
 
     extended = fitted(["geometry", effect.at((), tuple(3 * t.typical for t in effect.terms))])
-    (found,) = (e for e in extended.problem.effects(extended.solution.point.x) if e.cause == effect.cause)
+    (found,) = (e for e in extended.solution.effects if e.cause == effect.cause)
     finding = Finding(found.cause, found.row, found, dict.fromkeys(found.described(), (0.0, 0.0)), 1.0, 0.0, 1.0, ())
     fits = {"before": fitted([]), "recalibrated": fitted(["geometry"]), "extended": extended}
     return replace(base, findings=(finding,), **fits), finding
@@ -199,7 +169,7 @@ def test_a_curve_breaks_off_where_no_record_is(sound: Diagnosis, sino6: Arm) -> 
     fits = result.extended
     angle = fits.problem.measurements.q[:, 2]
     used = fits.used & ((angle < 2.0) | (angle > 3.5))
-    (found,) = (e for e in fits.problem.effects(fits.solution.point.x) if isinstance(e, JointErrorCurve))
+    (found,) = (e for e in fits.solution.effects if isinstance(e, JointErrorCurve))
     shown = partial_residual(replace(result, extended=replace(fits, used=used)), found)
     gap = (shown.curve[0] > 125) & (shown.curve[0] < 190)
     assert np.isnan(shown.curve[1][gap]).all()
@@ -237,7 +207,7 @@ def test_geometry_stands_beside_what_was_stated(sound: Diagnosis) -> None:
     assert "+300.0 ± 20.0 µrad" in [text.get_text() for text in ax.texts]
     (bar,) = ax.patches
     stated = sound.extended.problem
-    width = next(w for w, p in zip(stated.widths, stated.parameters, strict=True) if p.name == "theta_offset2")
+    width = next(w for w, p in zip(stated.widths, stated.vector.parameters, strict=True) if p.name == "theta_offset2")
     assert bar.get_width() == pytest.approx(4 * width * 1e6)
     with pytest.raises(AacmmError, match="no geometric value"):
         plot_geometry(sound)
@@ -249,8 +219,8 @@ def test_geometry_stands_beside_what_was_stated(sound: Diagnosis) -> None:
 def test_sizes_are_those_of_the_diagnosis(sound: Diagnosis) -> None:
     ax = plot_rms(sound)
     widths = [bar.get_width() for bar in ax.patches]
-    assert widths == pytest.approx([sound.rms[name] / MM for name in ("simulation", "recalibrated", "extended")])
-    assert ax.get_xlabel().endswith("[mm]")
+    assert widths == pytest.approx([sound.rms[name] / UM for name in ("simulation", "recalibrated", "extended")])
+    assert ax.get_xlabel().endswith("[µm]")  # all below 0.1 mm
 
 
 def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> None:
@@ -265,9 +235,9 @@ def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> No
     predicted = np.average(joint["predicted_mm"] ** 2, weights=joint["records"])
     noise = np.average(joint["noise_mm"] ** 2, weights=joint["records"])
     assert predicted - noise == pytest.approx(spread / MM**2, rel=1e-3)
-    panels = plot_groups(sound, blank_axes(9.0, 7.0))
-    panels[0].figure.canvas.draw()
-    assert list(panels) == list(panels[0].figure.axes)
+    figure = plot_groups(sound, blank_axes(9.0, 7.0))
+    figure.canvas.draw()
+    panels = figure.axes
     assert panels[0].get_ylabel() == "RMS [mm]"
     assert {ax.get_title() for ax in panels} >= {
         "joint 1 [°]",
@@ -294,11 +264,10 @@ def test_vectors_on_the_arm_are_as_long_as_the_title_says(sound: Diagnosis, plan
 
 
 def test_the_arm_is_shown_before_and_after_what_helped(sound: Diagnosis, sino6: Arm) -> None:
-    titles = [ax.get_title().split(",")[0] for ax in plot_arm_residuals(sound)]
+    titles = [ax.get_title().split(",")[0] for ax in plot_arm_residuals(sound).axes]
     assert titles == ["simulation", "recalibrated"] * 2
     result, _ = knowing(sound, sino6, CASES[0][0])
-    panels = plot_arm_residuals(result)
-    assert list(panels) == list(panels[0].figure.axes)
+    panels = plot_arm_residuals(result).axes
     assert [ax.get_title().split(",")[0] for ax in panels] == ["recalibrated", "extended"] * 2
     assert len({ax.get_title().rpartition(" ")[2] for ax in panels}) == 1
 
@@ -348,3 +317,11 @@ def test_the_correction_is_drawn_as_what_it_acts_on(
 def test_no_such_model_or_plane(sound: Diagnosis, name: str, plane: Any, said: str) -> None:
     with pytest.raises(AacmmError, match=said):
         plot_arm_residual_vectors(sound, name, plane)
+
+
+def test_the_unit_of_what_a_cause_is_proportional_to() -> None:
+    cases = {"rad/(N·m)": "N·m", "rad/(N·m)²": "(N·m)²", "rad/(N·m²)": "N·m²", "rad/m": "m", "rad/m/K": "m·K", "rad": "1"}
+    cases |= {"1": "rad", "1/K": "rad·K", "1/(N·m)": "rad·(N·m)", "rad·s": "rad/(rad·s)", "rad/(m/s)": "m/s"}
+    for unit, expected in cases.items():
+        assert unit_of_load(unit, "rad") == expected
+    assert unit_of_load("m/N", "m") == "N"

@@ -6,7 +6,7 @@ import base64
 import html as markup
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -45,10 +45,10 @@ from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import OutputError, ShapeError, UnknownNameError
 from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.report import scenes
-from aacmm_pin.report.scenes import Scene
+from aacmm_pin.report.scenes import Frames, Scene
 from aacmm_pin.report.scenes.accuracy_set import AccuracySet
-from aacmm_pin.report.scenes.frames import Frames
 from aacmm_pin.report.scenes.page import viewer_script
+from tests.by_pinocchio import dh_sensitivity
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
 SINGLE = 2e-7
@@ -79,17 +79,19 @@ def mesh(scene: Scene, path: str) -> tuple[Array, Array, Array | None]:
 
 
 def decoded(scene: Scene, path: str) -> Array:
-    """Placements of a moving body, out of what the page gets: position, quaternion, scale."""
-    assert scene.frames is not None
-    encoded = scene.frames.encoded()
-    parts = np.frombuffer(base64.b64decode(encoded["moving"][path]), dtype="<f4").reshape(encoded["count"], -1).astype(float)
-    placements = np.tile(np.eye(4), (len(parts), 1, 1))
-    shown = np.isfinite(parts[:, 0])
-    placements[~shown] = np.nan
-    scale = parts[shown, 7:] if parts.shape[1] == 10 else np.ones((shown.sum(), 3))
-    placements[shown, :3, :3] = Rotation.from_quat(parts[shown, 3:7]).as_matrix() * scale[:, None]
-    placements[shown, :3, 3] = parts[shown, :3]
+    """Placements of a moving body, out of what the page gets."""
+    frames = page_data(scene.html())["frames"]
+    rows = np.frombuffer(base64.b64decode(frames["moving"][path]), dtype="<f4").reshape(frames["count"], 3, 4)
+    placements = np.tile(np.eye(4), (len(rows), 1, 1))
+    placements[:, :3] = rows
     return placements
+
+
+def page_data(html: str) -> dict[str, Any]:
+    """What a page hands to its script."""
+    found = re.search(r'<script type="application/json" id="scene-data">(.*?)</script>', html)
+    assert found is not None
+    return json.loads(found[1])
 
 
 def frame_placements(arm: Arm, q: Array, name: str) -> Array:
@@ -108,25 +110,19 @@ def random_q(arm: Arm, rng: np.random.Generator, n: int = 7) -> Array:
 # --- the arm
 
 
-def test_bodies_are_where_pinocchio_has_them(arm_file: ArmFile, rng: np.random.Generator) -> None:
+def test_bodies_and_tip_are_where_pinocchio_has_them(arm_file: ArmFile, rng: np.random.Generator) -> None:
     arm = Arm.from_file(arm_file)
     dh, q = arm.require_dh("this test"), random_q(arm, rng)
-    scene = scenes.arm_scene(arm, q)
+    scene = scenes.arm_scene(ErrorModel(arm), q)
+    last = f"arm/body {dh.rows}"
+    tip = decoded(scene, last) @ transform(scene, f"{last}/tip")
+    np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, "tip")[:, :3, 3], atol=SINGLE)
     for row in range(1, dh.rows + 1):
         expected = frame_placements(arm, q, f"link{row}")
         if not dh.standard:  # the axis of modified DH has d before it
             expected[:, :3, 3] += dh.d[row - 1] * expected[:, :3, 2]
         np.testing.assert_allclose(decoded(scene, f"arm/body {row}"), expected, atol=SINGLE)
         np.testing.assert_allclose(transform(scene, f"arm/body {row}"), expected[0], atol=1e-12)
-
-
-def test_the_drawn_tip_is_the_tip(arm_file: ArmFile, rng: np.random.Generator) -> None:
-    arm = Arm.from_file(arm_file)
-    q = random_q(arm, rng)
-    scene = scenes.arm_scene(ErrorModel(arm), q)
-    last = f"arm/body {arm.require_dh('this test').rows}"
-    tip = decoded(scene, last) @ transform(scene, f"{last}/tip")
-    np.testing.assert_allclose(tip[:, :3, 3], frame_placements(arm, q, "tip")[:, :3, 3], atol=SINGLE)
 
 
 @pytest.mark.parametrize(("file", "frame"), [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand")])
@@ -259,19 +255,12 @@ def test_postures_outside_the_limits_when_asked_for() -> None:
 def test_the_line_is_the_path_of_the_elbow() -> None:
     circle, scene = sino6_circle(), circle_of("ellipsoid")
     elbow = frame_placements(circle.arm, circle.q, "frame3")[:, :3, 3]
-    parts = [path for path in commands(scene, "set_object") if path.startswith("path/")]
-    found = {"within": [], "outside": []}
-    for path in parts:
-        vertices, _, colours = mesh(scene, path)
-        kind = path.removeprefix("path/").split()[0]
-        found[kind].append(vertices.reshape(-1, 6, 3).mean(axis=1))
-        assert (colours is None) == (kind == "outside")
     for kind, expected in (("within", elbow[circle.within_limits]), ("outside", elbow[~circle.within_limits])):
-        drawn = np.vstack(found[kind])
-        distance = np.linalg.norm(drawn[:, None] - expected[None], axis=2)
-        assert distance.min(axis=0).max() < 1e-6  # every posture is on the line
-    on = np.linalg.norm(np.vstack(found["within"])[:, None] - elbow[None], axis=2).min(axis=1)
-    assert on.max() < 1e-6
+        vertices, _, colours = mesh(scene, f"path/{kind}")
+        drawn = vertices.reshape(-1, 6, 3).mean(axis=1)
+        assert (colours is None) == (kind == "outside")
+        assert np.linalg.norm(drawn[:, None] - expected[None], axis=2).min(axis=0).max() < 1e-6  # every posture is on it
+        assert np.linalg.norm(drawn[:, None] - elbow[None], axis=2).min(axis=1).max() < 1e-6
 
 
 def test_the_line_has_the_colours_of_the_accuracy() -> None:
@@ -281,7 +270,7 @@ def test_the_line_has_the_colours_of_the_accuracy() -> None:
     low, high = volume.min(), volume.max()
     expected = colormaps["viridis"]((volume - low) / (high - low))[:, :3]
     elbow = frame_placements(circle.arm, accuracy.q, "frame3")[:, :3, 3]
-    vertices, _, colours = mesh(scene, "path/within 1")
+    vertices, _, colours = mesh(scene, "path/within")
     assert colours is not None
     centre = vertices.reshape(-1, 6, 3).mean(axis=1)
     nearest = np.linalg.norm(centre[:, None] - elbow[None], axis=2).argmin(axis=1)
@@ -298,11 +287,11 @@ def test_the_line_has_the_colours_of_the_accuracy() -> None:
 
 
 def test_the_ellipsoid_holds_95_percent() -> None:
-    """Its axes are those of S diag(u²) Sᵀ by Pinocchio's regressor, times k and the stated magnification."""
+    """Its axes are those of S diag(u²) Sᵀ by Pinocchio, times k and the stated magnification."""
     circle, scene = sino6_circle(), circle_of("ellipsoid")
     rows = shown_rows(scene)
     u = np.array([p.u for p in circle.arm.parameters])
-    sensitivity = circle.arm.poses(circle.q[rows], "frame5").dh_sensitivity() * u
+    sensitivity = dh_sensitivity(circle.arm, circle.q[rows], ["frame5"])["frame5"] * u
     covariance = sensitivity @ sensitivity.transpose(0, 2, 1)
     placements, factor = decoded(scene, "accuracy"), factor_of(scene)
     size = placements[:, :3, :3] @ placements[:, :3, :3].transpose(0, 2, 1)
@@ -319,16 +308,14 @@ def test_the_zonotope_has_the_accuracy_volume() -> None:
     accuracy, factor = circle_accuracy(circle), factor_of(scene)
     place = {int(i): k for k, i in enumerate(np.flatnonzero(circle.within_limits))}
     assert scene.frames is not None
-    (changing,) = scene.frames.meshes
-    for row, found in zip(shown_rows(scene), changing.meshes, strict=True):
-        assert found is not None
-        vertices, faces = found
+    for row, name in zip(shown_rows(scene), scene.frames.choices["accuracy"], strict=True):
+        vertices, faces, _ = mesh(scene, f"accuracy/{name}")
         expected = accuracy.volume[place[int(row)]] * factor**3
         corners = vertices[faces]
-        assert np.linalg.det(corners).sum() / 6 == pytest.approx(expected, rel=1e-9)  # closed, and every face looks outwards
-        assert ConvexHull(vertices).volume == pytest.approx(expected, rel=1e-9)
+        assert np.linalg.det(corners).sum() / 6 == pytest.approx(expected, rel=1e-5)  # closed, and every face looks outwards
+        assert ConvexHull(vertices).volume == pytest.approx(expected, rel=1e-5)
         farthest = accuracy.largest_deviation[place[int(row)]] * factor
-        assert np.linalg.norm(vertices, axis=1).max() == pytest.approx(farthest, rel=1e-9)
+        assert np.linalg.norm(vertices, axis=1).max() == pytest.approx(farthest, rel=1e-5)
     np.testing.assert_allclose(transform(scene, "accuracy")[:3, 3], POINT)
 
 
@@ -356,21 +343,18 @@ def test_a_zonotope_without_thickness_is_still_drawn(sino6: Arm) -> None:
     assert np.ptp(vertices[:, 2]) < 1e-2 * np.ptp(vertices[:, 0])
 
 
-@pytest.mark.parametrize("kind", ["general", "parallel", "coplanar", "zero"])
-def test_corners_are_the_vertices(kind: str, rng: np.random.Generator) -> None:
-    """Against all 2^p corners of the box."""
-    g = rng.normal(size=(3, 7))
-    if kind == "parallel":
-        g[:, 3] = -2.0 * g[:, 0]
-    elif kind == "coplanar":
-        g[:, 4], g[:, 5] = g[:, 0] + g[:, 1], g[:, 0] - 2.0 * g[:, 1]
-    elif kind == "zero":
-        g[:, 2] = 0.0
-    every = np.array(list(product([-1.0, 1.0], repeat=7))) @ g.T
-    vertices = every[ConvexHull(every).vertices]
-    found = zonotope.corners(g[None])[0]
-    assert np.linalg.norm(vertices[:, None] - found[None], axis=2).min(axis=1).max() < 1e-12
-    assert ConvexHull(found).volume == pytest.approx(ConvexHull(every).volume, rel=1e-12)
+def test_corners_are_the_vertices(rng: np.random.Generator) -> None:
+    """Of generators in general, two parallel, three coplanar, one zero: against all 2^p corners of the box."""
+    g = rng.normal(size=(4, 3, 7))
+    g[1, :, 3] = -2.0 * g[1, :, 0]
+    g[2, :, 4], g[2, :, 5] = g[2, :, 0] + g[2, :, 1], g[2, :, 0] - 2.0 * g[2, :, 1]
+    g[3, :, 2] = 0.0
+    for one in g:
+        every = np.array(list(product([-1.0, 1.0], repeat=7))) @ one.T
+        vertices = every[ConvexHull(every).vertices]
+        found = zonotope.corners(one[None])[0]
+        assert np.linalg.norm(vertices[:, None] - found[None], axis=2).min(axis=1).max() < 1e-12
+        assert ConvexHull(found).volume == pytest.approx(ConvexHull(every).volume, rel=1e-12)
 
 
 def test_the_ghosts_are_other_postures() -> None:
@@ -457,13 +441,11 @@ def test_what_a_circle_refuses(sino6: Arm) -> None:
 
 @cache
 def small_map() -> Any:
-    return map_workspace(Arm.load("sino6"), (7, 9), 6, progress=False)
+    return map_workspace(Arm.load("sino6"), (5, 6), 6, progress=False)
 
 
-@pytest.mark.parametrize(
-    ("quantity", "colours", "scale"), [("comprehensive_mm3", "viridis", 1.0), ("smallest_u_mm", "viridis", 1e3)]
-)
-def test_the_cells_of_a_map(sino6: Arm, quantity: str, colours: str, scale: float) -> None:
+@pytest.mark.parametrize(("quantity", "scale"), [("comprehensive_mm3", 1.0), ("smallest_u_mm", 1e3)])
+def test_the_cells_of_a_map(sino6: Arm, quantity: str, scale: float) -> None:
     found = small_map()
     scene = scenes.map_scene(found, sino6, quantity)
     values = np.where(found.data["reachable"].values == 1, found.data[quantity].values, np.nan)
@@ -479,12 +461,12 @@ def test_the_cells_of_a_map(sino6: Arm, quantity: str, colours: str, scale: floa
         here = found.data[quantity].sel(x_mm=centre[0], z_mm=centre[2], method="nearest")
         assert abs(float(here["x_mm"]) - centre[0]) < 1e-3
         assert abs(float(here["z_mm"]) - centre[2]) < 1e-3
-        np.testing.assert_allclose(colour, colormaps[colours]((float(here) - low) / (high - low))[:3], atol=1e-6)
+        np.testing.assert_allclose(colour, colormaps["viridis"]((float(here) - low) / (high - low))[:3], atol=1e-6)
     area = 0.5 * np.linalg.norm(
         np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]), axis=1
     )
     x0, x1, z0, z1 = np.array(found.data.attrs["extent_mm"]) * MM
-    assert area.sum() == pytest.approx(np.isfinite(values).sum() * (x1 - x0) * (z1 - z0) / 63, rel=1e-5)
+    assert area.sum() == pytest.approx(np.isfinite(values).sum() * (x1 - x0) * (z1 - z0) / 30, rel=1e-5)
 
 
 def test_the_arm_reaches_into_the_cells(sino6: Arm) -> None:
@@ -517,15 +499,15 @@ def measured() -> Any:
 
 @cache
 def diagnosed() -> Any:
-    return diagnose(Arm.load("sino6"), measured(), encoder_noise=8e-6)
+    return diagnose(Arm.load("sino6"), measured(), encoder_noise=8e-6, hold_out=False)
 
 
 def spikes_of(scene: Scene) -> tuple[Array, Array, Array]:
     """Middle of the foot, end, and colour of each spike."""
     vertices, _, colours = mesh(scene, "residuals")
     assert colours is not None
-    one = vertices.reshape(-1, 7, 3)
-    return one[:, :6].mean(axis=1), one[:, 6], colours.reshape(-1, 7, 3)[:, 6]
+    ends = vertices.reshape(-1, 2, 6, 3)
+    return ends[:, 0].mean(axis=1), ends[:, 1, 0], colours.reshape(-1, 2, 6, 3)[:, 1, 0]
 
 
 def test_residuals_of_the_simulation_by_pinocchio(sino6: Arm) -> None:
@@ -567,7 +549,7 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> 
     table = data.to_frame()
     table[["x_mm", "y_mm", "z_mm"]] = (data.reference @ turn.T + shift) / MM
     moved = type(data).from_frame(pd.DataFrame(table))
-    result = calibrate(sino6, moved, ["geometry"], reference_frame="external", encoder_noise=8e-6)
+    result = calibrate(sino6, moved, ["geometry"], reference_frame="external", encoder_noise=8e-6, hold_out=False)
     scene = scenes.calibration_scene(result, "after")
     assert scene.frames is not None
     foot, end, _ = spikes_of(scene)
@@ -585,16 +567,18 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> 
 # --- scene and page
 
 
-def test_commands_are_kept_as_a_server_keeps_them() -> None:
+def test_the_last_commands_are_kept() -> None:
     scene = Scene("boxes")
     scene["a/b"].set_object(Box([1, 1, 1]))
     scene["a/b"].set_property("visible", False)
     scene["a/c"].set_object(Box([2, 2, 2]))
-    scene["a/c"].set_transform(np.diag([1.0, 1.0, 1.0, 1.0]))
+    for x in (1.0, 2.0):
+        scene["a/c"].set_transform(np.diag([x, x, x, 1.0]))
+    assert transform(scene, "a/c")[0, 0] == 2.0
+    assert len(scene.commands) == 4
     assert set(commands(scene, "set_object")) == {"a/b", "a/c"}
     assert set(commands(scene, "set_property")) == {"a/b"}
-    scene["a/b"].set_object(Box([3, 3, 3]))  # a new object has no old properties
-    assert commands(scene, "set_property") == {}
+    scene["a/b"].set_object(Box([3, 3, 3]))
     assert commands(scene, "set_object")["a/b"]["object"]["geometries"][0]["width"] == 3
     scene["a/c"].delete()
     assert set(commands(scene, "set_object")) == {"a/b"}
@@ -623,9 +607,7 @@ def test_text_is_text() -> None:
     assert "<b>1" not in rest
     assert "alert(1)</script>" not in rest
     assert "<!--" not in rest.replace("<!-- viewer -->", "")
-    data = re.search(r'<script type="application/json" id="scene-data">(.*?)</script>', rest)
-    assert data is not None
-    assert json.loads(data[1])["frames"]["labels"] == ["</script>"]
+    assert page_data(rest)["frames"]["labels"] == ["</script>"]
 
 
 def test_several_scenes_hold_the_viewer_once() -> None:
@@ -640,48 +622,37 @@ def test_several_scenes_hold_the_viewer_once() -> None:
 
 def test_files_are_written_whole_and_not_over_others(tmp_path: Path) -> None:
     target = tmp_path / "scene.html"
-    scene = Scene("one")
+    scene = Scene('the "arm"')
     scene.save(target)
     assert target.read_text(encoding="utf-8") == scene.html()
     with pytest.raises(OutputError, match="exists already"):
         scene.save(target)
     scene.save(target, force=True)
     assert list(tmp_path.iterdir()) == [target]
-
-
-def test_a_notebook_shows_the_page() -> None:
-    scene = Scene('the "arm"')
-    shown = scene._repr_html_()
-    inner = re.search(r'srcdoc="([^"]*)"', shown)
+    inner = re.search(r'srcdoc="([^"]*)"', scene._repr_html_())
     assert inner is not None
-    assert markup.unescape(inner[1]) == scene.html()
+    assert markup.unescape(inner[1]) == scene.html()  # what a notebook shows
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"colours": ["red"]}, "colours: 1 frames, expected 2"),
-        ({"placements": {"arm": np.eye(4)[None]}}, "placements of arm: 1 frames"),
-        ({"start": 2}, "expected a frame from 0 to 1"),
-    ],
-)
-def test_frames_that_do_not_fit(change: dict[str, Any], said: str) -> None:
+def test_frames_that_do_not_fit() -> None:
     whole: dict[str, Any] = {
         "placements": {"arm": np.tile(np.eye(4), (2, 1, 1))},
         "labels": ["x"],
         "readings": [["1"], ["2"]],
         "colours": ["red", "blue"],
     }
-    with pytest.raises(ShapeError, match=said):
-        Frames(**(whole | change))
-
-
-def swatches(scene: Scene) -> Iterator[str]:
-    return (swatch.text for swatch in scene.legend.swatches)
+    for change, said in (
+        ({"colours": ["red"]}, "colours: 1 frames, expected 2"),
+        ({"placements": {"arm": np.eye(4)[None]}}, "placements of arm: 1 frames"),
+        ({"choices": {"set": ["a"]}}, "choices of set: 1 frames"),
+        ({"start": 2}, "expected a frame from 0 to 1"),
+    ):
+        with pytest.raises(ShapeError, match=said):
+            Frames(**(whole | change))
 
 
 def test_sizes_are_written_out() -> None:
-    scene = circle_of("ellipsoid")
-    assert any("one cell 100 mm" in text for text in swatches(scene))
-    assert any("k = 2.80" in note for note in scene.legend.notes)
-    assert to_rgb("#d55e00") in [to_rgb(s.colour) for s in scene.legend.swatches if s.text == "working point"]
+    legend = circle_of("ellipsoid").legend
+    assert any("one cell 100 mm" in swatch.text for swatch in legend.swatches)
+    assert any("k = 2.80" in note for note in legend.notes)
+    assert to_rgb("#d55e00") in [to_rgb(s.colour) for s in legend.swatches if s.text == "working point"]

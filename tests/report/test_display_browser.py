@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from browser import Page, page
 from meshcat.geometry import Box
-from scipy.spatial import ConvexHull
 
 from aacmm_pin import Arm, circle_accuracy, configuration_circle
 from aacmm_pin._support.checks import Array
@@ -91,7 +90,7 @@ def test_a_file_draws_without_a_network(page: Page, file: Path) -> None:
     assert page.errors == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
     names = page.evaluate(NAMES)
-    for wanted in ("arm/body 0", "arm/body 6/tip", "arm/body 3/joint", "point", "accuracy", "path/within 1", "ghosts/5"):
+    for wanted in ("arm/body 0", "arm/body 6/tip", "arm/body 3/joint", "point", "accuracy", "path/within", "ghosts/5"):
         assert wanted in names
     picture = stage(page.screenshot())
     assert colours(picture) > 500
@@ -192,14 +191,11 @@ def test_a_shape_that_changes(page: Page, tmp_path: Path) -> None:
     assert scene.frames is not None
     for number in (1, len(scene.frames) - 2):
         page.evaluate(f"page.show({number})")
-        points = page.evaluate(
-            """[...page.viewer.scene_tree.find(["meshcat", "accuracy"]).object.children
-                 .find((child) => child.isMesh).geometry.getAttribute("position").array]"""
+        shown = page.evaluate(
+            """Object.entries(page.viewer.scene_tree.find(["meshcat", "accuracy"]).children)
+                 .filter(([name, child]) => child.object.visible && name !== "<object>").map(([name]) => name)"""
         )
-        found = scene.frames.meshes[0].meshes[number]
-        assert found is not None
-        drawn = ConvexHull(np.reshape(points, (-1, 3))).volume
-        assert drawn == pytest.approx(ConvexHull(found[0]).volume, rel=1e-5)
+        assert shown == [scene.frames.choices["accuracy"][number]]
     assert page.errors == []
 
 
@@ -232,15 +228,6 @@ def test_several_scenes_on_a_page(page: Page, tmp_path: Path) -> None:
     assert page.errors == []
 
 
-def test_a_notebook_cell(page: Page, tmp_path: Path) -> None:
-    cell = tmp_path / "cell.html"
-    cell.write_text(f"<!DOCTYPE html><meta charset=utf-8><body>{circle_scene()._repr_html_()}", encoding="utf-8")
-    page.open(cell, (900, 700))
-    page.wait_for("document.querySelector('iframe').contentWindow.page !== undefined")
-    assert colours(page.screenshot()) > 500
-    assert page.errors == []
-
-
 def test_without_webgl_the_page_says_so(file: Path) -> None:
     with Page("--disable-3d-apis") as blind:
         blind.open(file)
@@ -267,10 +254,8 @@ def test_a_live_scene_draws_and_changes(page: Page) -> None:
         page.wait_for("page.viewer.scene_tree.children.meshcat.children.extra !== undefined")
         scene["extra"].delete()
         page.wait_for("page.viewer.scene_tree.children.meshcat.children.extra === undefined")
-        assert page.evaluate("document.getElementById('gone').hidden")
         assert all(url.startswith((server.url, "data:")) for url in page.requests)
         assert page.errors == []
-    page.wait_for("!document.getElementById('gone').hidden")
 
 
 def test_what_is_put_on_later_is_there_after_a_reload(page: Page) -> None:

@@ -26,15 +26,15 @@ def test_every_cause_can_be_chosen_and_acts(sino6: Arm) -> None:
 
 
 def test_what_nature_has_one_way_only_is_above_zero(sino6: Arm) -> None:
-    for seed in range(20):
+    for seed in range(6):
         for name in ("joint_compliance", "link_bending", "thermal_expansion", "stylus_bending", "base_compliance"):
             assert min(hidden_cause(sino6, np.random.default_rng(seed), name).values) > 0
-    gains = [hidden_cause(sino6, np.random.default_rng(seed), "encoder_gain").values[0] for seed in range(20)]
+    gains = [hidden_cause(sino6, np.random.default_rng(seed), "encoder_gain").values[0] for seed in range(6)]
     assert min(gains) < 0 < max(gains)
 
 
 def test_all_kinds_are_drawn_and_a_seed_draws_the_same_twice(sino6: Arm) -> None:
-    drawn = [hidden_cause(sino6, np.random.default_rng(seed)) for seed in range(200)]
+    drawn = [hidden_cause(sino6, np.random.default_rng(seed)) for seed in range(100)]
     assert {effect.cause for effect in drawn} == set(hideable(sino6))
     assert drawn[7] == hidden_cause(sino6, np.random.default_rng(7))
 
@@ -81,4 +81,4 @@ def test_what_was_not_named_is_said_to_be_that(found: Diagnosis, hidden: Effect,
 def test_how_far_it_moves_the_tip_is_that_of_the_exact_model(sino6: Arm, records: Measurements, found: Diagnosis) -> None:
     moved = ErrorModel(sino6, (HIDDEN,)).predict(records.q) - sino6.positions(records.q)
     rms = 1e6 * np.sqrt(np.square(moved[found.extended.used]).sum(axis=1).mean())
-    assert f"({rms:.0f} µm RMS at the tip" in uncovered_in_words(found, HIDDEN)
+    assert f"({rms:.1f} µm RMS at the tip" in uncovered_in_words(found, HIDDEN)

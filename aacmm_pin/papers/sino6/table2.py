@@ -9,17 +9,14 @@ Where the triangle of the lowest configuration does not close, its angle thek2 i
 complex inverse cosine would be, and the lowest end does not count.
 
 **Why these counts are too small.** Near the base axis the elbow's circle encloses the vertical through the shoulder. Then
-θ2 does not run from one end of the circle to the other: its true extreme lies on the far side, 180° minus the planar one,
-and is reached with the base turned by about 180°. The steps in θ2 beyond that extreme belong to no configuration, so they
-never were theoretical configurations either, while the real ones with the turned base are not looked at. The low flexibility
-near the axis is made by the choice of the parameter; see :attr:`Table2.classes`. What the limits do take away is a cap
-around one pole of the base axis, where θ2 would have to pass -π, and the folded rim, where θ4 would.
+the true extreme of θ2 lies on the far side, 180° minus the planar one, with the base turned by about 180°. Steps beyond it
+belong to no configuration, and the real ones with the turned base are not looked at; see :attr:`Table2.classes`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pandas as pd
@@ -27,12 +24,13 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.progress import watched
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.papers.sino6 import equations as eq
-from aacmm_pin.papers.sino6.exact_circle import configurations_at_swivel
-from aacmm_pin.papers.sino6.nominal import NominalArm, sino6_nominal
-from aacmm_pin.papers.sino6.tables import printed_table2
+from aacmm_pin.papers.sino6.tables import NominalArm, printed_table2, sino6_nominal
+from aacmm_pin.postures.curve_sampling import Components, Sectors
+from aacmm_pin.postures.elbow_swivel import Swivel
+from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,6 +39,10 @@ GRID = 48
 """Cells along each of θ2 and θ4."""
 SECTORS = 12
 """Sectors of the circle; the seven steps of θ2 stand for 1 + 5·2 + 1 of them."""
+SEEDS_PER_TURN = 3
+"""Angles at which each joint is held to find the closed curves of a cell."""
+LIMITS = np.pi * np.array([[0, 2], [-1, 0], [0, 2], [-1, 0], [0, 2]])
+"""θ2 and θ4 stay in [-π, 0], the others turn freely [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,20 +60,19 @@ class Table2(Shown):
     cells: pd.DataFrame
 
     @property
-    def total_variation(self) -> float:
-        """Half the sum of the differences between printed and reproduced shares of cells: 0 equal, 1 disjoint."""
-        return self._distance_to_paper("reproduced_cells")
-
-    @property
-    def exact_total_variation(self) -> float:
-        """The same between the printed and the exact shares."""
-        return self._distance_to_paper("exact_cells")
+    def total_variation(self) -> dict[str, float]:
+        """Half the summed differences from the printed shares of cells, ``reproduced`` and ``exact``: 0 alike, 1 apart."""
+        shares = {name: self.counts[f"{name}_cells"] / len(self.cells) for name in ("paper", "reproduced", "exact")}
+        return {name: float(0.5 * (shares["paper"] - shares[name]).abs().sum()) for name in ("reproduced", "exact")}
 
     @property
     def mean_flexibility(self) -> dict[str, float]:
         """Mean of ζ over the cells, by the names ``paper``, ``reproduced``, ``exact``."""
-        sectors = self.counts["working_sectors"].to_numpy() / SECTORS
-        return {name: _mean(sectors, self.counts[f"{name}_cells"]) for name in ("paper", "reproduced", "exact")}
+        sectors = self.counts["working_sectors"] / SECTORS
+        return {
+            name: float(np.average(sectors, weights=self.counts[f"{name}_cells"]))
+            for name in ("paper", "reproduced", "exact")
+        }
 
     @property
     def classes(self) -> pd.DataFrame:
@@ -80,52 +81,39 @@ class Table2(Shown):
         Columns: reproduced_sectors, cells, behind_axis (number of cells), steps_without_configuration and
         steps_past_limit (means, of seven), exact_fraction (mean over the cells).
         """
-        grouped = self.cells.groupby("reproduced_sectors")
-        return pd.DataFrame(
-            {
-                "cells": grouped.size(),
-                "behind_axis": grouped["behind_axis"].sum(),
-                "steps_without_configuration": grouped["steps_without_configuration"].mean(),
-                "steps_past_limit": grouped["steps_past_limit"].mean(),
-                "exact_fraction": grouped["exact_sectors"].mean() / SECTORS,
-            }
-        ).reset_index()
+        rows = self.cells.assign(cells=1, exact_fraction=self.cells["exact_sectors"] / SECTORS)
+        steps = dict.fromkeys(["steps_without_configuration", "steps_past_limit", "exact_fraction"], "mean")
+        return rows.groupby("reproduced_sectors").agg({"cells": "sum", "behind_axis": "sum", **steps}).reset_index()
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Cells by their working sectors, see :func:`aacmm_pin.papers.sino6.figures.draw_table2`."""
-        from aacmm_pin.papers.sino6.figures import draw_table2  # matplotlib is loaded only to draw
-
-        return draw_table2(self, ax)
-
-    def _distance_to_paper(self, column: str) -> float:
-        paper, other = self.counts["paper_cells"], self.counts[column]
-        return float(0.5 * (paper / paper.sum() - other / other.sum()).abs().sum())
+        """Cells by their working sectors."""
+        return cast("Axes", report().plots.plot_table2(self, ax))
 
 
-def reproduce_table2(arm: NominalArm | None = None, grid: int = GRID, *, progress: bool = True) -> Table2:
+def reproduce_table2(grid: int = GRID, *, progress: bool = True) -> Table2:
     """Table 2 by the assumption in the module's docstring, and by exact geometry on the same cells.
 
     Args:
-        arm: the nominal arm; default SINO6.
         grid: cells along each of θ2 and θ4.
         progress: show a bar in a notebook, or on stderr at a terminal.
     """
-    arm = arm or sino6_nominal()
+    arm = sino6_nominal()
     theta2, theta4, points = generating_grid(arm, grid)
-    walk = _walk_in_theta2(arm, points, theta2, theta4)
+    with watched(np.array_split(points, 12), progress, "Table 2, exact", "part") as parts:
+        exact = np.concatenate([exact_sectors(arm, part) for part in parts])
     cells = pd.DataFrame(
         {
             "theta2_deg": theta2 / DEG,
             "theta4_deg": theta4 / DEG,
             "x_mm": points[:, 0] / MM,
             "z_mm": points[:, 2] / MM,
-            **walk,
-            "exact_sectors": _exact_by_rows(arm, points, grid, progress),
+            **_walk_in_theta2(arm, points, theta2, theta4),
+            "exact_sectors": exact,
             "behind_axis": points[:, 0] < 0.0,  # the elbow is in front of the base axis, P behind it
         }
     )
-    counts = pd.DataFrame({"working_sectors": np.arange(SECTORS + 1)})
     paper = printed_table2().set_index("working_sectors")["cells"]
+    counts = pd.DataFrame({"working_sectors": np.arange(SECTORS + 1)})
     counts["paper_cells"] = counts["working_sectors"].map(paper).fillna(0).astype(int)
     for name in ("reproduced", "exact"):
         counts[f"{name}_cells"] = np.bincount(cells[f"{name}_sectors"], minlength=SECTORS + 1)
@@ -142,7 +130,7 @@ def generating_grid(arm: NominalArm, grid: int = GRID) -> tuple[Array, Array, Ar
 
 def _walk_in_theta2(arm: NominalArm, points: Array, theta2: Array, theta4: Array) -> dict[str, NDArray[np.generic]]:
     """The paper's walk over the circle: columns of :attr:`Table2.cells`, (n,) each."""
-    parts = eq.theta2_sweep_parts(arm, points, theta4)
+    parts = eq.theta2_sweep_parts(arm, points, eq.tube_end_to_point(arm, theta4))
     lowest_closes = eq.lowest_exists(arm, points)
     sweep = np.where(lowest_closes[:, None], parts, np.nan_to_num(parts)).sum(axis=1)
     steps = theta2 - np.linspace(0.0, 1.0, 1 + SECTORS // 2)[:, None] * sweep
@@ -165,25 +153,12 @@ def _pair_exists(arm: NominalArm, points: Array, theta2: Array) -> NDArray[np.bo
     return np.asarray(np.abs(eq.cosine_theta1(arm, points, theta2, theta4)) <= 1.0)
 
 
-def _exact_by_rows(arm: NominalArm, points: Array, grid: int, progress: bool) -> NDArray[np.int64]:
-    """:func:`exact_sectors` of one θ2 after the other."""
-    with watched(np.split(points, grid), progress, "Table 2, exact", "row") as rows:
-        return np.concatenate([exact_sectors(arm, row) for row in rows])
-
-
 def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:
     """How many of twelve swivel angles, 30° apart from the highest elbow on, have a true configuration: (n,).
 
-    True means θ2 and θ4 in [-π, 0], θ1 and θ3 free. Configurations come in mirror images about the vertical plane through
-    the point, so half of the circle is searched.
+    True means θ2 and θ4 in [-π, 0], θ1 and θ3 free, on the traced curves of :mod:`aacmm_pin.postures`.
     """
-    half = np.arange(SECTORS // 2 + 1) * 2.0 * np.pi / SECTORS
-    found = configurations_at_swivel(arm, points, half)
-    allowed = ((found.q[:, [1, 3]] <= 0.0) & (found.q[:, [1, 3]] >= -np.pi)).all(axis=1)
-    works = np.zeros((len(points), half.size), dtype=np.int64)
-    works[found.point[allowed], found.swivel[allowed]] = 1
-    return np.asarray(2 * works.sum(axis=1) - works[:, 0] - works[:, -1])
-
-
-def _mean(values: Array, weights: pd.Series) -> float:
-    return float(np.average(values, weights=weights.to_numpy()))
+    wrist, swivel = Wrist.of(arm.dh), Swivel(arm.dh, np.array([0.0, 0.0, -1.0]))
+    curves = wrist_curves(wrist, points, SEEDS_PER_TURN)
+    components = Components(swivel, wrist_system(wrist, points), points, curves, wrist)
+    return np.asarray(Sectors.of(components, LIMITS, SECTORS).working.sum(axis=1))

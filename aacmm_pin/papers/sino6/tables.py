@@ -1,4 +1,4 @@
-"""The printed Tables 1 to 3 as data frames, unchanged; units are in the column names.
+"""The printed Tables 1 to 3 as data frames, unchanged, and the nominal arm of Table 1.
 
 Source: Xu You, Gao Qun, Yu Limin, Xu Wei, Zheng Zhenxing, Chinese Journal of Scientific Instrument 40 (2019),
 doi:10.19650/j.cnki.cjsi.J1905059.
@@ -6,28 +6,31 @@ doi:10.19650/j.cnki.cjsi.J1905059.
 
 from __future__ import annotations
 
-import importlib.resources
+from dataclasses import astuple, dataclass
 
 import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
+from aacmm_pin.arm.dh import DHTable, table
+from aacmm_pin.errors import UnsupportedArmError
+from aacmm_pin.papers.read_table import read_table
 
 
 def printed_table1() -> pd.DataFrame:
     """DH values of SINO6 and the half-widths of their calibration, one row a joint [mm, rad]."""
-    return _read("table1.csv")
+    return read_table("sino6", "table1")
 
 
 def printed_table2() -> pd.DataFrame:
     """Number of the 48 × 48 working regions by their number of working sectors, 1 to 12."""
-    return _read("table2.csv")
+    return read_table("sino6", "table2")
 
 
 def printed_table3() -> pd.DataFrame:
     """The six measured seats: coordinates, spread (eq. 16), spread of the marked part and of the rest (eq. 18) [mm]."""
-    return _read("table3.csv")
+    return read_table("sino6", "table3")
 
 
 def printed_points() -> Array:
@@ -35,7 +38,38 @@ def printed_points() -> Array:
     return np.array(printed_table3()[["x_mm", "y_mm", "z_mm"]], dtype=np.float64) * MM
 
 
-def _read(name: str) -> pd.DataFrame:
-    resource = importlib.resources.files("aacmm_pin.papers.sino6") / name
-    with resource.open(encoding="utf-8") as file:
-        return pd.read_csv(file, comment="#")
+@dataclass(frozen=True)
+class NominalArm:
+    """Magnitudes of the lengths of an offset-orthogonal arm: every twist is ±90°, and four lengths are not zero.
+
+    The paper mixes signed table values with magnitudes; the signs (a2 < 0, a3 > 0, d3 < 0, d5 < 0) stand in :attr:`dh` only.
+
+    Attributes:
+        l2: offset of the axis of joint 3 from the shoulder, where the axes of joints 1 and 2 meet [m].
+        l3: offset of the elbow (axis of joint 4) from the axis of joint 3 [m].
+        d3: length of the upper tube, along the axis of joint 3 [m].
+        d5: length of the fore tube, along the axis of joint 5 [m].
+    """
+
+    l2: float
+    l3: float
+    d3: float
+    d5: float
+
+    def __post_init__(self) -> None:
+        bad = [name for name, value in zip(("l2", "l3", "d3", "d5"), astuple(self), strict=True) if not value > 0]
+        if bad:
+            raise UnsupportedArmError(f"{', '.join(bad)} not positive in {self}; expected magnitudes [m]")
+
+    @property
+    def dh(self) -> DHTable:
+        """Standard DH table of joints 1 to 5; the origin of frame 5 is the working point, that of frame 3 the elbow."""
+        quarter = np.pi / 2
+        a, d = (0.0, -self.l2, self.l3, 0.0, 0.0), (0.0, 0.0, -self.d3, 0.0, -self.d5)
+        return table(np.column_stack([a, d, quarter * np.array([-1, 1, -1, 1, 1]), np.zeros(5)]))
+
+
+def sino6_nominal() -> NominalArm:
+    """The nominal SINO6: the four lengths of Table 1, all else ideal."""
+    a, d = (np.abs(printed_table1()[column].to_numpy()) * MM for column in ("a_mm", "d_mm"))
+    return NominalArm(l2=float(a[1]), l3=float(a[2]), d3=float(d[2]), d5=float(d[4]))

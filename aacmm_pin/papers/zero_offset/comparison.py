@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.papers.zero_offset.gauss_newton import MRAD, OFFSETS_DEG, RUNS, iterations, simulated_run
-from aacmm_pin.papers.zero_offset.tables import printed_postures, printed_table2
+from aacmm_pin.papers.zero_offset.gauss_newton import (
+    MRAD,
+    OFFSETS_DEG,
+    RUNS,
+    iterations,
+    printed_postures,
+    printed_table2,
+    simulated_run,
+)
 
 HALF_DIGIT = 0.0005 + 1e-9
 """Half of the last printed digit [mm or deg]."""
-
 KEYS = ["run", "iteration"]
-KINDS = {"x": "coordinate", "y": "coordinate", "z": "coordinate", "theta_offset": "offset", "error": "error"}
-
 NOTES = {
     (1, 0, "x3_mm"): "printed 14257, read as 142.57",
     (2, 0, "error3_mm"): "printed 3930: the last digit is lost, compared with 39.303",
@@ -42,46 +45,33 @@ def comparison(*, keying_slip: bool = True) -> pd.DataFrame:
     Args:
         keying_slip: see :func:`aacmm_pin.papers.zero_offset.iterations`.
     """
-    reproduced = _long(_reproduced(keying_slip), "reproduced")
-    table = _long(_printed(), "printed").merge(reproduced, how="left", on=[*KEYS, "quantity"], validate="1:1")
-    table["difference"] = table["reproduced"] - table["printed"]
-    table["verdict"] = _verdicts(table)
-    table["note"] = [NOTES.get(key, "") for key in zip(*(table[name] for name in [*KEYS, "quantity"]), strict=True)]
-    kind = table["quantity"].str.extract(r"^([a-z_]+)\d_", expand=False).map(KINDS)
-    table.insert(3, "unit", table["quantity"].str.rpartition("_")[2])
-    table.insert(2, "kind", kind.mask((kind == "error") & (table["iteration"] == 0), "first error"))
-    return table
-
-
-def _printed() -> pd.DataFrame:
-    """One row an iteration; row 0 of each run has the coordinates and first errors of its three points."""
-    names = {"x_mm": "x", "y_mm": "y", "z_mm": "z", "position_error_mm": "error"}
-    start = printed_postures().rename(columns=names).pivot(index="run", columns="point", values=list(names.values()))
-    start.columns = start.columns.map("{0[0]}{0[1]}_mm".format)
-    return pd.concat([printed_table2(), start.reset_index().assign(iteration=0)])
-
-
-def _reproduced(keying_slip: bool) -> pd.DataFrame:
     runs = []
     for run in RUNS:
         rows = iterations(run, MRAD, keying_slip=keying_slip).assign(run=run).drop(columns="condition_number")
-        for point, position in enumerate(simulated_run(run).references / MM, start=1):
-            for axis, coordinate in zip("xyz", position, strict=True):
-                rows.loc[0, f"{axis}{point}_mm"] = coordinate
+        places = simulated_run(run).references / MM
+        rows.loc[0, [f"{axis}{point}_mm" for point in (1, 2, 3) for axis in "xyz"]] = places.ravel()
         runs.append(rows)
-    return pd.concat(runs)
+    names = {"x_mm": "x", "y_mm": "y", "z_mm": "z", "position_error_mm": "error"}
+    start = printed_postures().rename(columns=names).pivot(index="run", columns="point", values=list(names.values()))
+    start.columns = start.columns.map("{0[0]}{0[1]}_mm".format)
+    printed = _long(pd.concat([printed_table2(), start.reset_index().assign(iteration=0)]), "printed")
+    table = printed.merge(_long(pd.concat(runs), "reproduced"), how="left", on=[*KEYS, "quantity"], validate="1:1")
+    table["difference"] = table["reproduced"] - table["printed"]
+    offset, error = table["quantity"].isin(OFFSETS_DEG), table["quantity"].str.startswith("error")
+    whole = (table["printed"] * DEG / MRAD).round() * MRAD / DEG
+    broken = offset & ((table["printed"] - whole).abs() > HALF_DIGIT)
+    beside_broken = broken.groupby([table[key] for key in KEYS]).transform("any")
+    agrees = table["difference"].abs() <= HALF_DIGIT
+    underivable = broken | (beside_broken & ~offset)
+    table["verdict"] = np.select([agrees, underivable], ["reproduced", "not derivable"], "not reproduced")
+    table["note"] = [NOTES.get(key, "") for key in zip(*(table[name] for name in [*KEYS, "quantity"]), strict=True)]
+    table.insert(3, "unit", table["quantity"].str.rpartition("_")[2])
+    first = error & (table["iteration"] == 0)
+    table.insert(2, "kind", np.select([offset, first, error], ["offset", "first error", "error"], "coordinate"))
+    return table
 
 
 def _long(wide: pd.DataFrame, name: str) -> pd.DataFrame:
     """One row a number, ordered by run and iteration."""
     table = wide.melt(KEYS, var_name="quantity", value_name=name).dropna()
     return table.sort_values(KEYS, kind="stable", ignore_index=True)
-
-
-def _verdicts(table: pd.DataFrame) -> NDArray[np.str_]:
-    offset = table["quantity"].isin(OFFSETS_DEG)
-    whole = (table["printed"] * DEG / MRAD).round() * MRAD / DEG
-    broken = offset & ((table["printed"] - whole).abs() > HALF_DIGIT)
-    beside_broken = broken.groupby([table[key] for key in KEYS]).transform("any") & ~offset
-    agrees = table["difference"].abs() <= HALF_DIGIT
-    return np.select([agrees, broken | beside_broken], ["reproduced", "not derivable"], "not reproduced")

@@ -1,4 +1,4 @@
-"""The paper's calibration: zero offsets from three known points by repeated linear least squares, with its rounding.
+"""The paper's tables, and its calibration: zero offsets from three known points by least squares, with its rounding.
 
 With zero offsets ``s``, 0 at first, the tip is computed at ``q + s``. The misses ``ΔQ`` of the three points and the
 derivatives ``G`` of the tips with respect to the offsets give ``ΔQ = G Δδ`` (7), whose least squares solution is the
@@ -25,37 +25,39 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.papers.zero_offset.tables import printed_postures
+from aacmm_pin.papers.read_table import read_table
 
 RUNS = range(1, 4)
-JOINTS = range(1, 7)
-POINTS = range(1, 4)
-OFFSETS_DEG = [f"theta_offset{joint}_deg" for joint in JOINTS]
-ERRORS_MM = [f"error{point}_mm" for point in POINTS]
+OFFSETS_DEG = [f"theta_offset{joint}_deg" for joint in range(1, 7)]
+ERRORS_MM = [f"error{point}_mm" for point in range(1, 4)]
 
 MRAD = 1e-3
 """What the paper rounded its increments to [rad]."""
+SLIP = {"run": 1, "iteration": 2, "joint": 5, "increment": -1 * MRAD}
+"""Table 2 has 1.776° → 1.719°, an increment of -0.001 rad, where (8) gives -0.010; what follows obeys (8) again."""
 
 References = Literal["simulated", "printed"]
 
 
-@dataclass(frozen=True)
-class KeyingSlip:
-    """An increment that was keyed in wrong.
+def printed_table1() -> pd.DataFrame:
+    """DH values and true zero offsets of the simulated arm, one row a DH row, the stylus last [deg, mm].
 
-    Attributes:
-        run, iteration, joint: where, each counted from 1.
-        increment: what was taken in its place [rad].
+    The link lengths a are as printed; the coordinates of Table 2 come out with a = 0 only, as in the bundled ``zero6``.
     """
-
-    run: int
-    iteration: int
-    joint: int
-    increment: float
+    return read_table("zero_offset", "table1")
 
 
-KEYING_SLIP = KeyingSlip(run=1, iteration=2, joint=5, increment=-1 * MRAD)
-"""Table 2 has 1.776° → 1.719°, an increment of -0.001 rad, where (8) gives -0.010; what follows obeys (8) again."""
+def printed_postures() -> pd.DataFrame:
+    """The nine postures of Table 2, three a run: joint angles [deg], reference coordinates, first position errors [mm].
+
+    Corrected in one digit: the position error of run 2, point 3, which stands there as 39.30, is 39.303 here.
+    """
+    return read_table("zero_offset", "postures")
+
+
+def printed_table2() -> pd.DataFrame:
+    """Table 2: zero offsets [deg] after each iteration of each run, and the position errors of its three points [mm]."""
+    return read_table("zero_offset", "table2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +86,13 @@ class Run:
 
     def increment(self, offsets: Array) -> Array:
         """Δδ of (8): (6,) [rad]. Solved by singular values; the normal equations would square the condition number."""
-        solution = np.linalg.lstsq(self.matrix(offsets), self.misses(offsets).ravel(), rcond=None)[0]
-        return np.asarray(solution, dtype=np.float64)
+        return np.asarray(np.linalg.lstsq(self.matrix(offsets), self.misses(offsets).ravel(), rcond=None)[0])
+
+    def row(self, offsets: Array) -> dict[str, float]:
+        """What :func:`iterations` says of these offsets."""
+        errors = np.linalg.norm(self.misses(offsets), axis=1) / MM
+        values = [*(offsets / DEG), *errors, np.linalg.cond(self.matrix(offsets))]
+        return dict(zip([*OFFSETS_DEG, *ERRORS_MM, "condition_number"], map(float, values), strict=True))
 
 
 def simulated_run(run: int, references: References = "simulated") -> Run:
@@ -103,9 +110,8 @@ def simulated_run(run: int, references: References = "simulated") -> Run:
         raise UnknownNameError("references", references, list(get_args(References)))
     if run not in RUNS:
         raise UnknownNameError("run", str(run), [str(known) for known in RUNS])
-    postures = printed_postures()
-    postures = postures[postures["run"] == run]
-    q = postures[[f"theta{joint}_deg" for joint in JOINTS]].to_numpy(dtype=np.float64) * DEG
+    postures = printed_postures().query("run == @run")
+    q = postures.filter(like="theta").to_numpy(dtype=np.float64) * DEG
     printed = postures[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=np.float64) * MM
     dh = load_arm_file("zero6").dh
     nominal = replace(dh, theta_offset=np.zeros(dh.rows))
@@ -135,58 +141,44 @@ def iterations(
     Args:
         run: number of the run, 1 to 3.
         rounding: increments are rounded to whole multiples of this [rad]; None leaves them as they are.
-        keying_slip: make the slip of Table 2, :data:`KEYING_SLIP`; it touches run 1 only.
+        keying_slip: make the slip of Table 2, :data:`SLIP`; it touches run 1 only.
         count: number of iterations. There is no stopping rule here; the paper stops when all errors are below 0.3 mm.
         references: see :func:`simulated_run`.
 
     Raises:
         UnknownNameError: no such run or kind of references.
-        AacmmError: the rounding is not a positive number, or the count is negative.
+        AacmmError: the rounding is not a positive number.
     """
-    if count < 0:
-        raise AacmmError(f"count is {count}, expected a number of iterations that is not negative")
     if rounding is not None and not (np.isfinite(rounding) and rounding > 0):
         raise AacmmError(f"rounding is {rounding}, expected a positive number [rad], or None")
     simulation = simulated_run(run, references)
     offsets = np.zeros(simulation.nominal.nq)
-    rows = [_row(simulation, offsets)]
+    rows = [simulation.row(offsets)]
     for iteration in range(1, count + 1):
         increment = simulation.increment(offsets)
         if rounding is not None:
             increment = np.round(increment / rounding) * rounding
-        if keying_slip and (KEYING_SLIP.run, KEYING_SLIP.iteration) == (run, iteration):
-            increment[KEYING_SLIP.joint - 1] = KEYING_SLIP.increment
+        if keying_slip and (SLIP["run"], SLIP["iteration"]) == (run, iteration):
+            increment[int(SLIP["joint"]) - 1] = SLIP["increment"]
         offsets = offsets + increment
-        rows.append(_row(simulation, offsets))
+        rows.append(simulation.row(offsets))
     return pd.DataFrame(rows).rename_axis("iteration").reset_index()
 
 
-def _row(simulation: Run, offsets: Array) -> dict[str, float]:
-    errors = np.linalg.norm(simulation.misses(offsets), axis=1)
-    return {
-        **dict(zip(OFFSETS_DEG, offsets / DEG, strict=True)),
-        **dict(zip(ERRORS_MM, errors / MM, strict=True)),
-        "condition_number": float(np.linalg.cond(simulation.matrix(offsets))),
-    }
-
-
-def rounding_residuals(
-    roundings: Sequence[float | None] = (1e-3, 1e-4, 1e-5, None), *, count: int = 8, references: References = "simulated"
-) -> pd.DataFrame:
-    """What is left after ``count`` iterations when increments are rounded more and more finely, one row a rounding and run.
+def rounding_residuals(roundings: Sequence[float | None] = (1e-3, 1e-4, 1e-5, None)) -> pd.DataFrame:
+    """What is left after eight iterations when increments are rounded more and more finely, one row a rounding and run.
 
     Columns: rounding_mrad (0 for none), run, error1_mm … error3_mm, rms_error_mm (of the three), expected_rms_error_mm,
     largest_offset_error_deg. Expected is the root mean square over all arms, each joint's rest being uniform within ± half
     the rounding: ``rounding/√12 · ‖G‖/√3`` with the Frobenius norm. The one arm here stays below it, by up to three times.
 
     Raises:
-        UnknownNameError, AacmmError: see :func:`iterations`.
+        AacmmError: see :func:`iterations`.
     """
     rows = []
     for rounding in roundings:
         for run in RUNS:
-            simulation = simulated_run(run, references)
-            last = iterations(run, rounding, count=count, references=references).iloc[-1]
+            simulation, last = simulated_run(run), iterations(run, rounding, count=8).iloc[-1]
             spread = (rounding or 0.0) / np.sqrt(12.0) * np.linalg.norm(simulation.matrix(simulation.true_offsets))
             rows.append(
                 {
@@ -194,7 +186,7 @@ def rounding_residuals(
                     "run": run,
                     **last[ERRORS_MM],
                     "rms_error_mm": np.sqrt(np.square(last[ERRORS_MM]).mean()),
-                    "expected_rms_error_mm": spread / np.sqrt(len(POINTS)) / MM,
+                    "expected_rms_error_mm": spread / np.sqrt(len(ERRORS_MM)) / MM,
                     "largest_offset_error_deg": np.abs(last[OFFSETS_DEG] - simulation.true_offsets / DEG).max(),
                 }
             )

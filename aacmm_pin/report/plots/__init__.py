@@ -2,8 +2,8 @@
 
 Every function ``plot_…`` draws on ``ax`` and returns it; ``ax.figure`` is the picture. Without ``ax`` a new pyplot figure
 is made, which a notebook shows by itself and a program should close; axes of your own ``matplotlib.figure.Figure`` leave
-pyplot alone. A picture of several panels divides the place of ``ax`` among them, or takes an array of axes, and returns an
-array of axes. Lengths are in mm, volumes in mm³, uncertainties in µm, angles in degrees.
+pyplot alone. A picture of several panels divides the place of ``ax`` among them, and returns its
+figure. Lengths are in mm, volumes in mm³, uncertainties in µm, angles in degrees.
 
 The main picture of a result is its own ``plot`` too: ``circle.plot()``, ``accuracy.plot()``, ``found.plot()``.
 """
@@ -17,27 +17,31 @@ from aacmm_pin.report.plots.accuracy import (
 from aacmm_pin.report.plots.calibration import (
     plot_calibration,
     plot_correlation,
+    plot_normalised_residuals,
+    plot_of_calibration,
     plot_parameter_changes,
     plot_residual_sizes,
-)
-from aacmm_pin.report.plots.causes import plot_cause, plot_geometry, plot_seat_error, plot_unexplained
-from aacmm_pin.report.plots.circle import plot_circle
-from aacmm_pin.report.plots.diagnosis import (
-    plot_arm_residual_vectors,
-    plot_arm_residuals,
-    plot_rms,
-)
-from aacmm_pin.report.plots.groups import plot_groups, plot_held_out
-from aacmm_pin.report.plots.main import plot_diagnosis
-from aacmm_pin.report.plots.maps import QUANTITIES, plot_comprehensive, plot_flexibility, plot_map, plot_uncertainty
-from aacmm_pin.report.plots.residuals import (
-    plot_normalised_residuals,
     plot_residual_vectors,
+    plot_residual_vectors_before_and_after,
     plot_residuals_by_seat,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
-from aacmm_pin.report.plots.spread import plot_bayes_factors, plot_expected_of_records, plot_part_and_rest, plot_spreads
+from aacmm_pin.report.plots.causes import plot_cause, plot_geometry, plot_seat_error, plot_unexplained
+from aacmm_pin.report.plots.circle import plot_circle
+from aacmm_pin.report.plots.diagnosis import plot_arm_residual_vectors, plot_arm_residuals, plot_diagnosis, plot_rms
+from aacmm_pin.report.plots.groups import plot_groups, plot_held_out
+from aacmm_pin.report.plots.maps import QUANTITIES, plot_comprehensive, plot_flexibility, plot_map, plot_uncertainty
+from aacmm_pin.report.plots.papers import (
+    plot_bayes_factors,
+    plot_expected_of_records,
+    plot_iterations,
+    plot_part_and_rest,
+    plot_rounding,
+    plot_spreads,
+    plot_table2,
+    plot_table3,
+)
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION
 
 __all__ = [
@@ -64,18 +68,24 @@ __all__ = [
     "plot_geometry",
     "plot_groups",
     "plot_held_out",
+    "plot_iterations",
     "plot_map",
     "plot_normalised_residuals",
+    "plot_of_calibration",
     "plot_parameter_changes",
     "plot_part_and_rest",
     "plot_residual_sizes",
     "plot_residual_vectors",
+    "plot_residual_vectors_before_and_after",
     "plot_residuals_by_seat",
     "plot_residuals_over_joint",
     "plot_residuals_over_joints",
     "plot_rms",
+    "plot_rounding",
     "plot_seat_error",
     "plot_spreads",
+    "plot_table2",
+    "plot_table3",
     "plot_uncertainty",
     "plot_unexplained",
 ]

@@ -11,8 +11,7 @@ from matplotlib.lines import Line2D
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3, UM
-from aacmm_pin.accuracy.configuration_choice import paired
-from aacmm_pin.accuracy.volume import AccuracyVolume
+from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.configurations import ConfigurationCircle
 from aacmm_pin.postures.general_ik import ReachingPostures

@@ -10,13 +10,13 @@ from pandas.api.types import is_numeric_dtype
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import UM
+from aacmm_pin.calibration.parameter_vector import geometric_parameters
 from aacmm_pin.diagnosis import Diagnosis, Finding
-from aacmm_pin.effects import SeatError
+from aacmm_pin.effects import Effect
+from aacmm_pin.effects.labels import in_words
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.diagnosis_findings import geometric, in_words
 from aacmm_pin.report.plots.partial_residuals import PartialResidual, partial_residual
-from aacmm_pin.report.plots.residuals import numbers_by_size
-from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of
+from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of, numbers_by_size
 
 FEW = 12
 """A covariate with no more values than this is shown value by value."""
@@ -26,6 +26,11 @@ ROOM = 0.8
 """As far beyond the curve, in heights of it, records are shown."""
 LEAST_IN_BIN = 3
 AXES = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
+
+
+def geometric(result: Diagnosis, finding: Finding) -> bool:
+    """Whether a finding is a value of the arm's own geometry."""
+    return bool(geometric_parameters(result.extended.problem.model.arm, finding.effect))
 
 
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
@@ -40,7 +45,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         finding: one of its findings.
         ax: axes.
     """
-    if isinstance(finding.effect, SeatError):
+    if finding.effect.corrects_seat:
         return plot_seat_error(result, finding.effect, ax)
     if geometric(result, finding):
         return plot_geometry(result, ax)
@@ -101,7 +106,7 @@ def _means(shown: PartialResidual, few: bool) -> tuple[Array, Array, Array]:
     return middle[full], mean[full], 1.0 / np.sqrt(safe[full])
 
 
-def plot_seat_error(result: Diagnosis, effect: SeatError, ax: Axes | None = None) -> Axes:
+def plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) -> Axes:
     """Where each seat is beside where it is said to be, by the extended arm; the fitted error of one seat as a ring.
 
     Dots are weighted means over the records of a seat, with the standard uncertainty that the scatter of these gives; an
@@ -110,8 +115,7 @@ def plot_seat_error(result: Diagnosis, effect: SeatError, ax: Axes | None = None
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records = fit.problem.measurements
     tips, variance = fit.solution.point.prediction.tips, np.diagonal(fit.residual_noise, axis1=1, axis2=2)
-    found = {f.effect.seat: np.array(f.effect.values) for f in result.findings if isinstance(f.effect, SeatError)}
-    found |= {effect.seat: np.array(effect.values)}
+    found = {e.place: np.array(e.values) for e in (*(f.effect for f in result.findings), effect) if e.corrects_seat}
     seats = [name for name in sorted(records.seats(), key=numbers_by_size) if records.known[records.seats()[name]].all()]
     ax.axhline(0.0, color=INK, lw=0.6)
     for place, name in enumerate(seats):
@@ -171,12 +175,9 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 def stated_u(result: Diagnosis) -> dict[str, float]:
     """Stated standard uncertainty of every one-valued effect that was estimated and has one, by its label [SI]."""
-    problem, found, first = result.extended.problem, {}, 0
-    for effect in problem.estimated:
-        if len(effect.terms) == 1 and problem.stated[first]:
-            found[effect.label] = float(problem.widths[first])
-        first += len(effect.terms)
-    return found
+    problem = result.extended.problem
+    single = [(effect, own.start) for effect, own in problem.vector if own.stop - own.start == 1]
+    return {effect.label: float(problem.widths[k]) for effect, k in single if problem.stated[k]}
 
 
 def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Axes:

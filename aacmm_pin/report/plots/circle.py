@@ -13,8 +13,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3
-from aacmm_pin.accuracy.configuration_choice import paired
-from aacmm_pin.accuracy.volume import AccuracyVolume
+from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.postures.configurations import ConfigurationCircle
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, VOLUME_COLOURS, VOLUME_LABEL, axes_3d, round_down
 

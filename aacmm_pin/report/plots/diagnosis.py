@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.plots.groups import MODELS
-from aacmm_pin.report.plots.partial_residuals import state_of
-from aacmm_pin.report.plots.residuals import LONGEST, Plane, scale_bar
-from aacmm_pin.report.plots.style import BLUE, GREY, VERMILLION, Panels, axes_of, panels_of, round_down
+from aacmm_pin.diagnosis import Diagnosis, Finding
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.report.numbers import length_unit, lengths
+from aacmm_pin.report.plots.causes import geometric, plot_cause, plot_unexplained
+from aacmm_pin.report.plots.groups import MODELS, plot_groups, plot_held_out
+from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
+from aacmm_pin.report.plots.style import (
+    GREY,
+    VERMILLION,
+    Plane,
+    axes_of,
+    draw_vectors,
+    magnification,
+    panels_of,
+    plane_axes,
+    whole,
+)
 
 POSTURES = 3
 """So many postures of the arm are drawn."""
@@ -32,12 +44,13 @@ def models(result: Diagnosis) -> dict[str, Fit]:
 
 def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """RMS distance of tip and target by the three models, and what the noise alone would give."""
-    ax, sizes = axes_of(ax, (6.8, 2.2)), {name: value / MM for name, value in result.rms.items()}
-    names = list(MODELS)
+    unit, scale = length_unit(max(result.rms.values()))
+    ax, sizes = axes_of(ax, (6.8, 2.2)), {name: value / scale for name, value in result.rms.items()}
+    names, words = list(MODELS), dict(zip(sizes, lengths(result.rms.values()), strict=True))
     ax.barh(names, [sizes[name] for name in names], color=[MODELS[name] for name in names], height=0.6)
     for place, name in enumerate(names):
         ax.annotate(
-            f"{sizes[name]:.4f}",
+            words[name],
             (sizes[name], place),
             (5, 0),
             textcoords="offset points",
@@ -45,10 +58,10 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
             fontsize=9,
             bbox={"fc": "white", "ec": "none", "pad": 1},
         )
-    ax.axvline(sizes["noise"], color=VERMILLION, ls="--", lw=1.4, label=f"noise alone, {sizes['noise']:.4f} mm")
+    ax.axvline(sizes["noise"], color=VERMILLION, ls="--", lw=1.4, label=f"noise alone, {words['noise']}")
     ax.invert_yaxis()
     ax.set_xlim(0, 1.15 * max(sizes.values()))
-    ax.set_xlabel("RMS distance of tip and target [mm]")
+    ax.set_xlabel(f"RMS distance of tip and target [{unit}]")
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     return ax
@@ -56,11 +69,11 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
 
 def shown_models(result: Diagnosis) -> tuple[str, str]:
     """The two models worth comparing on the arm: without and with the causes, or where none was found with geometry."""
-    more = len(result.extended.problem.estimated) > len(result.recalibrated.problem.estimated)
+    more = result.extended.problem.vector.size > result.recalibrated.problem.vector.size
     return ("recalibrated", "extended") if more else ("simulation", "recalibrated")
 
 
-def plot_arm_residuals(result: Diagnosis, ax: Axes | Panels | None = None) -> Panels:
+def plot_arm_residuals(result: Diagnosis, ax: Axes | None = None) -> Figure:
     """Residual vectors on the arm by two models, see :func:`shown_models`, in plan and from the side, all magnified alike.
 
     Lines go from each stated place towards the tip, in the frame of the references; behind them the arm in a few of its
@@ -68,17 +81,17 @@ def plot_arm_residuals(result: Diagnosis, ax: Axes | Panels | None = None) -> Pa
 
     Args:
         result: the diagnosis.
-        ax: axes whose place is divided, or four axes.
+        ax: axes whose place is divided.
 
     Returns:
-        axes of the four panels: in plan without and with, from the side without and with.
+        the figure of the four panels: in plan without and with, from the side without and with.
     """
     panels, names = panels_of(ax, (8.6, 8.0), 4, 2), shown_models(result)
-    factor = _magnification(result, names[0])
+    factor = magnification_of(models(result)[names[0]], result.extended.used)
     planes: tuple[Plane, ...] = ("xy", "xz")
     for panel, (plane, name) in zip(panels, product(planes, names), strict=True):
         plot_arm_residual_vectors(result, name, plane, factor, panel)
-    return panels
+    return whole(panels)
 
 
 def plot_arm_residual_vectors(
@@ -100,24 +113,14 @@ def plot_arm_residual_vectors(
     """
     if name not in MODELS:
         raise AacmmError(f"name is {name!r}, expected one of {', '.join(MODELS)}")
-    if plane not in ("xy", "xz", "yz"):
-        raise AacmmError(f"plane is {plane!r}, expected 'xy', 'xz' or 'yz'")
-    fit, ax = models(result)[name], axes_of(ax, (6.0, 5.6))
-    axes, factor = ["xyz".index(axis) for axis in plane], factor or _magnification(result, name)
+    fit, axes, ax = models(result)[name], plane_axes(plane), axes_of(ax, (6.0, 5.6))
+    factor = factor or magnification_of(fit, result.extended.used)
     used = some_of(np.flatnonzero(result.extended.used))
-    deviation = off_stated(fit)[used] / MM
-    target = fit.solution.point.prediction.tips[used] / MM - deviation
+    deviation = off_stated(fit)[used]
     for posture in postures_of(result.recalibrated):
         ax.plot(*posture[:, axes].T, "-", color=GREY, lw=3, alpha=0.45, solid_capstyle="round", zorder=1)
         ax.plot(*posture[:, axes].T, "o", color=GREY, ms=4, alpha=0.6, zorder=1)
-    lines = np.stack([target, target + factor * deviation], axis=1)[:, :, axes]
-    ax.add_collection(LineCollection(list(lines), colors=BLUE, linewidths=0.9, alpha=0.8, zorder=2))
-    ax.plot(*lines[:, 1].T, ".", ms=2, color=BLUE, zorder=2)
-    low, high = target[:, axes].min(axis=0), target[:, axes].max(axis=0)
-    length = round_down(0.12 * float((high - low).max()) / factor)
-    scale_bar(ax, low - np.array([0.0, 0.1 * (high - low).max()]), factor, length)
-    ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
-    ax.margins(0.05)
+    draw_vectors(ax, fit.solution.point.prediction.tips[used] - deviation, deviation, plane, factor)
     view = {"xy": "plan (xy)", "xz": "side (xz)", "yz": "side (yz)"}[plane]
     ax.set_title(f"{name}, {view}, residuals magnified {factor:g}×", fontsize=10)
     return ax
@@ -134,16 +137,10 @@ def off_stated(fit: Fit) -> Array:
     return np.where(records.known[:, None], tips - records.reference, fit.solution.system.deviation)
 
 
-def _magnification(result: Diagnosis, name: str) -> float:
-    return magnification(models(result)[name], result.extended.used)
-
-
-def magnification(fit: Fit, used: NDArray[np.bool_]) -> float:
-    """With which the ``used`` residuals of a fit are nearly all shorter than a fixed part of the picture."""
+def magnification_of(fit: Fit, used: NDArray[np.bool_]) -> float:
+    """The magnification that suits the ``used`` residuals of a fit."""
     deviation = off_stated(fit)[used]
-    target = fit.solution.point.prediction.tips[used] - deviation
-    size = float(np.ptp(target, axis=0).max()) or 1.0
-    return round_down(LONGEST * size / (float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12))
+    return magnification(fit.solution.point.prediction.tips[used] - deviation, deviation)
 
 
 def postures_of(fit: Fit) -> Array:
@@ -159,3 +156,54 @@ def postures_of(fit: Fit) -> Array:
     state = state_of(fit, records.q[chosen], records.conditions.take(chosen))
     frame = fit.solution.point.frame
     return np.stack([frame.apply(points) for points in state.origin.transpose(1, 0, 2)]) / MM
+
+
+OVERVIEWS: dict[str, Callable[[Diagnosis, Axes | None], Axes | Figure]] = {
+    "rms": plot_rms,
+    "groups": plot_groups,
+    "arm": plot_arm_residuals,
+    "held_out": plot_held_out,
+}
+"""Pictures of a whole diagnosis, by name."""
+
+
+def plot_diagnosis(result: Diagnosis, what: Finding | int | str | None = None, ax: Axes | None = None) -> Axes | Figure:
+    """The strongest cause through what the records say of it; where none was found, what the residuals depend on; where
+    they depend on nothing, their size by the three models.
+
+    Args:
+        result: the diagnosis.
+        what: something else: a finding, or its number from 0; a name in ``unexplained.shapes``, for what no cause explains
+            over it; or ``rms``, ``groups``, ``arm``, ``held_out``.
+        ax: axes; a picture of several panels divides their place.
+
+    Returns:
+        the axes; of ``groups`` and ``arm``, which have several panels, their figure.
+
+    Raises:
+        UnknownNameError: a name that stands for nothing.
+        AacmmError: there is no such finding, or nothing was held out.
+    """
+    shapes = result.unexplained.shapes
+    if isinstance(what, str):
+        if what in shapes:
+            return plot_unexplained(result, what, ax)
+        if what not in OVERVIEWS:
+            raise UnknownNameError("picture", what, [*shapes, *OVERVIEWS], "or one of the findings")
+        return OVERVIEWS[what](result, ax)
+    if isinstance(what, Finding):
+        return _finding(result, what, ax)
+    if what is None and not result.findings:
+        return plot_unexplained(result, next(iter(shapes)), ax) if shapes else plot_rms(result, ax)
+    number = what or 0
+    if not 0 <= number < len(result.findings):
+        raise AacmmError(f"finding {number} was asked for, this diagnosis has {len(result.findings)}, counted from 0")
+    return _finding(result, result.findings[number], ax)
+
+
+def _finding(result: Diagnosis, finding: Finding, ax: Axes | None) -> Axes:
+    """:func:`plot_cause`; sizes of the residuals for a cause that moves every record alike, and so depends on nothing."""
+    of_its_own = finding.effect.corrects_seat or geometric(result, finding)
+    if not of_its_own and is_constant(finding.effect, state_of(result.extended)):
+        return plot_rms(result, ax)
+    return plot_cause(result, finding, ax)

@@ -7,14 +7,14 @@ import re
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.diagnosis.residual_tables import groups_table
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.plots.residuals import numbers_by_size
-from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, Panels, axes_of, panels_of
+from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, axes_of, numbers_by_size, panels_of, whole
 
 MODELS = {"simulation": INK, "recalibrated": GREY, "extended": BLUE}
 """The three models with their colours."""
@@ -53,15 +53,15 @@ def residuals_by_group(result: Diagnosis) -> pd.DataFrame:
     return merged
 
 
-def plot_groups(result: Diagnosis, ax: Axes | Panels | None = None) -> Panels:
+def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     """RMS of the residuals in parts of all that is known of the records, by the three models, beside what is predicted.
 
     Args:
         result: the diagnosis.
-        ax: axes whose place is divided, or one for each joint and for each other thing that is known of the records.
+        ax: axes whose place is divided.
 
     Returns:
-        axes of the panels, joints first (n,).
+        the figure of the panels, joints first.
 
     Raises:
         AacmmError: there are too few records to compare groups of them.
@@ -96,7 +96,7 @@ def plot_groups(result: Diagnosis, ax: Axes | Panels | None = None) -> Panels:
         panel.set_ylabel("RMS [mm]")
     handles, labels = panels[0].get_legend_handles_labels()
     panels[0].figure.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
-    return panels
+    return whole(panels)
 
 
 def _ends(group: str) -> tuple[float, float, str] | None:
@@ -111,12 +111,17 @@ def _in_order(group: str) -> tuple[float, list[tuple[int, str]]]:
 
 
 def _short(group: str) -> tuple[str, str]:
-    """A group in three digits, and its unit."""
+    """A group, its ends with the same number of decimals: three digits of the larger and enough to differ; and its unit."""
     ends = _ends(group)
     if ends is None:
         return group, ""
-    low, high = (f"{float(f'{end:.3g}'):g}" for end in ends[:2])
-    return f"{low} to {high}", ends[2]
+    low, high, unit = ends
+    largest, width = max(abs(low), abs(high)), abs(high - low)
+    digits = [most - int(np.floor(np.log10(size))) for most, size in ((2, largest), (1, width)) if size > 0.0]
+    decimals = max([0, *digits])
+    while decimals and all(round(end, decimals) == round(end, decimals - 1) for end in (low, high)):
+        decimals -= 1
+    return f"{low:z.{decimals}f} to {high:z.{decimals}f}", unit
 
 
 def place_in_words(by: str, group: str) -> str:

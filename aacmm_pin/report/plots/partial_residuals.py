@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import re
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.effects import Displacement, Effect, JointErrorCurve, JointPeriodicError
+from aacmm_pin.effects import Displacement, Effect
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import moved
 from aacmm_pin.effects.error_model import displaced
@@ -19,22 +20,10 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
 MICRO = 1e-6
-FOLDED = 3.0
-"""Waves of a higher order are shown over one period; over the whole turn nobody could see them."""
 DENSE = 1500
 """Points of a curve over an angle."""
 AWAY = 0.02
 """A curve over an angle breaks off where the nearest record is farther than this part of the range."""
-LOADS = {
-    "joint_compliance": "moment of the weight about the axis",
-    "bearing_tilt": "moment of the weight across the axis",
-    "base_compliance": "moment of the weight about the base",
-    "torsional_windup": "moment of the weight about the tube",
-    "link_bending": "bending load of the tube",
-    "counterbalance": "horizontal part of the body",
-    "stylus_bending": "horizontal part of the stylus",
-}
-"""What an elastic cause goes with, in words; others go with ``load``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +74,7 @@ def is_constant(effect: Effect, state: State) -> bool:
 def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = None) -> State:
     """The arm as fitted, in the records of the fit or in others."""
     problem = fit.problem
-    effects = (*problem.model.effects, *problem.effects(fit.solution.point.x))
+    effects = (*problem.model.effects, *fit.solution.effects)
     records, arm = problem.measurements, problem.model.arm
     own = conditions if conditions is not None else records.conditions
     return displaced(arm, effects, records.q if q is None else q, own, arm.place(), as_referenced=False)
@@ -120,7 +109,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     x, x_label = _covariate(effect, state, found)
     ordered = np.argsort(x[there], kind="stable")
     curve = np.stack([x[there][ordered], found.amount[there][ordered]])
-    if _of_angle(effect, state):
+    if effect.is_of_angle(state):
         curve = _over_angle(effect, state, found, there)
     curve = curve * np.array([[1.0], [1 / MICRO]])
     return PartialResidual(
@@ -131,7 +120,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
         found.amount[there] / MICRO,
         _y_label(effect, found),
         curve,
-        72 if isinstance(effect, JointErrorCurve) else 18,
+        effect.bins,
     )
 
 
@@ -171,49 +160,32 @@ def _common_direction(columns: Array) -> Array | None:
     return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
 
 
-def _of_angle(effect: Effect, state: State) -> bool:
-    """Whether the cause is a function of the angle of its own joint alone."""
-    if effect.elastic or effect.needs or not hasattr(effect, "joint") or effect.row is None:
-        return False
-    number = state.joint(effect.row)
-    alone = np.zeros_like(state.q)
-    alone[:, number] = state.q[:, number]
-    whole, own = effect.displacements(state), effect.displacements(replace(state, q=alone))
-    return len(whole) == 1 and np.array_equal(whole[0].columns, own[0].columns)
-
-
-def _period(effect: Effect) -> float | None:
-    """Period over which a wave is shown [rad]; None for the whole range."""
-    return 2 * np.pi / effect.order if isinstance(effect, JointPeriodicError) and effect.order > FOLDED else None
-
-
 def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str]:
     """What the cause depends on, and its name with its unit."""
-    conditions, needs = state.conditions, effect.needs
-    if "time" in needs:
-        return conditions.require("time", effect.label) / 60.0, "time [min]"
-    if "temperature" in needs and conditions.temperature is not None:
-        return conditions.temperature, "temperature [°C]"
-    if "approach" in needs and effect.row is not None:
-        return conditions.require("approach", effect.label)[:, state.joint(effect.row)], "direction of the last motion [1]"
-    if _of_angle(effect, state) and effect.row is not None:
-        angle, period = state.angle(effect.row), _period(effect)
-        if period is None:
-            return angle / DEG, f"joint {effect.row} [°]"
-        return np.mod(angle, period) / DEG, f"joint {effect.row}, folded into one period of {period / DEG:.4g}° [°]"
+    if (over := effect.drawn_over(state)) is not None:
+        return over
     if len(effect.values) == 1 and effect.values[0] and found.turns is not None:
-        term = effect.terms[0]
-        unit = term.unit.partition("/")[2].strip("()") or "1"
-        words = "minus the measured torque" if "torque" in needs else LOADS.get(effect.cause, "load")
-        return found.amount / effect.values[0], f"{words} [{unit}]"
+        unit = unit_of_load(effect.terms[0].unit, "rad" if found.turns else "m")
+        return found.amount / effect.values[0], f"{effect.load} [{unit}]"
     return found.amount / MICRO, f"the same, as fitted [{_unit(found)}]"
+
+
+def unit_of_load(unit: str, amount: str) -> str:
+    """Unit of what a parameter of ``unit`` multiplies to give an ``amount`` [rad or m]: ``rad/(N·m)²`` gives ``(N·m)²``."""
+    above, *below = re.split(r"/(?![^(]*\))", unit)  # at slashes outside brackets
+    if above not in (amount, "1"):
+        return f"{amount}/({unit})"
+    if not below:
+        return amount if above == "1" else "1"
+    factors = [amount, *below] if above == "1" else below
+    return "·".join(factors) if len(factors) > 1 else re.sub(r"^\(([^()]*)\)$", r"\1", factors[0])
 
 
 def _over_angle(effect: Effect, state: State, found: _Amount, there: NDArray[np.bool_]) -> Array:
     """The fitted cause over the covered range of its joint, x [°] and amount (2, m)."""
     assert effect.row is not None
     assert found.direction is not None  # a function of one joint's angle turns about its axis
-    number, period = state.joint(effect.row), _period(effect)
+    number, period = state.joint(effect.row), effect.period
     angle = state.angle(effect.row)[there]
     grid = np.linspace(0.0, period, DENSE) if period else np.linspace(angle.min(), angle.max(), DENSE)
     q = np.zeros((DENSE, state.q.shape[1]))
@@ -235,6 +207,6 @@ def _unit(found: _Amount) -> str:
 def _y_label(effect: Effect, found: _Amount) -> str:
     if found.turns is None:
         return "expansion [µm/m]"
-    if hasattr(effect, "joint") and found.direction is not None:
+    if effect.site() == "joint" and found.direction is not None:
         return f"joint angle minus indication [{_unit(found)}]"
     return f"{'turn' if found.turns else 'shift'} [{_unit(found)}]"

@@ -3,14 +3,12 @@
 from aacmm_pin.report.scenes.accuracy_set import shape_of
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene
-from aacmm_pin.report.scenes.frames import Frames
 from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
 from aacmm_pin.report.scenes.map_scene import map_scene
 from aacmm_pin.report.scenes.page import shared_script
 from aacmm_pin.report.scenes.residual_scene import calibration_scene, diagnosis_scene
-from aacmm_pin.report.scenes.scene import Scene
+from aacmm_pin.report.scenes.scene import Frames, Scene, View
 from aacmm_pin.report.scenes.server import Server
-from aacmm_pin.report.scenes.view import View
 
 __all__ = [
     "ColourBar",

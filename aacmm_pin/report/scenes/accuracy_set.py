@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from scipy.spatial import QhullError
@@ -13,7 +13,7 @@ from aacmm_pin.accuracy import zonotope
 from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, AccuracyVolume
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.report.plots.style import round_down
-from aacmm_pin.report.scenes.meshes import hull
+from aacmm_pin.report.scenes.shapes import hull
 
 Shape = Literal["ellipsoid", "zonotope"]
 SEEN = 0.14
@@ -47,16 +47,8 @@ class AccuracySet:
             AacmmError: ``zonotope`` without bounded parameters.
         """
         shape_of(shape)
-        longest = float(half_axes(accuracy.covariance).max() if shape == "ellipsoid" else accuracy.largest_deviation.max())
-        return AccuracySet(accuracy, shape, round_down(SEEN * size / max(longest, 1e-12)), centre)
-
-    @property
-    def reach(self) -> Array:
-        """How far each drawn body goes from its centre (n,) [m]."""
-        far = (
-            half_axes(self.accuracy.covariance).max(axis=1) if self.shape == "ellipsoid" else self.accuracy.largest_deviation
-        )
-        return np.asarray(self.factor * far)
+        longest = half_axes(accuracy.covariance) if shape == "ellipsoid" else accuracy.largest_deviation
+        return AccuracySet(accuracy, shape, round_down(SEEN * size / max(float(longest.max()), 1e-12)), centre)
 
     @property
     def words(self) -> str:
@@ -69,9 +61,9 @@ class AccuracySet:
         """Placements that make a unit sphere the ellipsoid of each configuration (n, 4, 4) [m]."""
         _, vectors = np.linalg.eigh(self.accuracy.covariance)
         vectors[np.linalg.det(vectors) < 0, :, 0] *= -1.0
-        radii = np.maximum(self.factor * half_axes(self.accuracy.covariance), THIN * self.reach[:, None])
+        radii = self.factor * half_axes(self.accuracy.covariance)
         placements = np.tile(np.eye(4), (len(vectors), 1, 1))
-        placements[:, :3, :3] = vectors * radii[:, None, :]
+        placements[:, :3, :3] = vectors * np.maximum(radii, THIN * radii.max(axis=1, keepdims=True))[:, None, :]
         placements[:, :3, 3] = self.centre
         return placements
 
@@ -93,11 +85,9 @@ def shape_of(name: str) -> Shape:
     Raises:
         UnknownNameError: there is none.
     """
-    shapes: tuple[Shape, ...] = get_args(Shape)
-    for shape in shapes:
-        if shape == name:
-            return shape
-    raise UnknownNameError("shape", name, list(shapes))
+    if name not in get_args(Shape):
+        raise UnknownNameError("shape", name, list(get_args(Shape)))
+    return cast(Shape, name)
 
 
 def half_axes(covariance: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from meshcat.geometry import Sphere
@@ -16,8 +17,8 @@ from meshcat.geometry import Sphere
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.report.scenes.meshes import rod, solid
 from aacmm_pin.report.scenes.scene import Scene
+from aacmm_pin.report.scenes.shapes import placed_at, rod, solid
 
 TUBE, JOINT, STYLUS, TIP, BASE = "#8d99a6", "#22395c", "#b8bec6", "#a3123a", "#4a4a4f"
 GHOST = "#7f9cc0"
@@ -49,11 +50,6 @@ class Bodies:
         length = sum(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
         return Bodies(arm, lines, THICKNESS * length)
 
-    @property
-    def paths(self) -> list[str]:
-        """Names of the bodies below ``arm/``."""
-        return [f"body {number}" for number in range(len(self.lines))]
-
     def placements(self, q: Array) -> Array:
         """Placements of all bodies for checked ``q`` (n, nq): (bodies, n, 4, 4) [m]."""
         rotation, origin = self.arm.chain.walk(q)
@@ -70,20 +66,15 @@ class Bodies:
 
     def draw(self, scene: Scene, root: str = "arm") -> None:
         """Put the bodies into a scene below ``root``; they are moved by a transform of ``root/body i`` each."""
-        moving = set(self.arm.chain.moving_axes())
-        last = len(self.lines) - 1
+        moves, last = set(self.arm.chain.moving_axes()), len(self.lines) - 1
         for number, line in enumerate(self.lines):
             path = f"{root}/body {number}"
-            thin = number == last
-            self._draw_line(scene, path, line, thin)
+            self._draw_line(scene, path, line, thin=number == last)
             if number == 0:
                 self._draw_foot(scene, path)
-            elif chain.axis(number) in moving:
+            elif chain.axis(number) in moves:
                 self._draw_joint(scene, path, number)
-            if thin:
-                ball = f"{path}/tip"
-                scene[ball].set_object(Sphere(0.55 * self.radius), solid(TIP))
-                scene[ball].set_transform(_shift(line[-1]))
+        _put(scene, f"{root}/body {last}/tip", Sphere(0.55 * self.radius), self.lines[-1][-1], TIP)
 
     def _draw_line(self, scene: Scene, path: str, line: Array, thin: bool) -> None:
         """Tubes along the line and round corners; the last body gets thinner towards the tip."""
@@ -92,24 +83,19 @@ class Bodies:
             stylus = thin and count == len(pieces)
             radius = (0.35 if stylus else 0.7 if thin else 1.0) * self.radius
             shape, placement = rod(start, end, radius, 0.3 * self.radius if stylus else None)
-            scene[f"{path}/tube {count}"].set_object(shape, solid(STYLUS if stylus else TUBE))
-            scene[f"{path}/tube {count}"].set_transform(placement)
+            _put(scene, f"{path}/tube {count}", shape, placement, STYLUS if stylus else TUBE)
             if not stylus:
-                scene[f"{path}/corner {count}"].set_object(Sphere(radius), solid(TUBE))
-                scene[f"{path}/corner {count}"].set_transform(_shift(end))
+                _put(scene, f"{path}/corner {count}", Sphere(radius), end, TUBE)
 
     def _draw_joint(self, scene: Scene, path: str, number: int) -> None:
         """A short thick cylinder along the joint's axis; a square one for a joint that slides."""
-        half, radius = 1.9 * self.radius, 1.45 * self.radius
-        near_tip = number == len(self.lines) - 1
-        if near_tip:
-            half, radius = 1.4 * self.radius, 1.1 * self.radius
-        shape, placement = rod(np.array([0.0, 0.0, -half]), np.array([0.0, 0.0, half]), radius)
-        axis = self.arm.chain.joint[chain.axis(number)]
-        if self.arm.chain.prismatic[axis]:
+        half, radius = np.array([0.0, 0.0, 1.9]), 1.45
+        if number == len(self.lines) - 1:  # near the tip
+            half, radius = np.array([0.0, 0.0, 1.4]), 1.1
+        shape, placement = rod(-self.radius * half, self.radius * half, radius * self.radius)
+        if self.arm.chain.prismatic[self.arm.chain.joint[chain.axis(number)]]:
             shape.radialSegments = 4
-        scene[f"{path}/joint"].set_object(shape, solid(JOINT))
-        scene[f"{path}/joint"].set_transform(placement)
+        _put(scene, f"{path}/joint", shape, placement, JOINT)
 
     @property
     def foot(self) -> Array:
@@ -125,17 +111,11 @@ class Bodies:
 
     def _draw_foot(self, scene: Scene, path: str) -> None:
         top, bottom = self.foot
-        if not np.array_equal(top, bottom):
-            shape, at = rod(top, bottom, 1.5 * self.radius)
-            scene[f"{path}/post"].set_object(shape, solid(BASE))
-            scene[f"{path}/post"].set_transform(at)
-        shape, at = rod(bottom, bottom + 0.8 * self.radius * self._towards_ground(top, bottom), 3.4 * self.radius)
-        scene[f"{path}/flange"].set_object(shape, solid(BASE))
-        scene[f"{path}/flange"].set_transform(at)
-
-    def _towards_ground(self, top: Array, bottom: Array) -> Array:
         way = bottom - top if (bottom != top).any() else self.lines[0][0] - self.lines[0][-1]
-        return np.asarray(way / np.linalg.norm(way))
+        if (bottom != top).any():
+            _put(scene, f"{path}/post", *rod(top, bottom, 1.5 * self.radius), BASE)
+        thick = 0.8 * self.radius * way / np.linalg.norm(way)
+        _put(scene, f"{path}/flange", *rod(bottom, bottom + thick, 3.4 * self.radius), BASE)
 
     def _shows(self, start: Array, end: Array) -> bool:
         return float(np.linalg.norm(end - start)) > DRAWN * self.radius
@@ -161,7 +141,7 @@ def _straight_lines(arm: Arm) -> list[Array]:
     return [np.vstack([np.zeros(3), (origin[after] - origin[place]) @ rotation[place]]) for place, after in pairwise(places)]
 
 
-def _shift(to: Array) -> Array:
-    placement = np.eye(4)
-    placement[:3, 3] = to
-    return placement
+def _put(scene: Scene, path: str, shape: Any, where: Array, colour: str) -> None:
+    """An object at a point (3,) [m], or with a placement (4, 4)."""
+    scene[path].set_object(shape, solid(colour))
+    scene[path].set_transform(where if where.ndim == 2 else placed_at(where[None])[0])

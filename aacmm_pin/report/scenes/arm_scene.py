@@ -1,4 +1,4 @@
-"""The arm in one posture, or moving through many."""
+"""The arm in one posture, or moving through many, and what every scene has around it."""
 
 from __future__ import annotations
 
@@ -13,23 +13,16 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.plots.style import BLUE, GREY
 from aacmm_pin.report.scenes.arm_parts import JOINT, STYLUS, TIP, TUBE, Bodies
-from aacmm_pin.report.scenes.frames import Frames
 from aacmm_pin.report.scenes.legend import Legend, Swatch
-from aacmm_pin.report.scenes.scene import Scene
-from aacmm_pin.report.scenes.stage import set_stage
-from aacmm_pin.report.scenes.view import View
+from aacmm_pin.report.scenes.scene import Frames, Scene, View
 
-ARM_SWATCHES = (
-    Swatch(TUBE, "tubes", "line"),
-    Swatch(JOINT, "joints, drawn along their axes", "area"),
-    Swatch(STYLUS, "last body, thinner towards the tip", "line"),
-    Swatch(TIP, "tip"),
-)
 TO_SCALE = "Lengths are true to scale; tubes and joints are not as thick as drawn."
 ROOM = 3.4
 """So many radii of a tube are seen beyond the arm's lines: its joints, its foot."""
 ANGLED = 35 * DEG
 """How far the camera stands beside the direction in which the arm reaches."""
+CELL, CELLS = 0.5, 40
+"""Side of a cell of meshcat's grid [m], and how many of them lie along each side of it."""
 
 
 def arm_scene(model: Arm | ErrorModel, q: ArrayLike) -> Scene:
@@ -42,13 +35,11 @@ def arm_scene(model: Arm | ErrorModel, q: ArrayLike) -> Scene:
     q = batch(q, arm.nq, "q", "rad")
     if not len(q):
         raise ShapeError("q has no row, expected at least one posture")
-    bodies, broken = Bodies.of(arm), broken_limits(q, arm.limits)
+    bodies, broken, tips = Bodies.of(arm), broken_limits(q, arm.limits), arm.positions(q)
     points = bodies.corners(q).reshape(-1, 3)
-    tips = arm.positions(q)
-    scene = Scene(arm.name, _caption(arm, tips))
-    bodies.draw(scene)
-    swatches = set_stage(scene, points)
-    scene.legend = Legend([*ARM_SWATCHES, *swatches], notes=[TO_SCALE])
+    one = f"The tip is at {place_text(tips[0])} in the base frame."
+    scene = Scene(arm.name, one if len(q) == 1 else f"{len(q)} postures.")
+    scene.legend = Legend(surroundings(scene, bodies, points), notes=[TO_SCALE])
     scene.frames = Frames(
         moving(bodies, q, scene),
         ["tip x, y, z", *angle_labels(arm), "limits"],
@@ -59,9 +50,32 @@ def arm_scene(model: Arm | ErrorModel, q: ArrayLike) -> Scene:
     return scene
 
 
+def surroundings(scene: Scene, bodies: Bodies, points: Array) -> list[Swatch]:
+    """Draw the arm's bodies, and around ``points`` (n, 3) [m] background, grid and axes; what they are, for the legend."""
+    bodies.draw(scene)
+    scene["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
+    scene["/Background"].set_property("bottom_color", [0.90, 0.92, 0.94])
+    cell = 0.1  # [m]; ten times as long where so many cells do not reach all points
+    while np.abs(points[:, :2]).max() > CELLS / 2 * cell:
+        cell *= 10
+    scene["/Grid"].set_transform(np.diag([*[cell / CELL] * 3, 1.0]))
+    scene["/Grid"].set_property("color", [1.1, 1.1, 1.1, 0.45])
+    axes = 0.2 * float(np.ptp(points, axis=0).max())
+    scene["/Axes"].set_transform(np.diag([*[axes] * 3, 1.0]))
+    thirds = ", ".join(f"{colour} {33 * i}% {33 * (i + 1)}%" for i, colour in enumerate(("red", "lime", "blue")))
+    return [
+        Swatch(TUBE, "tubes", "line"),
+        Swatch(JOINT, "joints, drawn along their axes", "area"),
+        Swatch(STYLUS, "last body, thinner towards the tip", "line"),
+        Swatch(TIP, "tip"),
+        Swatch("#b4bac2", f"base plane z = 0, one cell {cell / MM:g} mm", "line"),
+        Swatch(f"linear-gradient(to right, {thirds})", "axes x, y, z of the base", "line"),
+    ]
+
+
 def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
     """Placements of the bodies that move, by their paths; they are put where the first posture has them."""
-    placed = dict(zip((f"arm/{path}" for path in bodies.paths), bodies.placements(q), strict=True))
+    placed = {f"arm/body {k}": placements for k, placements in enumerate(bodies.placements(q))}
     for path, placements in placed.items():
         scene[path].set_transform(placements[0])
     placed.pop("arm/body 0")
@@ -72,13 +86,6 @@ def view_of(bodies: Bodies, points: Array, towards: Array) -> View:
     """Past the place that the arm reaches for, and a little to its side, back to the base."""
     x, y, _ = towards
     return View(np.vstack([points, bodies.foot]), float(np.arctan2(y, x)) + ANGLED, room=ROOM * bodies.radius)
-
-
-def placed_at(points: Array) -> Array:
-    """Placements with their origins at ``points`` (n, 3) [m]: (n, 4, 4)."""
-    placements = np.tile(np.eye(4), (len(points), 1, 1))
-    placements[:, :3, 3] = points
-    return placements
 
 
 def place_text(point: Array) -> str:
@@ -100,9 +107,3 @@ def broken_text(broken: Array) -> str:
     """Whether a posture is within limits, or which joints are not, from their flags (nq,)."""
     joints = [str(j + 1) for j in np.flatnonzero(broken)]
     return f"outside: joint {', '.join(joints)}" if joints else "within"
-
-
-def _caption(arm: Arm, tips: Array) -> str:
-    if len(tips) == 1:
-        return f"The tip is at {place_text(tips[0])} in the base frame."
-    return f"{len(tips)} postures."

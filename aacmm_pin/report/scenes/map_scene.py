@@ -2,39 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 from meshcat.geometry import Sphere, TriangularMeshGeometry
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.units import DEG, MM, UM
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.report.plots.maps import FLEXIBILITY_COLOURS, OUTSIDE_LIMITS
-from aacmm_pin.report.plots.style import U_NAME, VERMILLION, VOLUME_COLOURS, VOLUME_NAME
+from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES
+from aacmm_pin.report.plots.style import VERMILLION
 from aacmm_pin.report.scenes.arm_parts import Bodies
 from aacmm_pin.report.scenes.arm_scene import (
-    ARM_SWATCHES,
     ROOM,
     TO_SCALE,
     angle_labels,
     angle_texts,
     broken_text,
     moving,
-    placed_at,
+    surroundings,
 )
-from aacmm_pin.report.scenes.frames import Frames
 from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
-from aacmm_pin.report.scenes.meshes import ahead, flat
-from aacmm_pin.report.scenes.scene import Scene
-from aacmm_pin.report.scenes.stage import set_stage
-from aacmm_pin.report.scenes.view import View
+from aacmm_pin.report.scenes.scene import Frames, Scene, View
+from aacmm_pin.report.scenes.shapes import ahead, flat, placed_at
 
 Marks = NDArray[np.bool_]
 MOST_FRAMES = 240
@@ -45,35 +39,12 @@ SIDE, HEIGHT = -55 * DEG, 14 * DEG
 """The camera stands on the side of the half-plane on which x grows to the right."""
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """How a quantity of a map is shown: label, factor into its unit, digits, colours, and whose posture goes with it."""
-
-    label: str
-    unit: str
-    scale: float
-    form: str
-    colours: str
-    posture: str
-    whose: str
-
-    def text(self, value: float) -> str:
-        """A value with its unit."""
-        return f"{value:{self.form}}" if self.unit == "1" else f"{value:{self.form}} {self.unit}"
-
-
-_BEST = ("best_theta_deg", "with the smallest accuracy volume")
-QUANTITIES = {
-    "comprehensive_mm3": _Shown(f"comprehensive {VOLUME_NAME}", "mm³", 1.0, ".4g", VOLUME_COLOURS, *_BEST),
-    "best_mm3": _Shown(f"smallest {VOLUME_NAME}", "mm³", 1.0, ".4g", VOLUME_COLOURS, *_BEST),
-    "worst_mm3": _Shown(
-        f"largest {VOLUME_NAME}", "mm³", 1.0, ".4g", VOLUME_COLOURS, "worst_theta_deg", "with the largest accuracy volume"
-    ),
-    "smallest_u_mm": _Shown(
-        f"smallest {U_NAME}", "µm", MM / UM, ".1f", VOLUME_COLOURS, "smallest_u_theta_deg", "with the smallest u"
-    ),
-    "flexibility": _Shown("flexibility ζ", "1", 1.0, ".3f", FLEXIBILITY_COLOURS, *_BEST),
+BEST = "with the smallest accuracy volume"
+WHOSE = {
+    "worst_mm3": ("worst_theta_deg", "with the largest accuracy volume"),
+    "smallest_u_mm": ("smallest_u_theta_deg", "with the smallest u"),
 }
+"""Whose posture goes with a quantity, other than that of the smallest volume: its name in the map's data, and in words."""
 
 
 def map_scene(
@@ -88,7 +59,7 @@ def map_scene(
     Args:
         workspace_map: the map.
         model: the arm that it is of.
-        quantity: ``comprehensive_mm3``, ``best_mm3``, ``worst_mm3``, ``smallest_u_mm`` or ``flexibility``.
+        quantity: one of :data:`aacmm_pin.report.plots.maps.QUANTITIES`.
         most_frames: cells that the arm reaches for.
 
     Raises:
@@ -102,56 +73,56 @@ def map_scene(
     arm, shown, data = ErrorModel.arm_of(model), QUANTITIES[quantity], workspace_map.data
     if data.attrs["arm"] != arm.name or data.sizes["joint"] != arm.nq:
         raise AacmmError(f"the map is of {data.attrs['arm']} with {data.sizes['joint']} joints, the arm is {arm}")
+    posture, whose = WHOSE.get(quantity, ("best_theta_deg", BEST))
     reachable = data["reachable"].values.astype(bool)
     values = np.where(reachable, shown.scale * data[quantity].values, np.nan)
-    q_of_cells = data[shown.posture].values * DEG
+    q_of_cells = data[posture].values * DEG
     works = np.isfinite(q_of_cells).all(axis=2) & np.isfinite(values)
     if not works.any():
         raise AacmmError(f"{workspace_map}: no cell has a posture within limits")
-    limits = np.array([0.0, 1.0]) if quantity == "flexibility" else values
-    bar = ColourBar.of(f"{shown.label} [{shown.unit}]", limits, shown.colours)
+    bar = ColourBar.of(shown.label, values if shown.norm is None else np.array(shown.norm), shown.colours)
     cells = _in_turn(works, most_frames)
     q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies.of(arm)
 
-    scene = Scene(f"{arm.name}: {shown.label}", _caption(workspace_map, shown))
-    bodies.draw(scene)
+    name, unit = shown.label.removesuffix("]").split(" [")
+    scene = Scene(f"{arm.name}: {name}", _caption(workspace_map, whose))
     everything = np.vstack([_corners(workspace_map, reachable).reshape(-1, 3), bodies.corners(q).reshape(-1, 3)])
-    stage = set_stage(scene, everything)
+    swatches = [Swatch(VERMILLION, "working point: the wrist in a cell"), *surroundings(scene, bodies, everything)]
     outside = reachable & np.isnan(values)
     _draw_cells(scene, workspace_map, "cells", ~outside & reachable, bar.colours(values[~outside & reachable]))
     if outside.any():
         _draw_cells(scene, workspace_map, "outside limits", outside, np.array([to_rgb(OUTSIDE_LIMITS)]))
+        swatches.insert(0, Swatch(OUTSIDE_LIMITS, "in reach, no sector within limits", "area"))
     scene["point"].set_object(Sphere(0.75 * bodies.radius), ahead(VERMILLION))
     scene["point"].set_transform(placed_at(points)[0])
+    texts = [f"{value:.4g} {unit}".removesuffix(" 1") for value in values[cells]]
     scene.frames = Frames(
         moving(bodies, q, scene) | {"point": placed_at(points)},
-        ["x of the cell", "z of the cell", shown.label, *angle_labels(arm), "limits"],
-        _readings(arm, points, q, [shown.text(value) for value in values[cells]]),
+        ["x of the cell", "z of the cell", name, *angle_labels(arm), "limits"],
+        _readings(arm, points, q, texts),
         [to_hex(colour) for colour in bar.colours(values[cells])],
         start=int(np.nanargmin(values[cells])),
         per_second=PER_SECOND,
     )
-    swatches = [Swatch(OUTSIDE_LIMITS, "in reach, no sector within limits", "area")] if outside.any() else []
-    swatches += [Swatch(VERMILLION, "working point: the wrist in a cell"), *ARM_SWATCHES, *stage]
     scene.legend = Legend(swatches, [bar], [_on_slider(len(q), int(works.sum())), TO_SCALE])
     scene.view = View(np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM * bodies.radius)
     return scene
 
 
-def _readings(arm: Arm, points: Array, q: Array, values: list[str]) -> list[list[str]]:
-    rows = zip(points, values, q, broken_limits(q, arm.limits), strict=True)
+def _readings(arm: Arm, points: Array, q: Array, texts: list[str]) -> list[list[str]]:
+    rows = zip(points, texts, q, broken_limits(q, arm.limits), strict=True)
     return [
-        [f"{x / MM:.1f} mm", f"{z / MM:.1f} mm", value, *angle_texts(arm, row), broken_text(out)]
-        for (x, _, z), value, row, out in rows
+        [f"{x / MM:.1f} mm", f"{z / MM:.1f} mm", text, *angle_texts(arm, row), broken_text(out)]
+        for (x, _, z), text, row, out in rows
     ]
 
 
-def _caption(map_: WorkspaceMap, shown: _Shown) -> str:
+def _caption(map_: WorkspaceMap, whose: str) -> str:
     data = map_.data
     without = f" Not included: {', '.join(map_.not_included)}." if map_.not_included else ""
     return (
         f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells of the half-plane y = 0 of the wrist, {map_.sectors} sectors; "
-        f"cells out of reach are not drawn. The arm is in the posture {shown.whose}.{without}"
+        f"cells out of reach are not drawn. The arm is in the posture {whose}.{without}"
     )
 
 

@@ -1,4 +1,4 @@
-"""A scene as HTML: a whole page, a page that a server completes, or a part of another page.
+"""A scene as HTML: a whole page, or a part of another page.
 
 meshcat's viewer is one script of 0.85 MB. A whole page has it inside. A page with several scenes has it once, as text that
 does nothing (:func:`shared_script`); each scene is an inner frame that receives the text when it is scrolled into sight.
@@ -8,78 +8,50 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 import meshcat
 from markupsafe import Markup, escape
 
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.scenes.frames import Frames
-from aacmm_pin.report.scenes.legend import Legend
-from aacmm_pin.report.scenes.view import View
 
-VIEWER_NAME = "main.min.js"
-PLACE_OF_VIEWER = "<!-- viewer -->"
-"""Where a page without the viewer gets it."""
+if TYPE_CHECKING:
+    from aacmm_pin.report.scenes.scene import Frames, Scene
 
 
-@dataclass(frozen=True, eq=False)
-class Content:
-    """All that a page shows.
-
-    Attributes:
-        title, caption: of the page.
-        legend: explanations.
-        frames: what moves, or None.
-        view: from where it is looked at, or None.
-        commands: what meshcat draws.
-    """
-
-    title: str
-    caption: str
-    legend: Legend
-    frames: Frames | None
-    view: View | None
-    commands: Sequence[bytes]
+POSTER = '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">3D scene: scroll here to see it.</p>'
+"""Seen until the scene is drawn over it."""
 
 
-def whole_page(content: Content) -> str:
-    """One page that needs neither a network nor a server."""
-    return _rendered(content, Markup(f"<script>{viewer_script()}</script>"), "whole")
+def whole(scene: Scene, live: bool = False) -> str:
+    """One page that needs no network; a ``live`` one gets its commands from the server that sends it."""
+    return _rendered(scene, Markup(f"<script>{viewer_script()}</script>"), live=live, plays=True)
 
 
-def live_page(content: Content) -> str:
-    """The page that a server sends; viewer and commands come from there."""
-    return _rendered(content, Markup(f'<script src="{VIEWER_NAME}"></script>'), "live")
-
-
-def embedded(content: Content, height: int) -> str:
+def embedded(scene: Scene, height: int) -> str:
     """A part of another page that has :func:`shared_script`: an inner frame, and behind it what it will show as JSON."""
-    inner = _json(_rendered(content, Markup(PLACE_OF_VIEWER), "embedded"))
-    return (
-        f'<iframe class="aacmm-scene" title="{escape(content.title)}" allowfullscreen '
-        f'style="width: 100%; height: {height}px; border: 0"></iframe>\n'
-        f'<script type="application/json">{inner}</script>'
-    )
+    inner = _json(_rendered(scene, Markup("<!-- viewer -->"), live=False, plays=False))
+    frame = _frame(scene, height, "class=aacmm-scene", "; position: relative")
+    return f'<div style="position: relative">{POSTER}{frame}\n<script type="application/json">{inner}</script></div>'
 
 
 def shared_script() -> str:
-    """What a page with :func:`embedded` scenes needs once, anywhere: the viewer, and what fills the inner frames."""
+    """What a page with embedded scenes needs once, anywhere: the viewer, and what fills the inner frames."""
     filling = _template("embed.js")
     return f'<script type="text/plain" id="aacmm-viewer">{viewer_script()}</script>\n<script>{filling}</script>'
 
 
-def in_frame(html: str, title: str, height: int) -> str:
+def in_frame(scene: Scene, height: int) -> str:
     """A whole page as an inner frame, for a notebook."""
-    return (
-        f'<iframe title="{escape(title)}" srcdoc="{escape(html)}" allowfullscreen '
-        f'style="width: 100%; height: {height}px; border: 0"></iframe>'
-    )
+    return _frame(scene, height, f'srcdoc="{escape(whole(scene))}"')
+
+
+def _frame(scene: Scene, height: int, more: str, style: str = "") -> str:
+    style = f"width: 100%; height: {height}px; border: 0{style}"
+    return f'<iframe title="{escape(scene.title)}" {more} allowfullscreen style="{style}"></iframe>'
 
 
 @cache
@@ -89,7 +61,7 @@ def viewer_script() -> str:
     Raises:
         AacmmError: it is not where meshcat 0.3 keeps it, or cannot stand inside a page.
     """
-    place = resources.files(meshcat) / "viewer" / "dist" / VIEWER_NAME
+    place = resources.files(meshcat) / "viewer" / "dist" / "main.min.js"
     try:
         script = place.read_text(encoding="utf-8")
     except OSError as error:
@@ -99,7 +71,7 @@ def viewer_script() -> str:
     return script
 
 
-def _rendered(content: Content, viewer: Markup, mode: Literal["whole", "live", "embedded"]) -> str:
+def _rendered(scene: Scene, viewer: Markup, *, live: bool, plays: bool) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
         autoescape=True,
@@ -107,30 +79,33 @@ def _rendered(content: Content, viewer: Markup, mode: Literal["whole", "live", "
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("scene.html.j2").render(
-        title=content.title,
-        caption=content.caption,
-        legend=content.legend,
-        reads=content.frames is not None,
-        moves=content.frames is not None and len(content.frames) > 1,
-        viewer=viewer,
-        drawing=Markup(_template("scene.js")),
-        data=Markup(_json(_data(content, mode))),
-    )
+    view = scene.view
+    data = {
+        "live": live,
+        "plays": plays,
+        "commands": [] if live else [base64.b64encode(command).decode("ascii") for command in scene.commands],
+        "frames": scene.frames and _frames(scene.frames),
+        "view": view and {"points": view.outermost.tolist(), "direction": view.direction.tolist(), "room": float(view.room)},
+    }
+    drawing = Markup(_template("scene.js"))
+    template = environment.get_template("scene.html.j2")
+    return template.render(scene=scene, viewer=viewer, drawing=drawing, data=Markup(_json(data)))
 
 
-def _data(content: Content, mode: str) -> dict[str, Any]:
-    view = content.view
-    look = (
-        None
-        if view is None
-        else {"points": view.outermost.tolist(), "direction": view.direction.tolist(), "room": view.room}
-    )
+def _frames(frames: Frames) -> dict[str, Any]:
+    """Placements as the three upper rows of their matrices in single precision, base64; NaN hides a body."""
     return {
-        "mode": mode,
-        "commands": [] if mode == "live" else [base64.b64encode(command).decode("ascii") for command in content.commands],
-        "frames": None if content.frames is None else content.frames.encoded(),
-        "view": look,
+        "count": len(frames),
+        "start": frames.start,
+        "perSecond": frames.per_second,
+        "labels": list(frames.labels),
+        "readings": [list(row) for row in frames.readings],
+        "colours": list(frames.colours),
+        "choices": {path: list(names) for path, names in frames.choices.items()},
+        "moving": {
+            path: base64.b64encode(of[:, :3].astype("<f4").tobytes()).decode("ascii")
+            for path, of in frames.placements.items()
+        },
     }
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.colors import to_hex
-from meshcat.geometry import Sphere, TriangularMeshGeometry
+from meshcat.geometry import Sphere
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
@@ -16,28 +16,23 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.report.plots.diagnosis import magnification, models, off_stated, postures_of, some_of
+from aacmm_pin.report.plots.diagnosis import magnification_of, models, off_stated, postures_of, some_of
 from aacmm_pin.report.plots.style import VERMILLION
 from aacmm_pin.report.scenes.arm_parts import GHOST, Bodies
 from aacmm_pin.report.scenes.arm_scene import (
-    ARM_SWATCHES,
     TO_SCALE,
     angle_labels,
     angle_texts,
     moving,
     place_text,
-    placed_at,
+    surroundings,
     view_of,
 )
-from aacmm_pin.report.scenes.frames import Frames
 from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
-from aacmm_pin.report.scenes.meshes import ahead, flat, solid, tube
-from aacmm_pin.report.scenes.scene import Scene
-from aacmm_pin.report.scenes.stage import set_stage
+from aacmm_pin.report.scenes.scene import Frames, Scene
+from aacmm_pin.report.scenes.shapes import ahead, flat, line, placed_at, prisms, solid
 
 SIZE_COLOURS = "plasma"
-CORNERS = 6
-"""Corners of the foot of a residual's spike."""
 FOOT = 0.005
 """Radius of the foot of a residual's spike, in sizes of the scene."""
 PER_SECOND = 4.0
@@ -46,7 +41,7 @@ PER_SECOND = 4.0
 def diagnosis_scene(result: Diagnosis, model: str = "extended") -> Scene:
     """Residuals of a diagnosis by one of its models, magnified, and the arm in the postures of the records.
 
-    Spikes go from each stated place towards the tip; where nobody states a place, from where the records of the seat put it.
+    Spikes go from each stated place towards the tip; where none is stated, from where the records of the seat put it.
     The slider goes from the largest residual to the smallest.
 
     Args:
@@ -85,7 +80,7 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
     off = {which: np.linalg.norm(off_stated(one)[chosen], axis=1) / MM for which, one in fits.items()}
     order = np.argsort(-off[name], kind="stable")
     chosen, off = chosen[order], {which: sizes[order] for which, sizes in off.items()}
-    factor = magnification(fit, judge.used)
+    factor = magnification_of(fit, judge.used)
     deviation = off_stated(fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
     target = frame.back(fit.solution.point.prediction.tips[chosen]) - deviation
     bar, bodies = ColourBar.of("distance of tip and stated place [mm]", off[name], SIZE_COLOURS), Bodies.of(arm)
@@ -94,11 +89,12 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
     size = float(np.ptp(points, axis=0).max())
 
     scene = Scene(f"{arm.name}: {words}", _caption(judge, chosen, off))
-    bodies.draw(scene)
+    stage = surroundings(scene, bodies, points)
     for number, posture in enumerate(postures_of(judge), start=1):
-        scene[f"ghosts/{number}"].set_object(tube(frame.back(posture * MM), 0.3 * bodies.radius), solid(GHOST, 0.45))
-    vertices, faces, colours = spikes(target, target + factor * deviation, FOOT * size, bar.colours(off[name]))
-    scene["residuals"].set_object(TriangularMeshGeometry(vertices, faces, colours), flat(by_vertex=True))
+        scene[f"ghosts/{number}"].set_object(line(frame.back(posture * MM), 0.3 * bodies.radius), solid(GHOST, 0.45))
+    colours = np.repeat(bar.colours(off[name])[:, None], 2, axis=1)
+    spikes = prisms(target, target + factor * deviation, FOOT * size, 0.0, colours)
+    scene["residuals"].set_object(spikes, flat(by_vertex=True))
     scene["record"].set_object(Sphere(1.6 * FOOT * size), ahead(VERMILLION, 0.7))
     scene["record"].set_transform(placed_at(target)[0])
     scene.frames = Frames(
@@ -108,13 +104,7 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
         [to_hex(colour) for colour in bar.colours(off[name])],
         per_second=PER_SECOND,
     )
-    stage = set_stage(scene, points)
-    marks = [
-        Swatch(VERMILLION, "stated place of this record"),
-        Swatch(GHOST, "other postures", "line"),
-        *ARM_SWATCHES,
-        *stage,
-    ]
+    marks = [Swatch(VERMILLION, "stated place of this record"), Swatch(GHOST, "other postures", "line"), *stage]
     notes = [
         f"Residuals are magnified {factor:g} times: a spike stands with its foot on the stated place and points to the tip.",
         "The slider goes from the largest residual to the smallest.",
@@ -140,20 +130,3 @@ def _caption(judge: Fit, chosen: Index, off: Mapping[str, Array]) -> str:
         f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance from the stated places, whose "
         f"own noise is in it: {sizes}."
     )
-
-
-def spikes(start: Array, end: Array, radius: float, colours: Array) -> tuple[Array, Index, Array]:
-    """Thin pyramids from a foot about ``start`` (n, 3) to ``end`` (n, 3) [m]: vertices, triangles, colours."""
-    along = end - start
-    away = np.eye(3)[np.abs(along).argmin(axis=1)]
-    across = np.cross(along, away)
-    across *= radius / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
-    length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
-    beside = np.cross(along / length, across)
-    turn = np.arange(CORNERS) * (2 * np.pi / CORNERS)
-    foot = start[:, None] + np.cos(turn)[:, None] * across[:, None] + np.sin(turn)[:, None] * beside[:, None]
-    vertices = np.concatenate([foot, end[:, None]], axis=1)
-    corner = np.arange(CORNERS)
-    one = np.column_stack([corner, (corner + 1) % CORNERS, np.full(CORNERS, CORNERS)])
-    faces = one + (CORNERS + 1) * np.arange(len(start))[:, None, None]
-    return vertices.reshape(-1, 3), faces.reshape(-1, 3), np.repeat(colours, CORNERS + 1, axis=0)

@@ -2,22 +2,115 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import umsgpack
 from meshcat import Visualizer
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import whole_file
+from aacmm_pin._support.units import DEG
+from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.scenes import page
-from aacmm_pin.report.scenes.frames import Frames
 from aacmm_pin.report.scenes.legend import Legend
-from aacmm_pin.report.scenes.recorder import Recorder
 from aacmm_pin.report.scenes.server import Server
-from aacmm_pin.report.scenes.serving import kept
-from aacmm_pin.report.scenes.view import View
 
 NOTEBOOK_HEIGHT = 560
 """Height of a scene in a notebook [px]."""
+OUTERMOST = 60
+"""Directions in which the points that have to be seen are looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """What moves in a scene.
+
+    Attributes:
+        placements: of each moving path (n, 4, 4) [m], rotations with or without scale; nan where the body is not shown.
+        labels: names of the numbers that are read out.
+        readings: their texts, for each frame one for each label.
+        colours: a CSS colour for each frame, shown along the slider.
+        start: number of the frame shown first.
+        choices: for a path with several objects below it, the name of the one that is shown in each frame, "" for none.
+        per_second: frames shown in a second of play.
+    """
+
+    placements: Mapping[str, Array]
+    labels: Sequence[str]
+    readings: Sequence[Sequence[str]]
+    colours: Sequence[str]
+    start: int = 0
+    choices: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    per_second: float = 20.0
+
+    def __post_init__(self) -> None:
+        n = len(self)
+        per_frame = {"colours": self.colours} | {f"placements of {path}": of for path, of in self.placements.items()}
+        for what, of in (per_frame | {f"choices of {path}": names for path, names in self.choices.items()}).items():
+            if len(of) != n:
+                raise ShapeError(f"{what}: {len(of)} frames, expected {n} as there are readings")
+        if not 0 <= self.start < n:
+            raise ShapeError(f"start is {self.start}, expected a frame from 0 to {n - 1}")
+
+    def __len__(self) -> int:
+        return len(self.readings)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What has to be seen, and from which side; the page finds the distance that its own shape needs.
+
+    Attributes:
+        points: (n, 3) [m], all of them inside the picture.
+        azimuth: of the camera, from +x towards +y [rad].
+        elevation: of the camera above the horizontal [rad].
+        room: so much is seen beyond the points, for what is thick [m].
+    """
+
+    points: Array
+    azimuth: float
+    elevation: float = 18 * DEG
+    room: float = 0.0
+
+    @property
+    def direction(self) -> Array:
+        """From what is seen towards the camera, unit (3,)."""
+        level = np.cos(self.elevation)
+        return np.array([level * np.cos(self.azimuth), level * np.sin(self.azimuth), np.sin(self.elevation)])
+
+    @property
+    def outermost(self) -> Array:
+        """Those of the points that are farthest out, which stand for all (m, 3) [m]."""
+        turn = np.arange(OUTERMOST) * np.pi * (3.0 - np.sqrt(5.0))  # evenly over the sphere (Fibonacci)
+        height = 1.0 - (2 * np.arange(OUTERMOST) + 1) / OUTERMOST
+        level = np.sqrt(1.0 - height**2)
+        directions = np.column_stack([level * np.cos(turn), level * np.sin(turn), height])
+        return np.asarray(self.points[np.unique((directions @ self.points.T).argmax(axis=1))])
+
+
+class _Window:
+    """A window for meshcat's ``Visualizer``: it keeps the last command of each kind for each path, and hands it on."""
+
+    web_url = ""
+
+    def __init__(self) -> None:
+        self.kept: dict[tuple[str, ...], bytes] = {}
+        self.listeners: list[Callable[[bytes], None]] = []
+
+    def send(self, command: Any) -> None:
+        """Called by meshcat."""
+        lowered = command.lower()
+        path, kind, packed = lowered["path"].rstrip("/"), lowered["type"], umsgpack.packb(lowered)
+        if kind == "delete":
+            self.kept = {key: data for key, data in self.kept.items() if not f"{key[0]}/".startswith(f"{path}/")}
+        else:
+            self.kept[path, kind, lowered.get("property", "")] = packed
+        for listener in self.listeners:
+            listener(packed)
 
 
 class Scene:
@@ -44,7 +137,7 @@ class Scene:
         frames: Frames | None = None,
         view: View | None = None,
     ) -> None:
-        self._window = Recorder()
+        self._window = _Window()
         self.meshcat = Visualizer(window=self._window)
         self.title, self.caption = title, caption
         self.legend = legend or Legend()
@@ -59,15 +152,11 @@ class Scene:
     @property
     def commands(self) -> list[bytes]:
         """The meshcat commands that build the scene, packed by msgpack."""
-        return kept(self._window.tree)
-
-    def content(self) -> page.Content:
-        """What a page needs of the scene."""
-        return page.Content(self.title, self.caption, self.legend, self.frames, self.view, self.commands)
+        return [*self._window.kept.values()]
 
     def html(self) -> str:
         """The scene as one page that needs neither a network nor a server."""
-        return page.whole_page(self.content())
+        return page.whole(self)
 
     def save(self, path: str | Path, force: bool = False) -> None:
         """Write that page.
@@ -84,10 +173,10 @@ class Scene:
         Args:
             height: of the frame that it is shown in [px].
         """
-        return page.embedded(self.content(), height)
+        return page.embedded(self, height)
 
     def _repr_html_(self) -> str:
-        return page.in_frame(self.html(), self.title, NOTEBOOK_HEIGHT)
+        return page.in_frame(self, NOTEBOOK_HEIGHT)
 
     def show(self, browser: bool = True) -> Server:
         """Serve the scene on this computer's loopback address; what is sent to it from then on is seen at once.
@@ -101,7 +190,7 @@ class Scene:
         Raises:
             AacmmError: the server does not start.
         """
-        server = Server(page.live_page(self.content()), self.commands, self._window.listeners)
+        server = Server(self, self._window.listeners)
         if browser:
             server.open()
         return server

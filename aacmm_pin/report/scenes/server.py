@@ -1,94 +1,82 @@
-"""A scene shown live: a process of its own that listens on the loopback address alone.
+"""A scene shown live: a thread that serves its page and meshcat's commands on the loopback address alone.
 
-meshcat's own file server listens on every network interface, so that anyone on the net could look. This one serves
-meshcat's viewer and speaks its protocol, to this computer only. It takes commands from a pipe, and ends when the pipe does:
-when the server is closed, or when the process that started it is gone, however that came about.
+meshcat's own file server listens on every network interface, so that anyone on the net could look.
 """
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
-import sys
-import tempfile
+import asyncio
 import threading
-import weakref
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
+import tornado.httpserver
+import tornado.netutil
+import tornado.web
+import tornado.websocket
 import umsgpack
+from meshcat.commands import SetProperty
+from meshcat.path import Path
 
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.scenes import serving
+from aacmm_pin.report.scenes import page
 
-PATIENCE = 10.0
-"""So long the process may take to end by itself [s]."""
+if TYPE_CHECKING:
+    from aacmm_pin.report.scenes.scene import Scene
+
+LOOPBACK = "127.0.0.1"
+OWN_NAMES = r"(127\.0\.0\.1|localhost)"
+"""Requests for other names are refused: a foreign page may have its own name resolved to this computer."""
+WHOLE = umsgpack.packb(SetProperty("whole", True, Path(("aacmm",))).lower())
+"""Tells the page that the scene is there."""
 
 
 class Server:
-    """A running server; a context, at whose end it stops.
+    """A running server; a context, at whose end it stops. It ends with this process too.
 
     Attributes:
         url: where the scene is seen, on this computer.
     """
 
-    def __init__(self, html: str, commands: Sequence[bytes], listeners: list[Callable[[bytes], None]]) -> None:
+    def __init__(self, scene: Scene, listeners: list[Callable[[bytes], None]]) -> None:
         """Start it.
 
         Args:
-            html: the page, see :func:`aacmm_pin.report.scenes.page.live_page`.
-            commands: the scene.
+            scene: what is served.
             listeners: where to hear of further commands.
 
         Raises:
             AacmmError: it does not start.
         """
-        errors = tempfile.TemporaryFile()  # noqa: SIM115  (closed by _stop)
-        # A session of its own: Ctrl-C in a notebook's cell or at a prompt is for the caller, who closes it.
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", serving.__file__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            start_new_session=True,
-        )
-        self._lock = threading.Lock()
-        self._listeners = listeners
-        self._close = weakref.finalize(self, _stop, self._process, errors)
-        with contextlib.suppress(BrokenPipeError):
-            self._write(umsgpack.packb(html))
-            for command in commands:
-                self._write(umsgpack.packb(command))
-            self._write(umsgpack.packb(None))
-        self.url = self._pipe(self._process.stdout).readline().decode().strip()
-        if not self.url:
-            errors.seek(0)
-            said = errors.read().decode(errors="replace").strip().splitlines()
-            self._close()
-            raise AacmmError(f"the server of the scene did not start: {said[-1] if said else 'it said nothing'}")
+        try:
+            (self._socket,) = tornado.netutil.bind_sockets(0, LOOPBACK)
+        except OSError as error:
+            raise AacmmError(f"the server of the scene did not start: {error.strerror}") from None
+        self.url = f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/"
+        self._scene, self._listeners, self._sockets = scene, listeners, set[_Socket]()
+        self._loop, started = asyncio.new_event_loop(), threading.Event()
+        self._thread = threading.Thread(target=self._run, args=[started], daemon=True)
+        self._thread.start()
+        started.wait()
         listeners.append(self._send)
 
     @property
-    def pid(self) -> int:
-        """Number of the process."""
-        return self._process.pid
-
-    @property
     def running(self) -> bool:
-        """Whether the process is alive."""
-        return self._process.poll() is None
+        """Whether it serves."""
+        return self._thread.is_alive()
 
     def open(self) -> None:
         """Open the scene in the browser."""
         webbrowser.open(self.url, new=2)
 
     def close(self) -> None:
-        """End the process; a second time is harmless."""
+        """Stop; a second time is harmless."""
         if self._send in self._listeners:
             self._listeners.remove(self._send)
-        self._close()
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join()
 
     def __enter__(self) -> Self:
         return self
@@ -99,33 +87,50 @@ class Server:
     def __str__(self) -> str:
         return f"{self.url}, {'running' if self.running else 'stopped'}"
 
+    def _run(self, started: threading.Event) -> None:
+        """What the thread does until the loop is stopped."""
+        asyncio.set_event_loop(self._loop)
+        application = tornado.web.Application(log_function=lambda handler: None)
+        application.add_handlers(OWN_NAMES, [("/", _Socket, {"scene": self._scene, "sockets": self._sockets})])
+        server = tornado.httpserver.HTTPServer(application)
+        server.add_sockets([self._socket])
+        self._loop.call_soon(started.set)
+        self._loop.run_forever()
+        server.stop()
+        for browser in tuple(self._sockets):
+            browser.close()
+        self._loop.run_until_complete(server.close_all_connections())
+        self._loop.run_until_complete(self._loop.shutdown_asyncgens())
+        self._loop.close()
+
     def _send(self, command: bytes) -> None:
-        try:
-            self._write(umsgpack.packb(command))
-        except BrokenPipeError:
-            self.close()
+        self._loop.call_soon_threadsafe(self._hand_on, command)
 
-    def _write(self, data: bytes) -> None:
-        pipe = self._pipe(self._process.stdin)
-        with self._lock:
-            pipe.write(data)
-            pipe.flush()
-
-    @staticmethod
-    def _pipe(pipe: IO[Any] | None) -> IO[Any]:
-        if pipe is None:
-            raise AacmmError("the server of the scene has no pipe")
-        return pipe
+    def _hand_on(self, command: bytes) -> None:
+        for browser in self._sockets:
+            browser.write_message(command, binary=True)
 
 
-def _stop(process: subprocess.Popen[bytes], errors: IO[bytes]) -> None:
-    """Close the pipe, at whose end the process ends; be firmer where it does not."""
-    for pipe in (process.stdin, process.stdout, errors):
-        if pipe is not None:
-            with contextlib.suppress(BrokenPipeError):
-                pipe.close()
-    try:
-        process.wait(PATIENCE)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+class _Socket(tornado.websocket.WebSocketHandler):
+    """A browser: its plain request gets the page, its WebSocket (tornado refuses those of other origins) the commands."""
+
+    def initialize(self, scene: Scene, sockets: set[_Socket]) -> None:
+        self._scene, self._sockets = scene, sockets
+
+    async def get(self, *args: Any, **kwargs: Any) -> None:
+        if self.request.headers.get("Upgrade", "").lower() == "websocket":
+            await super().get(*args, **kwargs)
+        else:
+            self.set_header("Cache-Control", "no-store")
+            self.finish(page.whole(self._scene, live=True))
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        for command in (*self._scene.commands, WHOLE):
+            self.write_message(command, binary=True)
+        self._sockets.add(self)
+
+    def on_message(self, message: str | bytes) -> None:
+        """Browsers have nothing to say."""
+
+    def on_close(self) -> None:
+        self._sockets.discard(self)

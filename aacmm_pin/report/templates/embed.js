@@ -1,4 +1,4 @@
-// Fills the inner frames of scenes, each when it comes near the part of the page that is seen.
+// Fills the inner frames of scenes, each when it comes near the part of the page that is seen, all before a print.
 "use strict";
 (() => {
   const fill = (frame) => {
@@ -15,7 +15,12 @@
         }
       }
     }, { rootMargin: "400px" });
-    document.querySelectorAll("iframe.aacmm-scene").forEach((frame) => near.observe(frame));
+    const frames = document.querySelectorAll("iframe.aacmm-scene");
+    frames.forEach((frame) => near.observe(frame));
+    window.addEventListener("beforeprint", () => {
+      near.disconnect();
+      frames.forEach((frame) => frame.srcdoc || fill(frame));
+    });
   };
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);
   else start();

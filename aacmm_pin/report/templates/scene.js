@@ -4,22 +4,16 @@
   const data = JSON.parse(document.getElementById("scene-data").textContent);
   const pane = document.getElementById("pane");
 
-  function trouble(id) {
+  const canvas = document.createElement("canvas");
+  if (!canvas.getContext("webgl2") && !canvas.getContext("webgl")) {
     document.body.classList.add("trouble");
-    document.getElementById(id).hidden = false;
+    document.getElementById("no-webgl").hidden = false;
+    return;
   }
-
-  function draws() {
-    const canvas = document.createElement("canvas");
-    return Boolean(canvas.getContext("webgl2") || canvas.getContext("webgl"));
-  }
-
-  if (typeof MeshCat === "undefined") return trouble("no-viewer");
-  if (!draws()) return trouble("no-webgl");
 
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const floats = (text) => new Float32Array(bytes(text).buffer);
-  const node = (path) => viewer.scene_tree.find(["meshcat", ...path.split("/")]).object;
+  const node = (path) => viewer.scene_tree.find(["meshcat", ...path.split("/")]);
 
   const viewer = new MeshCat.Viewer(pane);
   const FIELD = 32; // vertical field of view [degrees]: little distortion
@@ -40,23 +34,15 @@
     const high = 0.92 * Math.tan(FIELD * Math.PI / 360);
     const wide = high * viewer.camera.aspect;
     const room = data.view.room;
-    const target = new Vector();
-    points.forEach((p) => target.addScaledVector(p, 1 / points.length));
-    let distance = 0;
-    for (let turn = 0; turn < 12; turn++) { // the middle of what is seen, then the distance, and again
-      distance = 0;
-      for (const p of points) {
-        const off = p.clone().sub(target);
-        distance = Math.max(distance, off.dot(back) + Math.max((Math.abs(off.dot(right)) + room) / wide, (Math.abs(off.dot(up)) + room) / high));
-      }
-      for (const axis of [right, up]) {
-        const seen = points.map((p) => {
-          const off = p.clone().sub(target);
-          return off.dot(axis) / (distance - off.dot(back));
-        });
-        target.addScaledVector(axis, (Math.max(...seen) + Math.min(...seen)) / 2 * distance);
-      }
+    const target = new Vector(); // the middle of what is seen
+    for (const axis of [right, up, back]) {
+      const places = points.map((p) => p.dot(axis));
+      target.addScaledVector(axis, (Math.max(...places) + Math.min(...places)) / 2);
     }
+    const distance = Math.max(...points.map((p) => {
+      const off = p.clone().sub(target);
+      return off.dot(back) + Math.max((Math.abs(off.dot(right)) + room) / wide, (Math.abs(off.dot(up)) + room) / high);
+    }));
     viewer.controls.target.copy(target);
     viewer.camera.position.copy(target).addScaledVector(back, distance);
     viewer.camera.near = distance / 100;
@@ -71,48 +57,26 @@
     look();
   };
   new ResizeObserver(() => viewer.set_3d_pane_size()).observe(pane);
-  viewer.renderer.domElement.addEventListener("webglcontextlost", () => trouble("lost"));
 
   // --- frames
   const frames = data.frames;
-  const moving = frames ? Object.entries(frames.moving).map(([path, text]) => {
-    const numbers = floats(text);
-    return { path, numbers, width: numbers.length / frames.count };
-  }) : [];
+  const moving = frames ? Object.entries(frames.moving).map(([path, text]) => [path, floats(text)]) : [];
   let current = 0;
 
-  function place({ path, numbers, width }, frame) {
-    const object = node(path);
-    const [x, y, z, a, b, c, d, sx = 1, sy = 1, sz = 1] = numbers.subarray(frame * width, (frame + 1) * width);
-    object.visible = Number.isFinite(x);
+  function place(path, rows) { // the three upper rows of a placement
+    const { object } = node(path);
+    object.visible = Number.isFinite(rows[0]);
     if (!object.visible) return;
-    object.position.set(x, y, z);
-    object.quaternion.set(a, b, c, d);
-    object.scale.set(sx, sy, sz);
-  }
-
-  function reshape({ path, frames: shapes }, frame) {
-    const object = node(path);
-    const mesh = object.children.find((child) => child.isMesh);
-    object.visible = shapes[frame] !== null;
-    if (!object.visible || !mesh) return;
-    const [vertices, faces] = shapes[frame];
-    const { BufferGeometry, BufferAttribute } = MeshCat.THREE;
-    const geometry = new BufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(floats(vertices), 3));
-    geometry.setIndex(new BufferAttribute(new Uint16Array(bytes(faces).buffer), 1));
-    const loose = geometry.toNonIndexed(); // edges of a hull stay sharp
-    loose.computeVertexNormals();
-    geometry.dispose();
-    mesh.geometry.dispose();
-    mesh.geometry = loose;
+    object.matrix.set(...rows, 0, 0, 0, 1).decompose(object.position, object.quaternion, object.scale);
   }
 
   function show(frame) {
     if (!frames) return;
     current = ((frame % frames.count) + frames.count) % frames.count;
-    moving.forEach((body) => place(body, current));
-    frames.meshes.forEach((mesh) => reshape(mesh, current));
+    moving.forEach(([path, rows]) => place(path, rows.subarray(12 * current, 12 * current + 12)));
+    for (const [path, names] of Object.entries(frames.choices)) {
+      Object.entries(node(path).children).forEach(([name, child]) => { child.object.visible = name === names[current]; });
+    }
     const texts = frames.readings[current];
     readings.forEach((cell, i) => { cell.textContent = texts[i]; });
     viewer.set_dirty();
@@ -177,14 +141,13 @@
 
   // --- drawing; live, the commands come from the server, the last one being a mark that the scene is whole
   if (frames) wire();
-  if (data.mode === "live") {
+  if (data.live) {
     const handle = viewer.handle_command.bind(viewer);
     viewer.handle_command = (command) => {
       handle(command);
       if (command.path === "/aacmm" && command.property === "whole") show(current);
     };
     viewer.connect();
-    viewer.connection.addEventListener("close", () => { document.getElementById("gone").hidden = false; });
   } else {
     data.commands.forEach((command) => viewer.handle_command_bytearray(bytes(command)));
   }
@@ -192,7 +155,7 @@
   if (frames) {
     show(frames.start);
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches || location.hash === "#still";
-    if (data.mode !== "embedded" && frames.count > 1 && !still) play(true);
+    if (data.plays && frames.count > 1 && !still) play(true);
   }
   window.page = { viewer, show, play, frames, get current() { return current; } };
 })();

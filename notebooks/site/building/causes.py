@@ -8,21 +8,13 @@ import re
 import numpy as np
 
 from aacmm_pin import Arm
-from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.effects import CAUSES, Effect, example
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import MissingConditionError, UnsupportedArmError
 
 PLACES = {"joint": "joint", "link": "tube or body", "seat": "seat", "marker": "target"}
 OPTIONAL = {"link": "whole arm, or one body", "marker": "tip, or one target"}
-GEOMETRY = ("joint_zero_offset", "link_length", "joint_distance", "link_twist", "link_tilt", "joint_placement")
-EXAMPLE = {"joint": 1, "link": 3, "order": 3.0, "time_s": 60.0, "time_constant_s": 1800.0, "seat": "A"}
-EXAMPLE |= {"lower_rad": -3.0, "upper_rad": 3.0, "coefficients": 24}
-
-
-def example(cause: type[Effect]) -> Effect:
-    """One of its kind, for what cannot be asked of a class."""
-    return cause(**{name: EXAMPLE[name] for name in cause.structure() if name in EXAMPLE})
 
 
 def causes_table() -> str:
@@ -33,6 +25,7 @@ def causes_table() -> str:
 
 def _row(cause: type[Effect]) -> list[str]:
     effect = example(cause)
+    assert effect is not None
     inner = [f"`{name}`" for name in cause.structure() if name not in PLACES and name not in ("bodies", "torque")]
     keys = [f"`{key}`" for key in effect.described()]
     shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
@@ -46,12 +39,12 @@ def _row(cause: type[Effect]) -> list[str]:
 
 
 def _place(cause: type[Effect]) -> str:
-    name = next((name for name in PLACES if name in cause.structure()), None)
-    if name is None:
+    site = cause.site()
+    if site is None:
         return "whole arm"
-    if cause.cause in GEOMETRY:
+    if cause.refitted and site == "joint":
         return "row"
-    return OPTIONAL[name] if getattr(cause, name, "") is None else PLACES[name]
+    return OPTIONAL[site] if getattr(cause, site, "") is None else PLACES[site]
 
 
 def _needs(effect: Effect) -> str:
@@ -69,15 +62,9 @@ def _needs(effect: Effect) -> str:
 
 
 def _size(effect: Effect) -> str:
-    sizes = dict.fromkeys((term.typical, term.unit) for term in effect.terms)
-    return ", ".join(_quantity(*size) for size in sizes)
-
-
-def _quantity(value: float, unit: str) -> str:
-    for prefix, factor in (("m", 1e-3), ("µ", 1e-6)):
-        if unit.partition("/")[0] in ("rad", "m") and value >= factor:
-            return f"{value / factor:g} {prefix}{unit}"
-    return f"{value:.0e} {unit}".replace("e-0", "e-") if unit != "1" else f"{value:.0e}".replace("e-0", "e-")
+    return ", ".join(
+        dict.fromkeys(f"{term.typical / size:.3g} {unit}" for term in effect.terms for unit, size in [term.unit_read])
+    )
 
 
 def _alike(cause: type[Effect]) -> str:

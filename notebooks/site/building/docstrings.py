@@ -37,7 +37,7 @@ def _spelled_out() -> list[tuple[str, str]]:
 def _shorter(
     app: Sphinx, what: str, name: str, thing: object, options: Any, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
-    for long, short in _spelled_out():
+    for long, short in (("<factory>", "..."), *_spelled_out()):  # what dataclasses write there is no Python
         signature, returned = (text and text.replace(long, short) for text in (signature, returned))
     return signature, returned
 

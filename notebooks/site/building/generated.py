@@ -27,7 +27,7 @@ ELSEWHERE = {"aacmm_pin": "Effect", "aacmm_pin.errors": "AacmmError"}
 """Names that are explained on another page."""
 SOURCES = Path(__file__).parents[3] / "tests" / "blind" / "study" / "sources.py"
 """Says which code a diagnosis is."""
-INHERITED = ", ".join(sorted({*dir(Effect), "component", "flexibility", "place", "turns"}))
+INHERITED = ", ".join(sorted({*dir(Effect), "component", "flexibility", "turns"}))
 """What all causes have; it is shown once, at their base."""
 
 
@@ -42,9 +42,11 @@ def api(module: str) -> str:
 
 
 def effects() -> str:
-    """The base of all causes with all that it has, then each cause with what only it has."""
-    lines = [".. currentmodule:: aacmm_pin.effects", "", ".. autofunction:: register", ""]
-    for name in ("Effect", "Term", "Displacement"):
+    """What a cause of one's own uses, the base of all causes with all that it has, each cause with what only it has."""
+    lines = [".. currentmodule:: aacmm_pin.effects", ""]
+    for name in ("register", "about_axis", "twist", "cause_of", "all_candidates", "example"):
+        lines += [f".. autofunction:: {name}", ""]
+    for name in ("Effect", "Term", "Reading", "Displacement", "State", "Records"):
         lines += [f".. autoclass:: {name}", "   :members:", ""]
     for cause in CAUSES.values():
         lines += [f".. autoclass:: {cause.__name__}", "   :members:", f"   :exclude-members: {INHERITED}", ""]

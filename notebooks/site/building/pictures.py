@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from aacmm_pin import (
     AccuracyVolume,
@@ -43,7 +44,7 @@ def _diagnosed() -> Diagnosis:
     return diagnose(arm, data, encoder_noise=NOISE)
 
 
-PICTURES: dict[str, Callable[[], Axes | np.ndarray]] = {
+PICTURES: dict[str, Callable[[], Axes | Figure]] = {
     "circle.png": lambda: plots.plot_circle(*_at_the_point()),
     "swivel.png": lambda: plots.plot_accuracy_over_swivel(*_at_the_point()),
     "budget.png": lambda: plots.plot_budget(_at_the_point()[1]),
@@ -60,6 +61,4 @@ def draw(folder: Path) -> None:
     with mpl.rc_context({"backend": "Agg", "figure.max_open_warning": 0}):
         for name, drawn in PICTURES.items():
             if not (folder / name).exists():
-                picture = drawn()
-                figure = np.ravel(picture)[0].figure  # axes, or an array of them
-                figure.savefig(folder / name, dpi=130, bbox_inches="tight")
+                drawn().figure.savefig(folder / name, dpi=130, bbox_inches="tight")

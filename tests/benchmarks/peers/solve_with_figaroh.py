@@ -1,8 +1,7 @@
 """Calibrate an arm with FIGAROH and print seconds and residuals as one JSON line.
 
 Run by the interpreter of an environment of its own (``pip install figaroh``):
-``python solve_with_figaroh.py PROBLEM.npz ARM.urdf [--tip tip] [--repeats 3] [--method trf] [--base-unknown] [--elastic]
-[--gravity X Y Z]``.
+``python solve_with_figaroh.py PROBLEM.npz ARM.urdf [--repeats 3] [--elastic] [--gravity X Y Z]``.
 
 ``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``positions`` (n, 3) [m]; the URDF is the nominal arm. Where it holds
 ``held_out`` (m, joints) [rad] too, the tips that the calibrated model predicts there are reported (m, 3) [m].
@@ -15,15 +14,13 @@ function is the shortest that its documentation allows: measured minus predicted
 of ``_compute_logmap_residuals``; for positions the sum of squares is the same. ``initialize()`` (which chooses the
 parameters), and the reports that ``solve()`` adds, are outside the clock; ``initialize()`` has its own.
 
-The base frame is called known. The 27 parameters of a 6R arm then move the base too, through the placement of joint 1.
-Called unknown (``--base-unknown``), the six names of the base overwrite the first six parameters by position, whatever
-these are; on some arms the 27 are then dependent, and the same fit takes twice the time and more.
+The base frame is called known: the 27 parameters of a 6R arm then move the base too, through the placement of joint 1.
+Called unknown, the six names of the base would overwrite the first six parameters by position, whatever these are.
 
 ``--elastic`` is its option ``include_non_geometric``: one stiffness parameter ``k_RZ`` a joint beside the geometry. Its
 model turns the joint by ``k_RZ`` times the torque that holds the weight, which pulls the other way, so the compliance is
 ``-k_RZ`` [rad/(N·m)]; that is reported, with the standard uncertainty that the Jacobian and the residuals at the minimum
 give. It needs masses in the URDF and the gravity of the mount, which a URDF cannot say: ``--gravity`` [m/s²].
-Never with ``--base-unknown``: the six names of the base then overwrite the six of the stiffnesses.
 """
 
 from __future__ import annotations
@@ -46,10 +43,7 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("problem")
     arguments.add_argument("urdf")
-    arguments.add_argument("--tip", default="tip")
     arguments.add_argument("--repeats", type=int, default=3)
-    arguments.add_argument("--method", default="trf", choices=["trf", "lm", "dogbox"])
-    arguments.add_argument("--base-unknown", action="store_true")
     arguments.add_argument("--elastic", action="store_true")
     arguments.add_argument("--gravity", type=float, nargs=3, default=[0.0, 0.0, -9.81])
     given = arguments.parse_args()
@@ -77,16 +71,16 @@ def solve(
     for _ in range(given.repeats):
         robot = load_robot(given.urdf, package_dirs=str(Path(given.urdf).parent))
         robot.model.gravity.linear = np.array(given.gravity)
-        config = write_input(folder, list(robot.model.names[1:]), q, positions, given.tip, given.elastic)
+        config = write_input(folder, list(robot.model.names[1:]), q, positions, given.elastic)
         calibration = PositionCalibration(robot, str(config))
-        calibration.calib_config |= {"known_baseframe": not given.base_unknown, "known_tipframe": False}
+        calibration.calib_config |= {"known_baseframe": True, "known_tipframe": False}
         start = time.perf_counter()
         calibration.initialize()
         initialising.append(time.perf_counter() - start)
         nominal = np.zeros(len(calibration.calib_config["param_name"]))
         before = rms(calibration.cost_function(nominal))
         start = time.perf_counter()
-        result, _ = calibration.solve_optimisation(method=given.method)
+        result, _ = calibration.solve_optimisation(method="trf")
         seconds.append(time.perf_counter() - start)
     report: dict[str, object] = {
         "package": "figaroh",
@@ -118,7 +112,7 @@ def compliances(names: list[str], result: object) -> dict[str, tuple[float, floa
     return {name.removeprefix("k_RZ_joint"): (-float(k), float(s)) for name, k, s in rows if name.startswith("k_RZ")}
 
 
-def write_input(folder: Path, joints: list[str], q: np.ndarray, positions: np.ndarray, tip: str, elastic: bool) -> Path:
+def write_input(folder: Path, joints: list[str], q: np.ndarray, positions: np.ndarray, elastic: bool) -> Path:
     """Write the measurements (CSV) and the configuration (YAML, unified format) that FIGAROH reads."""
     import pandas as pd
     import yaml
@@ -127,7 +121,7 @@ def write_input(folder: Path, joints: list[str], q: np.ndarray, positions: np.nd
     table.to_csv(folder / "data.csv", index=False)
     calibration = {
         "type": "kinematic_calibration",
-        "kinematics": {"base_frame": "universe", "tool_frame": tip},
+        "kinematics": {"base_frame": "universe", "tool_frame": "tip"},
         "joints": {"active_joints": joints},
         "parameters": {"calibration_level": "full_params", "include_non_geometric": elastic},
         "measurements": {"markers": [{"measurable_dof": [True, True, True, False, False, False]}]},

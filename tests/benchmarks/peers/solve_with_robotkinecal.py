@@ -1,7 +1,7 @@
 """Calibrate an arm with robotkinecal and print seconds and residuals as one JSON line.
 
 Run by the interpreter of an environment of its own (``pip install robotkinecal``):
-``python solve_with_robotkinecal.py PROBLEM.npz ARM.urdf [--tip tip] [--repeats 3]``.
+``python solve_with_robotkinecal.py PROBLEM.npz ARM.urdf [--repeats 3]``.
 
 ``PROBLEM.npz`` holds ``q`` (n, joints) [rad] and ``positions`` (n, 3) [m]; the URDF is the nominal arm, every joint about z.
 
@@ -29,17 +29,16 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("problem")
     arguments.add_argument("urdf")
-    arguments.add_argument("--tip", default="tip")
     arguments.add_argument("--repeats", type=int, default=3)
     given = arguments.parse_args()
     with np.load(given.problem) as problem:
         q, positions = problem["q"], problem["positions"]
     with contextlib.redirect_stdout(sys.stderr):  # the package prints its warnings; stdout is for the one line
-        report = solve(q, positions, given.urdf, given.tip, given.repeats)
+        report = solve(q, positions, given.urdf, given.repeats)
     print(json.dumps(report))
 
 
-def solve(q: np.ndarray, positions: np.ndarray, urdf: str, tip: str, repeats: int) -> dict[str, object]:
+def solve(q: np.ndarray, positions: np.ndarray, urdf: str, repeats: int) -> dict[str, object]:
     import roboticstoolbox as rtb
     from robotkinecal import SerialRobotKineCal
 
@@ -49,7 +48,7 @@ def solve(q: np.ndarray, positions: np.ndarray, urdf: str, tip: str, repeats: in
             warnings.simplefilter("ignore", DeprecationWarning)  # Robot.URDF() is what its README calls
             robot = rtb.ERobot.URDF(urdf)
         np.random.seed(repeat)  # noqa: NPY002 - its basis of every axis starts from numpy's global generator
-        calibration = SerialRobotKineCal(robot, tip)  # a new one each time: solve() moves the axes it holds
+        calibration = SerialRobotKineCal(robot, "tip")  # a new one each time: solve() moves the axes it holds
         calibration.set_observations(list(q), list(positions))
         before = rms(calibration, q, positions)
         start = time.perf_counter()

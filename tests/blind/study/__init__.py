@@ -2,5 +2,5 @@
 
 ``python -m tests.blind.study`` draws the files, hands each to the command line alone, and only then looks at the truth:
 :mod:`~blind.study.experiments` says what is drawn, :mod:`~blind.study.runs` makes one row of the table from one file,
-:mod:`~blind.study.judge` compares what was said with the truth, the other modules count and draw.
+:mod:`~blind.study.outcomes` compares what was said with the truth and counts.
 """

@@ -1,10 +1,12 @@
-"""``python -m tests.blind.study``: run, count, draw."""
+"""``python -m tests.blind.study``: run, and count."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import os
+import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from datetime import UTC, datetime
@@ -12,11 +14,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+import aacmm_pin
 from blind.study import page, sources
 from blind.study.experiments import EXPERIMENTS
-from blind.study.report import report, version
+from blind.study.outcomes import count, table
+from blind.study.results import Results
 from blind.study.runs import Task, perform, plain, start_worker
-from blind.study.table import Results
 
 
 def main(words: list[str]) -> int:
@@ -28,8 +31,8 @@ def main(words: list[str]) -> int:
     tasks = []
     for experiment in EXPERIMENTS:
         if experiment.name in (asked.only or [e.name for e in EXPERIMENTS]):
-            count = experiment.quick if asked.quick else max(1, round(asked.count * experiment.share))
-            tasks += [Task(experiment, asked.skip + run, asked.fresh, asked.limit) for run in range(count)]
+            runs = range(asked.skip, asked.skip + max(1, round(asked.count * experiment.share)))
+            tasks += [Task(experiment, number, asked.fresh, asked.limit) for number in runs]
     chosen = {task.key for task in tasks}
     for task in tasks:  # a run of an experiment that has changed since is another run, as is one of other code for a table
         row = results.rows.get(task.key)
@@ -37,21 +40,21 @@ def main(words: list[str]) -> int:
         if changed or (row is not None and asked.table and row.get("sources") != digest):
             del results.rows[task.key]
     waiting = [task for task in tasks if not results.has(task.key, task.fresh and task.experiment.fresh, asked.retry)]
-    if not asked.evaluate:
-        run(waiting, results, asked.jobs, {"version": version(), "sources": digest})
+    run(waiting, results, asked.jobs, {"version": _version(), "sources": digest})
     rows = [row for key, row in results.rows.items() if key in chosen]
     if not rows:
         print(f"{results.path}: no runs of what was asked", file=sys.stderr)
         return 1
     command = "python -m tests.blind.study " + " ".join(words)
-    about = {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": command,
-        "version": sorted({row["version"] for row in rows}),
-    }
-    report(rows, asked.output, about)
+    date = datetime.now(UTC).isoformat(timespec="seconds")
+    counted, outcomes = count(rows)
+    about = {"date": date, "command": command, "version": sorted({row["version"] for row in rows})}
+    (asked.output / "study.json").write_text(json.dumps({"about": about, "figures": counted}, indent=1) + "\n")
+    outcomes[~outcomes["right"]].to_csv(asked.output / "wrong.csv", index=False)
+    print(table(counted))
+    print(f"{len(rows)} runs; {int((~outcomes['right']).sum())} of them not answered right: {asked.output / 'wrong.csv'}")
     if asked.table:
-        page.write(asked.table, rows, about["date"], command)
+        page.write(asked.table, rows, date, command)
     return 0
 
 
@@ -72,18 +75,23 @@ def run(tasks: list[Task], results: Results, jobs: int, made_by: dict[str, str])
                     results.add(future.result() | made_by)
 
 
+def _version() -> str:
+    """Of the package, with the commit where there is one."""
+    command = ["git", "describe", "--always", "--dirty"]
+    said = subprocess.run(command, cwd=sources.ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    return f"{aacmm_pin.__version__} {said}".strip()
+
+
 def _arguments(names: list[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tests.blind.study", description=__doc__)
     parser.add_argument("--only", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}")
     parser.add_argument("--count", type=int, default=100, help="runs of each experiment (default 100)")
     parser.add_argument("--skip", type=int, default=0, help="start at this run: seeds that nobody has looked at")
-    parser.add_argument("--quick", action="store_true", help="a small subset")
     parser.add_argument("--fresh", action="store_true", help="also measure gains on fresh data")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--limit", type=float, default=60.0, help="CPU seconds a command may take (default 60)")
     parser.add_argument("--retry", action="store_true", help="run again what ended in an error")
     parser.add_argument("--table", type=Path, help="page for the tables; runs of other diagnosis code are run again")
-    parser.add_argument("--evaluate", action="store_true", help="run nothing, count what is there")
     parser.add_argument("-o", "--output", type=Path, default=Path("study"), help="folder (default ./study)")
     return parser
 

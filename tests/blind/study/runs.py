@@ -21,20 +21,15 @@ import pandas as pd
 from typer.testing import CliRunner
 
 from aacmm_pin.cli import app
-from blind import Draw, Hidden, draw
-from blind.oracle import Oracle, library
-from blind.study import regimes
+from blind import Draw, draw
+from blind.oracle import ALIKE, Oracle
+from blind.regimes import RegimeFile, regime_file
 from blind.study.experiments import Experiment
+from blind.study.outcomes import key_of
 
 Row = dict[str, Any]
-GEOMETRY_NAMES = {
-    "a": ("link_length", "a_mm", 1e3),
-    "d": ("joint_distance", "d_mm", 1e3),
-    "alpha": ("link_twist", "alpha_rad", 1.0),
-    "theta_offset": ("joint_zero_offset", "offset_rad", 1.0),
-}
-"""Cause, parameter and unit of a deviation that ``shifts`` ask for."""
 FRESH_RECORDS = 300
+TRIES, FAR_AWAY = 10, 10_000_000
 
 
 class CommandError(Exception):
@@ -63,30 +58,47 @@ class Task:
 
 def perform(task: Task) -> Row:
     """The row of a task; what goes wrong stands under ``error``."""
-    arguments = task.experiment.arguments(task.run)
-    if task.experiment.kind == "regime":
-        said = regimes.perform(arguments, _command, _limited(task.limit))
-        return plain({"experiment": task.experiment.name, "kind": task.experiment.kind, **said})
-    drawn = draw(**arguments)
-    row: Row = {"experiment": task.experiment.name, "seed": arguments["seed"], "kind": task.experiment.kind}
-    row |= {"arguments": plain(arguments), "error": None, "said": None, "seconds": None, "fresh": None}
+    experiment, arguments = task.experiment, task.experiment.arguments(task.run)
+    fresh_too = task.fresh and experiment.fresh
+    row: Row = {"experiment": experiment.name, "seed": arguments["seed"], "arguments": arguments}
+    row |= {"error": None, "said": None, "seconds": None, "fresh": None}
     with TemporaryDirectory() as name:
         folder = Path(name)
-        drawn.write(folder / "data.csv")
+        if experiment.regime:
+            file: Draw | RegimeFile = _regime_file(arguments)
+            file.write(folder)
+            words = file.words(folder)
+            row["regime"] = vars(file.regime)
+        else:
+            file = draw(**arguments)
+            words = ["sino6", str(file.write(folder / "data.csv")), *experiment.options]
+        words += ["--extended-arm", str(folder / "extended.toml")] if fresh_too else []
         start = time.process_time()
         try:
             with _limited(task.limit):
-                row["said"] = _diagnosis(folder, task)
-        except CommandError as error:
-            row["error"] = str(error)
+                row["said"] = json.loads(_command("diagnose", *words, "--json", "-"))
+        except Exception as error:  # whatever breaks inside is what the study is about
+            row["error"] = str(error) or repr(error)
         row["seconds"] = round(time.process_time() - start, 3)
-        if task.fresh and task.experiment.fresh and row["error"] is None:
+        if fresh_too and isinstance(file, Draw) and row["error"] is None:
             try:
                 with _limited(task.limit):
-                    row["fresh"] = _fresh_gain(folder, drawn, task.experiment.options)
+                    row["fresh"] = _fresh_gain(folder, file, experiment.options)
             except CommandError as error:
                 row["fresh"] = {"error": str(error)}
-    return row | {"truth": _truth(drawn, arguments.get("shifts") or {}, task.experiment.likely)}
+    as_json: Row = plain(row | {"truth": _truth(file, row["said"], experiment.likely)})
+    return as_json
+
+
+def _regime_file(arguments: Row) -> RegimeFile:
+    """The file of a seed; of another far away where the arm finds too few postures at the seats that this one draws."""
+    for tried in range(TRIES):
+        try:
+            return regime_file(**(arguments | {"seed": arguments["seed"] + tried * FAR_AWAY}))
+        except ValueError:
+            if tried == TRIES - 1:
+                raise
+    raise AssertionError
 
 
 @contextmanager
@@ -131,13 +143,6 @@ def _command(*words: str) -> str:
     return result.stdout
 
 
-def _diagnosis(folder: Path, task: Task) -> Any:
-    extended = ["--extended-arm", str(folder / "extended.toml")] if task.fresh and task.experiment.fresh else []
-    return json.loads(
-        _command("diagnose", "sino6", str(folder / "data.csv"), *task.experiment.options, "--json", "-", *extended)
-    )
-
-
 def _fresh_gain(folder: Path, drawn: Draw, options: list[str]) -> Row:
     """Gain on another run of the same arm, by the corrected tips of the extended and of the recalibrated arm.
 
@@ -149,64 +154,36 @@ def _fresh_gain(folder: Path, drawn: Draw, options: list[str]) -> Row:
     measured = ((fresh.read >= drawn.read.min(axis=0)) & (fresh.read <= drawn.read.max(axis=0))).all(axis=1)
     header, *lines = fresh.csv_text.splitlines(keepends=True)
     (folder / "fresh.csv").write_text(header + "".join(compress(lines, measured)), encoding="utf-8")
-    _command(
-        "calibrate", "sino6", str(folder / "data.csv"), *options, "--no-held-out", "-o", str(folder / "recalibrated.toml")
-    )
-    rms, without_noise = {}, {}
+    recalibrated = ["--no-held-out", "-o", str(folder / "recalibrated.toml")]
+    _command("calibrate", "sino6", str(folder / "data.csv"), *options, *recalibrated)
+    rms = {}
     for arm in ("recalibrated", "extended"):
         out = folder / f"{arm}.csv"
         _command("correct", str(folder / f"{arm}.toml"), str(folder / "fresh.csv"), "-o", str(out))
-        tips = 1e-3 * pd.read_csv(out)[[f"corrected_{axis}_mm" for axis in "xyz"]].to_numpy()
-        rms[arm], without_noise[arm] = _rms(tips - fresh.reference[measured]), _rms(tips - fresh.touched[measured])
-    return {
-        "rms_mm": {name: 1e3 * value for name, value in rms.items()} | {"noise": 1e3 * fresh.oracle_rms},
-        "model_rms_mm": {name: 1e3 * value for name, value in without_noise.items()},
-        "records": int(measured.sum()),
-        "gain": 1.0 - rms["extended"] / rms["recalibrated"],
-    }
+        off = 1e-3 * pd.read_csv(out)[[f"corrected_{axis}_mm" for axis in "xyz"]].to_numpy() - fresh.reference[measured]
+        rms[arm] = float(np.sqrt((off**2).sum(axis=1).mean()))
+    in_mm = {name: 1e3 * value for name, value in rms.items()} | {"noise": 1e3 * fresh.oracle_rms}
+    return {"rms_mm": in_mm, "records": int(measured.sum()), "gain": 1.0 - rms["extended"] / rms["recalibrated"]}
 
 
-def _rms(vectors: np.ndarray) -> float:
-    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
-
-
-def _truth(drawn: Draw, shifts: dict[tuple[int, str], float], likely: bool) -> Row:
-    """What was hidden, and what the oracle says of it."""
-    oracle = Oracle(drawn) if drawn.truth.hidden or likely else None
-    hidden = [_hidden(oracle, fault) for fault in drawn.truth.hidden if oracle is not None]
-    for row, kind in shifts:
-        cause, parameter, unit = GEOMETRY_NAMES[kind]
-        deviation = unit * drawn.truth.geometry[row - 1, ("a", "d", "alpha", "theta_offset").index(kind)]
-        hidden.append(plain({"cause": cause, "joint": row, "key": f"{cause}:{row}", "parameters": {parameter: deviation}}))
+def _truth(file: Draw | RegimeFile, said: Row | None, likely: bool) -> Row:
+    """What was hidden, which of the named causes nobody could tell from it, and the oracle's five likeliest causes."""
+    oracle = Oracle(file) if file.hidden or likely else None
+    named = {key_of(finding): finding for finding in (said or {}).get("findings", [])}
+    hidden = []
+    for fault in file.hidden:
+        assert oracle is not None
+        seat = fault.parameters.get("seat")
+        row: Row = {"cause": fault.cause, "joint": fault.joint, "parameters": dict(fault.parameters)}
+        row |= {"key": fault.key if seat is None else f"{fault.cause}:{seat}", "size_um": fault.size_um}
+        row |= {"lambda": oracle.visible(fault), "depends_on": fault.depends_on}
+        cosines = {key: oracle.cosine(fault, finding) for key, finding in named.items() if key != row["key"]}
+        hidden.append(row | {"aliases": {key: c for key, c in cosines.items() if c > ALIKE}, "cosines": cosines})
     probabilities = oracle.probabilities() if oracle is not None and likely else None
-    likeliest = _largest(probabilities, hidden)
-    as_json: Row = plain({"hidden": hidden, "outliers": drawn.truth.outliers, "probabilities": likeliest})
-    return as_json
-
-
-def _hidden(oracle: Oracle, fault: Hidden) -> Row:
-    seat = fault.parameters.get("seat")
-    power, retained = oracle.power(fault)
-    row: Row = {"cause": fault.cause, "joint": fault.joint, "key": fault.key if seat is None else f"{fault.cause}:{seat}"}
-    row |= {"parameters": fault.parameters, "size_um": fault.size_um, "depends_on": fault.depends_on}
-    row |= {"lambda": power, "retained_fraction": retained, "columns": _columns(oracle, row["key"])}
-    aliases = {key: cosine for key, cosine in oracle.aliases(fault).items() if key != row["key"]}
-    as_json: Row = plain(row | {"aliases": aliases})
-    return as_json
-
-
-def _columns(oracle: Oracle, key: str) -> int | None:
-    """Number of linear parameters of a cause, None where the library of the oracle does not have it."""
-    known = library(oracle.nominal, oracle.plan, float(oracle.conditions.time[-1]))
-    return next((len(candidate.faults) for candidate in known if candidate.key == key), None)
-
-
-def _largest(probabilities: dict[str, float] | None, hidden: list[Row]) -> dict[str, float] | None:
-    """The five likeliest, and those of the truth."""
-    if probabilities is None:
-        return None
-    kept = [*list(probabilities)[:5], *(h["key"] for h in hidden), "none"]
-    return {key: probabilities[key] for key in probabilities if key in kept}
+    if probabilities is not None:
+        kept = {*list(probabilities)[:5], *(h["key"] for h in hidden), "none"}
+        probabilities = {key: p for key, p in probabilities.items() if key in kept}
+    return {"hidden": hidden, "outliers": file.outliers, "probabilities": probabilities}
 
 
 def plain(value: Any) -> Any:

@@ -1,0 +1,248 @@
+"""What may be off in an arm, and what it does to the position: sensitivity, covariance, and all that bounds allow.
+
+Parameters that a calibration knows together are replaced, where single sources are needed, by their principal axes: with
+the standard uncertainties D = diag(u) and the correlation matrix R = V λ Vᵀ of a group, the columns of ``D V √λ`` are as
+many independent sources with the same covariance ``D R D``, and parameters known only as a sum become one source. R has no
+units, so the axes do not depend on them; where eigenvalues coincide the axes are not unique, and neither is what depends
+on more than the covariance: the slightest correlation turns the axes away from the parameters, and the accuracy volume
+jumps. The covariance does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm.parameter import Parameter, Scope
+from aacmm_pin.effects import CAUSES, Effect, JointZeroOffset
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel, displaced
+from aacmm_pin.effects.geometry import of_geometry
+from aacmm_pin.effects.state import State
+from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSources(Shown):
+    """Parameters of the arm and of its effects, and, where stated, the noise of its encoders.
+
+    Attributes:
+        model: the arm and its effects.
+        left_out: effects that depend on conditions that were not given.
+        at: frame whose origin is looked at.
+        parameters: the sources that have an uncertainty and whose scope was asked for. Those of effects have the bounds
+            ± k u with k = 2 of a calibrated parameter, so that they have a part in the accuracy volume.
+        columns: where they stand among the parameters of the model and, behind these, the noise of each joint.
+        correlation: of the sources (p, p); None where all are independent.
+        not_included: labels of the causes without which the answer is: those left out, and effects in the file of an arm
+            that was passed without them.
+    """
+
+    model: ErrorModel
+    left_out: tuple[Effect, ...]
+    at: str
+    parameters: tuple[Parameter, ...]
+    columns: tuple[int, ...]
+    correlation: Array | None = None
+    not_included: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(
+        model: Arm | ErrorModel,
+        at: str | None,
+        encoder_noise: Array | None,
+        scopes: tuple[Scope, ...],
+        q: Array,
+        conditions: Conditions | None,
+    ) -> ErrorSources:
+        """Gather the sources of ``model`` for configurations ``q`` (n, nq) [rad] under ``conditions``.
+
+        Raises:
+            AacmmError: no source has an uncertainty, so that every answer would be "perfect"; an arm whose file knows its
+                parameters together with those of effects was passed without the effects.
+        """
+        model, not_passed = _with_effects(model)
+        left_out = _lacking(model, q, conditions)
+        not_included = (*not_passed, *(effect.label for effect in left_out if effect.scope in scopes))
+        arm, covariance = model.arm, model.covariance()
+        silent = {p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()}
+        noise = arm.encoder_noise if encoder_noise is None else encoder_noise
+        every, u = list(arm.parameters), np.sqrt(np.diag(covariance)).tolist()
+        for p, its_u in list(zip(model.parameters, u, strict=True))[len(every) :]:
+            every.append(replace(p, u=its_u, half_width=COVERAGE_FACTOR * its_u))
+        for j, its_u in enumerate([] if noise is None else noise.tolist(), start=1):
+            every.append(Parameter(f"encoder_noise{j}", "encoder", j, "rad", 0.0, None, its_u, "record"))
+        known = [(c, p) for c, p in enumerate(every) if p.u > 0 and p.scope in scopes and p.name not in silent]
+        if not known:
+            without = f"; without {', '.join(not_included)}" if not_included else ""
+            raise AacmmError(
+                f"{arm.name}: no parameter of scope {', '.join(scopes)} has an uncertainty{without}; state half-widths in "
+                "the arm file (uncertainty = {...}), encoder noise, or half-widths for a URDF arm"
+            )
+        columns, parameters = zip(*known, strict=True)
+        correlation = _correlation(covariance, np.array(columns))
+        return ErrorSources(model, left_out, at or arm.tip, parameters, columns, correlation, not_included)
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        return self.model.arm
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects that take part: of the arm, and told by the conditions."""
+        return tuple(e for e in self.model.effects if not e.of_reference and e not in self.left_out)
+
+    @property
+    def u(self) -> Array:
+        """Standard uncertainties (p,) [SI]."""
+        return np.array([p.u for p in self.parameters])
+
+    @property
+    def bounded(self) -> tuple[int, ...]:
+        """Which of the parameters have stated bounds."""
+        return tuple(i for i, p in enumerate(self.parameters) if p.half_width is not None)
+
+    @property
+    def half_widths(self) -> Array:
+        """Bounds of the bounded parameters (b,) [SI]."""
+        return np.array([p.half_width for p in self.parameters if p.half_width is not None], dtype=np.float64)
+
+    @property
+    def taken_as_exact(self) -> tuple[str, ...]:
+        """Names of the parameters, of the arm and of the effects that take part, that have no stated uncertainty."""
+        names = [p.name for p in self.model.parameters]
+        variance = dict(zip(names, np.diag(self.model.covariance()), strict=True))
+        of_effects = [p.name for effect in self.effects for p in effect.parameters()]
+        return (*self.arm.without_uncertainty, *(name for name in of_effects if variance[name] == 0))
+
+    @cached_property
+    def axes(self) -> Array | None:
+        """Principal axes ``V √λ`` of each group of correlated sources, as columns in the places of its sources (p, p).
+
+        Multiplied by its transpose it is the correlation; the identity for the rest. None where all are independent.
+        """
+        if self.correlation is None:
+            return None
+        axes = np.eye(len(self.parameters))
+        count, group = scipy.sparse.csgraph.connected_components(self.correlation != 0, directed=False)
+        for number in range(count):
+            mine = np.flatnonzero(group == number)
+            values, vectors = np.linalg.eigh(self.correlation[np.ix_(mine, mine)])
+            # What rounded correlations leave below zero is no variance.
+            axes[np.ix_(mine, mine)] = vectors * np.sqrt(np.maximum(values, 0.0)) if len(mine) > 1 else 1.0
+        return axes
+
+    def sensitivity(self, q: Array, conditions: Conditions | None = None) -> Array:
+        """∂position/∂source for ``q`` (n, nq) under ``conditions`` of n records: (n, 3, p) [m/unit].
+
+        Raises:
+            MissingConditionError: an effect depends on a condition that is not there.
+        """
+        if not self.effects:
+            return self._arm_sensitivity(q)
+        arm, found, start = self.arm, [], 0
+        state = displaced(
+            arm, self.effects, q, Conditions(len(q)) if conditions is None else conditions, arm.place(self.at), False
+        )
+        # A noisy reading is a noisy zero.
+        readings = [JointZeroOffset(joint=axis // 2) for axis in arm.chain.moving_axes()]
+        for cause in (*of_geometry(arm), *self.model.effects, *readings):
+            terms = len(cause.terms)
+            wanted = [column - start for column in self.columns if start <= column < start + terms]
+            if wanted:
+                found.append(cause.sensitivity(state)[:, :, wanted])
+            start += terms
+        return np.concatenate(found, axis=2)
+
+    def _arm_sensitivity(self, q: Array) -> Array:
+        columns, geometric = np.array(self.columns), len(self.arm.parameters)
+        sensitivity = self.arm.sensitivity(q, self.at)[:, :, columns[columns < geometric]]
+        encoders = columns[columns >= geometric] - geometric
+        if not encoders.size:
+            return sensitivity
+        return np.concatenate([sensitivity, self.arm.jacobian(q, self.at)[:, :, encoders]], axis=2)
+
+    def generators(self, q: Array, conditions: Conditions | None = None) -> Array:
+        """What each bounded source does at its bound: half-width times sensitivity (n, 3, b) [m].
+
+        In place of correlated sources their principal axes ``k D V √λ``, k = 2 the half-width over u.
+
+        Raises:
+            AacmmError: no parameter is bounded.
+        """
+        return self.generators_of(self.sensitivity(q, conditions))
+
+    def generators_of(self, sensitivity: Array) -> Array:
+        """The same of a known :meth:`sensitivity`."""
+        pick = list(self.bounded)
+        if not pick:
+            raise AacmmError(f"{self.arm.name}: no parameter has stated bounds; only the ellipsoid can be given")
+        generators = sensitivity[:, :, pick] * self.half_widths
+        return np.asarray(generators if self.axes is None else generators @ self.axes[np.ix_(pick, pick)])
+
+    def covariance_of(self, sensitivity: Array) -> Array:
+        """Covariance of the position, S C Sᵀ (JCGM 102:2011, 6.2), of a known :meth:`sensitivity`: (n, 3, 3) [m²]."""
+        scaled = sensitivity * self.u
+        if self.axes is not None:
+            scaled = scaled @ self.axes
+        return np.asarray(scaled @ scaled.transpose(0, 2, 1))
+
+    def shared_variance(self, sensitivity: Array) -> Array:
+        """Parts ``S_k C_kl S_l`` of the variance, summed over the three coordinates and all configurations: (p, p) [m²]."""
+        scaled = sensitivity * self.u
+        if self.correlation is None:
+            return np.diag(np.square(scaled).sum(axis=(0, 1)))
+        return np.asarray((scaled.transpose(0, 2, 1) @ scaled).sum(axis=0) * self.correlation)
+
+
+def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
+    """The model, and the labels of effects that stand in the file of an arm that came alone."""
+    if isinstance(model, ErrorModel):
+        return model, []
+    try:
+        alone = ErrorModel(model)
+    except UnknownNameError as error:
+        raise AacmmError(f"{model.name}: {error}; pass its ErrorModel (ErrorModel.load), not the arm alone") from None
+    labels = []
+    for entry in model.file.effects if model.file is not None else []:
+        where = next((entry.structure[k] for k in ("joint", "link", "seat", "marker") if k in entry.structure), None)
+        if entry.cause not in CAUSES or not CAUSES[entry.cause].of_reference:
+            labels.append(entry.cause if where is None else f"{entry.cause}:{where}")
+    return alone, labels
+
+
+def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tuple[Effect, ...]:
+    """The arm's effects that depend on a condition that is not given."""
+    effects = [effect for effect in model.effects if not effect.of_reference]
+    if not effects or not len(q):
+        return ()
+    first = Conditions(1) if conditions is None else conditions.take([0])
+    state = State(model.arm, q[:1], first, model.arm.chain.tip)
+    lacking = []
+    for effect in effects:
+        try:
+            effect.displacements(state)
+        except MissingConditionError:
+            lacking.append(effect)
+    return tuple(lacking)
+
+
+def _correlation(covariance: Array, columns: Index) -> Array | None:
+    """Correlation of the sources in ``columns``; encoder noise, behind those of the covariance, is independent."""
+    correlation = np.eye(len(columns))
+    inside = np.flatnonzero(columns < len(covariance))
+    block = covariance[np.ix_(columns[inside], columns[inside])]
+    if not (block - np.diag(np.diag(block))).any():
+        return None
+    u = np.sqrt(np.diag(block))
+    correlation[np.ix_(inside, inside)] = block / np.outer(u, u)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation

@@ -1,0 +1,159 @@
+"""From records to observations: which say what, and how well each is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.measurements.observations import Observations
+from aacmm_pin.measurements.records import Measurements
+
+LENGTH = 5e-5
+"""Standard uncertainty of a bar's length that is not stated [m]."""
+LEAST = 1e-12
+"""A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
+SAME = 1e-9
+"""Coordinates that differ by less are the same whatever their uncertainty [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """What records say, and how uncertain it is, with a certain scatter beyond the stated noise.
+
+    Attributes:
+        scatter: of each coordinate, which the stated noise does not explain; stands in for a noise that is not stated [m].
+        observations: targets of the tips.
+        tips: covariance of each tip in the frame of the references, by its reading and the scatter (n, 3, 3) [m²].
+    """
+
+    scatter: float
+    observations: Observations
+    tips: Array
+
+    @staticmethod
+    def of(problem: Problem, frame: Frame, scatter: float, known: Observations | None = None) -> NoiseModel:
+        """The noise of a problem's records.
+
+        Args:
+            problem: the records, and what is stated of their noise.
+            frame: where the base is in the frame of the references.
+            scatter: see the attributes [m].
+            known: the observations, where they are worked out already and do not depend on the scatter.
+        """
+        setup, n = problem.setup, problem.measurements.n
+        observations = known or observations_of(problem.measurements, setup, scatter)
+        tips = np.broadcast_to(max(scatter, LEAST) ** 2 * np.eye(3), (n, 3, 3))
+        if setup.encoder_noise is not None and setup.encoder_noise.any():
+            readings = np.einsum("j,njik->nik", setup.encoder_noise**2, problem.reading_covariance)
+            tips = tips + frame.rotation @ readings @ frame.rotation.T
+        return NoiseModel(scatter, observations, tips)
+
+    @property
+    def of_residuals(self) -> Array:
+        """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²]."""
+        return np.asarray(self.tips + self.observations.covariance)
+
+    @property
+    def without_scatter(self) -> Array:
+        """The same by the stated noise alone (n, 3, 3) [m²]."""
+        return np.asarray(self.tips - max(self.scatter, LEAST) ** 2 * np.eye(3) + self.observations.covariance)
+
+
+def observations_of(measurements: Measurements, setup: Setup, scatter: float) -> Observations:
+    """What the records say.
+
+    A seat whose records state the same coordinates, if they state any, was measured once, and a record of it without
+    coordinates was there too; a seat without coordinates is an unknown point. A record whose coordinates are its own stands
+    for itself, even at a seat. Coordinates that differ by less than a third of their uncertainty are the same.
+
+    Args:
+        measurements: the records.
+        setup: the stated noise.
+        scatter: scatter of each coordinate that the stated noise does not explain; stands in for a noise that is not
+            stated [m].
+    """
+    known, contact = measurements.known, setup.probe_noise or 0.0
+    u = _reference_u(measurements, setup, scatter)
+    seat, labels = _numbered(measurements)
+    at = _Seats.of(measurements, setup, u, seat, len(labels))
+    # A seat whose records state coordinates of their own is none.
+    kept = ~at.known | at.common
+    number = np.where(kept, np.cumsum(kept) - 1, -1)
+    seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
+    alone = known & (seat < 0)
+    # What is not stated is in the covariance of the tips already.
+    own = np.where(alone[:, None], np.hypot(_reference_u(measurements, setup, 0.0), contact), contact)
+    chosen = [label for label, keeps in zip(labels, kept, strict=True) if keeps]
+    ends, length = _bars(measurements, {label: k for k, label in enumerate(chosen)})
+    return Observations(
+        reference=np.where(alone[:, None], measurements.reference, np.nan),
+        seat=seat.astype(np.intp),
+        covariance=own[:, :, None] ** 2 * np.eye(3),
+        labels=tuple(chosen),
+        stated=at.reference[kept],
+        stated_u=at.u[kept],
+        ends=ends,
+        length=length,
+        length_u=np.full(len(length), max(LENGTH if setup.length_noise is None else setup.length_noise, LEAST)),
+    )
+
+
+def _reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:
+    fallback = scatter if setup.reference_noise is None else setup.reference_noise
+    u = np.where(np.isfinite(measurements.reference_u), measurements.reference_u, fallback)
+    return np.maximum(u, LEAST)
+
+
+def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
+    """Number of the seat of each record in the order of their first records (n,), -1 where none; and their labels."""
+    labels = measurements.conditions.seat
+    if labels is None:
+        return np.full(measurements.n, -1, dtype=np.intp), []
+    numbers, found = pd.factorize(pd.Series(labels).replace("", None))
+    return np.asarray(numbers, dtype=np.intp), [str(label) for label in found]
+
+
+@dataclass(frozen=True, eq=False)
+class _Seats:
+    """What the records of each seat state: whether any states coordinates (s,), whether these are the same (s,), their mean
+    (s, 3) [m], and its standard uncertainty (s, 3) [m].
+    """
+
+    known: NDArray[np.bool_]
+    common: NDArray[np.bool_]
+    reference: Array
+    u: Array
+
+    @staticmethod
+    def of(measurements: Measurements, setup: Setup, u: Array, seat: Index, count: int) -> _Seats:
+        stating = measurements.known & (seat >= 0)
+
+        def of_each(values: Array, what: str) -> Array:
+            """Statistic of the records of each seat that state coordinates (s, 3); NaN where none does."""
+            if not stating.any():
+                return np.full((count, 3), np.nan)
+            grouped = pd.DataFrame(values[stating]).groupby(seat[stating]).agg(what)
+            return grouped.reindex(range(count)).to_numpy(dtype=np.float64)
+
+        mean, spread = (of_each(measurements.reference, what) for what in ("mean", "max"))
+        spread = spread - of_each(measurements.reference, "min")
+        least = of_each(np.where(np.isfinite(measurements.reference_u), measurements.reference_u, np.inf), "min").min(axis=1)
+        least = np.where(np.isfinite(least), least, setup.reference_noise or 0.0)
+        known = np.asarray(np.isfinite(mean).all(axis=1))
+        same = np.maximum(SAME, least / 3)
+        common = np.asarray(known & (np.nan_to_num(spread, nan=np.inf).max(axis=1, initial=0.0) <= same))
+        stated = common[:, None]
+        return _Seats(known, common, np.where(stated, mean, np.nan), np.where(stated, of_each(u, "max"), np.nan))
+
+
+def _bars(measurements: Measurements, number: dict[str, int]) -> tuple[Index, Array]:
+    """Numbers of the seats at both ends of each bar (b, 2), and the lengths (b,) [m]."""
+    bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
+    ends = np.array([(number[b.seat_a], number[b.seat_b]) for b in bars], dtype=np.intp).reshape(-1, 2)
+    return ends, np.array([b.length for b in bars])

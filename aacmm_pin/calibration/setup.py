@@ -1,0 +1,137 @@
+"""How records were taken, and what is known before they are looked at: gathered once, passed on as one value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aacmm_pin._support.checks import Array, vector
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects import Effect
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.measurements.records import Measurements
+
+ReferenceFrame = Literal["base", "external"]
+Target = Literal["tip", "unknown"]
+
+LARGEST_ENCODER_NOISE = 5e-3
+"""Noise of an angle that no encoder has, and no robot's joint: it was stated in another unit [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Reference frame, target, prior and noise of a set of records; a noise is None where it is not stated.
+
+    Attributes:
+        reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external`` if their frame is unknown.
+        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body was.
+        prior: the arm's stated uncertainties are information.
+        encoder_noise: standard uncertainty of one reading of each joint (nq,) [rad].
+        reference_noise: of each coordinate of a reference, where the records do not state their own [m].
+        probe_noise: of each coordinate of one contact [m].
+        length_noise: of a bar's length [m].
+        held: a geometric effect that stays as the arm states it, because the records do not determine it: the largest
+            length of an arm whose records have neither coordinates nor lengths.
+
+    Raises:
+        UnknownNameError: no such frame or target.
+        AacmmError: a noise is negative or not finite.
+    """
+
+    reference_frame: ReferenceFrame = "base"
+    target: Target = "tip"
+    prior: bool = True
+    encoder_noise: Array | None = None
+    reference_noise: float | None = None
+    probe_noise: float | None = None
+    length_noise: float | None = None
+    held: Effect | None = None
+
+    def __post_init__(self) -> None:
+        for what, value, known in (
+            ("reference frame", self.reference_frame, get_args(ReferenceFrame)),
+            ("target", self.target, get_args(Target)),
+        ):
+            if value not in known:
+                raise UnknownNameError(what, value, list(known))
+        for name in ("encoder", "reference", "probe", "length"):
+            noise = getattr(self, f"{name}_noise")
+            if noise is not None and not (np.isfinite(noise).all() and np.min(noise) >= 0):
+                raise AacmmError(f"{name} noise is {noise}, expected a standard uncertainty that is not negative")
+
+    @staticmethod
+    def of(
+        arm: Arm,
+        reference_frame: ReferenceFrame = "base",
+        target: Target = "tip",
+        prior: bool = True,
+        encoder_noise: ArrayLike | None = None,
+        reference_noise: float | None = None,
+        probe_noise: float | None = None,
+        length_noise: float | None = None,
+    ) -> Setup:
+        """From the keywords of the public functions; the noise of the encoders is by default what the arm states.
+
+        Raises:
+            UnknownNameError, AacmmError: see :class:`Setup`; a noise of encoders so large that it must be in another unit.
+        """
+        encoder = arm.encoder_noise
+        if encoder_noise is not None:
+            stated = np.asarray(encoder_noise, dtype=np.float64)
+            encoder = vector(np.full(arm.nq, stated) if stated.ndim == 0 else stated, arm.nq, "encoder_noise", "rad")
+            if (encoder > LARGEST_ENCODER_NOISE).any():
+                raise AacmmError(
+                    f"encoder_noise is {encoder.max():g} rad, expected at most {LARGEST_ENCODER_NOISE:g} rad; is it in "
+                    "another unit?"
+                )
+        return Setup(reference_frame, target, prior, encoder, reference_noise, probe_noise, length_noise)
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """The keywords of :meth:`of` that give this set-up."""
+        return {name: value for name, value in vars(self).items() if name != "held"}
+
+    @property
+    def external(self) -> bool:
+        """Whether the frame of the references is unknown."""
+        return self.reference_frame == "external"
+
+    def unstated(self, measurements: Measurements) -> list[str]:
+        """In words, whose noise is not stated although χ² needs it; empty where χ² can be judged."""
+        seats = measurements.conditions.seat
+        touched = np.zeros(measurements.n, dtype=bool) if seats is None else np.asarray(seats != "", dtype=bool)
+        placed = [measurements.known[records].any() for records in measurements.seats().values()]
+        stated = np.asarray(np.isfinite(measurements.reference_u).all(axis=1))
+        found = []
+        if self.reference_noise is None and not stated[measurements.known].all():
+            found.append("of the reference coordinates")
+        # Without these a seat touched again would have to give the very same tip.
+        if touched.any() and self.probe_noise is None and (self.encoder_noise is None or not all(placed)):
+            found.append("of a contact in its seat")
+        return found
+
+
+def checked_input(model: Arm | ErrorModel, measurements: object) -> tuple[ErrorModel, Measurements]:
+    """Model and measurements, if they are some and have as many joints.
+
+    Raises:
+        AacmmError: they are not.
+    """
+    model = ErrorModel.of(model)
+    if not isinstance(measurements, Measurements):
+        how = (
+            f"Measurements.read({str(measurements)!r}, nq)"
+            if isinstance(measurements, str | Path)
+            else "see Measurements.read"
+        )
+        raise AacmmError(f"measurements is {measurements!r}, expected Measurements: {how}")
+    if measurements.nq != model.arm.nq:
+        raise AacmmError(
+            f"{measurements.source} has angles of {measurements.nq} joints, {model.arm.name} has {model.arm.nq}"
+        )
+    return model, measurements

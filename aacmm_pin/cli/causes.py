@@ -1,0 +1,38 @@
+"""The causes of error that are known."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Annotated
+
+import pandas as pd
+import typer
+
+from aacmm_pin.cli.common import command, say
+from aacmm_pin.effects import CAUSES, Effect, example
+from aacmm_pin.effects.causes import cause_named
+from aacmm_pin.effects.conditions import COLUMNS
+from aacmm_pin.effects.labels import usual_size_in_words
+from aacmm_pin.report import terminal
+from aacmm_pin.report.document import Document, Table
+
+
+@command("causes")
+def causes_(name: Annotated[str | None, typer.Argument(metavar="NAME", help="One of them, explained.")] = None) -> None:
+    """Every cause of error that is known: what it is called, its parameters and usual size, the columns it needs."""
+    chosen = list(CAUSES.values()) if name is None else [cause_named(name)]
+    terminal.show(Document("Causes", [Table(pd.DataFrame([_row(cause) for cause in chosen]))]))
+    if name is not None:
+        say(inspect.getdoc(chosen[0]) or "")
+
+
+def _row(cause: type[Effect]) -> dict[str, str]:
+    effect = example(cause)
+    site, inner = cause.site(), [f"{field}=…" for field in cause.inner]
+    row = {"cause": cause.cause + (f":{site.upper()}" if site else ""), "in words": cause.words}
+    if effect is None:
+        return row | {"parameters": ", ".join(inner), "usual": "", "needs": ""}
+    keys = list(effect.described())
+    shown = keys if len(keys) <= 6 else [keys[0], "…", keys[-1]]
+    needs = ", ".join(COLUMNS[condition] for condition in effect.needs)
+    return row | {"parameters": ", ".join([*inner, *shown]), "usual": usual_size_in_words(effect), "needs": needs}

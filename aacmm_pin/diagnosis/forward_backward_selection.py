@@ -1,0 +1,237 @@
+"""Which set of causes explains the residuals: admit the best, rank all again, look back, try pairs, stop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from scipy.special import logsumexp
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.diagnosis.design_matrix import Block, Design
+from aacmm_pin.diagnosis.evidence import Conditional
+from aacmm_pin.diagnosis.gram_matrix import Gram
+
+MOST = 24
+"""No more than so many causes are admitted; a set of records that seems to need more is not explained."""
+SURE = np.log(0.99 / 0.01)
+"""Log odds that something is there at all which every admission needs, and every exchange of one cause for two."""
+NEAR = 12
+"""So many of the best candidates are tried in pairs …"""
+INSTEAD = 6
+"""… and so many where a pair may stand in the place of one."""
+WEAKEST = 3
+"""So many of the weakest admitted causes are tried against pairs."""
+EQUAL = 1e-3
+"""Sets of causes whose log evidence differs by less are one."""
+KEPT = 48
+"""Sets of causes that are remembered with what is left beside them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What the search is about.
+
+    Attributes:
+        design: the candidates and their blocks of columns.
+        log_prior: log probability of each candidate before anything was seen, given that one is there (candidates,).
+        stated: True where the noise is known, so that χ² says whether the records scatter more.
+        contained: for a candidate that is free enough to be others too, their numbers; they do not stand beside it.
+    """
+
+    design: Design
+    log_prior: Array
+    stated: bool
+    contained: Mapping[int, frozenset[int]]
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """All blocks of columns."""
+        return self.design.blocks
+
+    def owner(self, block: int) -> int:
+        """Candidate of a block."""
+        return self.blocks[block].candidate
+
+    @cached_property
+    def owners(self) -> Index:
+        """Candidate of every block (blocks,); the variants of one follow one another."""
+        return np.array([b.candidate for b in self.blocks], dtype=np.intp)
+
+    @cached_property
+    def first(self) -> Index:
+        """First block of each candidate that has any."""
+        return np.unique(self.owners, return_index=True)[1]
+
+    def struck_out(self, blocks: tuple[int, ...]) -> frozenset[int]:
+        """Candidates that cannot be admitted beside these blocks: their own, and what these contain."""
+        owners = frozenset(map(self.owner, blocks))
+        return owners.union(*(self.contained.get(c, frozenset()) for c in owners))
+
+    def joined(self, blocks: tuple[int, ...], more: int) -> tuple[int, ...]:
+        """The blocks with one more, without what that contains; in one order, so that equal sets are recognised."""
+        contained = self.contained.get(self.owner(more), frozenset())
+        return tuple(sorted({more, *(k for k in blocks if self.owner(k) not in contained)}))
+
+    def without(self, struck_out: frozenset[int], evidences: Array) -> Array:
+        """Log evidences (blocks,) with minus infinity for the blocks of some candidates."""
+        return np.where(np.isin(self.owners, list(struck_out)), -np.inf, evidences)
+
+    def odds(self, evidences: Array) -> Array:
+        """Log odds of each candidate (candidates,)."""
+        return self.log_prior + self.per_candidate(evidences)
+
+    def per_candidate(self, evidences: Array) -> Array:
+        """Log evidence of each candidate, averaged over its variants (candidates,)."""
+        found = np.full(self.log_prior.size, -np.inf)
+        variants = np.add.reduceat(np.isfinite(evidences).astype(np.float64), self.first)
+        with np.errstate(invalid="ignore"):  # a candidate that is struck out has nothing to add up
+            each = np.logaddexp.reduceat(evidences, self.first) - np.log(np.maximum(variants, 1.0))
+        found[self.owners[self.first]] = each
+        return found
+
+    def best_blocks(self, evidences: Array) -> list[int]:
+        """The variant of each candidate with the largest evidence."""
+        largest = np.maximum.reduceat(evidences, self.first)
+        counts = np.diff([*self.first, len(self.blocks)])
+        reached = np.flatnonzero(evidences == np.repeat(largest, counts))
+        return [int(k) for k in reached[np.unique(self.owners[reached], return_index=True)[1]]]
+
+
+def search(question: Question, gram: Gram, start: tuple[int, ...] = ()) -> tuple[int, ...]:
+    """Blocks of the causes that are there, strongest first."""
+    return _Search(question, gram).run(start)
+
+
+class _Search:
+    """One search; remembers what is left beside the sets of causes that it has tried."""
+
+    def __init__(self, question: Question, gram: Gram) -> None:
+        self.question, self.gram = question, gram
+        self.left = lru_cache(maxsize=KEPT)(lambda admitted: Conditional.of(gram, admitted, question.stated))
+
+    def run(self, start: tuple[int, ...]) -> tuple[int, ...]:
+        """Admit and look back, exchange one for two, until neither changes anything."""
+        admitted = self.grown(self.settled(_ordered(start)))
+        for _ in range(MOST):
+            exchanged = self.exchanged(admitted)
+            if exchanged == admitted:
+                break
+            admitted = self.grown(self.settled(exchanged))
+        return self.by_strength(admitted)
+
+    def grown(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """One cause after the other, all looked back at each time, until none is sure enough."""
+        seen = {admitted}
+        pairs_tried = False
+        while len(admitted) < MOST:
+            odds, blocks = self.odds(admitted)
+            if not np.isfinite(odds).any() or logsumexp(odds) < SURE:
+                break
+            admitted = self.settled(self.question.joined(admitted, blocks[int(np.argmax(odds))]))
+            if not pairs_tried:
+                pairs_tried = True
+                admitted = self.settled(self.better_pair(admitted))
+            if admitted in seen:
+                return max(sorted(seen), key=self.log_evidence)
+            seen.add(admitted)
+        return admitted
+
+    def odds(self, admitted: tuple[int, ...]) -> tuple[Array, list[int]]:
+        """Log odds of each candidate beside the admitted, these struck out, and the best variant of each."""
+        return self._odds(admitted, self.left(admitted).evidences)
+
+    def odds_instead(self, whole: tuple[int, ...], block: int) -> tuple[Array, list[int]]:
+        """The same of all in the place of one of the admitted.
+
+        With the variance that is left beside all of them: by what is unexplained without the one that is looked back at all
+        others would look alike.
+        """
+        return self._odds(_without(whole, block), self.left(whole).evidences_without(block))
+
+    def _odds(self, admitted: tuple[int, ...], evidences: Array) -> tuple[Array, list[int]]:
+        evidences = self.question.without(self.question.struck_out(admitted), evidences)
+        return self.question.odds(evidences), self.question.best_blocks(evidences)
+
+    def settled(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """Each admitted cause against all others in its place, and against nothing, until none changes."""
+        seen = {admitted}
+        for _ in range(20):
+            changed = admitted
+            for k in admitted:
+                if k not in changed:
+                    continue
+                rest = _without(changed, k)
+                odds, blocks = self.odds_instead(changed, k)
+                best = blocks[int(np.argmax(odds))]
+                changed = self.question.joined(rest, best) if logsumexp(odds) >= SURE else rest
+            if changed == admitted:
+                return admitted
+            if changed in seen:  # one in the place of the other, and back: the better of them stays
+                return max(sorted(seen), key=self.log_evidence)
+            admitted = changed
+            seen.add(admitted)
+        return admitted
+
+    def better_pair(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """The best pair among the leading candidates, if two together beat what was admitted: one false can mimic two."""
+        if len(admitted) > 2:
+            return admitted
+        best, value = admitted, self.log_evidence(admitted)
+        for pair in self.pairs((), NEAR):
+            if (found := self.log_evidence(pair)) > value + EQUAL:
+                best, value = pair, found
+        return best
+
+    def exchanged(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """The set with one of its weakest causes replaced by two others, where these are surely better; or two by one that
+        contains both, where that is better at all.
+        """
+        value = self.log_evidence(admitted)
+        for candidate, inside in self.question.contained.items():
+            rest = tuple(k for k in admitted if self.question.owner(k) not in inside)
+            if len(rest) <= len(admitted) - 2:
+                whole = self.question.joined(rest, self.odds(rest)[1][candidate])
+                if self.log_evidence(whole) > value + EQUAL:
+                    return whole
+        for k in self.by_strength(admitted)[: -WEAKEST - 1 : -1]:
+            rest = _without(admitted, k)
+            pairs = [pair for pair in self.pairs(rest, INSTEAD) if k not in pair]
+            if pairs and len(rest) + 2 <= MOST:
+                found, best = max((self.log_evidence(_ordered((*rest, *pair))), pair) for pair in pairs)
+                if found > value + SURE:
+                    return _ordered((*rest, *best))
+        return admitted
+
+    def pairs(self, rest: tuple[int, ...], count: int) -> list[tuple[int, ...]]:
+        """Each of the leading candidates with its best second, beside ``rest``."""
+        odds, blocks = self.odds(rest)
+        evidences = odds - self.question.log_prior
+        found = []
+        for first in np.argsort(-odds)[:count]:
+            if np.isfinite(evidences[first]) and evidences[first] > 0:
+                second, others = self.odds(_ordered((*rest, blocks[first])))
+                found.append(_ordered((blocks[first], others[int(np.argmax(second))])))
+        return list(dict.fromkeys(found))
+
+    def log_evidence(self, admitted: tuple[int, ...]) -> float:
+        """Log evidence of a set of causes, prior included, with one variance for all steps: that of the whole set."""
+        prior = sum(float(self.question.log_prior[self.question.owner(block)]) for block in admitted)
+        return self.left(admitted).of_admitted() + prior
+
+    def by_strength(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
+        """The strongest first."""
+        strength = {k: self.left(_without(admitted, k)).evidence(k) for k in admitted}
+        return tuple(sorted(admitted, key=lambda k: -strength[k]))
+
+
+def _ordered(admitted: tuple[int, ...]) -> tuple[int, ...]:
+    """Without doubles, in one order, so that equal sets are recognised."""
+    return tuple(sorted(set(admitted)))
+
+
+def _without(admitted: tuple[int, ...], block: int) -> tuple[int, ...]:
+    """All but one."""
+    return tuple(k for k in admitted if k != block)

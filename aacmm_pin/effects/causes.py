@@ -1,0 +1,142 @@
+"""The causes that are known by name: the library's, and those that somebody registered."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.random_postures import joint_bounds
+from aacmm_pin.effects.compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.drift_and_hysteresis import JointHysteresis, ZeroDrift
+from aacmm_pin.effects.effect import Effect, Records
+from aacmm_pin.effects.encoder import (
+    EncoderEccentricity,
+    EncoderEllipticity,
+    EncoderGain,
+    EncoderSlip,
+    JointErrorCurve,
+    JointPeriodicError,
+)
+from aacmm_pin.effects.geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist
+from aacmm_pin.effects.mounting import BaseCompliance, ReferenceFrame, SeatError
+from aacmm_pin.effects.probing import StylusBending, StylusOffset
+from aacmm_pin.effects.thermal import ThermalExpansion
+from aacmm_pin.errors import AacmmError, UnknownNameError
+
+CAUSES: dict[str, type[Effect]] = {
+    effect.cause: effect
+    for effect in (
+        EncoderEccentricity,
+        EncoderEllipticity,
+        EncoderGain,
+        JointPeriodicError,
+        JointErrorCurve,
+        EncoderSlip,
+        ZeroDrift,
+        JointHysteresis,
+        JointCompliance,
+        BearingTilt,
+        BaseCompliance,
+        LinkBending,
+        TorsionalWindup,
+        Counterbalance,
+        ThermalExpansion,
+        StylusBending,
+        SeatError,
+        JointZeroOffset,
+        LinkLength,
+        JointDistance,
+        LinkTwist,
+        LinkTilt,
+        JointPlacement,
+        StylusOffset,
+        ReferenceFrame,
+    )
+}
+"""Every cause by its name, in the order in which they are tried."""
+
+_Own = TypeVar("_Own", bound=type[Effect])
+
+
+def register(cause: _Own) -> _Own:
+    """Make a cause of your own known by its name; a decorator of its class.
+
+    From then on ``diagnose`` tries it wherever its ``candidates`` say, plans tell it from others, arm files and ``--effect``
+    may name it, and pages and pictures show it. At the shell ``aacmm-pin --plugin MODULE …`` imports the module that
+    registers it, as does an entry point in the group ``aacmm_pin.causes``. It lasts as long as the process: a program that
+    reads an arm file with the cause registers it first. A class that is defined anew, as in a notebook, takes its own place.
+
+    Raises:
+        AacmmError: the name is of no use in a file, or another class has it.
+    """
+    name = getattr(cause, "cause", None)
+    if not (isinstance(name, str) and re.fullmatch("[a-z][a-z0-9_]*", name)):
+        raise AacmmError(f"{cause.__name__}: cause is {name!r}, expected a name of small letters, digits and _")
+    there = CAUSES.get(name, cause)
+    if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
+        raise AacmmError(f"{cause.__name__}: the cause {name} is there already, {there.__module__}.{there.__qualname__}")
+    CAUSES[name] = cause
+    return cause
+
+
+def cause_named(name: str) -> type[Effect]:
+    """The class of a cause.
+
+    Raises:
+        UnknownNameError: no cause of this name is known.
+    """
+    if name not in CAUSES:
+        hint = "a cause of your own needs --plugin MODULE before the command, in Python the import of that module"
+        raise UnknownNameError("cause", name, list(CAUSES), hint)
+    return CAUSES[name]
+
+
+def all_candidates(arm: Arm, records: Records | None = None) -> Iterator[tuple[Effect, ...]]:
+    """Every cause at every place where it could sit, with the variants to try, but for what a calibration refits anyway.
+
+    In the order of :data:`CAUSES`; neighbours there that sit in places of one kind come place by place.
+
+    Args:
+        arm: the arm.
+        records: as far as they show the causes; None for whatever could be recorded.
+    """
+    for _, kinds in itertools.groupby(CAUSES.values(), key=lambda cause: cause.site()):
+        found = [variants for cause in kinds if not cause.refitted for variants in cause.candidates(arm, records)]
+        yield from sorted(found, key=lambda variants: variants[0].row or 0)
+
+
+@dataclass(frozen=True, eq=False)
+class SomeRecords:
+    """Records as far as :class:`Records` asks of them, which nobody took."""
+
+    q: Array
+    conditions: Conditions
+    known: NDArray[np.bool_]
+
+
+@cache
+def example(cause: type[Effect]) -> Effect | None:
+    """One of its kind in SINO6, for what cannot be asked of a class; None where :meth:`Effect.candidates` has none there."""
+    arm, n = Arm.load("sino6"), 360
+    low, high = joint_bounds(arm).T
+    part = np.linspace(0.0, 1.0, n)
+    conditions = Conditions(
+        n,
+        time=3600.0 * part,
+        temperature=20.0 + part,
+        approach=np.sign(np.sin(np.arange(1, n + 1)[:, None] * np.arange(1, arm.nq + 1))),
+        seat=np.array(list("ABC") * (n // 3), dtype=object),
+        marker=np.full(n, "1", dtype=object),
+    )
+    records = SomeRecords(low + part[:, None] * (high - low), conditions, np.ones(n, dtype=bool))
+    return next((variants[0] for variants in cause.candidates(arm, records)), None)

@@ -1,0 +1,99 @@
+"""What depends on when, and on how the joint came: warm-up and hysteresis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, about_axis
+from aacmm_pin.effects.state import State
+from aacmm_pin.errors import AacmmError
+
+WARM_UPS = (600.0, 1800.0, 5400.0)
+"""Time constants of a warm-up that are tried [s]."""
+FINE = 15
+"""Steps in which a time constant is refined around the one that was tried."""
+
+
+@dataclass(frozen=True)
+class ZeroDrift(Effect):
+    """The zero of one encoder wanders while it warms up: ``δ = A (1 - exp(-t/τ))``, t from switching on.
+
+    Unit rad; typical 5e-5 to 3e-4, τ a quarter to two hours. Source: first-order heating. Needs ``time_s``. Confused with:
+    ``encoder_slip`` where τ is short, ``thermal_expansion`` where the room warms up alike.
+    """
+
+    joint: int
+    time_constant_s: float
+    cause: ClassVar[str] = "zero_drift"
+    words: ClassVar[str] = "drift of the zero"
+    needs: ClassVar[tuple[str, ...]] = ("time",)
+    inner: ClassVar[tuple[str, ...]] = ("time_constant_s",)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "drift_rad"),)
+
+    def __post_init__(self) -> None:
+        """Check the time constant."""
+        super().__post_init__()
+        if not (np.isfinite(self.time_constant_s) and self.time_constant_s > 0):
+            raise AacmmError(f"{self.label}: time_constant_s is {self.time_constant_s}, expected seconds above zero")
+
+    def inner_in_words(self) -> list[str]:
+        """The time constant."""
+        return [f"time constant {self.time_constant_s / 60:.0f} min"]
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Every joint, quick and slow, where time goes on."""
+        time = np.arange(2) if records is None else records.conditions.time
+        if time is not None and np.ptp(time) > 0.0:
+            yield from (tuple(cls(row, constant) for constant in WARM_UPS) for row in arm.chain.moving_rows())
+
+    def refined(self, records: Records) -> list[Self]:
+        """From a third to three times as slow."""
+        return [replace(self, time_constant_s=float(self.time_constant_s * f)) for f in np.geomspace(1 / 3, 3, FINE)]
+
+    @property
+    def settling_time(self) -> float | None:
+        """The time constant."""
+        return self.time_constant_s
+
+    def inner_widths(self) -> dict[str, float]:
+        """The time constant, known to a factor of three or so."""
+        return {"time_constant_s": 2.0 * self.time_constant_s}
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """How far the warm-up has come."""
+        time = state.conditions.require("time", self.label)
+        return [about_axis(state, self.joint, -np.expm1(-time / self.time_constant_s)[:, None])]
+
+
+@dataclass(frozen=True)
+class JointHysteresis(Effect):
+    """Friction, a cable or a coupling holds the joint back on the side that it came from: ``δ = h s``, s = -1, 0, 1.
+
+    Unit rad, half of the reversal error; typical 2e-5 to 2e-4. Source: ISO 230-2 reversal value. Needs ``approachN``.
+    Confused with: hysteresis of neighbours that always move together.
+    """
+
+    joint: int
+    cause: ClassVar[str] = "joint_hysteresis"
+    words: ClassVar[str] = "hysteresis"
+    needs: ClassVar[tuple[str, ...]] = ("approach",)
+    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 1e-4, "half_width_rad"),)
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Every joint that came from more than one side."""
+        approach = np.stack([-np.ones(arm.nq), np.ones(arm.nq)]) if records is None else records.conditions.approach
+        for number, row in enumerate(arm.chain.moving_rows()):
+            if approach is not None and np.ptp(approach[:, number]) > 0:
+                yield (cls(row),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """The sign of the last motion."""
+        approach = state.conditions.require("approach", self.label)
+        return [about_axis(state, self.joint, approach[:, state.joint(self.joint), None])]

@@ -1,0 +1,125 @@
+"""Likelihood of observed spreads under a pattern, its size integrated; predictions for a seat from the other seats.
+
+For seat k the logarithm of the observed spread is normal about ``u + ln s_k``, u the logarithm of the size, with the
+variance of a spread from n records plus τ². τ, the model discrepancy, is what no prediction of this kind has right: the
+postures are not known exactly, contact and hand add their own. u is uniform between the sizes thought possible, so it is
+integrated in closed form; draws of the pattern are averaged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.special import logsumexp, softmax
+from scipy.stats import norm, truncnorm
+
+from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin._support.units import MM
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.papers.sino6_table3.patterns import Pattern
+
+DISCREPANCY = 0.15
+"""Model discrepancy τ of the logarithm of a spread where nothing is stated."""
+PREDICTED = 4000
+"""Draws of a prediction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A pattern in the light of observed spreads.
+
+    Attributes:
+        pattern: the pattern.
+        log_evidence: logarithm of the density of the logarithms of the observed spreads, size and draws integrated.
+        weights: posterior probability of each draw (draws,).
+        centre, width: mean and standard deviation of u in each draw before it is cut off at the sizes (draws,).
+    """
+
+    pattern: Pattern
+    log_evidence: float
+    weights: Array
+    centre: Array
+    width: Array
+
+    def sampled(self, rng: np.random.Generator) -> tuple[Index, Array]:
+        """Draws of the posterior: numbers of the pattern's draws (PREDICTED,), and u (PREDICTED,)."""
+        which = np.asarray(rng.choice(len(self.weights), PREDICTED, p=self.weights), dtype=np.intp)
+        low, high = np.log(self.pattern.sizes)
+        if low == high:
+            return which, np.full(PREDICTED, low, dtype=np.float64)
+        centre, width = self.centre[which], self.width[which]
+        u = truncnorm.rvs((low - centre) / width, (high - centre) / width, centre, width, random_state=rng)
+        return which, np.asarray(u)
+
+    def size(self, rng: np.random.Generator) -> Array:
+        """Posterior 2.5 %, 50 % and 97.5 % of the size (3,)."""
+        return np.asarray(np.exp(np.quantile(self.sampled(rng)[1], [0.025, 0.5, 0.975])))
+
+    def predictive(self, pattern: Pattern, tau: float, rng: np.random.Generator) -> Array:
+        """Spreads to be expected by ``pattern``, the same cause at other seats, draw by draw: (PREDICTED, seats) [m]."""
+        which, u = self.sampled(rng)
+        sd = np.sqrt(pattern.log_sd[which] ** 2 + tau**2)
+        return np.asarray(np.exp(u[:, None] + pattern.log_spread[which] + sd * rng.normal(size=sd.shape)))
+
+
+def evidence(pattern: Pattern, observed: ArrayLike, tau: float = DISCREPANCY, prior: Array | None = None) -> Evidence:
+    """``pattern`` in the light of the spreads ``observed`` (seats,) [m].
+
+    Args:
+        pattern: the pattern.
+        observed: one spread a seat.
+        tau: model discrepancy.
+        prior: relative weight of each draw by what else is known of it (draws,); default all alike.
+
+    Raises:
+        ShapeError, AacmmError: a spread is not a number above zero, there are not as many as seats, or the pattern does not
+            spread at some seat.
+    """
+    spreads = vector(observed, pattern.second.shape[1], "observed spreads", "m")
+    if (spreads <= 0).any():
+        raise AacmmError(f"observed spreads are {spreads} m, expected numbers above zero")
+    if not (pattern.second > 0).all():
+        raise AacmmError(f"{pattern.name}: does not spread at every seat; mix it with a cause that does")
+    residual, variance = np.log(spreads) - pattern.log_spread, pattern.log_sd**2 + tau**2
+    total = (1.0 / variance).sum(axis=1)
+    centre, width = (residual / variance).sum(axis=1) / total, 1.0 / np.sqrt(total)
+    low, high = np.log(pattern.sizes)
+    at = centre if low < high else np.full_like(centre, low)
+    log = norm.logpdf(residual, at[:, None], np.sqrt(variance)).sum(axis=1)
+    if low < high:
+        a, b = (low - centre) / width, (high - centre) / width
+        inside = np.clip(0.0, a, b)  # a place where the cut-off density is not zero: the ratio of both is the part inside
+        part = norm.logpdf(inside) - truncnorm.logpdf(inside, a, b)
+        log = log + 0.5 * np.log(2 * np.pi) + np.log(width) - np.log(high - low) + part
+    weight = np.ones(len(log)) if prior is None else prior
+    whole = logsumexp(log, b=weight)
+    return Evidence(pattern, float(whole - np.log(weight.sum())), weight * np.exp(log - whole), centre, width)
+
+
+def probabilities(found: Sequence[Evidence]) -> Array:
+    """Posterior probability of each pattern among these, equally probable before: (patterns,)."""
+    return np.asarray(softmax([one.log_evidence for one in found]))
+
+
+def left_out(
+    pattern: Pattern,
+    observed: Array,
+    rng: np.random.Generator,
+    tau: float = DISCREPANCY,
+    prior: Callable[[list[int]], Array] | None = None,
+) -> pd.DataFrame:
+    """Each seat predicted from the others, one row a seat: observed_mm, predicted_mm (median), p025_mm, p975_mm.
+
+    ``prior`` gives the weight of each draw by what else is known of the seats (numbered from 0) that are not left out.
+    """
+    rows = []
+    for k, spread in enumerate(observed):
+        others = [j for j in range(len(observed)) if j != k]
+        known = evidence(pattern.take(others), observed[others], tau, prior and prior(others))
+        low, middle, high = np.quantile(known.predictive(pattern.take([k]), tau, rng)[:, 0], [0.025, 0.5, 0.975]) / MM
+        rows.append((spread / MM, middle, low, high))
+    return pd.DataFrame(rows, columns=["observed_mm", "predicted_mm", "p025_mm", "p975_mm"])

@@ -1,0 +1,139 @@
+"""What can be changed beside postures: the side a joint comes from, the warmth, a load, the mount."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.effects import Effect
+from aacmm_pin.effects.error_model import ErrorModel
+
+WARMER = 4.0
+"""A room can be warmed by this much [K]."""
+LOAD = 1.0
+"""Mass that is hung on an arm [kg]."""
+WARM_UPS = 3.0
+"""A warm-up is watched for so many of its time constants."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementConditions:
+    """How the arm stands and is used while a plan is measured.
+
+    Attributes:
+        words: what has to be done; () where the arm stays as it is.
+        model: the arm so set up.
+        sides: joints (from 1) that are brought to their postures from either side.
+        warmer: part of the records are taken so much warmer [K].
+        warm_up: the records are taken while the arm warms up, over this time [s].
+        changes_arm: the arm file is another one, so that old and new records do not go into one diagnosis.
+    """
+
+    words: tuple[str, ...]
+    model: ErrorModel
+    sides: tuple[int, ...] = ()
+    warmer: float = 0.0
+    warm_up: float = 0.0
+    changes_arm: bool = False
+
+    def __str__(self) -> str:
+        return " and ".join(self.words) if self.words else "the arm as it stands"
+
+
+def possible_conditions(
+    model: ErrorModel, causes: tuple[Effect, ...], reference_temperature: float
+) -> Iterator[MeasurementConditions]:
+    """What could tell the causes apart, from the least effort to the most: conditions that they depend on, load, mount."""
+    first = MeasurementConditions((), model)
+    changes = _conditions(model.arm, causes, reference_temperature)
+    last = first
+    for count in range(len(changes) + 1):
+        for some in combinations(changes, count):
+            last = first
+            for change in some:
+                last = _with(last, change)
+            yield last
+    if model.arm.file is not None and any(effect.elastic for effect in causes):
+        for words, arm in _arms(model.arm):
+            yield replace(last, words=(*last.words, words), model=ErrorModel(arm, model.effects), changes_arm=True)
+
+
+def _with(one: MeasurementConditions, change: MeasurementConditions) -> MeasurementConditions:
+    return replace(
+        one,
+        words=one.words + change.words,
+        sides=one.sides + change.sides,
+        warmer=one.warmer + change.warmer,
+        warm_up=one.warm_up + change.warm_up,
+    )
+
+
+def _conditions(arm: Arm, causes: tuple[Effect, ...], reference_temperature: float) -> list[MeasurementConditions]:
+    """One set-up for each condition that a cause depends on and that a person can choose."""
+    model, found = ErrorModel(arm), []
+    rows = arm.chain.moving_rows()
+    joints = sorted({rows.index(e.row) + 1 for e in causes if "approach" in e.needs and e.row in rows})
+    if joints:
+        which = f"joint {joints[0]}" if len(joints) == 1 else f"joints {', '.join(map(str, joints))}"
+        words = f"bring {which} to the postures from both sides, each time from the one that the approach column says"
+        found.append(MeasurementConditions((words,), model, tuple(joints)))
+    if any("temperature" in effect.needs for effect in causes):
+        warm = reference_temperature + WARMER
+        words = f"warm the room by {WARMER:g} K for some of the records ({reference_temperature:g} °C and {warm:g} °C)"
+        found.append(MeasurementConditions((words,), model, warmer=WARMER))
+    constants = [effect.settling_time for effect in causes if effect.settling_time is not None]
+    if constants:
+        watched = WARM_UPS * max(constants)
+        words = f"switch the arm on cold and measure while it warms up, over {watched / 60:.0f} minutes"
+        found.append(MeasurementConditions((words,), model, warm_up=watched))
+    return found
+
+
+def _arms(arm: Arm) -> Iterator[tuple[str, Arm]]:
+    """The arm loaded, and on other mounts."""
+    if arm.masses is not None:
+        rows = arm.chain.moving_rows()
+        row = rows[-2] if len(rows) > 1 else rows[-1]
+        yield f"hang {LOAD:g} kg on the end of link {row}", _loaded(arm, row)
+    if not arm.gravity.any():
+        return
+    about = int(np.argmin(np.abs(arm.gravity)))
+    for degrees in (90, 180):
+        gravity = _turned(arm.gravity, about, np.deg2rad(-degrees))
+        numbers = ", ".join(f"{g:g}" for g in gravity)
+        words = f"turn the mount by {degrees}° about the {'xyz'[about]} axis of the base (gravity_m_s2 = [{numbers}])"
+        yield words, _changed(arm, gravity_m_s2=tuple(gravity.tolist()))
+
+
+def _turned(vector: Array, about: int, angle: float) -> Array:
+    one, other = (about + 1) % 3, (about + 2) % 3
+    turned = vector.copy()
+    turned[one] = np.cos(angle) * vector[one] - np.sin(angle) * vector[other]
+    turned[other] = np.sin(angle) * vector[one] + np.cos(angle) * vector[other]
+    return np.round(turned, 6) + 0.0
+
+
+def _loaded(arm: Arm, row: int) -> Arm:
+    """The arm with a mass on the end of body ``row``."""
+    assert arm.file is not None
+    rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+    frame = end(row) if arm.file.convention == "standard-dh" else axis(row)
+    place = rotation[frame][0].T @ (origin[end(row)] - origin[frame])[0] / MM
+    rows = list(arm.file.joints)
+    own = rows[row - 1]
+    before = own.mass_kg or 0.0
+    centre = (before * np.array(own.com_mm or (0.0, 0.0, 0.0)) + LOAD * place) / (before + LOAD)
+    rows[row - 1] = own.model_copy(update={"mass_kg": before + LOAD, "com_mm": tuple(centre.tolist())})
+    return _changed(arm, joints=rows)
+
+
+def _changed(arm: Arm, **update: object) -> Arm:
+    assert arm.file is not None
+    return Arm.from_file(arm.file.model_copy(update=update))

@@ -1,0 +1,52 @@
+"""Parameters of a calibration beside what was stated of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.calibration import Calibration
+from aacmm_pin.report.numbers import quantity, small_unit
+
+
+def stated_half_widths(result: Calibration) -> Array:
+    """How far off each parameter was said to be, ± (p,) [SI]; nan where nothing was stated, or that it is exact.
+
+    The half-width of the arm file, or k u with k = 2 of a cause with a standard uncertainty.
+    """
+    vector = result.fit.problem.vector
+    stated = [of_arm or own for of_arm, own in zip(vector.of_arm, vector.parameters, strict=True)]
+    return np.array([p.half_width or COVERAGE_FACTOR * p.u or np.nan for p in stated])
+
+
+def parameter_table(result: Calibration) -> pd.DataFrame:
+    """:attr:`Calibration.parameters` with ``stated``, how far off each was said to be, and ``beyond``.
+
+    ``beyond`` is True where the change exceeds √(stated² + U²): the two values disagree, E_n > 1 (ISO/IEC 17043, B.3.1.3).
+    """
+    table = result.parameters
+    stated = stated_half_widths(result) / np.where(table["unit"] == "mm", MM, 1.0)
+    return table.assign(stated=stated, beyond=np.abs(table["change"]) > np.hypot(stated, table["U"]))
+
+
+def readable_parameters(result: Calibration) -> pd.DataFrame:
+    """The same for reading: value with its unit as text; changes and uncertainties in µm and µrad, see column ``in``."""
+    table = parameter_table(result)
+    units, factor = zip(*(small_unit(unit) for unit in table["unit"]), strict=True) if len(table) else ((), ())
+    readable = {
+        "parameter": table["parameter"],
+        "value": [quantity(value, unit) for value, unit in zip(table["after"], table["unit"], strict=True)],
+        "in": list(units),
+    }
+    readable |= {name: table[name] * np.array(factor) for name in ("change", "stated", "u", "U")}
+    return pd.DataFrame(readable | {"known": table["known"], "beyond": table["beyond"]})
+
+
+def decimals(table: pd.DataFrame) -> str:
+    """Format of the changes and uncertainties of :func:`readable_parameters`: two digits of the smaller u, 1 at least."""
+    u = table["u"].to_numpy()
+    smaller = float(np.quantile(u[u > 0], 0.25)) if (u > 0).any() else 1.0
+    return f"z.{min(6, max(1, 1 - int(np.floor(np.log10(smaller)))))}f"

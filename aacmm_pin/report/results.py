@@ -1,0 +1,36 @@
+"""Every result shows and draws itself with what is here; :mod:`aacmm_pin` hands it to :mod:`aacmm_pin._support.shown`.
+
+To show a class of one's own, derive it from :class:`aacmm_pin._support.shown.Shown` and register a function that makes its
+:class:`~aacmm_pin.report.document.Document` with ``document_of.register``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from aacmm_pin._support.output_files import whole_file
+from aacmm_pin.report import accuracy, arm, calibration, diagnosis, measurements, papers, plan, plots
+from aacmm_pin.report.document import document_of
+from aacmm_pin.report.html import fragment, page
+
+__all__ = ["accuracy", "arm", "calibration", "diagnosis", "html_of", "measurements", "papers", "plan", "plots", "save"]
+
+
+def html_of(result: object) -> str:
+    """What Jupyter shows of a result.
+
+    Raises:
+        TypeError: its class has no document.
+    """
+    return fragment(document_of(result))
+
+
+def save(result: object, path: str | Path, force: bool = False) -> None:
+    """Write the HTML page of a result, as ``save(found, "report.html")`` of a diagnosis or a calibration.
+
+    Raises:
+        OutputError: the file exists and ``force`` is not given, or it cannot be written.
+        TypeError: the class of the result has no document.
+    """
+    with whole_file(path, force) as temporary:
+        temporary.write_text(page(document_of(result)), encoding="utf-8")

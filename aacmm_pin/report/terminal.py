@@ -1,0 +1,62 @@
+"""A document at the shell: as wide as the terminal, plain in a pipe, no cell ever cut off."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Iterable
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Column
+from rich.table import Table as Grid
+
+from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, are_numbers
+
+WIDTH = 118
+"""Columns of a table in a pipe or a file, where nothing says how wide it may be."""
+LABEL = re.compile(r"[a-z_]+:?\w*")
+"""A cause and its place, a parameter."""
+
+
+def show(document: Document) -> None:
+    """Print the short form of a document; its notes go to the error stream."""
+    for block in document.short():
+        match block:
+            case Paragraph(text=text, head=head):
+                print(f"{head} {text}".strip())
+            case Bullets(items=items, head=head):
+                print("\n".join([*([head] if head else []), *(f"  {item}" for item in items)]))
+            case Notes(items=items):
+                show_notes(items)
+            case Table():
+                _print_table(block)
+
+
+def show_notes(items: Iterable[str]) -> None:
+    """Write what was assumed, or found beside, to the error stream."""
+    for item in items:
+        print(f"note: {item}", file=sys.stderr)
+
+
+def _print_table(table: Table) -> None:
+    if table.caption:
+        print(f"{table.caption}:")
+    cells = table.cells(table.most, short=True)
+    grid = Grid(*(_column(head, list(texts)) for head, texts in cells.items()), box=SIMPLE, pad_edge=False)
+    grid.collapse_padding = True
+    for row in cells.itertuples(index=False):
+        grid.add_row(*row)
+    known = sys.stdout.isatty() or "COLUMNS" in os.environ
+    Console(width=None if known else WIDTH, markup=False, highlight=False, emoji=False).print(grid)
+    if len(cells) < len(table.frame):
+        print(f"  … and {len(table.frame) - len(cells)} more")
+
+
+def _column(name: object, texts: list[str]) -> Column:
+    """Numbers to the right; labels, as commands take them, in one piece; long texts on several lines."""
+    labels = all(LABEL.fullmatch(text) for text in texts)
+    word = max(map(len, str(name).split()))
+    right = are_numbers(texts)
+    return Column(str(name), justify="right" if right else "left", no_wrap=labels, overflow="fold", min_width=word)

@@ -1,0 +1,82 @@
+"""Calibrations and diagnoses that several tests look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from blind import draw
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration import Calibration, calibrate
+from aacmm_pin.calibration.perturbed_arm import perturbed_model
+from aacmm_pin.diagnosis import Diagnosis, diagnose
+from aacmm_pin.effects import EncoderEccentricity
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+
+mpl.use("Agg")
+
+READINGS = 8e-6
+WAVE = EncoderEccentricity(joint=3, values=(2e-4, 0.0))
+
+
+@pytest.fixture(scope="session")
+def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
+    """The diagnosis of a file of the plant."""
+
+    @cache
+    def of(cause: str | None, seed: int = 3, plan: str = "free", outliers: float = 0.0) -> Diagnosis:
+        path = tmp_path_factory.mktemp("blind") / "data.csv"
+        draw(seed, cause, plan=plan, records=150 if plan == "free" else 300, outliers=outliers).write(path)
+        probe = 12e-6 if plan != "free" else None
+        records = Measurements.read(path)
+        return diagnose(ErrorModel.load("sino6"), records, encoder_noise=READINGS, reference_noise=12e-6, probe_noise=probe)
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def sound(blind: Callable[..., Diagnosis]) -> Diagnosis:
+    """An arm without any cause beside its stated uncertainties."""
+    return blind(None, seed=11)
+
+
+@pytest.fixture(scope="session")
+def eccentric(blind: Callable[..., Diagnosis]) -> Diagnosis:
+    """An eccentric encoder 1, three records of 150 are outliers."""
+    return blind("encoder_eccentricity", 3, outliers=0.02)
+
+
+@pytest.fixture(scope="session")
+def at_seats() -> Calibration:
+    """SINO6 drawn anew, 120 records at twelve seats, two of them slips; with an effect that is not there."""
+    arm = Arm.load("sino6")
+    true = perturbed_model(ErrorModel(arm), np.random.default_rng(1))
+    data = simulate_measurements(true, "seats", 120, seats=12, rng=np.random.default_rng(1))
+    q = data.q.copy()
+    q[[3, 50], 1] += 2e-3
+    return calibrate(arm, replace(data, q=q), encoder_noise=READINGS)
+
+
+@pytest.fixture(scope="session")
+def with_wave() -> Calibration:
+    """SINO6 with an eccentric encoder 3 that the calibration does not know of, free records."""
+    arm = Arm.load("sino6")
+    data = simulate_measurements(ErrorModel(arm, (WAVE,)), "free", 200, rng=np.random.default_rng(2))
+    return calibrate(arm, data, encoder_noise=READINGS, hold_out=False)
+
+
+@pytest.fixture(scope="module")
+def of_robot(robot_file: Callable[[str], Path]) -> Calibration:
+    """UR5, whose placements have no stated uncertainty, and many of which cannot be determined."""
+    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    steps = np.random.default_rng(3).normal(0.0, 2e-4, (6, 6))
+    data = simulate_measurements(arm.with_placements(steps, None), "free", 80, rng=np.random.default_rng(4))
+    return calibrate(arm, data, encoder_noise=READINGS, hold_out=False)

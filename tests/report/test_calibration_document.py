@@ -1,0 +1,166 @@
+"""A calibration as a document: in agreement with the numbers, and complete for every kind of data."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from matplotlib import pyplot as plt
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import parse_arm_file
+from aacmm_pin.calibration import Calibration, calibrate
+from aacmm_pin.calibration.perturbed_arm import perturbed_model
+from aacmm_pin.effects import EncoderEccentricity, JointCompliance, ThermalExpansion
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report import html
+from aacmm_pin.report.calibration import (
+    calibration_document,
+    calibration_summary,
+    causes_in_words,
+    comment,
+    fit_in_words,
+    frame_in_words,
+    verdict,
+)
+from aacmm_pin.report.numbers import length, small_unit
+from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters, stated_half_widths
+from aacmm_pin.report.scenes.page import viewer_script
+from tests.pages import Page
+
+NAME = "a <b> & c.csv"
+READINGS = 8e-6
+
+
+def written(result: Calibration) -> str:
+    return html.page(calibration_document(result, calibration_summary(result, NAME, 1), "2026-01-02"))
+
+
+def test_a_page_agrees_with_its_numbers_and_holds_its_files(at_seats: Calibration) -> None:
+    text = written(at_seats)
+    page = Page(text)
+    assert plt.get_fignums() == []
+    assert "http" not in text.replace(viewer_script(), "")  # the viewer of scenes names places in its licences
+    assert len(text) < 3_000_000
+    assert NAME in page.text  # escaped, so that it is text again
+    assert verdict(at_seats) in page.text
+    for size in (at_seats.rms_before, at_seats.rms, *(h.rms_after for h in at_seats.held_out)):
+        assert f"{1e3 * size:.4f}" in page.text or f"{1e6 * size:.2f}" in page.text
+    assert length(at_seats.noise) in page.text
+    assert len(page.all("img")) == 7
+    for row in at_seats.excluded.to_dict("records"):
+        assert f"{row['row']} {row['reason']}" in page.text or str(row["row"]) in page.text
+        assert f"{row['residual_mm']:.3f}" in page.text
+    files = page.downloads()
+    assert list(files) == ["calibration.json", "residuals.csv", "calibrated.toml"]
+    assert json.loads(files["calibration.json"]) == calibration_summary(at_seats, NAME, 1)
+    assert len(pd.read_csv(io.BytesIO(files["residuals.csv"]))) == 120
+    assert parse_arm_file(files["calibrated.toml"], "inside") == at_seats.model.file()
+    assert files["calibrated.toml"].startswith(b"# Calibrated by aacmm-pin on 2026-01-02 (UTC) from a <b> & c.csv")
+
+
+def test_a_robot_without_seats_or_stated_uncertainties(of_robot: Calibration) -> None:
+    page = Page(written(of_robot))
+    assert "Residuals by seat" not in [image["alt"] for image in page.all("img")]
+    assert "calibrated.toml" not in page.downloads()
+    for words in ("Nothing was held out", "No uncertainty was stated", "ry6: not at all", "No record was excluded"):
+        assert words in page.text
+    text = comment(of_robot, "data.csv", "2026-01-02")
+    assert text.count("Not determined by these data: ") == len(of_robot.undetermined) > 0
+
+
+def test_an_unknown_frame_and_what_was_assumed(sino6: Arm, at_seats: Calibration) -> None:
+    assert frame_in_words(at_seats) == ""
+    data = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(4))
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    silent = replace(
+        data, reference_u=np.full_like(data.reference_u, np.nan), reference=data.reference @ turn.T + [1.0, 2.0, 3.0]
+    )
+    result = calibrate(sino6, silent, "zero-offsets", reference_frame="external", hold_out=False)
+    page = Page(written(result))
+    assert frame_in_words(result) in page.text
+    assert re.search(r"turned by (89\.999|90\.000)", frame_in_words(result))
+    assert all(note in page.text or f"{note[:1].upper()}{note[1:]}" in page.text for note in result.notes)
+    assert len(result.notes) > 0
+    assert fit_in_words(result) in page.text
+
+
+def test_what_is_beyond_its_stated_uncertainty(sino6: Arm, at_seats: Calibration, of_robot: Calibration) -> None:
+    widths = {p.name: p.half_width for p in sino6.parameters}
+    expected = [widths[p.name] for p in at_seats.fit.problem.vector.parameters]
+    np.testing.assert_allclose(stated_half_widths(at_seats), np.array(expected, dtype=float))
+    assert np.isnan(stated_half_widths(of_robot)).all()
+    assert sino6.file is not None
+    rows = list(sino6.file.joints)
+    rows[3] = rows[3].model_copy(update={"d_mm": rows[3].d_mm + 0.1})  # stated: within 0.016
+    true = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    data = simulate_measurements(true, "free", 150, rng=np.random.default_rng(2))
+    known = EncoderEccentricity(3, u=(1e-5, 2e-5))
+    result = calibrate(sino6, data, ["geometry", known], encoder_noise=READINGS, hold_out=False)
+    table = parameter_table(result)
+    assert list(table.loc[table["beyond"], "parameter"]) == ["d4"]
+    np.testing.assert_allclose(stated_half_widths(result)[-2:], [2e-5, 4e-5])  # twice the u of a cause
+
+
+def test_the_fit_is_judged(at_seats: Calibration, with_wave: Calibration, sino6: Arm) -> None:
+    data = with_wave.fit.problem.measurements
+    loud = calibrate(sino6, data, encoder_noise=1e-3, hold_out=False)
+    silent = replace(data, reference_u=np.full_like(data.reference_u, np.nan))
+    incomplete = calibrate(sino6, silent, encoder_noise=READINGS, hold_out=False)
+    told = [fit_in_words(result) for result in (at_seats, with_wave, loud, incomplete)]
+    for text, words in zip(told, ("explains the", "larger", "too large", "cannot judge"), strict=True):
+        assert words in text
+    assert "nothing was held out" in verdict(with_wave)
+    assert verdict(at_seats).startswith("Calibration helps SINO6: ")
+    assert f"{length(at_seats.held_out[-1].rms_after)} after" in verdict(at_seats)
+    needless = calibrate(
+        sino6, simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(5)), encoder_noise=READINGS
+    )
+    assert verdict(needless).startswith("Calibration does not help SINO6: ")
+    helped = perturbed_model(ErrorModel(sino6), np.random.default_rng(1))
+    free = simulate_measurements(helped, "free", 60, rng=np.random.default_rng(5))
+    assert "blocks of joint space" in verdict(calibrate(sino6, free, encoder_noise=READINGS))
+
+
+def test_causes_with_their_uncertainty(sino6: Arm) -> None:
+    effects = (EncoderEccentricity(3, values=(1.6e-4, 1.2e-4)), ThermalExpansion(values=(2e-5,)))
+    data = simulate_measurements(ErrorModel(sino6, effects), "free", 200, rng=np.random.default_rng(6))
+    wanted = ["zero-offsets", JointCompliance(2), EncoderEccentricity(3), ThermalExpansion()]
+    result = calibrate(sino6, data, wanted, encoder_noise=READINGS, hold_out=False)
+    _, wave, expansion = causes_in_words(result)
+    told = re.fullmatch(r"encoder eccentricity of joint 3: amplitude (\S+) ± (\S+) µrad, phase (\S+) ± (\S+)°", wave)
+    assert told is not None
+    size, of_size, phase, of_phase = map(float, told.groups())
+    assert abs(size - 200.0) < 2 * of_size
+    assert abs(phase - np.rad2deg(np.arctan2(1.2, 1.6))) < 2 * of_phase
+    own, values = result.covariance[-3:-1, -3:-1], result.fit.solution.point.x[-3:-1]
+    gradient = values / np.linalg.norm(values)
+    np.testing.assert_allclose(of_size, 2e6 * np.sqrt(gradient @ own @ gradient), rtol=0.05)
+    assert re.search(r"expansion [\d.]+ ± [\d.]+ µm/\(m·K\)", expansion)
+    table = readable_parameters(result).set_index("parameter")
+    assert table.loc["theta_offset3", "value"].endswith(" rad")
+    assert table.loc["thermal_expansion", "value"].endswith(" 1/K")
+    np.testing.assert_allclose(table["u"], result.parameters.set_index("parameter")["u"] * 1e6, rtol=1e-12)
+
+
+def test_units_and_digits(at_seats: Calibration) -> None:
+    units = {"mm": "µm", "rad": "µrad", "rad/(N·m)": "µrad/(N·m)", "1/K": "10⁻⁶/K", "1": "10⁻⁶"}
+    assert {unit: small_unit(unit)[0] for unit in units} == units
+    assert [small_unit(unit)[1] for unit in ("m", "mm", "rad")] == [1e6, 1e3, 1e6]
+    table = readable_parameters(at_seats)
+    for u, form in ((123.0, "z.1f"), (1.3, "z.1f"), (0.45, "z.2f"), (0.012, "z.3f"), (0.0, "z.1f")):
+        assert decimals(table.assign(u=u)) == form
+    sizes = {
+        3.12e-4: "0.312 mm",
+        99.96e-6: "0.100 mm",
+        52.34e-6: "52.3 µm",
+        1.5e-6: "1.50 µm",
+        0.0: "0 µm",
+        1.0: "1000 mm",
+    }
+    assert {size: length(size) for size in sizes} == sizes
