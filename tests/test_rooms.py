@@ -19,8 +19,8 @@ ROOMS = [
     "measurements",
     "accuracy",
     "calibration",
-    "planning",
     "diagnosis",
+    "planning",
     "papers",
     "report",
     "cli",
@@ -57,6 +57,7 @@ def test_rooms_import_in_their_order() -> None:
         for name in imports(path)
         if name.startswith("aacmm_pin.") and module != "__init__"
         if ROOMS.index(name.split(".")[1]) > ROOMS.index(module.split(".")[0])
+        or (module.split(".")[0], name.split(".")[1]) == ("planning", "diagnosis")
     ]
     assert found == []
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.distributions import chi2_cdf, chi2_sf
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.arm.arm import Arm
@@ -19,25 +17,23 @@ from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.duplicate_records import counted_once
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.input_mistakes import first_fit
-from aacmm_pin.calibration.parameter_vector import KIND_OF
 from aacmm_pin.calibration.parameters import length_held, problem_of
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.cross_validation import brought, gain_of, survivors
+from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, u_of_step
-from aacmm_pin.diagnosis.next_measurements import Doubts, next_measurements
-from aacmm_pin.diagnosis.residual_tables import groups_table, moved_geometry, predicted_covariance
-from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described
-from aacmm_pin.diagnosis.significance import Alias, Place, Strength, aliases_of, look_alikes, retained, strengths, visible
+from aacmm_pin.diagnosis.findings import UNLIKELY, findings_of
+from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
+from aacmm_pin.diagnosis.residual_tables import residuals_by_group
+from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, too_good
+from aacmm_pin.diagnosis.significance import Place, Strength, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
-from aacmm_pin.effects import CAUSES, Effect
+from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning import advice
 
 MUCH_MORE = 1.15
 """Residuals larger by this than the stated noise, beyond chance, are not explained by what was found."""
@@ -45,14 +41,8 @@ PLAIN_ENCODER = 3e-5
 """Noise of a reading that a plain encoder has where none is stated [rad]."""
 NOTHING = 1e-12
 """Residuals smaller than this were never measured [m]."""
-CHANGED = 0.01
-"""Chance below which a known cause counts as changed."""
-TOO_GOOD = 1e-6
-"""Residuals that are so much smaller than the stated noise have less chance than this."""
 LATE = 10.0
 """A clock is no time since switching on if it starts later than so many times what the records cover."""
-UNLIKELY = 0.2
-"""A cause less probable than this, beside what did not survive its held-out test, is not named."""
 
 
 @one_blas_thread
@@ -110,8 +100,10 @@ def diagnose(
     choice = _surviving(choice, problem)
     choice = replace(choice, fit=replace(choice.fit, found=tuple(effect.label for effect in choice.effects)))
     used, setup = choice.fit.used, recalibrated.problem.setup
-    fits = fit(problem_of(model, measurements, [], setup), used=used), fit(problem([]), used=used), choice.fit
-    return _concluded(model, choice, fits, kind, repeated, hold_out, rng, progress)
+    before, recalibrated = (fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([])))
+    strong = strengths(choice, _excess(choice.fit), rng)
+    held = gain_of(choice, before, kind, rng, progress) if hold_out and enough_postures(measurements) else None
+    return _concluded(model, choice, before, recalibrated, strong, held, repeated)
 
 
 def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:
@@ -127,35 +119,21 @@ def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> 
 def _concluded(
     model: ErrorModel,
     choice: Choice,
-    fits: tuple[Fit, Fit, Fit],
-    kind: str,
+    before: Fit,
+    recalibrated: Fit,
+    strong: list[Strength],
+    held: Gain | None,
     repeated: list[str],
-    hold_out: bool,
-    rng: np.random.Generator,
-    progress: Progress,
 ) -> Diagnosis:
-    """What a choice of causes says; the fits are of the simulation, recalibrated, and extended with the causes."""
-    before, recalibrated, extended = fits
-    measurements, excess = extended.problem.measurements, _excess(extended)
-    strong = strengths(choice, excess, rng)
-    held = gain_of(choice, before, kind, rng, progress) if hold_out and enough_postures(measurements) else None
-    findings = _findings(choice, strong) + _changed(model, choice) + _geometry(choice)
+    """What a choice of causes says, beside the arm as it was and recalibrated."""
+    extended = choice.fit
+    findings = findings_of(model, choice, strong)
     unexplained = unexplained_by(choice, strong, held)
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
-    pairs = look_alikes(choice)
-    shown = predicted_covariance(before, *_prior_predictive(model, before))
-    shown_by_these = visible(choice)
-    structure = bool(unexplained.depends_on) or excess > 0.0
-    verdict = verdict_of(findings, structure, unexplained.p_value, shown_by_these, (recalibrated, extended))
-
-    def plan(finding: Finding, alias: Alias) -> str:
-        split = (finding.effect, choice.variant(alias.block))
-        return advice(model, split, measurements, progress=progress is True, **extended.problem.setup.keywords)
-
-    too_good = _too_good(extended)
-    doubts = Doubts(bool(too_good), held is not None and held.interval[0] <= 0.0)
+    structure = bool(unexplained.depends_on) or _excess(extended) > 0.0
+    shown = visible(choice)
     return Diagnosis(
-        verdict=verdict,
+        verdict=verdict_of(findings, structure, unexplained.p_value, shown, (recalibrated, extended)),
         findings=tuple(findings),
         model=calibrated_model(extended),
         before=before,
@@ -164,35 +142,33 @@ def _concluded(
         choice=choice,
         held_out=held,
         unexplained=unexplained,
-        cannot_tell_apart=tuple(pair for pair in pairs if not told.intersection(pair)),
-        simulation_groups=groups_table(before, shown),
-        extended_groups=groups_table(extended, extended.residual_noise),
+        cannot_tell_apart=tuple(pair for pair in look_alikes(choice) if not told.intersection(pair)),
+        simulation_groups=residuals_by_group(before, model.covariance()),
         noise=_floor(extended),
-        next_measurements=next_measurements(verdict, findings, unexplained, shown_by_these, doubts, plan),
-        visible=shown_by_these,
-        notes=(*notes_of(extended), *_size(extended.problem.setup), *_clock(measurements), *too_good, *repeated),
+        visible=shown,
+        notes=(*notes_of(extended), *_size(extended), *_clock(extended), *_too_good(extended), *repeated),
     )
 
 
-def _clock(measurements: Measurements) -> list[str]:
+def _size(extended: Fit) -> list[str]:
+    """The length on which all others rest."""
+    held = extended.problem.setup.held
+    if held is None:
+        return []
+    return [f"no coordinates and no bar tell the arm's size: the length of {held.label} is taken as the arm's file has it"]
+
+
+def _clock(extended: Fit) -> list[str]:
     """A clock that started long before the arm was switched on."""
-    time = measurements.conditions.time
+    time = extended.problem.measurements.conditions.time
     if time is None or np.ptp(time) == 0.0 or time.min() < LATE * np.ptp(time):
         return []
     return ["time_s starts late: a warm-up counts from 0, the moment of switching on, and cannot be seen here"]
 
 
-def _size(setup: Setup) -> list[str]:
-    """The length on which all others rest."""
-    if setup.held is None:
-        return []
-    label = setup.held.label
-    return [f"no coordinates and no bar tell the arm's size: the length of {label} is taken as the arm's file has it"]
-
-
 def _too_good(extended: Fit) -> list[str]:
     """Residuals far smaller than the stated noise."""
-    if extended.chi2_stated is None or chi2_cdf(*extended.chi2_stated) > TOO_GOOD:
+    if extended.chi2_stated is None or not too_good(extended):
         return []
     found, dof = extended.chi2_stated
     return [f"the residuals are far smaller than the stated noise (χ² {found:.0f} of {dof:.0f}): is it stated too large?"]
@@ -214,101 +190,6 @@ def _surviving(choice: Choice, problem: ProblemOf) -> Choice:
     return replace(choice, fit=fit(problem(effects)), admitted=kept)
 
 
-def _findings(choice: Choice, strong: list[Strength]) -> list[Finding]:
-    """The admitted causes with the values that the last refit gave them."""
-    estimated = {effect.label: (effect, covariance) for effect, covariance in _estimated(choice)}
-    found = []
-    for strength in strong:
-        if strength.block not in choice.causes:
-            continue
-        label = choice.variant(strength.block).label
-        if label not in estimated:
-            continue
-        effect, covariance = estimated[label]
-        found.append(
-            Finding(
-                effect.cause,
-                effect.row,
-                effect,
-                described(effect, covariance),
-                strength.probability,
-                strength.p_value,
-                strength.retained,
-                strength.aliases,
-                brought(choice, choice.admitted, strength.block),
-                _inner_values(choice, effect, strength.block),
-            )
-        )
-    return found
-
-
-def _inner_values(choice: Choice, effect: Effect, block: int) -> dict[str, tuple[float, float]]:
-    """What was found of order, time constant or time, with u."""
-    told = {name: u for (label, name), u in choice.fit.inner_u.items() if label == effect.label}
-    told |= {name: u_of_step(choice, block, name) for name in effect.inner if name not in effect.inner_widths()}
-    return {name: (float(getattr(effect, name)), u) for name, u in told.items()}
-
-
-def _changed(model: ErrorModel, choice: Choice) -> list[Finding]:
-    """Causes that the arm was known to have, with other values than were stated.
-
-    ``Δᵀ (C + U)⁻¹ Δ`` of the change Δ with the covariances of the old and the new values is χ² if nothing changed;
-    Bonferroni's bound over the known causes.
-    """
-    before = {effect.label: effect for effect in model.effects if any(effect.u)}
-    found = []
-    for effect, covariance in _estimated(choice):
-        if effect.label not in before or not np.all(np.isfinite(covariance)):
-            continue
-        old = before[effect.label]
-        change = np.array(effect.values) - np.array(old.values)
-        misfit = float(change @ np.linalg.pinv(covariance + np.diag(np.square(old.u))) @ change)
-        p_value = min(1.0, len(before) * float(chi2_sf(misfit, len(change))))
-        if p_value < CHANGED:
-            values = described(effect, covariance)
-            found.append(Finding(effect.cause, effect.row, effect, values, 1.0 - p_value, p_value, 1.0, ()))
-    return found
-
-
-def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
-    """Every effect that the last fit estimated, with u, and the covariance of its values; of what no record tells, by the
-    widths within which it was looked for.
-    """
-    fit = choice.fit
-    untold = fit.unknown * fit.problem.scales[:, None]
-    for effect, own in zip(fit.solution.effects, fit.problem.vector.slices, strict=True):
-        covariance = fit.covariance[own, own] + untold[own] @ untold[own].T
-        yield effect.at(effect.values, tuple(np.sqrt(np.diag(covariance)))), covariance
-
-
-def _geometry(choice: Choice) -> list[Finding]:
-    """Geometric values beyond their stated uncertainty, where that is likelier than any cause that could look like it."""
-    found = []
-    for row in moved_geometry(choice).to_dict("records"):
-        label = f"{row['cause']}:{row['joint']}"
-        if CAUSES[row["cause"]] not in KIND_OF or label not in choice.design.names:
-            continue
-        effect: Effect = CAUSES[row["cause"]](joint=int(row["joint"]), values=(row["change"],), u=(row["u"],))  # type: ignore[call-arg]
-        place = Place.beside(choice, choice.design.names.index(label))
-        if place.probability < UNLIKELY:
-            continue
-        block = choice.question.best_blocks(place.left.evidences)[place.own]
-        found.append(
-            Finding(
-                effect.cause,
-                effect.row,
-                effect,
-                described(effect, np.array([[row["u"] ** 2]])),
-                place.probability,
-                float(row["p_value"]),
-                retained(place.left, choice.question.blocks[block]),
-                tuple(aliases_of(choice, place, block)),
-                brought(choice, (*choice.admitted, block), block),
-            )
-        )
-    return found
-
-
 def _floor(extended: Fit) -> float:
     """RMS of the residuals that the stated noise alone would leave; that which was found, where it is not stated [m]."""
     return float(np.sqrt(np.trace(extended.stated_noise[extended.used], axis1=1, axis2=2).mean()))
@@ -328,11 +209,3 @@ def _excess(extended: Fit) -> float:
         explained += PLAIN_ENCODER**2 * float(levers.sum(axis=1).mean())
     chi2, dof = extended.chi2_stated
     return max(extended.dof * (1.0 - dof / chi2), 0.0) if left > MUCH_MORE**2 * explained else 0.0
-
-
-def _prior_predictive(model: ErrorModel, before: Fit) -> tuple[Array, Array]:
-    records = before.problem.measurements
-    state = before.problem.model.arm
-    sensitivity = state.sensitivity(records.q)
-    covariance = model.covariance()[: sensitivity.shape[2], : sensitivity.shape[2]]
-    return before.solution.point.frame.rotation @ sensitivity, covariance

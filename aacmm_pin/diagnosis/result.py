@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.cross_validation import rms
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 SCHEMA = "aacmm-pin/diagnosis/1"
 SETTLED = 0.95
 """A cause at least this probable, beside its look-alikes, is named without doubt."""
+TOO_GOOD = 1e-6
+"""Residuals that are so much smaller than the stated noise have less chance than this."""
 Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive"]
 
 
@@ -37,8 +41,6 @@ class Finding(Shown):
     """A cause that the simulation lacks.
 
     Attributes:
-        cause: its name.
-        joint: DH row, or None for causes of the whole arm.
         effect: the cause with its estimated values and u.
         parameters: described values with u: name -> (value, u).
         probability: of this cause, among its look-alikes and none.
@@ -49,8 +51,6 @@ class Finding(Shown):
         inner: order, time constant or time that these records told, with u: name -> (value, u).
     """
 
-    cause: str
-    joint: int | None
     effect: Effect
     parameters: dict[str, tuple[float, float]]
     probability: float
@@ -59,6 +59,16 @@ class Finding(Shown):
     aliases: tuple[Alias, ...]
     brought: Brought | None = None
     inner: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def cause(self) -> str:
+        """Name of the cause."""
+        return self.effect.cause
+
+    @property
+    def joint(self) -> int | None:
+        """DH row, or None for causes of the whole arm."""
+        return self.effect.row
 
     @property
     def borne_out(self) -> bool:
@@ -90,10 +100,9 @@ class Diagnosis(Shown):
         held_out: residuals of records left out of choosing and fitting, or None.
         unexplained: structure without a cause.
         cannot_tell_apart: causes of usual size that these records would not tell apart.
-        simulation_groups, extended_groups: residuals by seat, joint range, time, … against what is predicted.
+        simulation_groups: residuals by seat, joint range, time, … of the arm as it was, against what is predicted.
         noise: RMS that the noise alone would give [m].
         visible: how many causes of usual size these records would have shown, and of how many.
-        next_measurements: what would settle what is open, in a sentence.
         notes: what was assumed.
     """
 
@@ -108,15 +117,18 @@ class Diagnosis(Shown):
     unexplained: Unexplained
     cannot_tell_apart: tuple[tuple[str, ...], ...]
     simulation_groups: pd.DataFrame
-    extended_groups: pd.DataFrame
     noise: float
-    next_measurements: str
     visible: tuple[int, int]
     notes: tuple[str, ...]
 
     def cause(self, label: str) -> Effect | None:
         """The cause that a label of this result names, as it was tried first; None for a covariate."""
         return next((c.variants[0] for c in self.choice.library if c.label == label), None)
+
+    @cached_property
+    def next_measurements(self) -> str:
+        """What would settle what is open, in a sentence; where two causes are alike, with the command that plans it."""
+        return str(report().next_measurements.next_measurements(self))
 
     @property
     def converged(self) -> bool:
@@ -272,3 +284,8 @@ def described(effect: Effect, covariance: Array) -> dict[str, tuple[float, float
     jacobian = effect.described_jacobian()
     u = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian), 0.0))
     return {k: (v, float(s)) for (k, v), s in zip(effect.described().items(), u, strict=True)}
+
+
+def too_good(extended: Fit) -> bool:
+    """Whether the residuals are far smaller than the stated noise."""
+    return extended.chi2_stated is not None and bool(chi2_cdf(*extended.chi2_stated) <= TOO_GOOD)

@@ -9,11 +9,23 @@ from __future__ import annotations
 from pathlib import Path
 
 from aacmm_pin._support.output_files import whole_file
-from aacmm_pin.report import accuracy, arm, calibration, diagnosis, measurements, papers, plan, plots
+from aacmm_pin.report import accuracy, arm, calibration, diagnosis, measurements, next_measurements, papers, plan, plots
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.html import fragment, page
 
-__all__ = ["accuracy", "arm", "calibration", "diagnosis", "html_of", "measurements", "papers", "plan", "plots", "save"]
+__all__ = [
+    "accuracy",
+    "arm",
+    "calibration",
+    "diagnosis",
+    "html_of",
+    "measurements",
+    "next_measurements",
+    "papers",
+    "plan",
+    "plots",
+    "save",
+]
 
 
 def html_of(result: object) -> str:

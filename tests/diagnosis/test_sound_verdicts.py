@@ -162,7 +162,7 @@ def finding(probability: float, low: float | None = 0.1, alias: float = 0.0) -> 
     brought = None if low is None else Brought(0.2, low, 0.3)
     aliases = (Alias("encoder_gain:4", 0.9, alias),)
     effect = EncoderEccentricity(3)
-    return Finding(effect.cause, 3, effect, {}, probability, 1e-6, 0.5, aliases, brought)
+    return Finding(effect, {}, probability, 1e-6, 0.5, aliases, brought)
 
 
 def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:

@@ -132,7 +132,7 @@ def test_the_command_writes_the_page_and_nothing_else_on_stdout(tmp_path: Path) 
 
 def finding(effect: JointCompliance | JointZeroOffset | StylusOffset, probability: float, *aliases: Alias) -> Finding:
     values = {key: (value, 1e-6) for key, value in effect.described().items()}
-    return Finding(effect.cause, effect.row, effect, values, probability, 0.0, 0.3, aliases)
+    return Finding(effect, values, probability, 0.0, 0.3, aliases)
 
 
 def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis) -> None:

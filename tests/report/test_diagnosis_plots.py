@@ -94,7 +94,7 @@ def knowing(base: Diagnosis, arm: Arm, effect: Effect, external: bool = False) -
 
     extended = fitted(["geometry", effect.at((), tuple(3 * t.typical for t in effect.terms))])
     (found,) = (e for e in extended.solution.effects if e.cause == effect.cause)
-    finding = Finding(found.cause, found.row, found, dict.fromkeys(found.described(), (0.0, 0.0)), 1.0, 0.0, 1.0, ())
+    finding = Finding(found, dict.fromkeys(found.described(), (0.0, 0.0)), 1.0, 0.0, 1.0, ())
     fits = {"before": fitted([]), "recalibrated": fitted(["geometry"]), "extended": extended}
     return replace(base, findings=(finding,), **fits), finding
 
@@ -201,7 +201,7 @@ def test_the_error_of_a_seat_stands_out(sound: Diagnosis, sino6: Arm) -> None:
 
 def test_geometry_stands_beside_what_was_stated(sound: Diagnosis) -> None:
     effect = JointZeroOffset(2, values=(3e-4,), u=(1e-5,))
-    finding = Finding(effect.cause, 2, effect, {"offset_rad": (3e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
+    finding = Finding(effect, {"offset_rad": (3e-4, 1e-5)}, 1.0, 1e-9, 1.0, ())
     ax = plot_geometry(replace(sound, findings=(finding,)))
     assert [tick.get_text() for tick in ax.get_yticklabels()] == ["zero offset of joint 2"]
     assert "+300.0 ± 20.0 µrad" in [text.get_text() for text in ax.texts]

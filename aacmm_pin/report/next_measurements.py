@@ -1,49 +1,23 @@
-"""What to measure next, in a sentence."""
+"""What to measure next, in a sentence: of a diagnosis, and of a plan where two causes are alike."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
-from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
-from aacmm_pin.diagnosis.significance import Alias
-from aacmm_pin.diagnosis.unexplained import Unexplained
+from aacmm_pin._support.threads import one_blas_thread
+from aacmm_pin.diagnosis import Alias, Diagnosis, Finding
+from aacmm_pin.diagnosis.result import SETTLED, too_good
+from aacmm_pin.planning import advice
 
 PLACE, SCALE = ("x", "y", "z"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
 
 
-@dataclass(frozen=True)
-class Doubts:
-    """What makes a verdict worth less.
-
-    Attributes:
-        too_good: residuals are far smaller than the stated noise.
-        not_borne_out: records that were left out are not predicted better beyond doubt.
-    """
-
-    too_good: bool = False
-    not_borne_out: bool = False
-
-
-def next_measurements(
-    verdict: Verdict,
-    findings: Sequence[Finding],
-    unexplained: Unexplained,
-    visible: tuple[int, int],
-    doubts: Doubts,
-    plan: Callable[[Finding, Alias], str],
-) -> str:
-    """What to measure next, in a sentence.
-
-    Args:
-        verdict, findings, unexplained: of the diagnosis.
-        visible: how many causes of usual size these records would have shown, and of how many.
-        doubts: what makes the verdict worth less.
-        plan: makes the sentence for a finding and its look-alike.
-    """
-    seen, of = visible
-    if doubts.too_good:
+@one_blas_thread
+def next_measurements(result: Diagnosis) -> str:
+    """What would settle what a diagnosis leaves open."""
+    verdict, findings, unexplained, (seen, of) = result.verdict, result.findings, result.unexplained, result.visible
+    if too_good(result.extended):
         return "check what was stated of the noise, and its unit: beside noise that large no cause can show, in any records"
     if verdict == "inconclusive" and not findings:
         return f"more records, at other postures: of {of} causes of usual size these would have shown {seen}"
@@ -62,18 +36,18 @@ def next_measurements(
         return f"{_otherwise(unexplained.depends_on)}, and repeat some records with all alike"
     doubtful = [finding for finding in findings if finding.probability < SETTLED]
     if doubtful:
-        return _to_tell(doubtful, plan)
+        return _to_tell(result, doubtful)
     seats = [finding for finding in findings if finding.effect.corrects_seat]
     if seats:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
-    if doubts.not_borne_out:
+    if result.held_out is not None and result.held_out.interval[0] <= 0.0:
         return "more records, at other postures: the extended model does not yet predict held-out records better"
     if verdict == "inconclusive":
         return "more records, at other postures: something is left in the residuals that may be another cause"
     return "nothing is open; check the extended arm on new records, over all ranges of its joints, with `aacmm-pin correct`"
 
 
-def _to_tell(doubtful: Sequence[Finding], plan: Callable[[Finding, Alias], str]) -> str:
+def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
     """How to tell doubtful findings from what looks like them."""
     for finding in doubtful:
         cause = finding.effect
@@ -87,13 +61,20 @@ def _to_tell(doubtful: Sequence[Finding], plan: Callable[[Finding, Alias], str])
                 f"measure more records with joint {finding.joint} spread evenly over its range: they show whether "
                 f"{finding.label} is all that depends on its angle"
             )
-        return plan(finding, alike)
+        return _planned(result, finding, alike)
     first = doubtful[0]
     on = first.aliases[0].label if first.aliases else "all that was recorded"
     return (
         f"to tell {first.label} from anything else that depends on {on}, {_otherwise((on,))}, and repeat some records "
         "with all alike"
     )
+
+
+def _planned(result: Diagnosis, finding: Finding, alike: Alias) -> str:
+    """The command that plans how to tell a finding from its look-alike, as it was chosen."""
+    problem = result.extended.problem
+    split = (finding.effect, result.choice.variant(alike.block))
+    return advice(result.before.problem.model, split, problem.measurements, **problem.setup.keywords)
 
 
 def _off(finding: Finding) -> str:

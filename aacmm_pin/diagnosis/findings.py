@@ -1,0 +1,136 @@
+"""What was admitted, as findings: causes with their values, known causes that changed, geometry beyond what is stated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin.calibration.parameter_vector import KIND_OF
+from aacmm_pin.diagnosis.cross_validation import brought
+from aacmm_pin.diagnosis.model_extension import Choice, u_of_step
+from aacmm_pin.diagnosis.result import Finding, described
+from aacmm_pin.diagnosis.significance import Place, Strength, aliases_of, retained
+from aacmm_pin.effects import Effect
+from aacmm_pin.effects.error_model import ErrorModel
+
+CHANGED = 0.01
+"""Family-wise level at which a known cause counts as changed."""
+MOVED = 0.01
+"""Family-wise level at which a geometric value counts as beyond its stated uncertainty."""
+LEAST_SHARE = 0.5
+"""A geometric value is judged only if the data could move it by this part of its stated uncertainty."""
+UNLIKELY = 0.2
+"""A cause less probable than this, beside what did not survive its held-out test, is not named."""
+
+
+def findings_of(model: ErrorModel, choice: Choice, strong: list[Strength]) -> list[Finding]:
+    """Causes, strongest first; known causes that changed; geometric values."""
+    return [*_admitted(choice, strong), *_changed(model, choice), *_geometry(choice)]
+
+
+def _admitted(choice: Choice, strong: list[Strength]) -> Iterator[Finding]:
+    """The admitted causes with the values that the last refit gave them."""
+    estimated = {effect.label: (effect, covariance) for effect, covariance in _estimated(choice)}
+    for strength in strong:
+        if strength.block not in choice.causes:
+            continue
+        label = choice.variant(strength.block).label
+        if label not in estimated:
+            continue
+        effect, covariance = estimated[label]
+        yield Finding(
+            effect,
+            described(effect, covariance),
+            strength.probability,
+            strength.p_value,
+            strength.retained,
+            strength.aliases,
+            brought(choice, choice.admitted, strength.block),
+            _inner_values(choice, effect, strength.block),
+        )
+
+
+def _inner_values(choice: Choice, effect: Effect, block: int) -> dict[str, tuple[float, float]]:
+    """What was found of order, time constant or time, with u."""
+    told = {name: u for (label, name), u in choice.fit.inner_u.items() if label == effect.label}
+    told |= {name: u_of_step(choice, block, name) for name in effect.inner if name not in effect.inner_widths()}
+    return {name: (float(getattr(effect, name)), u) for name, u in told.items()}
+
+
+def _changed(model: ErrorModel, choice: Choice) -> Iterator[Finding]:
+    """Causes that the arm was known to have, with other values than were stated.
+
+    ``Δᵀ (C + U)⁻¹ Δ`` of the change Δ with the covariances of the old and the new values is χ² if nothing changed;
+    Bonferroni's bound over the known causes.
+    """
+    before = {effect.label: effect for effect in model.effects if any(effect.u)}
+    for effect, covariance in _estimated(choice):
+        if effect.label not in before or not np.all(np.isfinite(covariance)):
+            continue
+        old = before[effect.label]
+        change = np.array(effect.values) - np.array(old.values)
+        misfit = float(change @ np.linalg.pinv(covariance + np.diag(np.square(old.u))) @ change)
+        p_value = min(1.0, len(before) * float(chi2_sf(misfit, len(change))))
+        if p_value < CHANGED:
+            yield Finding(effect, described(effect, covariance), 1.0 - p_value, p_value, 1.0, ())
+
+
+def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
+    """Every effect that the last fit estimated, with u, and the covariance of its values; of what no record tells, by the
+    widths within which it was looked for.
+    """
+    fit = choice.fit
+    untold = fit.unknown * fit.problem.scales[:, None]
+    for effect, own in zip(fit.solution.effects, fit.problem.vector.slices, strict=True):
+        covariance = fit.covariance[own, own] + untold[own] @ untold[own].T
+        yield effect.at(effect.values, tuple(np.sqrt(np.diag(covariance)))), covariance
+
+
+def _geometry(choice: Choice) -> Iterator[Finding]:
+    """Geometric values beyond their stated uncertainty, where that is likelier than any cause that could look like it."""
+    for effect, p_value in _moved(choice):
+        if effect.label not in choice.design.names:
+            continue
+        place = Place.beside(choice, choice.design.names.index(effect.label))
+        if place.probability < UNLIKELY:
+            continue
+        block = choice.question.best_blocks(place.left.evidences)[place.own]
+        yield Finding(
+            effect,
+            described(effect, np.diag(np.square(effect.u))),
+            place.probability,
+            p_value,
+            retained(place.left, choice.question.blocks[block]),
+            tuple(aliases_of(choice, place, block)),
+            brought(choice, (*choice.admitted, block), block),
+        )
+
+
+def _moved(choice: Choice) -> list[tuple[Effect, float]]:
+    """Values of a DH table that the data move farther than stated, as changes with u, and their p-values; the surest first.
+
+    If the stated values are right to within their u₀, the change to an estimate with u has variance u₀² - u². The estimate
+    is the one with everything in it that was admitted, covariates included: what they do is not geometry's. The two-sided
+    p-values are Bonferroni's over all values that are judged.
+    """
+    problem, design, left = choice.fit.problem, choice.design, choice.left
+    own, vector = design.nuisances, problem.vector
+    stays = vector.slices[-design.taken_out].start if design.taken_out else vector.size
+    steps = design.scales[:own] * left.projection.solution()[:own]
+    us = design.scales[:own] * np.sqrt(np.diag(left.covariance)[:own])
+    of_own = {int(i): (float(step), float(u)) for i, step, u in zip(design.kept, steps, us, strict=True)}
+    found = []
+    for effect, place in vector:
+        i = place.start  # a value of a DH table is one parameter
+        if type(effect) not in KIND_OF or not problem.stated[i] or vector.of_arm[i] is None or i >= stays or i not in of_own:
+            continue
+        (step, u), stated = of_own[i], float(problem.widths[i])
+        if u < np.sqrt(1.0 - LEAST_SHARE**2) * stated:
+            change = float(choice.fit.solution.point.x[i] + step - problem.start[i])
+            chance = float(chi2_sf(change**2 / (stated**2 - u**2), 1))
+            found.append((effect, change, u, chance))
+    judged = [(e.at((change,), (u,)), min(chance * len(found), 1.0)) for e, change, u, chance in found]
+    return sorted(((e, p) for e, p in judged if p < MOVED), key=lambda pair: pair[1])
