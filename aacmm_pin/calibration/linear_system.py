@@ -46,7 +46,7 @@ def assemble(prediction: Prediction, noise: NoiseModel, points: Array, weights: 
     observations = noise.observations
     says, p = observations.says, prediction.jacobian.shape[2]
     deviation = prediction.tips - observations.targets(points)
-    whiten = np.linalg.inv(np.linalg.cholesky(noise.of_residuals))
+    whiten = noise.whitening
     white = (whiten @ np.where(says[:, None], deviation, 0.0)[:, :, None])[:, :, 0]
     distance = np.where(says, np.einsum("ni,ni->n", white, white), np.nan)
     root = np.sqrt(np.where(says, weights, 0.0))

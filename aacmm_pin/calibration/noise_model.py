@@ -60,8 +60,13 @@ class NoiseModel:
         return np.asarray(self.tips + self.observations.covariance)
 
     @property
+    def whitening(self) -> Array:
+        """What gives each residual unit variance (n, 3, 3) [1/m]."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.of_residuals)))
+
+    @property
     def without_scatter(self) -> Array:
-        """The same by the stated noise alone (n, 3, 3) [m²]."""
+        """Covariance of each residual by the stated noise alone (n, 3, 3) [m²]."""
         return np.asarray(self.tips - max(self.scatter, LEAST) ** 2 * np.eye(3) + self.observations.covariance)
 
 

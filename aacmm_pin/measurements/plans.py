@@ -11,6 +11,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import MOST_DRAWS, Room, joint_bounds
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.sampling import StateOf, agile, brought_to, different_postures, spread_out
 
@@ -46,7 +47,7 @@ class Pool:
 
     Attributes:
         room: the arm and where its tip may be.
-        state_of: the arm with those of its errors that are always there.
+        state_of: the arm with those of its errors that are there in every record, whatever its conditions.
         q: postures (n, nq) [rad].
         tips: (n, 3) [m].
         tree: of the tips.
@@ -59,14 +60,16 @@ class Pool:
     tree: scipy.spatial.cKDTree
 
     @staticmethod
-    def draw(room: Room, state_of: StateOf, each: int, rng: np.random.Generator) -> Pool:
-        """A pool from which a point can be touched in ``each`` postures.
+    def draw(model: ErrorModel, above: float | None, each: int, rng: np.random.Generator) -> Pool:
+        """A pool from which a point can be touched in ``each`` postures, over a table at ``above`` [m].
 
         Raises:
             AacmmError: see :meth:`Room.postures`.
         """
+        room = Room(model.arm, above)
         q, tips = room.postures(max(POOL, 10 * GUESSES * each), rng)
-        return Pool(room, state_of, q, tips, scipy.spatial.cKDTree(tips))
+        steady = ErrorModel(model.arm, tuple(effect for effect in model.effects if not effect.needs))
+        return Pool(room, lambda q, _: steady.state(q), q, tips, scipy.spatial.cKDTree(tips))
 
     @property
     def arm(self) -> Arm:

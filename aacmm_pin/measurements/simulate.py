@@ -17,7 +17,7 @@ from aacmm_pin.measurements.noise import ENCODER, Noise
 from aacmm_pin.measurements.plans import SEATS_APART, Place, Pool, bars_for, seats_for, visits
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.schedule import sessions, workshop_conditions
-from aacmm_pin.postures.sampling import StateOf, brought_to
+from aacmm_pin.postures.sampling import brought_to
 
 Plan = Literal["free", "seats", "ball-bar", "single-point"]
 PLANS: tuple[Plan, ...] = get_args(Plan)
@@ -81,11 +81,10 @@ def simulate_measurements(
     used, assumed = _noise(model.arm, noise)
     source = f"simulated, {model.arm.name}, plan {plan}, {_seed(rng)}{assumed}"
     shop = _Workshop(model, used, temperature_range, rng, source)
-    room = Room(model.arm, above)
     if plan == "free":
-        return shop.free(room.postures(records, rng)[0])
+        return shop.free(Room(model.arm, above).postures(records, rng)[0])
     counts = np.bincount(np.arange(records) % points)
-    pool = Pool.draw(room, _steady(model), int(counts.max()), rng)
+    pool = Pool.draw(model, above, int(counts.max()), rng)
     if bar_length is not None:
         return shop.bars(bars_for(pool, points // 2, bar_length, int(counts.max()), rng), counts, bar_length)
     return shop.seats(seats_for(pool, points, int(counts.max()), rng), counts, stated)
@@ -198,12 +197,6 @@ class _Workshop:
 
 def _seat_labels(count: int) -> list[str]:
     return [f"S{k}" for k in range(1, count + 1)]
-
-
-def _steady(model: ErrorModel) -> StateOf:
-    """The arm with those effects that are there in every record, whatever its conditions."""
-    steady = ErrorModel(model.arm, tuple(effect for effect in model.effects if not effect.needs))
-    return lambda q, _: steady.state(q)
 
 
 def _check_numbers(

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.labels import usual_size_in_words
-from aacmm_pin.planning.candidate_records import Postures, base_temperature
+from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.detection_power import Power, Size, mimicking
 from aacmm_pin.planning.measurement_conditions import possible_conditions
-from aacmm_pin.planning.measurement_sheet import sheet
+from aacmm_pin.planning.measurement_sheet import plan_of
 from aacmm_pin.planning.result import DECIDED, MeasurementPlan, Tried
 from aacmm_pin.planning.search import Choosing, telling
-from aacmm_pin.planning.situation import Asked, Situation
+from aacmm_pin.planning.situation import Situation
+from aacmm_pin.planning.task import Task
 
 THOROUGH = 1000
 """From so many postures on, every record of a plan is looked at once more when all are chosen."""
@@ -27,9 +27,9 @@ BETTER = 0.1
 
 
 def for_two(
-    asked: Asked,
+    task: Task,
     split: tuple[Effect, Effect],
-    where: Postures,
+    postures: Measurements,
     records: int,
     as_it_stands: bool,
     rng: np.random.Generator,
@@ -38,9 +38,9 @@ def for_two(
     """The plan with the least effort that decides, or else the best.
 
     Args:
-        asked: what the plan is for.
+        task: what the plan is for.
         split: the two causes with their values; all zero stand for a typical size.
-        where: postures to choose from.
+        postures: to choose from.
         records: how many.
         as_it_stands: no load and no other mount.
         rng: for the conditions of the records.
@@ -52,10 +52,10 @@ def for_two(
     before: Power | None = None
     sizes = (Size.of(split[0]), Size.of(split[1]))
     draws = int(rng.integers(2**32))
-    for set_up in possible_conditions(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing)):
+    for set_up in possible_conditions(task.model, task.causes, task.temperature):
         if set_up.changes_arm and (as_it_stands or enough is not None):
             break
-        situation = Situation.of(asked, set_up, where, rng)
+        situation = Situation.of(task, set_up, postures, rng)
         if before is None and situation.before:
             sizes = _matched(situation, sizes)
             before = situation.power([], PAIR, sizes, draws)
@@ -64,7 +64,7 @@ def for_two(
         if why_not and best is not None:
             tried.append(Tried(str(set_up), whole, why_not))
             continue
-        chosen = chosen_for(situation, sizes, records, len(where.q) >= THOROUGH, steps)
+        chosen = _chosen(situation, sizes, records, steps)
         steps = range(records)
         after = situation.power(chosen, PAIR, sizes, draws)
         tried.append(Tried(str(set_up), whole if why_not else after, why_not))
@@ -76,25 +76,19 @@ def for_two(
         if decides:
             break
     assert best is not None
-    plan = sheet(asked, split, best[0], best[1], before, best[2], tuple(tried), enough)
-    plan = replace(plan, notes=(*_assumed(split, before is not None), *plan.notes))
-    if before is None or before.same or before.probability < DECIDED:
-        return plan
-    enough_now = f"the {best[0].before} existing records already tell the two apart (probability {before.probability:.2f})"
-    return replace(plan, notes=(*plan.notes, f"{enough_now}; no more are needed for that"))
+    situation, chosen, after = best
+    found = {"split": split, "before": before, "after": after, "tried": tuple(tried), "enough": enough}
+    return plan_of(task, situation, chosen, tuple(_notes(split, before, situation.before)), **found)
 
 
-def chosen_for(
-    situation: Situation, sizes: tuple[Size, Size], records: int, thorough: bool, steps: Iterable[int]
-) -> list[int]:
+def _chosen(situation: Situation, sizes: tuple[Size, Size], records: int, steps: Iterable[int]) -> list[int]:
     """Numbers of the records of the pool that tell the two causes apart best."""
     flat = situation.rows.reshape(-1, situation.layout.width)
     # One record's worth of the average keeps the first steps from being blind; it counts in no power.
     choice = Choosing(situation.rows, situation.start + flat.T @ flat / len(situation.rows))
-    columns = [situation.layout.nuisances + np.arange(b.start, b.stop) for b in situation.layout.blocks]
-    score = telling(columns[0], columns[1], sizes)
+    score = telling(situation.layout.columns(0), situation.layout.columns(1), sizes)
     choice.run(records, score, steps)
-    if thorough:
+    if situation.pool.n >= THOROUGH:
         choice.exchange(score)
     return choice.taken
 
@@ -119,16 +113,19 @@ def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size
     return (sizes[0], Size(alike)) if known == 0 else (Size(alike), sizes[1])
 
 
-def _assumed(split: tuple[Effect, Effect], compared: bool) -> Iterator[str]:
-    """How large the causes without values are taken to be; ``compared`` with existing records, see :func:`_matched`."""
+def _notes(split: tuple[Effect, Effect], before: Power | None, existing: int) -> Iterator[str]:
+    """How large causes without values are taken to be, see :func:`_matched`; and whether existing records do already."""
     for effect, other in (split, split[::-1]):
         if any(effect.values):
             continue
-        if compared and any(other.values):
+        if before is not None and any(other.values):
             size = f"as large as it must be to look like {other.label} in the existing records"
         else:
             size = f"at its usual size, {usual_size_in_words(effect)}"
         yield f"{effect.label} states no value; planned {size} ({effect.key},{next(iter(effect.described()))}=… states one)"
+    if before is not None and not before.same and before.probability >= DECIDED:
+        already = f"the {existing} existing records already tell the two apart"
+        yield f"{already} (probability {before.probability:.2f}); no more are needed for that"
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:

@@ -34,9 +34,7 @@ class Size:
     def of(effect: Effect) -> Size:
         """The effect's own values, or typical ones of any direction where all are zero."""
         scaled = np.array(effect.values) / np.array([term.typical for term in effect.terms])
-        if not scaled.any():
-            return Size(np.eye(scaled.size))
-        return Size(scaled[:, None], stated=True)
+        return Size(scaled[:, None], stated=True) if scaled.any() else Size(np.eye(scaled.size))
 
     def drawn(self, count: int, rng: np.random.Generator) -> Array:
         """Parameters of ``count`` draws of one size: in any direction, or the values with either sign (q, count)."""
@@ -70,23 +68,16 @@ class Power(Shown):
         return self.alone[0] <= SILENT, self.alone[1] <= SILENT
 
     @property
-    def same(self) -> bool:
-        """One cause does what the other does in these records, or nothing at all."""
-        return not all(self.open)
-
-    @property
     def open(self) -> tuple[bool, bool]:
         """Whether either does something that the other cannot do."""
         pairs = zip((self.one, self.other), self.alone, self.silent, strict=True)
         one, other = (not silent and t > SAME * alone for t, alone, silent in pairs)
         return one, other
 
-
-def triangle(rows: Array, nuisances: int) -> Array:
-    """What the rows (m, width) tell of the causes when what is refitted is at its best: R with ``S = RᵀR``."""
-    if len(rows) < rows.shape[1]:
-        rows = np.vstack([rows, np.zeros((rows.shape[1] - len(rows), rows.shape[1]))])
-    return np.asarray(np.linalg.qr(rows, mode="r"))[nuisances:, nuisances:]
+    @property
+    def same(self) -> bool:
+        """One cause does what the other does in these records, or nothing at all."""
+        return not all(self.open)
 
 
 def mimicking(r: Array, mine: slice, its: slice, factor: Array) -> Array:
@@ -94,40 +85,35 @@ def mimicking(r: Array, mine: slice, its: slice, factor: Array) -> Array:
     return np.asarray(np.linalg.lstsq(r[:, its], r[:, mine] @ factor, rcond=1e-12)[0])
 
 
+def alone(r: Array, mine: slice, factor: Array) -> float:
+    """``‖R_k F‖²``: what shows of a cause at all."""
+    return float(np.square(r[:, mine] @ factor).sum())
+
+
 def distance(r: Array, mine: slice, its: slice, factor: Array) -> float:
     """``min over β_l of ‖R_k F - R_l β_l‖²``, summed over the columns of F, see :class:`Size`."""
-    wanted = r[:, mine] @ factor
-    left = wanted - r[:, its] @ mimicking(r, mine, its, factor)
+    left = r[:, mine] @ factor - r[:, its] @ mimicking(r, mine, its, factor)
     return float(np.square(left).sum())
 
 
-def power_of(r: Array, one: slice, other: slice, sizes: tuple[Size, Size], rng: np.random.Generator) -> Power:
-    """How well records with the triangle ``r`` tell two blocks of its columns apart."""
-    mine, its = (size.factor for size in sizes)
-    return Power(
-        distance(r, one, other, mine),
-        distance(r, other, one, its),
-        (float(np.square(r[:, one] @ mine).sum()), float(np.square(r[:, other] @ its).sum())),
-        probability(r, (one, other), sizes, rng),
-    )
+def power_of(r: Array, blocks: tuple[slice, slice], sizes: tuple[Size, Size], rng: np.random.Generator) -> Power:
+    """How well records with the triangle ``r`` (``S = RᵀR``) tell two blocks of its columns apart.
 
-
-def probability(r: Array, blocks: tuple[slice, slice], sizes: tuple[Size, Size], rng: np.random.Generator) -> float:
-    """Chance that the evidence of the true cause is the larger one, each true in half of the cases.
-
-    The evidence is that of a normal prior: with S = RᵀR, g = Rᵀy and prior variance w²,
-    ``½ gᵀ (S + I/w²)⁻¹ g - ½ log det(I + w² S)``. How large a cause may be is hardly known, so size alone must not decide:
-    w lets each of the two show as much as the true one does, ``w² tr S = ‖R β‖²``. By :data:`DRAWS` draws of y.
+    The probability is that the evidence of the true cause is the larger one, each true in half of the cases. The evidence
+    is that of a normal prior: with g = Rᵀy and prior variance w², ``½ gᵀ (S + I/w²)⁻¹ g - ½ log det(I + w² S)``. How large a
+    cause may be is hardly known, so size alone must not decide: w lets each of the two show as much as the true one does,
+    ``w² tr S = ‖R β‖²``. By :data:`DRAWS` draws of y.
     """
-    right = 0.0
-    for true in (0, 1):
-        shows = float(np.square(r[:, blocks[true]] @ sizes[true].factor).sum())
-        y = r[:, blocks[true]] @ sizes[true].drawn(DRAWS, rng) + rng.standard_normal((len(r), DRAWS))
-        evidence = [_evidence(r[:, block], y, shows) for block in blocks]
+    probability, shows, apart = 0.0, [], []
+    for true, (mine, size) in enumerate(zip(blocks, sizes, strict=True)):
+        shows.append(alone(r, mine, size.factor))
+        apart.append(distance(r, mine, blocks[1 - true], size.factor))
+        y = r[:, mine] @ size.drawn(DRAWS, rng) + rng.standard_normal((len(r), DRAWS))
+        evidence = [_evidence(r[:, block], y, shows[true]) for block in blocks]
         better = evidence[true] - evidence[1 - true]
         tie = np.isclose(better, 0.0, atol=1e-6)
-        right += 0.5 * float(np.where(tie, 0.5, better > 0).mean())
-    return right
+        probability += 0.5 * float(np.where(tie, 0.5, better > 0).mean())
+    return Power(apart[0], apart[1], (shows[0], shows[1]), probability)
 
 
 def _evidence(r: Array, y: Array, shows: float) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 
@@ -51,57 +53,47 @@ def possible_conditions(
     model: ErrorModel, causes: tuple[Effect, ...], reference_temperature: float
 ) -> Iterator[MeasurementConditions]:
     """What could tell the causes apart, from the least effort to the most: conditions that they depend on, load, mount."""
-    first = MeasurementConditions((), model)
-    changes = _conditions(model.arm, causes, reference_temperature)
-    last = first
+    changes = list(_changes(model.arm, causes, reference_temperature))
     for count in range(len(changes) + 1):
         for some in combinations(changes, count):
-            last = first
-            for change in some:
-                last = _with(last, change)
+            fields = {name: value for _, change in some for name, value in change.items()}
+            last = MeasurementConditions(tuple(words for words, _ in some), model, **fields)
             yield last
-    if model.arm.file is not None and any(effect.elastic for effect in causes):
-        for words, arm in _arms(model.arm):
+    file = model.arm.file
+    if file is not None and any(effect.elastic for effect in causes):
+        for words, changed in _loads_and_mounts(model.arm, file):
+            arm = Arm.from_file(file.model_copy(update=changed))
             yield replace(last, words=(*last.words, words), model=ErrorModel(arm, model.effects), changes_arm=True)
 
 
-def _with(one: MeasurementConditions, change: MeasurementConditions) -> MeasurementConditions:
-    return replace(
-        one,
-        words=one.words + change.words,
-        sides=one.sides + change.sides,
-        warmer=one.warmer + change.warmer,
-        warm_up=one.warm_up + change.warm_up,
-    )
+Change = tuple[str, dict[str, Any]]
+"""What has to be done, in words, and the fields that it changes."""
 
 
-def _conditions(arm: Arm, causes: tuple[Effect, ...], reference_temperature: float) -> list[MeasurementConditions]:
-    """One set-up for each condition that a cause depends on and that a person can choose."""
-    model, found = ErrorModel(arm), []
+def _changes(arm: Arm, causes: tuple[Effect, ...], reference_temperature: float) -> Iterator[Change]:
+    """Each condition that a cause depends on and that a person can choose."""
     rows = arm.chain.moving_rows()
     joints = sorted({rows.index(e.row) + 1 for e in causes if "approach" in e.needs and e.row in rows})
     if joints:
-        which = f"joint {joints[0]}" if len(joints) == 1 else f"joints {', '.join(map(str, joints))}"
+        which = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
         words = f"bring {which} to the postures from both sides, each time from the one that the approach column says"
-        found.append(MeasurementConditions((words,), model, tuple(joints)))
+        yield words, {"sides": tuple(joints)}
     if any("temperature" in effect.needs for effect in causes):
         warm = reference_temperature + WARMER
         words = f"warm the room by {WARMER:g} K for some of the records ({reference_temperature:g} °C and {warm:g} °C)"
-        found.append(MeasurementConditions((words,), model, warmer=WARMER))
+        yield words, {"warmer": WARMER}
     constants = [effect.settling_time for effect in causes if effect.settling_time is not None]
     if constants:
         watched = WARM_UPS * max(constants)
-        words = f"switch the arm on cold and measure while it warms up, over {watched / 60:.0f} minutes"
-        found.append(MeasurementConditions((words,), model, warm_up=watched))
-    return found
+        yield f"switch the arm on cold and measure while it warms up, over {watched / 60:.0f} minutes", {"warm_up": watched}
 
 
-def _arms(arm: Arm) -> Iterator[tuple[str, Arm]]:
-    """The arm loaded, and on other mounts."""
+def _loads_and_mounts(arm: Arm, file: ArmFile) -> Iterator[Change]:
+    """The arm loaded, and on other mounts: what has to be done, and what that changes in the arm's file."""
     if arm.masses is not None:
         rows = arm.chain.moving_rows()
         row = rows[-2] if len(rows) > 1 else rows[-1]
-        yield f"hang {LOAD:g} kg on the end of link {row}", _loaded(arm, row)
+        yield f"hang {LOAD:g} kg on the end of link {row}", _loaded(arm, file, row)
     if not arm.gravity.any():
         return
     about = int(np.argmin(np.abs(arm.gravity)))
@@ -109,7 +101,7 @@ def _arms(arm: Arm) -> Iterator[tuple[str, Arm]]:
         gravity = _turned(arm.gravity, about, np.deg2rad(-degrees))
         numbers = ", ".join(f"{g:g}" for g in gravity)
         words = f"turn the mount by {degrees}° about the {'xyz'[about]} axis of the base (gravity_m_s2 = [{numbers}])"
-        yield words, _changed(arm, gravity_m_s2=tuple(gravity.tolist()))
+        yield words, {"gravity_m_s2": tuple(gravity.tolist())}
 
 
 def _turned(vector: Array, about: int, angle: float) -> Array:
@@ -120,20 +112,14 @@ def _turned(vector: Array, about: int, angle: float) -> Array:
     return np.round(turned, 6) + 0.0
 
 
-def _loaded(arm: Arm, row: int) -> Arm:
-    """The arm with a mass on the end of body ``row``."""
-    assert arm.file is not None
+def _loaded(arm: Arm, file: ArmFile, row: int) -> dict[str, Any]:
+    """A mass on the end of body ``row``."""
     rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
-    frame = end(row) if arm.file.convention == "standard-dh" else axis(row)
+    frame = end(row) if file.convention == "standard-dh" else axis(row)
     place = rotation[frame][0].T @ (origin[end(row)] - origin[frame])[0] / MM
-    rows = list(arm.file.joints)
+    rows = list(file.joints)
     own = rows[row - 1]
     before = own.mass_kg or 0.0
     centre = (before * np.array(own.com_mm or (0.0, 0.0, 0.0)) + LOAD * place) / (before + LOAD)
     rows[row - 1] = own.model_copy(update={"mass_kg": before + LOAD, "com_mm": tuple(centre.tolist())})
-    return _changed(arm, joints=rows)
-
-
-def _changed(arm: Arm, **update: object) -> Arm:
-    assert arm.file is not None
-    return Arm.from_file(arm.file.model_copy(update=update))
+    return {"joints": rows}

@@ -1,9 +1,9 @@
-"""The door: which records to take next so that causes which look alike are told apart."""
+"""Which records to take next so that causes which look alike are told apart."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,16 +18,17 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.noise import REFERENCE as REFERENCE_NOISE
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning.candidate_records import Postures
+from aacmm_pin.planning.candidate_records import free_postures, postures_at_seats
 from aacmm_pin.planning.cause_pair import for_two
-from aacmm_pin.planning.causes import checked, usual_causes
 from aacmm_pin.planning.result import MeasurementPlan, seed_of
 from aacmm_pin.planning.separability import for_all
-from aacmm_pin.planning.situation import Asked
+from aacmm_pin.planning.task import Task, require_separable, usual_causes
 
 Reference = Literal["free", "seats"]
 POSTURES = 2000
 """Postures from which a plan chooses."""
+QUICK = 200
+"""Postures that are enough to say whether a plan would help; the plan itself then chooses from more."""
 
 
 def plan_measurements(
@@ -96,7 +97,7 @@ def plan_measurements(
     else:
         named = tuple(cause_of(c, model, present) if isinstance(c, str) else c for c in split)
         causes, usable, left_out = _usable(named, existing)
-    checked(causes, model.arm)
+    require_separable(causes, model.arm)
     if reference == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
         raise AacmmError(
             f"{at_seat.label} shows at that seat only: plan with reference 'seats' and the records that touch it"
@@ -105,24 +106,56 @@ def plan_measurements(
         Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise),
         model.arm,
     )
-    asked = Asked(model, tuple(e.at(()) for e in causes), usable, setup)
+    task = Task(model, tuple(e.at(()) for e in causes), usable, setup)
     if reference == "free":
-        where = Postures.free(model.arm, postures, above, rng)
+        where = free_postures(model.arm, postures, above, rng)
     else:
-        where = Postures.at_seats(model, postures, above, usable, asked.frame, setup, rng)
-    if len(where.q) < records:
-        raise AacmmError(f"records is {records}, but only {len(where.q)} different postures were found; ask for fewer")
+        where = postures_at_seats(task, postures, above, rng)
+    if where.n < records:
+        raise AacmmError(f"records is {records}, but only {where.n} different postures were found; ask for fewer")
     with watched(range(records), progress, "plan", "record") as steps:
         if split is None:
-            found = for_all(asked, where, records, rng, steps)
+            found = for_all(task, where, records, rng, steps)
         else:
-            found = for_two(asked, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
+            found = for_two(task, (causes[0], causes[1]), where, records, as_it_stands, rng, steps)
     if "torque" in present and split is not None:
         left_out += ("the compliance is of measured torques: record torque1_nm … too",)
     usual = {"--reference": (reference, "free"), "--reference-frame": (reference_frame, "base"), "--target": (target, "tip")}
     options = [f"{name} {value}" for name, (value, default) in usual.items() if value != default]
     options += [words for words, wanted in (("--no-prior", not prior), ("--as-it-stands", as_it_stands)) if wanted]
     return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes), options=tuple(options))
+
+
+def advice(
+    model: Arm | ErrorModel,
+    split: tuple[Effect | str, Effect | str],
+    existing: Measurements,
+    *,
+    records: int = 40,
+    progress: bool = False,
+    **setup: Any,
+) -> str:
+    """What to measure next to tell two causes apart, in a sentence with the command that plans it.
+
+    New records are taken as the old ones were: at their seats where most of them have one, else each with coordinates of
+    its own. Where no plan can be made the sentence says why; nothing is raised for that.
+
+    Args:
+        model: the arm.
+        split: the two causes, with their values where they are estimated.
+        existing: the records that leave the two alike.
+        records: how many to plan.
+        progress: show a bar.
+        setup: how records are taken, by keywords of :func:`plan_measurements`: ``reference_frame``, noise, ….
+    """
+    seat = existing.conditions.seat
+    reference: Reference = "seats" if seat is not None and np.mean(seat != "") > 0.5 else "free"
+    of_old: dict[str, Any] = {"existing": existing, "reference": reference, "postures": max(QUICK, 2 * records)}
+    try:
+        return plan_measurements(model, split, records, progress=progress, **of_old, **setup).sentence()
+    except AacmmError as error:
+        one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
+        return f"no records could be planned that tell {one} from {other}: {error}"
 
 
 def _check_numbers(model: ErrorModel, records: int, postures: int, existing: Measurements | None) -> None:

@@ -13,7 +13,6 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.shown import Shown
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.cause_text import text_of
@@ -48,7 +47,6 @@ class MeasurementPlan(Shown):
     Attributes:
         model: the arm as it stands while the plan is measured; another than before where ``changes_arm``.
         split: the two causes to tell apart; where none were asked for, the worst told pair of all that can be told.
-        asked: True where the split was asked for.
         records: the plan as a measurement file to be filled in: angles, conditions, and references that are empty.
         expected: where the tip will be about, in the frame of the references (n, 3) [m].
         set_up: what has to be done beside postures, in words; () where the arm stays as it is.
@@ -56,19 +54,18 @@ class MeasurementPlan(Shown):
         before: power of the existing records, or None.
         after: power of these and the plan.
         tried: the set-ups that were considered, in the order of effort.
+        existing: number of existing records that count.
+        notes: what was assumed, and what cannot be told.
+        measurements: the records expected, as a diagnosis would take them.
         pairs: where no split was asked: every pair of causes with its T, worst first; else None.
         enough: about how many new records of this kind would decide, beside the existing ones, where the plan does not;
             None if no few times as many.
-        existing: number of existing records that count.
         seed: of all that was drawn, or None where the generator does not say.
-        notes: what was assumed, and what cannot be told.
-        measurements: the records expected, as a diagnosis would take them.
         options: those of the command ``aacmm-pin plan`` that ask for the same, as far as they are not the usual ones.
     """
 
     model: ErrorModel
     split: tuple[Effect, Effect]
-    asked: bool
     records: pd.DataFrame
     expected: Array
     set_up: tuple[str, ...]
@@ -76,13 +73,18 @@ class MeasurementPlan(Shown):
     before: Power | None
     after: Power
     tried: tuple[Tried, ...]
-    pairs: pd.DataFrame | None
-    enough: int | None
     existing: int
-    seed: int | None
     notes: tuple[str, ...]
     measurements: Measurements
+    pairs: pd.DataFrame | None = None
+    enough: int | None = None
+    seed: int | None = None
     options: tuple[str, ...] = ()
+
+    @property
+    def asked(self) -> bool:
+        """Whether the split was asked for."""
+        return self.pairs is None
 
     @property
     def decided(self) -> bool:
@@ -108,30 +110,26 @@ class MeasurementPlan(Shown):
         return self.records.to_csv(index=False, lineterminator="\n")
 
     @property
-    def _enough(self) -> str:
+    def _more(self) -> str:
+        """How many records would decide; "" where nobody knows."""
         beside = f" beside the {self.existing} existing ones" if self.existing else ""
-        return f"{self.enough} new records{beside}"
+        return "" if self.enough is None else f"; about {self.enough} new records{beside} would decide"
 
-    def sentence(self, arm: str | None = None, options: str = "") -> str:
-        """One sentence: what to do to tell the two causes apart, and the command.
-
-        Args:
-            arm: the arm as a command names it; default its name in small letters.
-            options: more options of the command.
-        """
+    def sentence(self) -> str:
+        """One sentence: what to do to tell the two causes apart, and the command."""
         one, other = self.split
-        odds = f"from {0.5 if self.before is None else self.before.probability:.2f} to {self.after.probability:.2f}"
-        where = "" if not self.set_up else f", and {self.setup}"
-        options += " --set-up-arm set_up.toml" if self.changes_arm else ""
-        command = (
-            f"aacmm-pin plan {arm or _as_command(self.model.arm)} --split {text_of(one)} {text_of(other)} "
-            f"--records {len(self.records)}{''.join(f' {o}' for o in self.options)}{options} -o plan.csv"
-        )
         if self.after.same:
             return f"nothing that was considered tells {one.label} from {other.label}: {self.tried[-1].why_not}"
+        name = self.model.arm.name.lower()
+        arm = name if name in bundled_arms() else "ARM.toml"
         with_it = "; diagnose these with set_up.toml, apart from the old ones" if self.changes_arm else ""
+        options = [*self.options, *(["--set-up-arm set_up.toml"] if self.changes_arm else [])]
+        split = f"--split {text_of(one)} {text_of(other)}"
+        command = " ".join(["aacmm-pin plan", arm, split, f"--records {len(self.records)}", *options, "-o plan.csv"])
+        odds = f"from {0.5 if self.before is None else self.before.probability:.2f} to {self.after.probability:.2f}"
         if not self.decided:
-            odds += ", not enough yet" if self.enough is None else f"; about {self._enough} would decide"
+            odds += self._more or ", not enough yet"
+        where = "" if not self.set_up else f", and {self.setup}"
         return (
             f"to tell {one.label} from {other.label}, measure {len(self.records)} records where the two differ "
             f"most{where}: {command} (the probability of a right decision goes {odds}{with_it})"
@@ -179,12 +177,8 @@ class MeasurementPlan(Shown):
             text += f"T = {self.after.least:.3g} (expected increase of χ² with the wrong one of the two), "
             text += f"probability of the right decision {self.after.probability:.2f}"
             text += "" if self.before is None else f", {self.before.probability:.2f} before"
-            more = "" if self.enough is None else f"; about {self._enough} would decide"
-            text += "" if self.decided else f"; that is not enough to decide{more}"
-        for t in self.tried:
-            if t.why_not:
-                text += f"; {t.words}: {t.why_not}"
-        return text
+            text += "" if self.decided else f"; that is not enough to decide{self._more}"
+        return text + "".join(f"; {t.words}: {t.why_not}" for t in self.tried if t.why_not)
 
 
 def _power(power: Power | None) -> dict[str, Any] | None:
@@ -198,9 +192,3 @@ def seed_of(rng: np.random.Generator) -> int | None:
     sequence = getattr(rng.bit_generator, "seed_seq", None)
     entropy = getattr(sequence, "entropy", None)
     return entropy if isinstance(entropy, int) else None
-
-
-def _as_command(arm: Arm) -> str:
-    """How a command names the arm: a bundled one by its name, else a file that the caller has to name."""
-    name = arm.name.lower()
-    return name if name in bundled_arms() else "ARM.toml"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from itertools import combinations, permutations
 
 import numpy as np
@@ -11,29 +10,34 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.planning.candidate_records import Postures, base_temperature
-from aacmm_pin.planning.detection_power import SAME, SILENT, Size, distance
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.planning.detection_power import SAME, SILENT, Size, alone, distance
 from aacmm_pin.planning.measurement_conditions import possible_conditions
-from aacmm_pin.planning.measurement_sheet import sheet
+from aacmm_pin.planning.measurement_sheet import plan_of
 from aacmm_pin.planning.result import MeasurementPlan, Tried
 from aacmm_pin.planning.search import Choosing, informing, telling
-from aacmm_pin.planning.situation import Asked, Situation
+from aacmm_pin.planning.situation import Situation
+from aacmm_pin.planning.task import Task
 
 HOPELESS = 1.0
 """A pair whose T would be smaller than this with random records gets no record of its own."""
 TOLD = 10.8
 """T from which two causes of known size are told apart with odds of 0.95: ``Φ(√T/2)``."""
 
+Pair = tuple[int, int]
 
-def for_all(asked: Asked, where: Postures, records: int, rng: np.random.Generator, steps: Iterable[int]) -> MeasurementPlan:
+
+def for_all(
+    task: Task, postures: Measurements, records: int, rng: np.random.Generator, steps: Iterable[int]
+) -> MeasurementPlan:
     """The plan for every pair of causes, each of typical size: half of the records for all, the others for the worst told.
 
     Its ``pairs`` are all that show, worst first; ``told`` where T suffices. ``why_not``: the two do ``the same`` in every
     posture, or what they do is ``too small`` for so many records; else "".
 
     Args:
-        asked: what the plan is for.
-        where: postures to choose from.
+        task: what the plan is for.
+        postures: to choose from.
         records: how many.
         rng: for the conditions of the records.
         steps: the records, perhaps wrapped to show progress.
@@ -41,48 +45,36 @@ def for_all(asked: Asked, where: Postures, records: int, rng: np.random.Generato
     Raises:
         AacmmError: fewer than two causes would show at all.
     """
-    options = [*possible_conditions(asked.model, asked.causes, base_temperature(asked.model.arm, asked.existing))]
+    options = [*possible_conditions(task.model, task.causes, task.temperature)]
     set_up = [option for option in options if not option.changes_arm][-1]  # every condition varied
-    situation = Situation.of(asked, set_up, where, rng)
-    others = [
-        (option.words[-1], Situation.of(asked, option, where, rng).triangle(None))
-        for option in options
-        if option.changes_arm
-    ]
+    situation = Situation.of(task, set_up, postures, rng)
+    others = {o.words[-1]: Situation.of(task, o, postures, rng).triangle(None) for o in options if o.changes_arm}
     blocks, whole = situation.layout.blocks, situation.triangle(None)
     silent = {k for k, block in enumerate(blocks) if _silent(whole, block)}
     every = {pair: both for pair, both in distances(whole, blocks).items() if not silent & set(pair)}
     if not every:
         raise AacmmError("fewer than two causes would show at all, so that there is nothing to tell apart")
     same = {pair for pair, (_, part) in every.items() if part <= SAME}
-    share = records / len(situation.rows)
+    share = records / situation.pool.n
     open_ = {pair for pair, (t, _) in every.items() if pair not in same and t * share >= HOPELESS}
     chosen = _chosen(situation, records, open_, steps)
     after = {pair: t for pair, (t, _) in distances(situation.triangle(chosen), blocks).items() if pair in every}
-    labels = [cause.label for cause in asked.causes]
-    rows = [
-        {
-            "cause": labels[pair[0]],
-            "other": labels[pair[1]],
-            "T": t,
-            "told": t >= TOLD,
-            "why_not": "the same" if pair in same else "" if pair in open_ else "too small",
-        }
-        for pair, t in after.items()
-    ]
-    pairs = pd.DataFrame(rows).sort_values("T", ignore_index=True)
+    labels = [cause.label for cause in task.causes]
+    why_not = {pair: "the same" if pair in same else "" if pair in open_ else "too small" for pair in every}
+    rows = [(labels[one], labels[other], t, t >= TOLD, why_not[one, other]) for (one, other), t in after.items()]
+    pairs = pd.DataFrame(rows, columns=["cause", "other", "T", "told", "why_not"]).sort_values("T", ignore_index=True)
     worst = min(open_ or set(every) - same or set(every), key=lambda pair: after[pair])
-    split = (asked.causes[worst[0]], asked.causes[worst[1]])
+    split = (task.causes[worst[0]], task.causes[worst[1]])
     draws, sizes = int(rng.integers(2**32)), (Size.of(split[0]), Size.of(split[1]))
     power = situation.power(chosen, worst, sizes, draws)
     before = situation.power([], worst, sizes, draws) if situation.before else None
-    plan = sheet(asked, split, situation, chosen, before, power, (Tried(str(set_up), power),))
     told = f"{int(pairs['told'].sum())} of {len(pairs)} pairs of causes of typical size are told apart"
     notes = (f"{told} with odds of 0.95 or more", *_notes(silent, same, labels, others, blocks))
-    return replace(plan, asked=False, pairs=pairs, notes=notes)
+    found = {"split": split, "before": before, "after": power, "tried": (Tried(str(set_up), power),), "pairs": pairs}
+    return plan_of(task, situation, chosen, notes, **found)
 
 
-def _chosen(situation: Situation, records: int, open_: set[tuple[int, int]], steps: Iterable[int]) -> list[int]:
+def _chosen(situation: Situation, records: int, open_: set[Pair], steps: Iterable[int]) -> list[int]:
     """Numbers of records of the pool: those that tell most of everything, then each for the ``open_`` pair told worst."""
     layout = situation.layout
     typical = np.zeros(layout.width)
@@ -97,24 +89,23 @@ def _chosen(situation: Situation, records: int, open_: set[tuple[int, int]], ste
     return choice.taken
 
 
-def distances(r: Array, blocks: tuple[slice, ...]) -> dict[tuple[int, int], tuple[float, float]]:
+def distances(r: Array, blocks: tuple[slice, ...]) -> dict[Pair, tuple[float, float]]:
     """Of every pair of blocks, each of typical size: the smaller T, and the part of a cause that the other does not do."""
     found = {}
     for pair in combinations(range(len(blocks)), 2):
         both = []
         for mine, its in permutations(blocks[k] for k in pair):
-            t = distance(r, mine, its, np.eye(mine.stop - mine.start))
-            alone = float(np.square(r[:, mine]).sum())
-            both.append((t, t / alone if alone > 0 else 0.0))
+            size = np.eye(mine.stop - mine.start)
+            t, whole = distance(r, mine, its, size), alone(r, mine, size)
+            both.append((t, t / whole if whole > 0 else 0.0))
         found[pair] = (min(t for t, _ in both), min(part for _, part in both))
     return found
 
 
-def _best_for(pair: tuple[int, int], situation: Situation, choice: Choosing) -> int:
+def _best_for(pair: Pair, situation: Situation, choice: Choosing) -> int:
     """The record that tells one pair best, only these two causes being there."""
     layout, pool = situation.layout, situation.rows
-    first = layout.nuisances
-    blocks = [first + np.arange(b.start, b.stop) for b in (layout.blocks[i] for i in pair)]
+    first, blocks = layout.nuisances, [layout.columns(cause) for cause in pair]
     columns = np.concatenate([np.arange(first), *blocks])
     taken = pool[choice.taken].reshape(-1, layout.width)
     information = situation.start + taken.T @ taken
@@ -126,31 +117,22 @@ def _best_for(pair: tuple[int, int], situation: Situation, choice: Choosing) -> 
 
 
 def _notes(
-    silent: set[int],
-    same: set[tuple[int, int]],
-    labels: list[str],
-    others: list[tuple[str, Array]],
-    blocks: tuple[slice, ...],
+    silent: set[int], same: set[Pair], labels: list[str], others: dict[str, Array], blocks: tuple[slice, ...]
 ) -> Iterator[str]:
     """What no posture shows or tells apart, and which of the ``others``, set-ups with their triangles, would."""
     for k in sorted(silent):
-        yield f"{labels[k]} would not show{_how([words for words, r in others if not _silent(r, blocks[k])])}"
+        yield f"{labels[k]} would not show{_how(words for words, r in others.items() if not _silent(r, blocks[k]))}"
     for one, other in sorted(same):
-        helps = [words for words, r in others if _apart(r, blocks[one], blocks[other])]
-        yield f"no posture tells {labels[one]} from {labels[other]}{_how(helps)}"
+        both = blocks[one], blocks[other]
+        helps = _how(words for words, r in others.items() if distances(r, both)[0, 1][1] > SAME and not _silent(r, *both))
+        yield f"no posture tells {labels[one]} from {labels[other]}{helps}"
 
 
-def _how(helps: list[str]) -> str:
-    return f"; it takes another set-up: {helps[0]}" if helps else ", nor would it with a load or on another mount"
+def _how(helps: Iterator[str]) -> str:
+    first = next(helps, None)
+    return ", nor would it with a load or on another mount" if first is None else f"; it takes another set-up: {first}"
 
 
-def _silent(r: Array, block: slice) -> bool:
-    return float(np.square(r[:, block]).sum()) <= SILENT
-
-
-def _apart(r: Array, one: slice, other: slice) -> bool:
-    for mine, its in ((one, other), (other, one)):
-        alone = float(np.square(r[:, mine]).sum())
-        if alone <= SILENT or distance(r, mine, its, np.eye(mine.stop - mine.start)) <= SAME * alone:
-            return False
-    return True
+def _silent(r: Array, *blocks: slice) -> bool:
+    """Whether one of the blocks does nothing that would show."""
+    return any(alone(r, block, np.eye(block.stop - block.start)) <= SILENT for block in blocks)

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.random_postures import MARGIN, Room
+from aacmm_pin.arm.random_postures import MARGIN
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
@@ -183,8 +183,7 @@ def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
 
 def test_a_stretched_arm_touches_nothing(tmp_path: Path) -> None:
     arm = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
-    model = ErrorModel(arm)
-    pool = Pool.draw(Room(arm), lambda q, _: model.state(q), 2, np.random.default_rng(1))
+    pool = Pool.draw(ErrorModel(arm), None, 2, np.random.default_rng(1))
     points = np.array([[0.4, 0.0, 0.0], [0.6 - 1e-6, 0.0, 0.0]])
     assert [len(q) for q in pool.touched(points, 2)] == [2, 0]
 

@@ -254,7 +254,7 @@ def test_odds_are_those_of_two_known_directions() -> None:
     from aacmm_pin.planning.detection_power import power_of
 
     size = 3.0
-    power = power_of(size * np.eye(2), slice(0, 1), slice(1, 2), (Size(np.eye(1)),) * 2, np.random.default_rng(1))
+    power = power_of(size * np.eye(2), (slice(0, 1), slice(1, 2)), (Size(np.eye(1)),) * 2, np.random.default_rng(1))
     a = size / np.sqrt(2)
     assert (power.one, power.other) == (pytest.approx(9.0), pytest.approx(9.0))
     assert power.probability == pytest.approx(norm.cdf(a) ** 2 + norm.cdf(-a) ** 2, abs=0.01)
@@ -419,11 +419,8 @@ def test_postures_are_inside_the_limits_readable_and_those_of_the_seed(sino6: Ar
 
 def test_a_plan_speaks(sino6: Arm) -> None:
     plan = planned(sino6, PAIR)
-    text = plan.sentence("my.toml", " --data old.csv")
-    command = (
-        "aacmm-pin plan my.toml --split joint_compliance:2 encoder_eccentricity:2 --records 20 --data old.csv -o plan.csv"
-    )
-    assert command in text
+    text = plan.sentence()
+    assert "aacmm-pin plan sino6 --split joint_compliance:2 encoder_eccentricity:2 --records 20 -o plan.csv" in text
     assert "from 0.50 to 1.00" in text
     summary = json.loads(json.dumps(plan.summary(), allow_nan=False))
     assert summary["schema"] == "aacmm-pin/plan/1"
@@ -526,10 +523,10 @@ def test_other_things_that_are_refused(sino6: Arm, zero6: Arm) -> None:
 def test_advice_names_the_command_that_plans_it(sino6: Arm) -> None:
     split = (JointCompliance(2, values=(2e-6,)), EncoderEccentricity(2))
     free = simulate_measurements(sino6, "free", 200, rng=np.random.default_rng(1))
-    text = advice(sino6, split, free, arm="sino6", options=" --data free.csv", **NOISE)
+    text = advice(sino6, split, free, **NOISE)
     assert text.startswith("to tell joint_compliance:2 from encoder_eccentricity:2, measure 40 records")
     labels = "joint_compliance:2,compliance_rad_per_nm=2e-06 encoder_eccentricity:2"
-    words = f"plan sino6 --split {labels} --records 40 --data free.csv -o plan.csv"
+    words = f"plan sino6 --split {labels} --records 40 -o plan.csv"
     assert f"aacmm-pin {words} (the probability of a right decision goes from 0." in text
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
     at_seats = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))

@@ -1,0 +1,83 @@
+"""What a plan is for: the arm, the causes to tell apart, the records that exist, and how records are taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.problem import Frame, Problem, registered
+from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.effects import Effect, all_candidates
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel, require_row
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements.records import Measurements
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What a plan is for.
+
+    Attributes:
+        model: the arm.
+        causes: causes to tell apart, all parameters zero.
+        existing: records that will be judged together with the new ones.
+        setup: how records are taken; the noise of readings, references, contacts is complete.
+    """
+
+    model: ErrorModel
+    causes: tuple[Effect, ...]
+    existing: Measurements | None
+    setup: Setup
+
+    @property
+    def conditions(self) -> Conditions:
+        """Conditions of the existing records."""
+        return Conditions(0) if self.existing is None else self.existing.conditions
+
+    @property
+    def temperature(self) -> float:
+        """What the arm was at so far; its reference temperature where nobody says [°C]."""
+        for values in (self.conditions.temperature, self.conditions.link_temperature):
+            if values is not None:
+                return float(np.round(values.mean(), 1))
+        return self.model.arm.reference_temperature
+
+    def problem(self, model: ErrorModel, records: Measurements) -> Problem:
+        """Geometry and the causes unknown; effects of the model that are no such causes stay."""
+        asked = {effect.identity for effect in self.causes}
+        rest = ErrorModel(model.arm, tuple(e for e in model.effects if e.identity not in asked))
+        return problem_of(rest, records, ["geometry", *self.causes], self.setup)
+
+    @cached_property
+    def frame(self) -> Frame:
+        """Where the base is in the frame of the references, as far as the existing records say."""
+        if not self.setup.external or self.existing is None or self.existing.known.sum() < 3:
+            return Frame.identity()
+        known = self.existing.take(self.existing.known)
+        return registered(self.model.predict(known.q, known.conditions), known.reference)
+
+
+def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
+    """Refuse causes that no plan can be about.
+
+    Raises:
+        AacmmError: one that is refitted anyway, one on a row that the arm does not have, or the same twice.
+    """
+    for effect in effects:
+        if effect.refitted and effect.site() != "marker":  # the tip is refitted only where the target is unknown
+            raise AacmmError(f"{effect.label} is refitted in every diagnosis, expected a cause that stands beside geometry")
+        require_row(effect, arm)
+        if effect.site() == "joint" and effect.row not in arm.chain.moving_rows():
+            raise AacmmError(f"{effect.label}: row {effect.row} of {arm.name} is rigid, expected one with a joint")
+    if len(effects) != len({e.identity for e in effects}):
+        raise AacmmError(f"{effects[0].key} is there twice, expected two different causes")
+
+
+def usual_causes(arm: Arm) -> tuple[Effect, ...]:
+    """Every cause that the arm can have, typical in size; but for those with an order or time of their own."""
+    return tuple(effect for effect, *others in all_candidates(arm) if not (others or effect.inner))
