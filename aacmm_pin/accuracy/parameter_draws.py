@@ -115,7 +115,6 @@ def exact_volume(
     conditions: Conditions | None,
     rng: np.random.Generator,
     draws: int,
-    progress: bool,
 ) -> tuple[Array, Array, Array]:
     """Accuracy volume, its sampling error and the covariance of the position, from ``draws`` at each configuration.
 
@@ -129,7 +128,7 @@ def exact_volume(
         raise AacmmError(f"draws is {draws}, expected at least {FEWEST_DRAWS}")
     volume, error, covariance = np.empty(len(q)), np.empty(len(q)), np.empty((len(q), 3, 3))
     generators = sources.generators(q, conditions)
-    with watched(range(len(q)), progress, "Monte Carlo", "posture") as postures:
+    with watched(range(len(q)), True, "Monte Carlo", "posture") as postures:
         for k in postures:
             record = None if conditions is None else conditions.take([k])
             corners = exact_positions(sources, q[k : k + 1], record, _corners(sources, generators[k], rng, draws))

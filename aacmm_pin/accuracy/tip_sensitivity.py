@@ -20,7 +20,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.arm.parameter import Parameter, Scope
+from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects import CAUSES, Effect, JointZeroOffset
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, displaced
@@ -37,7 +37,7 @@ class ErrorSources(Shown):
         model: the arm and its effects.
         left_out: effects that depend on conditions that were not given.
         at: frame whose origin is looked at.
-        parameters: the sources that have an uncertainty and whose scope was asked for. Those of effects have the bounds
+        parameters: the sources that have an uncertainty. Those of effects have the bounds
             ± k u with k = 2 of a calibrated parameter, so that they have a part in the accuracy volume.
         columns: where they stand among the parameters of the model and, behind these, the noise of each joint.
         correlation: of the sources (p, p); None where all are independent.
@@ -58,7 +58,6 @@ class ErrorSources(Shown):
         model: Arm | ErrorModel,
         at: str | None,
         encoder_noise: Array | None,
-        scopes: tuple[Scope, ...],
         q: Array,
         conditions: Conditions | None,
     ) -> ErrorSources:
@@ -70,7 +69,7 @@ class ErrorSources(Shown):
         """
         model, not_passed = _with_effects(model)
         left_out = _lacking(model, q, conditions)
-        not_included = (*not_passed, *(effect.label for effect in left_out if effect.scope in scopes))
+        not_included = (*not_passed, *(effect.label for effect in left_out))
         arm, covariance = model.arm, model.covariance()
         silent = {p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()}
         noise = arm.encoder_noise if encoder_noise is None else encoder_noise
@@ -79,11 +78,11 @@ class ErrorSources(Shown):
             every.append(replace(p, u=its_u, half_width=COVERAGE_FACTOR * its_u))
         for j, its_u in enumerate([] if noise is None else noise.tolist(), start=1):
             every.append(Parameter(f"encoder_noise{j}", "encoder", j, "rad", 0.0, None, its_u, "record"))
-        known = [(c, p) for c, p in enumerate(every) if p.u > 0 and p.scope in scopes and p.name not in silent]
+        known = [(c, p) for c, p in enumerate(every) if p.u > 0 and p.name not in silent]
         if not known:
             without = f"; without {', '.join(not_included)}" if not_included else ""
             raise AacmmError(
-                f"{arm.name}: no parameter of scope {', '.join(scopes)} has an uncertainty{without}; state half-widths in "
+                f"{arm.name}: no parameter has an uncertainty{without}; state half-widths in "
                 "the arm file (uncertainty = {...}), encoder noise, or half-widths for a URDF arm"
             )
         columns, parameters = zip(*known, strict=True)

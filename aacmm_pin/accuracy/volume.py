@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Index, batch, vector
-from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import zonotope
@@ -24,7 +24,6 @@ from aacmm_pin.accuracy.parameter_draws import exact_volume
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
-from aacmm_pin.arm.parameter import Scope
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
@@ -38,9 +37,8 @@ Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 COVERAGE = 0.95
-COVERAGE_FACTOR = float(np.sqrt(chi2_isf(1.0 - COVERAGE, 3)))
+COVERAGE_FACTOR = float(np.sqrt(scipy.special.chdtri(3, 1.0 - COVERAGE)))
 """k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM 102:2011, table 1)."""
-ALL_SCOPES: tuple[Scope, ...] = get_args(Scope)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,10 +188,8 @@ def accuracy_volume(
     at: str | None = None,
     method: Method = "zonotope",
     encoder_noise: ArrayLike | None = None,
-    scopes: tuple[Scope, ...] = ALL_SCOPES,
     rng: np.random.Generator | None = None,
     draws: int = 4000,
-    progress: bool = True,
 ) -> AccuracyVolume:
     """Accuracy volume and covariance of an arm, or of an arm with its effects, at ``q``.
 
@@ -215,9 +211,7 @@ def accuracy_volume(
         at: frame whose origin is looked at; default the tip, ``frame5`` for the wrist.
         method: one of the four.
         encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what the arm states.
-        scopes: which parameters take part: shared by all records (``arm``), by a ``session``, or new each ``record``.
         rng, draws: for ``monte-carlo``: the generator, which it needs, and draws for each configuration.
-        progress: with ``monte-carlo``, show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
         ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number of records.
@@ -230,11 +224,11 @@ def accuracy_volume(
     arm = ErrorModel.arm_of(model)
     q = batch(q, arm.nq, "q", "rad")
     conditions = _for_each(conditions, len(q))
-    sources = ErrorSources.of(model, at, _noise(arm, encoder_noise), scopes, q, conditions)
+    sources = ErrorSources.of(model, at, _noise(arm, encoder_noise), q, conditions)
     if method == "monte-carlo":
         if rng is None:
             raise AacmmError("method 'monte-carlo' needs rng, a numpy.random.Generator such as numpy.random.default_rng(1)")
-        volume, error, covariance = exact_volume(sources, q, conditions, rng, draws, progress)
+        volume, error, covariance = exact_volume(sources, q, conditions, rng, draws)
         return AccuracyVolume(sources, q, method, volume, covariance, error, conditions)
     volume, covariance = np.empty(len(q)), np.empty((len(q), 3, 3))
     for part, some, known in _parts(q, conditions):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin._support.checks import Array, vector
 from aacmm_pin._support.progress import bar
 from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM, MM3
@@ -124,11 +125,12 @@ def map_workspace(
     extent: ArrayLike | None = None,
     conditions: Conditions | None = None,
     method: Method = "zonotope",
-    rest: ArrayLike | None = None,
     processes: int = 1,
     progress: bool = True,
 ) -> WorkspaceMap:
     """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the half-plane.
+
+    The joints behind the fourth are at 0.
 
     Args:
         model: an arm with a DH table whose first five rows are joints, or such an arm with its effects.
@@ -138,7 +140,6 @@ def map_workspace(
         extent: x from, x to, z from, z to (4,) [m]; default 0, R, -R, R with the reach R to two digits.
         conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
         method: how accuracy volumes are found (not ``monte-carlo``).
-        rest: angles of the joints behind the fourth (nq - 4,) [rad], default 0.
         processes: worker processes.
         progress: show a bar in a notebook, or on stderr at a terminal.
 
@@ -152,12 +153,11 @@ def map_workspace(
     if min(*cells, sectors, processes) < 1:
         raise AacmmError(f"cells are {cells}, sectors {sectors}, processes {processes}; expected at least 1 of each")
     arm = ErrorModel.arm_of(model)
-    wrist = Wrist.of(arm.require_dh("a map of the workspace"), rest)
+    box = _extent(arm, extent)
     not_included = _check_method(model, conditions, method)
-    box = _extent(arm, wrist, extent)
     points = np.stack(np.meshgrid(*_centres(box, cells), indexing="ij"), axis=-1).reshape(-1, 3)
     parts = chunks(len(points), CELLS_AT_ONCE)
-    jobs = [_Job(model, arm, conditions, wrist, points[part], sectors, method) for part in parts]
+    jobs = [_Job(model, conditions, points[part], sectors, method) for part in parts]
     results: list[dict[str, Array]] = [{} for _ in jobs]
     with bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving:
         for number, result in _run(jobs, processes):
@@ -165,18 +165,16 @@ def map_workspace(
             moving.update(len(jobs[number].points))
     seconds = time.perf_counter() - started
     merged = {name: np.concatenate([r[name] for r in results]) for name in results[0]}
-    data = _dataset(arm, merged, box, cells, sectors, method, wrist.rest, seconds)
+    data = _dataset(arm, merged, box, cells, sectors, method, seconds)
     return WorkspaceMap(data.assign_attrs(not_included="; ".join(not_included)), seconds)
 
 
 @dataclass(frozen=True)
 class _Job:
-    """Some cells, to be worked out together."""
+    """Some cells, to be worked out together, perhaps in another process."""
 
     model: Arm | ErrorModel
-    arm: Arm
     conditions: Conditions | None
-    wrist: Wrist
     points: Array
     sectors: int
     method: Method
@@ -208,57 +206,47 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _work(job: _Job) -> dict[str, Array]:
-    curves = wrist_curves(job.wrist, job.points, SEEDS_PER_TURN)
-    swivel = Swivel(job.arm.require_dh("a map"), job.arm.up)
-    components = Components(swivel, wrist_system(job.wrist, job.points), job.points, curves, job.wrist)
-    found = Sectors.of(components, job.arm.limits, job.sectors)
+    arm = ErrorModel.arm_of(job.model)
+    dh = arm.require_dh("a map of the workspace")
+    wrist = Wrist.of(dh)
+    curves = wrist_curves(wrist, job.points, SEEDS_PER_TURN)
+    components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, curves, wrist)
+    found = Sectors.of(components, arm.limits, job.sectors)
     reachable = np.zeros(len(job.points), dtype=bool)
     reachable[[curve.problem for curve in curves]] = True
-    result: dict[str, Any] = {"reachable": reachable, "works": found.working, "flexibility": found.zeta}
-    result["arc_fraction"] = arc_fractions(components, job.arm.limits)
-    return result | _accuracies(job, found)
+    result = {"reachable": reachable, "works": found.working, "flexibility": found.zeta}
+    return result | {"arc_fraction": arc_fractions(components, arm.limits)} | _accuracies(job, found)
 
 
 def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     """Best, worst and comprehensive accuracy of each cell from its working configurations."""
-    n, q, cell = len(job.points), found.q, found.point
+    n, q = len(job.points), found.q
     result = {name: np.full(n, np.nan) for name in ("comprehensive", "best", "worst", "least_u", "most_u")}
-    result |= {f"{name}_q": np.full((n, job.arm.nq), np.nan) for name in ("best", "worst", "least_u")}
+    result |= {f"{name}_q": np.full((n, q.shape[1]), np.nan) for name in ("best", "worst", "least_u")}
     if not len(q):
         return result
     accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
-    volume, u = accuracy.volume, accuracy.u
-    order = np.lexsort((volume, found.sector, cell))
-    _, first = np.unique(cell[order] * job.sectors + found.sector[order], return_index=True)
-    chosen = order[first]  # the most accurate configuration of each sector
-    for k, mine in _groups(cell[chosen]):
-        members = chosen[mine]
-        result["comprehensive"][k] = comprehensive_accuracy(volume[members], q[members, 2], job.points[k])
-    extremes = {
-        "best": (volume, np.argmin),
-        "worst": (volume, np.argmax),
-        "least_u": (u, np.argmin),
-        "most_u": (u, np.argmax),
-    }
-    for k, members in _groups(cell):
-        for name, (values, which) in extremes.items():
-            member = members[which(values[members])]
-            result[name][k] = values[member]
-            if name != "most_u":
-                result[f"{name}_q"][k] = q[member]
+    table = pd.DataFrame({"cell": found.point, "sector": found.sector, "volume": accuracy.volume, "u": accuracy.u})
+    most_accurate = table.loc[table.groupby(["cell", "sector"])["volume"].idxmin()]
+    for cell in most_accurate["cell"].unique():
+        mine = most_accurate[most_accurate["cell"] == cell]
+        point, theta3 = job.points[cell], q[mine.index, 2]
+        result["comprehensive"][cell] = comprehensive_accuracy(mine["volume"].to_numpy(), theta3, point)
+    cells = table.groupby("cell")
+    places = {"best": cells["volume"].idxmin(), "worst": cells["volume"].idxmax()}
+    places |= {"least_u": cells["u"].idxmin(), "most_u": cells["u"].idxmax()}
+    for name, place in places.items():
+        result[name][place.index] = table.loc[place, "u" if name.endswith("_u") else "volume"]
+        if f"{name}_q" in result:
+            result[f"{name}_q"][place.index] = q[place]
     return result
 
 
-def _groups(labels: Index) -> Iterable[tuple[int, Index]]:
-    """Each label with the positions where it stands."""
-    order = np.argsort(labels, kind="stable")
-    values, first = np.unique(labels[order], return_index=True)
-    return zip((int(v) for v in values), np.split(order, first[1:]), strict=True)
-
-
-def _extent(arm: Arm, wrist: Wrist, extent: ArrayLike | None) -> Array:
+def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
+    dh = arm.require_dh("a map of the workspace")
+    wrist = Wrist.of(dh)
     if extent is None:
-        farthest = reach_of_wrist(wrist, Swivel(arm.require_dh("a map"), arm.up).shoulder)[1]
+        farthest = reach_of_wrist(wrist, Swivel(dh, arm.up).shoulder)[1]
         reach = float(f"{farthest:.1e}")  # two digits: 1210.7 mm become 1200 mm, as 121.07 mm become 120 mm
         return np.array([0.0, reach, -reach, reach])
     box = vector(extent, 4, "extent", "m")
@@ -301,7 +289,6 @@ def _dataset(
     cells: tuple[int, int],
     sectors: int,
     method: str,
-    rest: Array,
     seconds: float,
 ) -> xr.Dataset:
     x, _, z = _centres(box, cells)
@@ -341,7 +328,7 @@ def _dataset(
         "source": arm.source,
         "method": method,
         "working_point": WRIST,
-        "rest_deg": (rest / DEG).tolist(),
+        "rest_deg": [0.0] * (arm.nq - 4),
         "extent_mm": (box / MM).tolist(),
         "caveats": "; ".join(map_caveats(arm)),
         "seconds": seconds,

@@ -133,7 +133,7 @@ class Study:
         volume, accuracy, u = self.summary["volume_mm3"], self.accuracy, self.accuracy.u / UM
         ends = [int(np.argmin(accuracy.volume)), int(np.argmax(accuracy.volume))]
         at, rng = self.circle.at, np.random.default_rng(SEED)
-        hull = accuracy_volume(self.arm, accuracy.q[ends], at=at, method="monte-carlo", rng=rng, draws=DRAWS, progress=False)
+        hull = accuracy_volume(self.arm, accuracy.q[ends], at=at, method="monte-carlo", rng=rng, draws=DRAWS)
         low, high = 100 * (hull.volume / accuracy.volume[ends] - 1)
         deviation, counts = accuracy.largest_deviation / UM, self.map.working_sectors()
         return [

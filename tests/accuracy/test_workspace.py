@@ -131,11 +131,10 @@ def test_best_and_worst_reach_the_cell_with_their_volume(sino6: Arm, small: Work
         np.testing.assert_allclose(small.data[number].values[reachable], expected, rtol=1e-9)
 
 
-def test_methods_and_rest_reach_the_accuracies(sino6: Arm) -> None:
+def test_methods_reach_the_accuracies(sino6: Arm) -> None:
     box = [0.3, 0.7, 0.1, 0.4]
-    one = map_workspace(sino6, (1, 1), 6, extent=box, method="jointwise", rest=[0.8, 0.1], progress=False)
+    one = map_workspace(sino6, (1, 1), 6, extent=box, method="jointwise", progress=False)
     q = np.radians(one.data["best_theta_deg"].values.reshape(1, 6))
-    np.testing.assert_allclose(q[0, 4:], [0.8, 0.1], atol=1e-12)
     np.testing.assert_allclose(sino6.poses(q, "frame5").position[0], [0.5, 0, 0.25], atol=1e-12)
     volume = accuracy_volume(sino6, q, at="frame5", method="jointwise").volume[0] * 1e9
     assert float(one.data["best_mm3"][0, 0]) == pytest.approx(volume, rel=1e-9)
@@ -230,7 +229,6 @@ def test_what_cannot_be_asked(sino6: Arm, extended: ErrorModel, monkeypatch: pyt
         ({"cells": (0, 5)}, AacmmError, "at least 1"),
         ({"sectors": 0}, AacmmError, "at least 1"),
         ({"processes": 0}, AacmmError, "at least 1"),
-        ({"rest": [0.1]}, ShapeError, "rest"),
         ({"method": "monte-carlo"}, AacmmError, "monte-carlo"),
         ({"method": "box", "extent": [2, 3, 0, 1]}, AacmmError, "zonotope"),
         (two, ShapeError, "conditions are of 2 records"),
