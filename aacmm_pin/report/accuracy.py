@@ -9,7 +9,6 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, MM3, UM
-from aacmm_pin.accuracy.monte_carlo import LengthUncertainty, PointUncertainty
 from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.arm.file import COVERAGE_FACTOR
@@ -134,28 +133,3 @@ def map_document(map_: WorkspaceMap) -> Document:
     values = pd.DataFrame([{"over the cells": name} | spread(data.values, ".4g") for name, data in rows.items()])
     cells = pd.DataFrame({str(sectors): [number] for sectors, number in map_.working_sectors().items()})
     return Document("Map", [str(map_), Table(values), Table(cells, "Reachable cells by their number of working sectors")])
-
-
-@document_of.register
-def point_document(point: PointUncertainty) -> Document:
-    """A point by Monte Carlo."""
-    frame = point.to_frame().rename(columns=_with_unit)
-    head = "95 % coverage intervals, shortest and probabilistically symmetric"
-    table = Table(frame, head, dict.fromkeys(frame.columns, ".5f"))
-    return Document("Point", [Paragraph(str(point), head="Point by Monte Carlo:"), table])
-
-
-@document_of.register
-def length_document(length: LengthUncertainty) -> Document:
-    """A length by Monte Carlo."""
-    rows = {"estimate [mm]": length.estimate, "mean [mm]": length.mean, "u [mm]": length.u}
-    for name, (low, high) in (("shortest", length.shortest), ("symmetric", length.symmetric)):
-        rows |= {f"{name} from [mm]": low, f"{name} to [mm]": high}
-    frame = pd.DataFrame([rows]) / MM
-    table = Table(frame, "", dict.fromkeys(frame.columns, ".5f"))
-    return Document("Length", [Paragraph(str(length), head="Length by Monte Carlo:"), table])
-
-
-def _with_unit(column: str) -> str:
-    """``shortest_low_mm`` as ``shortest low [mm]``."""
-    return f"{column.removesuffix('_mm').replace('_', ' ')} [mm]" if column.endswith("_mm") else column.replace("_", " ")

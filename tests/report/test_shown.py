@@ -35,7 +35,6 @@ from aacmm_pin import (
     single_point_statistics,
 )
 from aacmm_pin._support.shown import Shown
-from aacmm_pin.accuracy.monte_carlo import length_uncertainty, point_uncertainty
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError, StylusOffset
@@ -105,8 +104,6 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "ErrorSources": accuracy.sources,
         "WorkspaceMap": map_workspace(arm, (3, 3), 4, progress=False),
         "SinglePoint": single_point_statistics(rng.normal(size=(9, 3)) * 1e-5, np.arange(9) < 4),
-        "PointUncertainty": point_uncertainty(arm, q[:1], noise=noise, rng=rng, draws=200),
-        "LengthUncertainty": length_uncertainty(arm, q[:1], q[3:4], noise=noise, rng=rng, draws=200),
         "Calibration": calibration,
         "HeldOut": calibration.held_out[0],
         "Observability": calibration.observability,

@@ -1,0 +1,76 @@
+"""Draws of what is uncertain: their covariance, and what they do to the tip, draw by draw."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aacmm_pin.accuracy.parameter_draws import drawn_effects, parameter_errors
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import Covariance
+from aacmm_pin.effects import EncoderEccentricity, JointCompliance, JointHysteresis, ThermalExpansion
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel, displaced
+
+DRAWS = 30_000
+WITHIN = 5 * np.sqrt(2.0 / DRAWS)
+"""Five standard uncertainties of a variance from as many normal draws, relative; bounded draws scatter less."""
+
+
+def test_what_is_known_together_is_drawn_together(sino6: Arm, rng: np.random.Generator) -> None:
+    """d2 and d4 are known nearly as their sum alone, and the eccentricity together with d3."""
+    assert sino6.file is not None
+    known = Covariance(
+        parameters=("d2", "d4", "d3", "encoder_eccentricity:3.cos"),
+        standard_uncertainty_si=(5e-4, 5e-4, 1e-5, 2e-5),
+        correlation=((), (-0.999,), (0.0, 0.0), (0.0, 0.0, 0.8)),
+    )
+    file = sino6.file.model_copy(update={"covariance": known})
+    calibrated = ErrorModel(Arm.from_file(file), (EncoderEccentricity(joint=3, values=(1e-4, 0.0)),))
+    errors = parameter_errors(calibrated, rng, DRAWS)
+    expected, scale = calibrated.covariance(), np.sqrt(np.diag(calibrated.covariance()))
+    uncertain = scale > 0
+    assert (errors[:, ~uncertain] == 0).all()
+    whitened = errors[:, uncertain] / scale[uncertain]
+    correlation = (expected / np.where(uncertain, scale, 1.0) / np.where(uncertain, scale, 1.0)[:, None])[
+        np.ix_(uncertain, uncertain)
+    ]
+    np.testing.assert_allclose(np.cov(whitened.T), correlation, atol=WITHIN)
+    names = [p.name for p, k in zip(calibrated.parameters, uncertain, strict=True) if k]
+    largest = dict(zip(names, np.abs(whitened).max(axis=0), strict=True))
+    assert largest["d2"] > 3.5  # normal
+    assert largest["a3"] <= np.sqrt(3.0)  # rectangular
+
+
+def test_draws_of_the_arm_are_those_of_its_table(sino6: Arm, rng: np.random.Generator) -> None:
+    model = ErrorModel(sino6)
+    errors = 30 * parameter_errors(model, rng, 50)
+    q = rng.uniform(sino6.limits[:, 0], sino6.limits[:, 1], (50, 6))
+    drawn = displaced(sino6, drawn_effects(model, errors), q, Conditions(50), sino6.chain.tip, False).position
+    np.testing.assert_allclose(drawn, sino6.perturbed_positions(q, errors), atol=1e-14)
+
+
+def test_draws_of_effects_are_those_effects(sino6: Arm, rng: np.random.Generator) -> None:
+    """Draw by draw, a model with these very values: one is not linear, one bends, two need conditions."""
+    extended = ErrorModel(sino6).with_effects(
+        EncoderEccentricity(joint=3, values=(2e-4, 1e-4), u=(3e-5, 3e-5)),
+        JointCompliance(joint=2, values=(2e-5,), u=(5e-6,)),
+        ThermalExpansion(values=(2e-5,), u=(3e-6,)),
+        JointHysteresis(joint=5, values=(5e-5,)),
+    )
+    warm = Conditions(20, temperature=np.full(20, 23.0), approach=np.ones((20, 6)))
+    errors = parameter_errors(extended, rng, 20)
+    geometric = len(extended.arm.parameters)
+    errors[:, :geometric] = 0.0
+    errors[:, geometric : geometric + 2] *= 3000.0  # an eccentricity of a tenth of the disc: far from linear
+    q = rng.uniform(extended.arm.limits[:, 0], extended.arm.limits[:, 1], (20, 6))
+    effects = drawn_effects(extended, errors)
+    drawn = displaced(extended.arm, effects, q, warm, extended.arm.chain.tip, False).position
+    for k in range(20):
+        own, start = [], geometric
+        for effect in extended.effects:
+            values = np.array(effect.values) + errors[k, start : start + len(effect.terms)]
+            own.append(effect.at(values))
+            start += len(effect.terms)
+        one = ErrorModel(extended.arm, tuple(own)).predict(q[k : k + 1], warm.take([k]))[0]
+        np.testing.assert_allclose(drawn[k], one, atol=1e-14)
+    assert [effect.label for effect in effects[geometric:]] == [effect.label for effect in extended.effects]
