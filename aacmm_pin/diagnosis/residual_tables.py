@@ -74,5 +74,11 @@ def _groups(fit: Fit) -> list[tuple[str, str, NDArray[np.bool_]]]:
         edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
         for low, high in itertools.pairwise(edges):
             inside = (values >= low) & ((values <= high) if high == edges[-1] else (values < high))
-            found.append((name, f"{low / unit:.4g} to {high / unit:.4g}{text}", inside))
+            found.append((name, f"{_range(low / unit, high / unit)}{text}", inside))
     return found
+
+
+def _range(low: float, high: float) -> str:
+    """Ends of a range with the same number of decimals: two digits of its width."""
+    decimals = max(0, 1 - int(np.floor(np.log10(high - low))))
+    return f"{low:z.{decimals}f} to {high:z.{decimals}f}"

@@ -238,10 +238,11 @@ def _residuals(result: Calibration) -> list[Block]:
             "Size of the residuals of the records used, before and after calibration; the scale is logarithmic.",
         ),
         Figure(
-            lambda: plots.plot_residual_vectors_before_and_after(result, blank_axes(10.0, 5.4)),
+            lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
             "Residual vectors in space, before and after",
-            "Residuals in space, from each target towards the tip, seen along z. The two pictures are magnified by the "
-            "factors in their titles, which differ. Neighbours that point the same way show what the model still lacks.",
+            "Residuals in space, from each target towards the tip: left before calibration, right after; above in plan, "
+            "below from the side; magnified by the factors in the titles, which differ. Grey: the arm in some of its "
+            "postures. Neighbours that point the same way show what the model still lacks.",
         ),
         SceneView(
             lambda: calibration_scene(result),

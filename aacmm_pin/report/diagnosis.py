@@ -45,10 +45,10 @@ from aacmm_pin.report.numbers import (
     p_value,
     percent,
 )
-from aacmm_pin.report.plots.causes import geometric
-from aacmm_pin.report.plots.diagnosis import models, shown_models
 from aacmm_pin.report.plots.groups import held_out_parts, place_in_words, residuals_by_group
+from aacmm_pin.report.plots.parameter_changes import geometric
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
+from aacmm_pin.report.plots.residual_vectors import models, two_models
 
 CHANCE = 0.01
 """Structure with less chance than this is not nothing."""
@@ -514,11 +514,11 @@ def _between(result: Diagnosis, slip: Finding) -> str:
 def _on_the_arm(result: Diagnosis) -> list[Block]:
     from aacmm_pin.report.scenes import diagnosis_scene  # loads meshcat
 
-    left, right = shown_models(result)
+    left, right = two_models(result)
     return [
         Heading("Residuals on the arm"),
         Figure(
-            lambda: plots.plot_arm_residuals(result, blank_axes(8.6, 8.0)),
+            lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
             f"Residual vectors on a drawing of the arm, {left} and {right}",
             f"Residuals in space, from each stated place towards the tip: left {left}, right {right}; above in plan, below "
             "from the side; all magnified alike. Grey: the arm in some of its postures, joints as dots. Neighbours that "

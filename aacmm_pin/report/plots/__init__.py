@@ -11,7 +11,6 @@ The main picture of a result is its own ``plot`` too: ``circle.plot()``, ``accur
 from aacmm_pin.report.plots.accuracy import (
     plot_accuracy_of_postures,
     plot_accuracy_over_swivel,
-    plot_accuracy_over_theta3,
     plot_budget,
 )
 from aacmm_pin.report.plots.calibration import (
@@ -19,17 +18,14 @@ from aacmm_pin.report.plots.calibration import (
     plot_correlation,
     plot_normalised_residuals,
     plot_of_calibration,
-    plot_parameter_changes,
     plot_residual_sizes,
-    plot_residual_vectors,
-    plot_residual_vectors_before_and_after,
     plot_residuals_by_seat,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
-from aacmm_pin.report.plots.causes import plot_cause, plot_geometry, plot_seat_error, plot_unexplained
+from aacmm_pin.report.plots.causes import plot_cause, plot_seat_error, plot_unexplained
 from aacmm_pin.report.plots.circle import plot_circle
-from aacmm_pin.report.plots.diagnosis import plot_arm_residual_vectors, plot_arm_residuals, plot_diagnosis, plot_rms
+from aacmm_pin.report.plots.diagnosis import plot_diagnosis, plot_rms
 from aacmm_pin.report.plots.groups import plot_groups, plot_held_out
 from aacmm_pin.report.plots.maps import QUANTITIES, plot_comprehensive, plot_flexibility, plot_map, plot_uncertainty
 from aacmm_pin.report.plots.papers import (
@@ -42,6 +38,8 @@ from aacmm_pin.report.plots.papers import (
     plot_table2,
     plot_table3,
 )
+from aacmm_pin.report.plots.parameter_changes import plot_geometry, plot_parameter_changes
+from aacmm_pin.report.plots.residual_vectors import plot_residual_vectors, plot_residual_views
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION
 
 __all__ = [
@@ -52,9 +50,6 @@ __all__ = [
     "VERMILLION",
     "plot_accuracy_of_postures",
     "plot_accuracy_over_swivel",
-    "plot_accuracy_over_theta3",
-    "plot_arm_residual_vectors",
-    "plot_arm_residuals",
     "plot_bayes_factors",
     "plot_budget",
     "plot_calibration",
@@ -76,7 +71,7 @@ __all__ = [
     "plot_part_and_rest",
     "plot_residual_sizes",
     "plot_residual_vectors",
-    "plot_residual_vectors_before_and_after",
+    "plot_residual_views",
     "plot_residuals_by_seat",
     "plot_residuals_over_joint",
     "plot_residuals_over_joints",

@@ -1,109 +1,47 @@
-"""What a calibration found: residuals in space, over joint angles, by seats, against the noise; parameters."""
+"""What a calibration found: residuals over joint angles, by seats, against the noise; correlation of the parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, get_args
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import binned_statistic, chi
+from scipy.stats import chi
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.calibration import Calibration
-from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report.numbers import lengths
-from aacmm_pin.report.parameters import readable_parameters
+from aacmm_pin.report.plots.parameter_changes import plot_parameter_changes
+from aacmm_pin.report.plots.residual_vectors import model_named, plot_residual_vectors
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
     INK,
     VERMILLION,
-    Plane,
     axes_of,
-    draw_vectors,
-    magnification,
+    legend_below,
+    name_places,
     numbers_by_size,
     panels_of,
-    placed,
-    plane_axes,
     whole,
 )
 
-When = Literal["before", "after"]
-_BOTH: tuple[When, ...] = get_args(When)
-COLOURS: dict[str, str] = {"before": GREY, "after": BLUE}
+COLOURS = {"before": GREY, "after": BLUE}
 BINS = 18
 """Parts of a joint's range over which residuals are averaged."""
 LEAST_IN_BIN = 4
-WITHIN, UNTOLD = "#eef2f5", "#d9d9d9"
+UNTOLD = "#d9d9d9"
 NOT_AT_ALL = 0.99
 """A parameter whose direction is so much an unknown one is not determined at all."""
 NAMED = 45
 """So many parameters have room for their names at a heat map."""
 
 
-def fit_of(result: Calibration, when: When) -> Fit:
-    """The fit of the set-up alone, or of everything.
-
-    Raises:
-        AacmmError: ``when`` is neither ``before`` nor ``after``.
-    """
-    if when not in _BOTH:
-        raise AacmmError(f"when is {when!r}, expected 'before' or 'after'")
-    return result.fit if when == "after" else result.before
-
-
-def _distance(result: Calibration, when: When) -> Array:
-    return np.asarray(np.linalg.norm(fit_of(result, when).solution.system.deviation, axis=1))
-
-
-def plot_residual_vectors(result: Calibration, when: When = "after", plane: Plane = "xy", ax: Axes | None = None) -> Axes:
-    """Residuals as lines from each target towards the tip, projected, and magnified by the factor in the title.
-
-    The ends of the lines, where the tips would be, have a dot; excluded records are crosses at their targets.
-
-    Args:
-        result: the calibration.
-        when: by the arm as it was, or calibrated.
-        plane: axes of the frame of the references that are drawn.
-        ax: axes.
-
-    Raises:
-        AacmmError: no such plane, or ``when`` is something else.
-    """
-    fit, used, excluded = fit_of(result, when), result.fit.used, result.fit.excluded
-    deviation = fit.solution.system.deviation
-    target = fit.solution.point.prediction.tips - deviation
-    ax = axes_of(ax, (6.0, 5.6))
-    axes, factor = plane_axes(plane), magnification(target[used], deviation[used])
-    ax.plot(*np.unique(target[used][:, axes] / MM, axis=0).T, "o", ms=2.5, color=INK, label="target")
-    if excluded.any():
-        label = f"{excluded.sum()} excluded"
-        ax.plot(*target[excluded][:, axes].T / MM, "x", ms=7, mew=1.8, color=VERMILLION, label=label)
-    draw_vectors(ax, target[used], deviation[used], plane, factor)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, fontsize=8, frameon=False)
-    ax.set_title(f"{result.model.arm.name}: residuals {when} calibration, magnified {factor:g}×", fontsize=10)
-    return ax
-
-
-def plot_residual_vectors_before_and_after(result: Calibration, ax: Axes | None = None) -> Figure:
-    """:func:`plot_residual_vectors` before and after, side by side.
-
-    Args:
-        result: the calibration.
-        ax: axes whose place is divided.
-    """
-    panels = placed(ax, (10.0, 5.4), (1, 2), [(0, 0), (0, 1)])
-    for when, panel in zip(_BOTH, panels, strict=True):
-        plot_residual_vectors(result, when, ax=panel)
-    return whole(panels)
-
-
-def plot_residuals_over_joint(result: Calibration, joint: int, when: When = "after", ax: Axes | None = None) -> Axes:
+def plot_residuals_over_joint(result: Calibration, joint: int, when: str = "after", ax: Axes | None = None) -> Axes:
     """Residual along the way that a joint moves the tip, over its angle: what an error of that angle would look like.
 
     Dots are records; the line is their mean in parts of the range, with its standard uncertainty. A joint whose axis goes
@@ -112,20 +50,22 @@ def plot_residuals_over_joint(result: Calibration, joint: int, when: When = "aft
     Args:
         result: the calibration.
         joint: number of the joint, from 1.
-        when: by the arm as it was, or calibrated.
+        when: ``before``, by the arm as it was, or ``after``.
         ax: axes.
 
     Raises:
-        AacmmError: no such joint, or ``when`` is something else.
+        AacmmError: no such joint.
+        UnknownNameError: ``when`` is something else.
     """
-    arm, records = result.model.arm, result.fit.problem.measurements
+    arm, fit = result.model.arm, model_named(result, when)
     if not 1 <= joint <= arm.nq:
         raise AacmmError(f"joint is {joint}, {arm.name} has 1 to {arm.nq}")
-    sliding, ax = arm.chain.prismatic[joint - 1], axes_of(ax, (5.0, 3.2))
-    deviation = fit_of(result, when).solution.system.deviation
-    angle, along = records.q[:, joint - 1] / (MM if sliding else DEG), _along_joint(result, deviation, joint) / UM
-    there = result.fit.used & np.isfinite(along)
-    angle, along = angle[there], along[there]
+    q, frame, slides = fit.problem.measurements.q, fit.solution.point.frame, arm.chain.prismatic[joint - 1]
+    motion = arm.jacobian(q)[:, :, joint - 1] @ frame.rotation.T
+    size = np.linalg.norm(motion, axis=1)
+    moved = result.fit.used & (size > 1e-6)
+    along = np.einsum("ni,ni->n", fit.solution.system.deviation[moved], motion[moved]) / size[moved] / UM
+    angle, ax = q[moved, joint - 1] / (MM if slides else DEG), axes_of(ax, (5.0, 3.2))
     ax.axhline(0.0, color=INK, lw=0.7)
     ax.plot(angle, along, ".", ms=3, color=COLOURS[when], alpha=0.8)
     if len(angle):
@@ -133,50 +73,38 @@ def plot_residuals_over_joint(result: Calibration, joint: int, when: When = "aft
     else:  # its axis goes through the tip
         ax.text(0.5, 0.6, "does not move the tip", transform=ax.transAxes, ha="center", color=INK)
         ax.set_xticks([])
-    ax.set(xlabel=f"joint {joint} [{'mm' if sliding else '°'}]", ylabel="residual [µm]")
+    ax.set(xlabel=f"joint {joint} [{'mm' if slides else '°'}]", ylabel="residual [µm]")
     ax.grid(alpha=0.3)
     return ax
 
 
-def _along_joint(result: Calibration, deviation: Array, joint: int) -> Array:
-    """Residual along ∂tip/∂q of a joint (n,) [m]; nan where the joint does not move the tip."""
-    records, frame = result.fit.problem.measurements, result.fit.solution.point.frame
-    motion = result.model.arm.jacobian(records.q)[:, :, joint - 1] @ frame.rotation.T
-    length = np.linalg.norm(motion, axis=1)
-    moves = length > 1e-6
-    return np.where(moves, np.einsum("ni,ni->n", deviation, motion) / np.where(moves, length, 1.0), np.nan)
-
-
 def _draw_means(ax: Axes, angle: Array, values: Array) -> None:
-    def of(what: str) -> Array:
-        return np.asarray(binned_statistic(angle, values, what, edges)[0])
-
-    edges = np.linspace(angle.min() - 1e-9, angle.max() + 1e-9, BINS + 1)
-    count = of("count")
-    full = count >= LEAST_IN_BIN
-    u = of("std")[full] / np.sqrt(count[full] - 1)
-    middle = (edges[:-1] + edges[1:]) / 2
-    ax.errorbar(middle[full], of("mean")[full], u, color=VERMILLION, lw=1.4, elinewidth=1.0, capsize=2)
+    table = pd.DataFrame({"part": pd.cut(angle, BINS, labels=False), "angle": angle, "value": values})
+    parts = table.groupby("part").agg(
+        angle=("angle", "mean"), mean=("value", "mean"), u=("value", "sem"), records=("value", "size")
+    )
+    parts = parts[parts["records"] >= LEAST_IN_BIN]
+    ax.errorbar(*parts[["angle", "mean", "u"]].to_numpy().T, color=VERMILLION, capsize=2)
 
 
-def plot_residuals_over_joints(result: Calibration, when: When = "after", ax: Axes | None = None) -> Figure:
+def plot_residuals_over_joints(result: Calibration, when: str = "after", ax: Axes | None = None) -> Figure:
     """:func:`plot_residuals_over_joint` for every joint, side by side on one scale.
 
     Args:
         result: the calibration.
-        when: by the arm as it was, or calibrated.
+        when: ``before``, by the arm as it was, or ``after``.
         ax: axes whose place is divided.
 
     Returns:
         the figure of the panels.
 
     Raises:
-        AacmmError: ``when`` is neither ``before`` nor ``after``.
+        UnknownNameError: ``when`` is something else.
     """
     joints = result.model.arm.nq
     columns = min(joints, 3)
-    rows = -(-joints // columns)
-    panels = panels_of(ax, (3.5 * columns, 2.5 * rows + 0.3), joints, columns, share_y=True)
+    size = (3.5 * columns, 2.5 * -(-joints // columns) + 0.3)
+    panels = panels_of(ax, size, joints, columns, share_y=True)
     for number, panel in enumerate(panels, start=1):
         plot_residuals_over_joint(result, number, when, panel)
         if (number - 1) % columns:
@@ -194,26 +122,27 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     Raises:
         AacmmError: the records name no seat.
     """
-    seats = sorted(result.fit.problem.measurements.seats().items(), key=lambda seat: numbers_by_size(seat[0]))
+    seats = result.fit.problem.measurements.seats()
     if not seats:
         raise AacmmError("these records name no seat, so there is nothing to show by seats")
+    names, table = sorted(seats, key=numbers_by_size), result.residuals
     ax = axes_of(ax, (min(14.0, max(5.0, 1.6 + 0.55 * len(seats))), 3.6))
-    distances = [(when, _distance(result, when) / MM) for when in _BOTH]
-    top = 1.15 * max(float(distance[result.fit.used].max(initial=0.0)) for _, distance in distances) or 1.0
-    for k, (when, distance) in enumerate(distances):
-        for place, (_, records) in enumerate(seats):
-            x, own = np.linspace(-0.14, 0.14, len(records)) + place + 0.4 * k - 0.2, distance[records]
-            used, excluded = result.fit.used[records], result.fit.excluded[records]
-            ax.plot(x[used], own[used], ".", ms=4, color=COLOURS[when], label=None if place else f"{when} calibration")
-            near, off = excluded & (own <= top), excluded & (own > top)
-            ax.plot(x[near], own[near], "x", ms=6, mew=1.5, color=VERMILLION)
-            ax.plot(x[off], np.full(off.sum(), 0.97 * top), "^", ms=6, color=VERMILLION)
-    if result.fit.excluded.any():
+    top = 1.15 * float(table.loc[result.fit.used, ["before_mm", "after_mm"]].max().max()) or 1.0
+    records = np.concatenate([seats[name] for name in names])
+    place = np.concatenate([k + np.linspace(-0.14, 0.14, len(seats[name])) for k, name in enumerate(names)])
+    used, excluded = result.fit.used[records], result.fit.excluded[records]
+    for aside, (when, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
+        x, y = place + aside, table[f"{when}_mm"].to_numpy()[records]
+        near, off = excluded & (y <= top), excluded & (y > top)
+        ax.plot(x[used], y[used], ".", ms=4, color=colour, label=f"{when} calibration")
+        ax.plot(x[near], y[near], "x", ms=6, mew=1.5, color=VERMILLION)
+        ax.plot(x[off], np.full(off.sum(), 0.97 * top), "^", ms=6, color=VERMILLION)
+    if excluded.any():
         ax.plot([], [], "x", ms=6, mew=1.5, color=VERMILLION, label="excluded (▲ off the scale)")
-    ax.set_xticks(range(len(seats)), [label for label, _ in seats], rotation=90 if len(seats) > 15 else 0)
+    name_places(ax, names)
     ax.set(xlabel="seat", ylabel="distance of tip and target [mm]", ylim=(0, top))
     ax.grid(axis="y", alpha=0.3)
-    ax.legend(fontsize=8, frameon=False, ncols=3, loc="upper left", bbox_to_anchor=(0.0, -0.17))
+    legend_below(ax)
     ax.set_title(f"{result.model.arm.name}: residuals by seat", fontsize=10)
     return ax
 
@@ -225,11 +154,9 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     found where that does not suffice.
     """
     distance = np.sqrt(result.fit.solution.system.distance[result.fit.used])
-    ax = axes_of(ax, (5.4, 3.6))
-    most = max(4.5, float(distance.max(initial=0.0)))
-    ax.hist(
-        distance, list(np.linspace(0, most, 31)), density=True, color=BLUE, alpha=0.75, label=f"{len(distance)} records used"
-    )
+    ax, most = axes_of(ax, (5.4, 3.6)), max(4.5, float(distance.max(initial=0.0)))
+    label = f"{len(distance)} records used"
+    ax.hist(distance, 30, range=(0, most), density=True, color=BLUE, alpha=0.75, label=label)
     x = np.linspace(0, most, 300)
     ax.plot(x, chi.pdf(x, 3), color=VERMILLION, lw=1.8, label="χ, 3 degrees of freedom")
     ax.set(xlabel="normalised residual [1]", ylabel="density [1]", xlim=(0, most))
@@ -238,52 +165,14 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     return ax
 
 
-def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Axes:
-    """Change of each parameter with its expanded uncertainty U (k = 2), over how far off it was said to be.
-
-    Parameters of another colour moved farther than their stated and their new uncertainty together allow (E_n > 1); open
-    ones are known only in combination with others. Where nothing was stated, changes stand in µm and µrad.
-
-    Args:
-        result: the calibration.
-        ax: axes.
-    """
-    table = readable_parameters(result)
-    stated = table["stated"].notna()
-    left_out = 0
-    if stated.any():
-        left_out, table = int((~stated).sum()), table[stated]
-    scale = table["stated"].to_numpy() if stated.any() else np.ones(len(table))
-    ax = axes_of(ax, (6.4, 1.2 + 0.24 * len(table)))
-    change, bar, place = table["change"].to_numpy() / scale, table["U"].to_numpy() / scale, np.arange(len(table))
-    if stated.any():
-        ax.axvspan(-1, 1, color=WITHIN, zorder=0)
-    ax.axvline(0, color=INK, lw=0.7)
-    colours = np.where(table["beyond"], VERMILLION, BLUE)
-    together = table["known"] == "in combination"
-    for x, y, half, colour, open_ in zip(change, place, bar, colours, together, strict=True):
-        face = "white" if open_ else colour
-        ax.errorbar(x, y, xerr=half, color=colour, mfc=face, fmt="o", ms=4.5, lw=1.2, capsize=2.5)
-    ax.set_yticks(place, list(table["parameter"]), fontsize=8)
-    ax.set_ylim(len(table) - 0.4, -0.6)
-    units = ", ".join(dict.fromkeys(table["in"]))
-    ax.set_xlabel(f"{'change / stated ± [1]' if stated.any() else f'change [{units}]'}; bars: U (k = 2)")
-    without = f"\n{left_out} without a stated uncertainty are not shown" if left_out else ""
-    open_ones = "\nopen: known only in combination with others" if together.any() else ""
-    ax.set_title(f"{result.model.arm.name}: parameters{without}{open_ones}", fontsize=10)
-    ax.spines[["top", "right"]].set_visible(False)
-    return ax
-
-
 def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
     """Correlation of the parameters; ±1 means that the data tell only their sum or difference, grey that they tell
     nothing.
     """
-    untold = np.linalg.norm(result.fit.unknown[: len(result.correlation)], axis=1) > NOT_AT_ALL
-    table = result.correlation
-    values = np.ma.masked_array(table.to_numpy(), untold[:, None] | untold)
-    count = len(table)
+    table, count = result.correlation, len(result.correlation)
+    untold = np.linalg.norm(result.fit.unknown[:count], axis=1) > NOT_AT_ALL
     ax = axes_of(ax, (2.6 + 0.2 * min(count, NAMED), 2.0 + 0.2 * min(count, NAMED)))
+    values = np.ma.masked_array(table.to_numpy(), untold[:, None] | untold)
     image = ax.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
     ax.set_facecolor(UNTOLD)
     if count <= NAMED:
@@ -298,14 +187,11 @@ def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
 
 def plot_residual_sizes(result: Calibration, ax: Axes | None = None) -> Axes:
     """How many records are how far off, before and after, in classes of equal width on a logarithmic scale."""
-    ax = axes_of(ax, (5.4, 3.6))
-    table = result.residuals[result.fit.used]
-    before, after = table["before_mm"].to_numpy(), table["after_mm"].to_numpy()
-    largest, least = max(before.max(), after.max(), 2e-9), max(min(before.min(), after.min()), 1e-9)
-    edges = list(np.geomspace(0.999 * least, 1.001 * largest, 41))
-    sizes = lengths([result.rms_before, result.rms])
-    for values, size, colour, when in zip((before, after), sizes, (GREY, BLUE), ("before", "after"), strict=True):
-        ax.hist(values, edges, color=colour, alpha=0.75, label=f"{when}, RMS {size}")
+    ax, sizes = axes_of(ax, (5.4, 3.6)), lengths([result.rms_before, result.rms])
+    table = result.residuals.loc[result.fit.used, ["before_mm", "after_mm"]].clip(lower=1e-9)
+    edges = np.geomspace(0.999 * table.min().min(), 1.001 * table.max().max(), 41)
+    for (when, colour), size in zip(COLOURS.items(), sizes, strict=True):
+        ax.hist(table[f"{when}_mm"], list(edges), color=colour, alpha=0.75, label=f"{when}, RMS {size}")
     ax.set(xlabel="distance of tip and target [mm]", ylabel="records [1]", xscale="log")
     ax.set_ylim(top=1.25 * ax.get_ylim()[1])
     ax.legend(fontsize=8, frameon=False)
@@ -324,14 +210,14 @@ def plot_calibration(result: Calibration, ax: Axes | None = None) -> Figure:
         the figure of the five panels.
     """
     size = (15.0, max(9.0, 2.0 + 0.2 * len(result.fit.problem.vector.parameters)))
-    places = [(0, 0), (0, 1), (1, 0), (1, 1), (slice(0, 2), 2)]
-    panels = placed(ax, size, (2, 3), places)
-    plot_residual_vectors(result, "before", ax=panels[0])
-    plot_residual_vectors(result, "after", ax=panels[1])
-    plot_residual_sizes(result, panels[2])
-    plot_normalised_residuals(result, panels[3])
-    plot_parameter_changes(result, panels[4])
-    return whole(panels)
+    left, right = panels_of(ax, size, 2, 2, widths=(2, 1))
+    before, after, sizes, noise = panels_of(left, size, 4, 2)
+    plot_residual_vectors(result, "before", "xy", ax=before)
+    plot_residual_vectors(result, "after", "xy", ax=after)
+    plot_residual_sizes(result, sizes)
+    plot_normalised_residuals(result, noise)
+    plot_parameter_changes(result, right)
+    return whole([right])
 
 
 PICTURES: dict[str, Callable[..., Axes | Figure]] = {

@@ -1,22 +1,18 @@
-"""Colours, the axes to draw on, and residuals as vectors."""
+"""Colours, axes to draw on, names below places, and orders of names and of magnitude."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any, Literal, cast, get_args
+from typing import Any, cast
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d import Axes3D
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import MM, UM
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.numbers import IN_MM
 
 BLUE, VERMILLION, GREEN, GREY, INK = "#0072b2", "#d55e00", "#009e73", "#9a9a9a", "#262626"
 """Colours that stay apart for colour-blind readers (Okabe and Ito)."""
@@ -24,58 +20,44 @@ VOLUME_COLOURS = "viridis"
 VOLUME_NAME, U_NAME = "accuracy volume", "standard uncertainty u"
 VOLUME_LABEL = f"{VOLUME_NAME} [mm³]"
 
-Plane = Literal["xy", "xz", "yz"]
-LONGEST = 0.08
-"""How long nearly all residuals are drawn, as part of the picture."""
-
 
 def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
     """``ax``, or axes of a new pyplot figure of that size [inches]."""
     return ax if ax is not None else plt.figure(figsize=size, layout="constrained").add_subplot()
 
 
-def axes_3d(ax: Axes3D | None) -> Axes3D:
-    """The same in three dimensions."""
-    if ax is None:
-        return plt.figure(figsize=(7.2, 6.6), layout="constrained").add_subplot(projection="3d")
-    if not isinstance(ax, Axes3D):
-        raise AacmmError(f"ax is {type(ax).__name__}, expected three-dimensional axes: add_subplot(projection='3d')")
-    return ax
-
-
-def panels_of(ax: Axes | None, size: tuple[float, float], count: int, columns: int, *, share_y: bool = False) -> list[Axes]:
-    """Axes of ``count`` panels side by side in so many columns, see :func:`placed`."""
-    places = [divmod(k, columns) for k in range(count)]
-    return placed(ax, size, (-(-count // columns), columns), places, share_y=share_y)
-
-
-def placed(
-    ax: Axes | None, size: tuple[float, float], shape: tuple[int, int], places: Sequence[Any], *, share_y: bool = False
+def panels_of(
+    ax: Axes | None,
+    size: tuple[float, float],
+    count: int,
+    columns: int,
+    *,
+    share_y: bool = False,
+    widths: Sequence[float] | None = None,
 ) -> list[Axes]:
-    """Axes for a picture of several panels.
+    """Axes of ``count`` panels, row by row.
 
     Args:
         ax: axes, whose place is divided among the panels (they are gone then); or None for a new pyplot figure.
         size: of that figure [inches].
-        shape: rows and columns of the grid.
-        places: of the panels in the grid: row and column, or slices of these.
+        count: number of panels.
+        columns: panels side by side.
         share_y: one scale for all panels.
+        widths: of the columns, beside each other.
 
     Raises:
         AacmmError: axes that have no place in a grid.
     """
-    whole = axes_of(ax, size)
-    spec, figure = whole.get_subplotspec(), whole.figure
+    place = axes_of(ax, size)
+    spec = place.get_subplotspec()
     if spec is None:
         raise AacmmError("ax has no place in a grid that could be divided; expected axes such as plt.subplots() gives")
-    whole.remove()
-    grid: Any = spec.subgridspec(*shape)
-    panels: list[Axes] = []
-    for place in places:
-        panels.append(figure.add_subplot(grid[place], sharey=panels[0] if share_y and panels else None))
-        if share_y and grid[place].colspan.start > 0:
-            panels[-1].tick_params(labelleft=False)
-    return panels
+    place.remove()
+    grid = spec.subgridspec(-(-count // columns), columns, width_ratios=widths)
+    panels = list(grid.subplots(sharey=share_y, squeeze=False).flat)
+    for left_over in panels[count:]:
+        left_over.remove()
+    return panels[:count]
 
 
 def whole(panels: Sequence[Axes]) -> Figure:
@@ -83,44 +65,26 @@ def whole(panels: Sequence[Axes]) -> Figure:
     return cast(Figure, panels[0].figure)
 
 
-def plane_axes(plane: str) -> list[int]:
-    """Numbers of the two axes of a plane.
-
-    Raises:
-        AacmmError: no such plane.
-    """
-    if plane not in get_args(Plane):
-        raise AacmmError(f"plane is {plane!r}, expected 'xy', 'xz' or 'yz'")
-    return ["xyz".index(name) for name in plane]
+def legend_below(ax: Axes, columns: int = 4, **more: Any) -> None:
+    """The legend in rows below the axes and their label."""
+    place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 5.0}
+    ax.legend(fontsize=8, frameon=False, ncols=columns, **place, **more)
 
 
-def magnification(target: Array, deviation: Array) -> float:
-    """With which residuals (n, 3) are nearly all shorter than a fixed part of the picture of their targets (n, 3) [m]."""
-    size = float(np.ptp(target, axis=0).max()) or 1.0
-    return round_down(LONGEST * size / (float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12))
+def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
+    """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or half as many names upright."""
+    wide = sum(2 + max(map(len, name.split("\n"))) for name in names)
+    some = slice(None, None, -(-2 * len(names) // letters))
+    ax.set_xticks(range(len(names))[some], names[some], fontsize=size, rotation=90 if wide > letters else 0)
 
 
-def draw_vectors(ax: Axes, target: Array, deviation: Array, plane: str, factor: float) -> None:
-    """Residuals (n, 3) [m] as lines from their targets, with dots at their ends, magnified; with a bar of known length."""
-    axes = plane_axes(plane)
-    start, off = target[:, axes] / MM, deviation[:, axes] / MM
-    ends = start + factor * off
-    ax.add_collection(
-        LineCollection(list(np.stack([start, ends], axis=1)), colors=BLUE, linewidths=0.9, alpha=0.75, zorder=2)
-    )
-    ax.plot(*ends.T, ".", ms=2.3, color=BLUE, zorder=2)
-    low, size = start.min(axis=0), float(np.ptp(start, axis=0).max()) or 1.0
-    bar = round_down(0.12 * size / factor)
-    x, y = low[0], low[1] - 0.11 * size
-    ax.plot([x, x + factor * bar], [y, y], "|-", color=INK, lw=1.2, ms=7)
-    text = f"{bar:g} mm" if bar >= IN_MM / MM else f"{bar * MM / UM:g} µm"
-    ax.annotate(text, (x + factor * bar, y), (5, 0), textcoords="offset points", va="center", fontsize=8, color=INK)
-    ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
-    ax.margins(0.08)
+def aside(count: int, width: float) -> Array:
+    """Shifts within ``width`` that set records of one place side by side, so that they do not hide each other (count,)."""
+    return np.asarray(width * (np.arange(count) * 0.618 % 1.0 - 0.5))
 
 
 def numbers_by_size(label: str) -> list[tuple[int, str]]:
-    """S2 before S10."""
+    """A key that sorts S2 before S10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", label)]
 
 

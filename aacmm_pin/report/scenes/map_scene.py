@@ -80,7 +80,7 @@ def map_scene(
     works = np.isfinite(q_of_cells).all(axis=2) & np.isfinite(values)
     if not works.any():
         raise AacmmError(f"{workspace_map}: no cell has a posture within limits")
-    bar = ColourBar.of(shown.label, values if shown.norm is None else np.array(shown.norm), shown.colours)
+    bar = ColourBar.of(shown.label, values if None in shown.ends else np.array(shown.ends), shown.colours)
     cells = _in_turn(works, most_frames)
     q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies.of(arm)
 

@@ -16,7 +16,7 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.report.plots.diagnosis import magnification_of, models, off_stated, postures_of, some_of
+from aacmm_pin.report.plots.residual_vectors import magnification_of, models, off_stated, postures_of, some_of
 from aacmm_pin.report.plots.style import VERMILLION
 from aacmm_pin.report.scenes.arm_parts import GHOST, Bodies
 from aacmm_pin.report.scenes.arm_scene import (
@@ -80,9 +80,9 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
     off = {which: np.linalg.norm(off_stated(one)[chosen], axis=1) / MM for which, one in fits.items()}
     order = np.argsort(-off[name], kind="stable")
     chosen, off = chosen[order], {which: sizes[order] for which, sizes in off.items()}
-    factor = magnification_of(fit, judge.used)
     deviation = off_stated(fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
     target = frame.back(fit.solution.point.prediction.tips[chosen]) - deviation
+    factor = magnification_of(target, deviation)
     bar, bodies = ColourBar.of("distance of tip and stated place [mm]", off[name], SIZE_COLOURS), Bodies.of(arm)
     q = records.q[chosen]
     points = np.vstack([bodies.corners(q).reshape(-1, 3), target, target + factor * deviation])
@@ -91,7 +91,7 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
     scene = Scene(f"{arm.name}: {words}", _caption(judge, chosen, off))
     stage = surroundings(scene, bodies, points)
     for number, posture in enumerate(postures_of(judge), start=1):
-        scene[f"ghosts/{number}"].set_object(line(frame.back(posture * MM), 0.3 * bodies.radius), solid(GHOST, 0.45))
+        scene[f"ghosts/{number}"].set_object(line(frame.back(posture), 0.3 * bodies.radius), solid(GHOST, 0.45))
     colours = np.repeat(bar.colours(off[name])[:, None], 2, axis=1)
     spikes = prisms(target, target + factor * deviation, FOOT * size, 0.0, colours)
     scene["residuals"].set_object(spikes, flat(by_vertex=True))

@@ -1,0 +1,174 @@
+"""Residuals in space, of a calibration or a diagnosis: lines from stated places towards the tip, and the arm."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any, Literal, get_args
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.units import MM
+from aacmm_pin.calibration import Calibration
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.diagnosis import Diagnosis
+from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.report.numbers import length
+from aacmm_pin.report.plots.partial_residuals import state_of
+from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, axes_of, legend_below, panels_of, round_down, whole
+
+Plane = Literal["xy", "xz", "yz"]
+VIEWS: dict[Plane, str] = {"xy": "plan (xy)", "xz": "side (xz)", "yz": "side (yz)"}
+LONGEST = 0.08
+"""How long nearly all residuals are drawn, as part of the picture."""
+POSTURES = 3
+"""So many postures of the arm are drawn."""
+MOST_VECTORS = 400
+"""Residuals that are drawn; of more, every so-manieth."""
+
+
+def models(result: Calibration | Diagnosis) -> dict[str, Fit]:
+    """The fits of a result by the names of their models, the last of which says what records were used."""
+    if isinstance(result, Calibration):
+        return {"before": result.before, "after": result.fit}
+    return {"simulation": result.before, "recalibrated": result.recalibrated, "extended": result.extended}
+
+
+def model_named(result: Calibration | Diagnosis, name: str) -> Fit:
+    """One of :func:`models`.
+
+    Raises:
+        UnknownNameError: no such model.
+    """
+    if name not in models(result):
+        raise UnknownNameError("model", name, list(models(result)))
+    return models(result)[name]
+
+
+def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
+    """The two models worth comparing: without and with the causes; where none was found, or asked for, with geometry."""
+    if isinstance(result, Calibration):
+        return "before", "after"
+    more = result.extended.problem.vector.size > result.recalibrated.problem.vector.size
+    return ("recalibrated", "extended") if more else ("simulation", "recalibrated")
+
+
+def plot_residual_vectors(
+    result: Calibration | Diagnosis,
+    model: str | None = None,
+    plane: Plane = "xz",
+    factor: float | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Residuals as lines from each target towards the tip, projected, behind them the arm in a few postures.
+
+    Targets of a diagnosis are the stated places, or where nobody states one, where the records of the seat together put
+    it. The ends of the lines, where the tips would be, have a dot; excluded records are crosses at their targets.
+
+    Args:
+        result: the calibration or the diagnosis.
+        model: ``before`` or ``after`` calibration; ``simulation``, ``recalibrated`` or ``extended``; by default the last.
+        plane: axes of the frame of the references that are drawn.
+        factor: magnification of the residuals; by default one that suits this model.
+        ax: axes.
+
+    Raises:
+        UnknownNameError: no such model or plane.
+    """
+    judge = [*models(result).values()][-1]
+    name = model or [*models(result)][-1]
+    fit = model_named(result, name)
+    if plane not in get_args(Plane):
+        raise UnknownNameError("plane", plane, list(get_args(Plane)))
+    axes, ax = ["xyz".index(axis) for axis in plane], axes_of(ax, (6.0, 5.6))
+    deviation = _deviations(result, fit)
+    place = fit.solution.point.prediction.tips - deviation
+    factor = factor or magnification_of(place[judge.used], deviation[judge.used])
+    for posture in postures_of(judge):
+        ax.plot(*posture[:, axes].T / MM, "-", color=GREY, lw=3, alpha=0.45, solid_capstyle="round", zorder=1)
+        ax.plot(*posture[:, axes].T / MM, "o", color=GREY, ms=4, alpha=0.6, zorder=1)
+    used, excluded = some_of(np.flatnonzero(judge.used)), judge.excluded
+    ax.plot(*np.unique(place[used][:, axes] / MM, axis=0).T, "o", ms=2.5, color=INK, zorder=2)
+    if excluded.any():
+        style: dict[str, Any] = {"ms": 7, "mew": 1.8, "color": VERMILLION, "label": f"{excluded.sum()} excluded"}
+        ax.plot(*place[excluded][:, axes].T / MM, "x", **style)
+        legend_below(ax)
+    _draw_vectors(ax, place[used][:, axes] / MM, deviation[used][:, axes] / MM, factor)
+    ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
+    ax.set_title(f"{name}, {VIEWS[plane]}, residuals magnified {factor:g}×", fontsize=10)
+    return ax
+
+
+def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
+    """Residual vectors by two models, see :func:`two_models`, in plan and from the side; of a diagnosis magnified alike.
+
+    Args:
+        result: the calibration or the diagnosis.
+        ax: axes whose place is divided.
+
+    Returns:
+        the figure of the four panels: in plan without and with, from the side without and with.
+    """
+    names, panels = two_models(result), panels_of(ax, (8.6, 8.0), 4, 2)
+    factor = None
+    if isinstance(result, Diagnosis):
+        used, fit = result.extended.used, models(result)[names[0]]
+        deviation = off_stated(fit)[used]
+        factor = magnification_of(fit.solution.point.prediction.tips[used] - deviation, deviation)
+    planes: tuple[Plane, ...] = ("xy", "xz")
+    for panel, (plane, name) in zip(panels, product(planes, names), strict=True):
+        plot_residual_vectors(result, name, plane, factor, panel)
+    return whole(panels)
+
+
+def _draw_vectors(ax: Axes, start: Array, off: Array, factor: float) -> None:
+    """Lines (n, 2) [mm], magnified, with dots at their ends, and below them a bar of known length."""
+    ends = start + factor * off
+    lines = LineCollection(list(np.stack([start, ends], axis=1)), colors=BLUE, linewidths=0.9, alpha=0.75, zorder=2)
+    ax.add_collection(lines)
+    ax.plot(*ends.T, ".", ms=2.3, color=BLUE, zorder=2)
+    low, size = start.min(axis=0), float(np.ptp(start, axis=0).max()) or 1.0
+    bar = round_down(0.12 * size / factor)
+    y = low[1] - 0.11 * size
+    ax.plot([low[0], low[0] + factor * bar], [y, y], "|-", color=INK, lw=1.2, ms=7)
+    ax.annotate(
+        length(bar * MM), (low[0] + factor * bar, y), (5, 0), textcoords="offset points", va="center", fontsize=8, color=INK
+    )
+    ax.margins(0.08)
+
+
+def some_of(records: Index) -> Index:
+    """At most ``MOST_VECTORS`` of the records, every so-manieth."""
+    return records[:: -(-len(records) // MOST_VECTORS)] if len(records) else records
+
+
+def off_stated(fit: Fit) -> Array:
+    """Tip minus stated place, or minus the place that a seat seems to have where nobody states it (n, 3) [m]."""
+    records, tips = fit.problem.measurements, fit.solution.point.prediction.tips
+    return np.where(records.known[:, None], tips - records.reference, fit.solution.system.deviation)
+
+
+def _deviations(result: Calibration | Diagnosis, fit: Fit) -> Array:
+    """Residuals as the result lists them (n, 3) [m]; of a diagnosis from the stated places, which may be wrong."""
+    return fit.solution.system.deviation if isinstance(result, Calibration) else off_stated(fit)
+
+
+def magnification_of(place: Array, deviation: Array) -> float:
+    """With which nearly all residuals (n, 3) are shorter than a fixed part of the picture of their places (n, 3) [m]."""
+    size = float(np.ptp(place, axis=0).max()) or 1.0
+    return round_down(LONGEST * size / (float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12))
+
+
+def postures_of(fit: Fit) -> Array:
+    """The arm from foot to tip in postures whose tips are far apart, in the frame of the references (k, places, 3) [m]."""
+    tips, frame, records = fit.solution.point.prediction.tips, fit.solution.point.frame, fit.problem.measurements
+    chosen: list[int] = []
+    near = np.linalg.norm(tips - frame.shift, axis=1)
+    for _ in range(min(POSTURES, int(fit.used.sum()))):
+        chosen.append(int(np.argmax(np.where(fit.used, near, -1.0))))
+        near = np.minimum(near, np.linalg.norm(tips - tips[chosen[-1]], axis=1))
+    state = state_of(fit, records.q[chosen], records.conditions.take(chosen))
+    return np.stack([frame.apply(points) for points in state.origin.transpose(1, 0, 2)])
