@@ -11,6 +11,12 @@ from aacmm_pin.arm.arm import Arm
 EXACT_STEPS = {"a_mm": 1e3, "d_mm": 1e3, "alpha_rad": np.pi / 2, "theta_offset_rad": np.pi / 2}
 
 
+def placements(arm: Arm, q: Array) -> Array:
+    """Placements of the base and of the frame of each DH row: (n, rows + 1, 4, 4) [m]."""
+    frames = [arm.poses(q, f"frame{row}").placement for row in range(1, arm.chain.rows + 1)]
+    return np.stack([np.broadcast_to(np.eye(4), frames[0].shape), *frames], axis=1)
+
+
 def dh_sensitivity(arm: Arm, q: Array, frames: list[str]) -> dict[str, Array]:
     """∂(origin of each frame)/∂(a, d, alpha, theta of each row), each (n, 3, 4 rows) [m/m, m/rad], from models made anew.
 

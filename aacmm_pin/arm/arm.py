@@ -278,7 +278,7 @@ class Arm(Shown):
         row = self.dh_row(at)
         if self.dh is None or row is None:
             return self.poses(q, at).jacobian[:, :3]
-        return self.dh.jacobian(q, row)
+        return self.dh.sensitivity(q, row)[:, :, 3::4][:, :, self.dh.moving]
 
     def perturbed_positions(self, q: Array, errors: Array, at: str | None = None) -> Array:
         """Exact positions under many draws of parameter errors; nothing is linearised.

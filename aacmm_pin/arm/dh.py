@@ -68,16 +68,6 @@ class DHTable(Shown):
         """All values as (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad]."""
         return np.stack([self.a, self.d, self.alpha, self.theta_offset], axis=1)
 
-    def placements(self, q: Array) -> Array:
-        """Placements of all frames in the base for configurations ``q`` (n, nq) [rad]: (n, rows + 1, 4, 4) [m]."""
-        x, y, z, o = self.axes(batch(q, self.nq, "q", "rad"))
-        n = o.shape[2]
-        placements = np.zeros((n, self.rows + 1, 4, 4))
-        for column, axis in enumerate((x, y, z, o)):
-            placements[:, :, :3, column] = axis.transpose(2, 0, 1)
-        placements[:, :, 3, 3] = 1.0
-        return placements
-
     def positions(self, q: Array, row: int | None = None, errors: Array | None = None) -> Array:
         """Origin of frame ``row`` (default: the last) for ``q`` (n, nq) [rad]: (n, 3) [m].
 
@@ -114,11 +104,6 @@ class DHTable(Shown):
             cross(z[frame], o[-1] - o[frame], jacobian[joint])
         return np.ascontiguousarray(o[-1].T), np.ascontiguousarray(jacobian.transpose(2, 1, 0))
 
-    def jacobian(self, q: Array, row: int | None = None) -> Array:
-        """∂(origin of frame ``row``)/∂q for ``q`` (n, nq) [rad]: (n, 3, nq) [m/rad]."""
-        columns = [4 * i + 3 for i in range(self.rows) if self.moving[i]]
-        return self.sensitivity(q, row)[:, :, columns]
-
     def sensitivity(self, q: Array, row: int | None = None) -> Array:
         """∂(origin of frame ``row``)/∂(a, d, alpha, theta of each row), closed form: (n, 3, 4 rows) [m/m, m/rad].
 
@@ -130,17 +115,14 @@ class DHTable(Shown):
         row = self.rows if row is None else row
         columns = np.zeros((3, 4 * self.rows, q.shape[0]))
         for part in chunks(q.shape[0]):
-            self._fill_sensitivity(q[part], row, columns[:, :, part])
+            x, _, z, o = self.axes(q[part], None, row)
+            for i in range(row):
+                z_frame, x_frame = (i, i + 1) if self.standard else (i + 1, i)
+                columns[:, 4 * i, part] = x[x_frame]
+                columns[:, 4 * i + 1, part] = z[z_frame]
+                cross(x[x_frame], o[row] - o[x_frame], columns[:, 4 * i + 2, part])
+                cross(z[z_frame], o[row] - o[z_frame], columns[:, 4 * i + 3, part])
         return columns.transpose(2, 0, 1)
-
-    def _fill_sensitivity(self, q: Array, row: int, out: Array) -> None:
-        x, _, z, o = self.axes(q, None, row)
-        for i in range(row):
-            z_frame, x_frame = (i, i + 1) if self.standard else (i + 1, i)
-            out[:, 4 * i] = x[x_frame]
-            out[:, 4 * i + 1] = z[z_frame]
-            cross(x[x_frame], o[row] - o[x_frame], out[:, 4 * i + 2])
-            cross(z[z_frame], o[row] - o[z_frame], out[:, 4 * i + 3])
 
     def axes(self, q: Array, errors: Array | None = None, row: int | None = None) -> tuple[Array, Array, Array, Array]:
         """Axes and origins of the frames 0..row in the base, for already checked ``q`` (n, nq).
@@ -149,19 +131,20 @@ class DHTable(Shown):
             x, y, z, o: each (row + 1, 3, n), components along the middle axis, the batch last.
         """
         row = self.rows if row is None else row
-        n = q.shape[0]
         values = self.values() if errors is None else self.values() + errors  # (rows, 4) or (n, rows, 4)
-        frames = np.empty((row + 1, 3, n)), np.empty((row + 1, 3, n)), np.empty((row + 1, 3, n)), np.empty((row + 1, 3, n))
-        for axis, start in zip(frames, np.eye(4, 3), strict=True):
-            axis[0] = start[:, None]
+        frames = np.empty((4, row + 1, 3, len(q)))
+        frames[:, 0] = np.eye(4, 3)[:, :, None]
         joint_of_row = np.cumsum(self.moving) - 1
-        step = _standard_row if self.standard else _modified_row
         for i in range(row):
             # Plain floats where all configurations share the values: NumPy multiplies by them fastest.
             a, d, alpha, theta = values[i].tolist() if values.ndim == 2 else values[:, i].T
-            angle = q[:, joint_of_row[i]] + theta if self.moving[i] else theta
-            step(frames, i, a, d, alpha, angle)
-        return frames
+            frames[:, i + 1] = frames[:, i]
+            x, y, z, o = frames[:, i + 1]
+            screws = [(x, y, z, q[:, joint_of_row[i]] + theta if self.moving[i] else theta, d), (y, z, x, alpha, a)]
+            for screw in screws if self.standard else reversed(screws):
+                _move(o, *screw)
+        x, y, z, o = frames
+        return x, y, z, o
 
     @property
     def joint_frames(self) -> Index:
@@ -170,46 +153,16 @@ class DHTable(Shown):
         return rows if self.standard else rows + 1
 
 
-Values = float | Array
-"""One value for all configurations, or one for each (n,)."""
-
-
-Frames = tuple[Array, Array, Array, Array]
-"""x, y, z and origins as :meth:`DHTable.axes` gives them."""
-
-
-def _standard_row(frames: Frames, i: int, a: Values, d: Values, alpha: Values, angle: Values) -> None:
-    """Frame i+1 from frame i: turn about z, then shift along z and the new x, then tilt about the new x."""
-    x, y, z, o = frames
-    c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
-    np.multiply(c, x[i], out=x[i + 1])
-    x[i + 1] += s * y[i]
-    turned = c * y[i]
-    turned -= s * x[i]
-    np.multiply(ca, turned, out=y[i + 1])
-    y[i + 1] += sa * z[i]
-    np.multiply(ca, z[i], out=z[i + 1])
-    z[i + 1] -= sa * turned
-    _shift(o, i, (d, z[i]), (a, x[i + 1]))
-
-
-def _modified_row(frames: Frames, i: int, a: Values, d: Values, alpha: Values, angle: Values) -> None:
-    """Frame i+1 from frame i: tilt about x and shift along it, then turn about the new z and shift along that."""
-    x, y, z, o = frames
-    c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
-    tilted = ca * y[i] + sa * z[i]
-    z[i + 1] = ca * z[i] - sa * y[i]
-    x[i + 1] = c * x[i] + s * tilted
-    y[i + 1] = c * tilted - s * x[i]
-    _shift(o, i, (a, x[i]), (d, z[i + 1]))
-
-
-def _shift(o: Array, i: int, *steps: tuple[Values, Array]) -> None:
-    """Origin i+1 from origin i by lengths along axes; lengths that are zero for all cost nothing."""
-    o[i + 1] = o[i]
-    for length, axis in steps:
-        if isinstance(length, np.ndarray) or length != 0.0:
-            o[i + 1] += length * axis
+def _move(o: Array, u: Array, v: Array, axis: Array, angle: float | Array, length: float | Array) -> None:
+    """A screw motion of a frame in place: u and v turn about the axis, the origin o shifts along it."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turned = cosine * u
+    turned += sine * v
+    v *= cosine
+    v -= sine * u
+    u[:] = turned
+    if isinstance(length, np.ndarray) or length != 0.0:
+        o += length * axis
 
 
 def _row_constants(dh: DHTable, i: int) -> tuple[Array, Array]:

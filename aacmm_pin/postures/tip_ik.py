@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.chain import exp
 from aacmm_pin.arm.dh import DHTable, cross
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.continuation import Curve, System, all_curves, polish
@@ -43,7 +44,7 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
     system = tip_system(dh, points, stylus, axis)
     seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis, per_turn, directions), len(points), SPREAD)
     seeds, good = polish(system, seeds, problem)
-    towards = np.einsum("nij,j,i->n", dh.placements(seeds)[:, -1, :3, :3], stylus, axis) > 0
+    towards = axis @ _pointing(dh.axes(seeds), stylus) > 0
     return all_curves(system, seeds[good & towards], problem[good & towards])
 
 
@@ -55,7 +56,7 @@ def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System
 
     def system(q: Array, problem: Index) -> tuple[Array, Array]:
         x, y, z, o = dh.axes(q)
-        direction = stylus[0] * x[-1] + stylus[1] * y[-1] + stylus[2] * z[-1]
+        direction = _pointing((x, y, z, o), stylus)
         f = np.concatenate([o[-1] - points[problem].T, normals @ direction]).T
         about = z[frames]
         moved, turned = cross(about, o[-1] - o[frames]), cross(about, direction)
@@ -63,6 +64,12 @@ def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System
         return f, np.ascontiguousarray(jacobian.transpose(2, 1, 0))
 
     return system
+
+
+def _pointing(frames: tuple[Array, ...], stylus: Array) -> Array:
+    """Direction of the stylus in the base, by the axes of the last frame: (3, n)."""
+    x, y, z, _ = frames
+    return np.asarray(stylus[0] * x[-1] + stylus[1] * y[-1] + stylus[2] * z[-1])
 
 
 def _tip_seeds(
@@ -92,11 +99,9 @@ def _wrist_in_6(dh: DHTable, links: Array) -> Array:
 
 def _bodies_about(axis: Array, stylus: Array, count: int) -> Array:
     """Orientations (n, 3, 3) of the body behind joint 6 that have ``stylus`` along ``axis``."""
-    start = _rotation_between(stylus, axis)
-    angles = np.arange(count) * (2 * np.pi / count)
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    turn = np.eye(3) + np.sin(angles)[:, None, None] * cross + (1 - np.cos(angles))[:, None, None] * (cross @ cross)
-    return np.asarray(turn @ start)
+    angles = np.arange(count)[:, None] * (2 * np.pi / count)
+    turns = np.concatenate([np.zeros((count, 3)), angles * axis], axis=1)
+    return np.asarray(exp(turns)[0] @ _rotation_between(stylus, axis))
 
 
 def _rotation_between(u: Array, v: Array) -> Array:

@@ -1,8 +1,6 @@
-"""The DH table against plain matrix products, finite differences and printed coordinates."""
+"""The DH table against changed tables and printed coordinates; tests of the arm hold it against Pinocchio."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,8 +12,6 @@ from aacmm_pin.arm.dh import CHUNK, DHTable, table
 from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.errors import AacmmError, ShapeError
 
-H = 1e-6  # step of central differences: truncation 1e-13, rounding 1e-10
-
 
 @pytest.fixture
 def dh(arm_file: ArmFile) -> DHTable:
@@ -24,47 +20,6 @@ def dh(arm_file: ArmFile) -> DHTable:
 
 def random_q(dh: DHTable, rng: np.random.Generator, n: int) -> Array:
     return rng.uniform(-np.pi, np.pi, (n, dh.nq))
-
-
-def about_x(angle: float, shift: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1, 0, 0, shift], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
-
-
-def about_z(angle: float, shift: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, shift], [0, 0, 0, 1]])
-
-
-def by_matrices(dh: DHTable, q: Array) -> Array:
-    """Placements (rows + 1, 4, 4) for one configuration, by the definition."""
-    angles = iter(q)
-    frames = [np.eye(4)]
-    for a, d, alpha, theta, moving in zip(dh.a, dh.d, dh.alpha, dh.theta_offset, dh.moving, strict=True):
-        x, z = about_x(alpha, a), about_z(theta + (next(angles) if moving else 0.0), d)
-        frames.append(frames[-1] @ (z @ x if dh.standard else x @ z))
-    return np.array(frames)
-
-
-def central_differences(function: Callable[[Array], Array], size: int) -> Array:
-    return np.stack([(function(H * e) - function(-H * e)) / (2 * H) for e in np.eye(size)], axis=-1)
-
-
-def test_placements_are_the_matrix_products(dh: DHTable, rng: np.random.Generator) -> None:
-    q = random_q(dh, rng, 20)
-    expected = np.array([by_matrices(dh, each) for each in q])
-    np.testing.assert_allclose(dh.placements(q), expected, rtol=0, atol=1e-14)
-    for row in range(dh.rows + 1):
-        np.testing.assert_allclose(dh.positions(q, row), expected[:, row, :3, 3], rtol=0, atol=1e-14)
-
-
-def test_sensitivity_and_jacobian_are_the_derivatives_for_every_row(dh: DHTable, rng: np.random.Generator) -> None:
-    q = random_q(dh, rng, 10)
-    for row in range(dh.rows + 1):
-        by_differences = central_differences(lambda e, row=row: dh.positions(q, row, e.reshape(-1, 4)), 4 * dh.rows)
-        np.testing.assert_allclose(dh.sensitivity(q, row), by_differences, rtol=0, atol=1e-9)
-        by_differences = central_differences(lambda e, row=row: dh.positions(q + e, row), dh.nq)
-        np.testing.assert_allclose(dh.jacobian(q, row), by_differences, rtol=0, atol=1e-9)
 
 
 def test_errors_move_the_arm_as_a_changed_table_does(dh: DHTable, rng: np.random.Generator) -> None:
@@ -110,7 +65,7 @@ def test_zero6_returns_the_27_printed_coordinates(zero6: Arm) -> None:
 
 
 def test_what_is_refused(sino6: Arm) -> None:
-    for method in ("placements", "positions", "sensitivity", "jacobian"):
+    for method in ("positions", "sensitivity"):
         for q, said in (
             (np.zeros(6), r"q has shape \(6,\), expected \(n, 6\) \[rad\].*q\[None, :\]"),
             (np.zeros((2, 5)), r"q has shape \(2, 5\), expected \(n, 6\) \[rad\]"),

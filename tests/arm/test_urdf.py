@@ -15,6 +15,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, bundled_arms, load_arm_file
 from aacmm_pin.arm.urdf import SHORTEST_DRAWN, urdf_text
+from tests.by_pinocchio import placements
 
 KEPT = Path(__file__).parents[2] / "urdf"
 
@@ -44,14 +45,14 @@ def test_pinocchio_and_yourdfpy_agree_with_the_table(
     arm_file: ArmFile, parsed: yourdfpy.URDF, rng: np.random.Generator
 ) -> None:
     arm, q = Arm.from_file(arm_file), configurations(arm_file, rng, 100)
-    expected = arm_file.dh.placements(q)
-    for at, row in (("tip", -1), ("frame5", 5)):
-        np.testing.assert_allclose(arm.poses(q, at).placement, expected[:, row], rtol=0, atol=1e-12)
+    for at, row in (("tip", None), ("frame5", 5)):
+        np.testing.assert_allclose(arm.poses(q, at).position, arm_file.dh.positions(q, row), rtol=0, atol=1e-12)
     assert len(parsed.actuated_joint_names) == arm_file.dh.nq
-    for each, frames in zip(q, expected, strict=True):
+    by_pinocchio = {at: arm.poses(q, at).placement for at in ("tip", "frame5")}
+    for k, each in enumerate(q):
         parsed.update_cfg(each)
-        for at, row in (("tip", -1), ("frame5", 5)):
-            np.testing.assert_allclose(parsed.get_transform(at), frames[row], rtol=0, atol=1e-12)
+        for at, expected in by_pinocchio.items():
+            np.testing.assert_allclose(parsed.get_transform(at), expected[k], rtol=0, atol=1e-12)
 
 
 def test_joints_limits_masses_and_centres_survive(arm_file: ArmFile, parsed: yourdfpy.URDF) -> None:
@@ -82,7 +83,7 @@ def drawn_tubes(robot: yourdfpy.URDF) -> list[tuple[Array, Array]]:
 
 def test_every_length_is_drawn_from_end_to_end(arm_file: ArmFile, parsed: yourdfpy.URDF) -> None:
     tubes, missing = drawn_tubes(parsed), []
-    frames = arm_file.dh.placements(np.zeros((1, arm_file.dh.nq)))[0]
+    frames = placements(Arm.from_file(arm_file), np.zeros((1, arm_file.dh.nq)))[0]
     for n, row in enumerate(arm_file.joints, start=1):
         x, z, start, end = *frames[n - 1][:3, [0, 2, 3]].T, frames[n][:3, 3]
         knee = start + (z * row.d_mm if arm_file.convention == "standard-dh" else x * row.a_mm) * MM

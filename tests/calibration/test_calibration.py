@@ -106,7 +106,7 @@ def test_an_independent_least_squares_agrees(sino6: Arm, rng: np.random.Generato
     assert dh is not None
     chosen = [names.index(name) for name in result.parameters["parameter"]]
     width = np.array([sino6.parameters[i].u for i in chosen])
-    jacobian = dh.jacobian(data.q)
+    jacobian = sino6.jacobian(data.q)
     noise = REFERENCE**2 * np.eye(3) + READING**2 * jacobian @ jacobian.transpose(0, 2, 1)
     whiten = np.linalg.inv(np.linalg.cholesky(noise))
 

@@ -63,7 +63,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
-from tests.by_pinocchio import gravity_moments
+from tests.by_pinocchio import gravity_moments, placements
 
 ALL_BODIES = (1, 2, 3, 4, 5, 6)
 
@@ -443,8 +443,7 @@ def q(sino6: Arm, rng: np.random.Generator) -> Array:
 @pytest.fixture
 def bodies(sino6: Arm, q: Array) -> Bodies:
     assert sino6.file is not None
-    assert sino6.dh is not None
-    return Bodies(sino6.file, sino6.dh.placements(q))
+    return Bodies(sino6.file, placements(sino6, q))
 
 
 GEOMETRY = {"a": LinkLength, "d": JointDistance, "alpha": LinkTwist, "theta_offset": JointZeroOffset}
@@ -472,7 +471,7 @@ def test_tilt_is_the_hayati_angle(arm_file: ArmFile, rng: np.random.Generator) -
     """Ry(β) behind Rx(α), with the placements of the table around it."""
     arm, row, beta = Arm.from_file(arm_file), 3, 0.2
     q = postures(arm, rng, 5)
-    frames = arm_file.dh.placements(q)
+    frames = placements(arm, q)
     tilt = np.eye(4)
     tilt[:3, :3] = Rotation.from_euler("y", beta).as_matrix()
     if arm_file.dh.standard:
@@ -642,8 +641,7 @@ def test_link_bends_as_the_beam_equation_says(link: int, sino6: Arm, q: Array, b
 
     Pieces of the tube stand for its even weight to 1/(their number)².
     """
-    assert sino6.dh is not None
-    frames = sino6.dh.placements(q)
+    frames = placements(sino6, q)
     expected = [bent(bodies, k, link, frames[k]) for k in range(len(q))]
     close(
         columns(sino6, LinkBending(link=link), q, Conditions(len(q)))[:, :, 0],
@@ -688,8 +686,7 @@ def bent(bodies: Bodies, k: int, link: int, frames: Array) -> Array:
 
 
 def test_windup_turns_the_rest_about_the_tube(sino6: Arm, q: Array, bodies: Bodies) -> None:
-    assert sino6.dh is not None
-    frames = sino6.dh.placements(q)
+    frames = placements(sino6, q)
     for link in (3, 5):
         start, stop, tip = (frames[:, i, :3, 3] for i in (link - 1, link, -1))
         z = frames[:, link - 1, :3, 2]
@@ -705,9 +702,8 @@ def test_base_turns_until_it_carries_the_turned_arm(sino6: Arm, q: Array) -> Non
     """The turn of the stand, found by SciPy: c times the moment of the arm as it is turned."""
     c = 1e-3
     assert sino6.file is not None
-    assert sino6.dh is not None
     found = positions(sino6, BaseCompliance(), [c], q, Conditions(len(q)))
-    for k, frames in enumerate(sino6.dh.placements(q)):
+    for k, frames in enumerate(placements(sino6, q)):
         bodies = Bodies(sino6.file, frames[None])
         weights = bodies.masses[:, None] * bodies.gravity
 

@@ -114,7 +114,7 @@ def wrist_configurations(dh: DHTable, count: int) -> Array:
         gap = goal - dh.positions(q, 5)
         if np.linalg.norm(gap, axis=1).max() <= CLOSED:
             return q.reshape(-1, count, dh.nq)
-        q[:, :4] += (np.linalg.pinv(dh.jacobian(q, 5)[:, :, :4]) @ gap[:, :, None])[:, :, 0]
+        q[:, :4] += (np.linalg.pinv(dh.sensitivity(q, 5)[:, :, 3:16:4]) @ gap[:, :, None])[:, :, 0]
     raise AacmmError(f"a seat of Table 3 is not reached within {CLOSED:g} m after {NEWTON_STEPS} Newton steps")
 
 

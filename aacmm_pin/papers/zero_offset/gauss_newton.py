@@ -82,7 +82,7 @@ class Run:
 
     def matrix(self, offsets: Array) -> Array:
         """G, the derivatives of the three positions with respect to the zero offsets: (9, 6) [m/rad]."""
-        return self.nominal.jacobian(self.q + offsets).reshape(-1, self.nominal.nq)
+        return self.nominal.position_and_jacobian(self.q + offsets)[1].reshape(-1, self.nominal.nq)
 
     def increment(self, offsets: Array) -> Array:
         """Δδ of (8): (6,) [rad]. Solved by singular values; the normal equations would square the condition number."""
