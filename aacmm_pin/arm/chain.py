@@ -56,7 +56,7 @@ class Chain:
     @staticmethod
     def of_dh(dh: DHTable) -> Chain:
         """The chain of a DH table; fixed rows have an ``axis`` that does not move."""
-        turns, slides, tilts = (_screws(*values) for values in ((dh.theta_offset, 0, 2), (0, dh.d, 2), (dh.alpha, dh.a, 0)))
+        turns, slides, tilts = (screws(*values) for values in ((dh.theta_offset, 0, 2), (0, dh.d, 2), (dh.alpha, dh.a, 0)))
         axes, ends = [], [np.eye(4)]
         for turn, slide, tilt in zip(turns, slides, tilts, strict=True):
             if dh.standard:
@@ -212,12 +212,11 @@ def _about_z(turned: Array, cosine: Array, sine: Array) -> Array:
     return result
 
 
-def _screws(angle: Array | float, length: Array | float, axis: int) -> Array:
-    """Screw motions about the x (0) or z (2) axis, (rows, 4, 4)."""
-    angle, length = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), np.asarray(length, dtype=np.float64))
+def screws(angle: Array | float, length: Array | float, axis: int) -> Array:
+    """Screw motions about and along the x (0) or z (2) axis [rad, m]: (n, 4, 4)."""
+    angle, length = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), length)
     twists = np.zeros((len(angle), 6))
     twists[:, axis], twists[:, 3 + axis] = length, angle
-    rotation, shift = exp(twists)
-    screws = np.tile(np.eye(4), (len(angle), 1, 1))
-    screws[:, :3, :3], screws[:, :3, 3] = rotation, shift
-    return screws
+    motions = np.tile(np.eye(4), (len(angle), 1, 1))
+    motions[:, :3, :3], motions[:, :3, 3] = exp(twists)
+    return motions

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 WRIST = "frame5"
 """Name of the frame whose origin is the working point of the source paper."""
 SEEDS_PER_TURN = 24
+"""Angles at which each of the joints 1 to 4 is held to find the components."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +121,6 @@ def configuration_circle(
     axis: ArrayLike | None = None,
     rest: ArrayLike | None = None,
     count: int = 360,
-    seeds_per_turn: int = SEEDS_PER_TURN,
 ) -> ConfigurationCircle:
     """Enumerate the configurations of ``arm`` that reach ``point``.
 
@@ -133,7 +133,6 @@ def configuration_circle(
         rest: angles of the joints behind the fourth (nq - 4,) [rad], default 0. Row 5 of SINO6 has a length of
             0.037 mm, so the circle of the wrist depends, a little, on θ5.
         count: configurations on each closed component, evenly spaced along the elbow's path.
-        seeds_per_turn: angles at which each of the joints 1 to 4 is held to find the components.
 
     Returns:
         The circle; empty, with a ``reason``, for a point out of reach.
@@ -144,7 +143,7 @@ def configuration_circle(
         UnsupportedArmError: no DH table, or one without the joints that this needs.
     """
     points = vector(point, 3, "point", "m")[None, :]
-    (circle,) = configuration_circles(arm, points, tip=tip, axis=axis, rest=rest, count=count, seeds_per_turn=seeds_per_turn)
+    (circle,) = configuration_circles(arm, points, tip=tip, axis=axis, rest=rest, count=count)
     return circle
 
 
@@ -156,7 +155,6 @@ def configuration_circles(
     axis: ArrayLike | None = None,
     rest: ArrayLike | None = None,
     count: int = 360,
-    seeds_per_turn: int = SEEDS_PER_TURN,
 ) -> list[ConfigurationCircle]:
     """The circles of many ``points`` (m, 3) [m], each as by :func:`configuration_circle`, in a fraction of the time.
 
@@ -165,7 +163,7 @@ def configuration_circles(
     """
     dh = require_arm(arm).require_dh("a configuration circle")
     points = batch(points, 3, "points", "m")
-    count, seeds_per_turn = whole(count, 3, "count"), whole(seeds_per_turn, 2, "seeds_per_turn")
+    count = whole(count, 3, "count")
     if tip:
         if rest is not None:
             raise AacmmError("rest was given, but with tip=True every joint moves")
@@ -174,13 +172,13 @@ def configuration_circles(
         if axis is None:
             raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
         wrist, stylus, direction = None, arm.stylus_axis, unit_vector(axis, "axis")
-        curves = tip_curves(dh, points, stylus, direction, seeds_per_turn)
+        curves = tip_curves(dh, points, stylus, direction, SEEDS_PER_TURN)
         systems = [tip_system(dh, point[None, :], stylus, direction) for point in points]
     else:
         if axis is not None:
             raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
         wrist = Wrist.of(dh, rest)
-        curves = wrist_curves(wrist, points, seeds_per_turn)
+        curves = wrist_curves(wrist, points, SEEDS_PER_TURN)
         systems = [wrist_system(wrist, point[None, :]) for point in points]
     swivel, circles = Swivel(dh, arm.up), []
     for number, (point, system) in enumerate(zip(points, systems, strict=True)):

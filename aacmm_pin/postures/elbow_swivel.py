@@ -48,7 +48,8 @@ class Swivel:
 
     def angle(self, q: Array, points: Array) -> Array:
         """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in [-π, π]."""
-        axis = _unit(points - self.shoulder)
+        axis = points - self.shoulder
+        axis = axis / np.maximum(np.linalg.norm(axis, axis=1), 1e-300)[:, None]
         reference = self.up - axis * (axis @ self.up)[:, None]
         upright = np.linalg.norm(reference, axis=1) < UPRIGHT
         level = np.eye(3)[np.argmin(np.abs(self.up))]
@@ -57,7 +58,3 @@ class Swivel:
         sideways = np.einsum("ni,ni->n", np.cross(axis, reference), arm)
         upwards = np.einsum("ni,ni->n", reference, arm)
         return np.asarray(np.arctan2(sideways, upwards))
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None])

@@ -50,21 +50,17 @@ def brought_to(state_of: StateOf, q: Array, target: Array, bounds: Array) -> tup
     """
     q, arrived = q.copy(), np.zeros(len(q), dtype=bool)
     for part in chunks(len(q)):
-        _bring(state_of, q, arrived, np.arange(part.start, part.stop), target, bounds)
+        active = np.arange(part.start, part.stop)
+        for _ in range(MOST_ROUNDS):
+            state = state_of(q[active], active)
+            miss = target[active] - state.position
+            far = np.linalg.norm(miss, axis=1) > TOUCHING
+            arrived[active[~far]] = True
+            if not far.any():
+                break
+            active, miss, jacobian = active[far], miss[far], tip_jacobian(state)[far]
+            q[active] = np.clip(q[active] + _step(jacobian, miss), bounds[:, 0], bounds[:, 1])
     return q, arrived
-
-
-def _bring(state_of: StateOf, q: Array, arrived: NDArray[np.bool_], active: Index, target: Array, bounds: Array) -> None:
-    """The same for the rows ``active``, in place."""
-    for _ in range(MOST_ROUNDS):
-        state = state_of(q[active], active)
-        miss = target[active] - state.position
-        far = np.linalg.norm(miss, axis=1) > TOUCHING
-        arrived[active[~far]] = True
-        if not far.any():
-            return
-        active, miss, jacobian = active[far], miss[far], tip_jacobian(state)[far]
-        q[active] = np.clip(q[active] + _step(jacobian, miss), bounds[:, 0], bounds[:, 1])
 
 
 def _step(jacobian: Array, miss: Array) -> Array:

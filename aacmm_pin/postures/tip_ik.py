@@ -9,17 +9,19 @@ from __future__ import annotations
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.chain import exp
+from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable, cross
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.continuation import Curve, System, all_curves, polish
-from aacmm_pin.postures.wrist_ik import POSITIONING, Wrist, turns_about_z, with_spread, wrist_curves
+from aacmm_pin.postures.wrist_ik import POSITIONING, Wrist, with_spread, wrist_curves
 
 SPREAD = 600
 """Evenly spread starts."""
+DIRECTIONS = 48
+"""Turns of the body about the stylus that are tried."""
 
 
-def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int, directions: int = 48) -> list[Curve]:
+def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int) -> list[Curve]:
     """Curves of six joints on which the tip is at one of ``points`` and the stylus points along ``axis``.
 
     The body behind joint 6 may still turn about the stylus. For each of many such turns the wrist's place is known; where
@@ -31,7 +33,6 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
         stylus: unit direction of the stylus in the last frame (3,).
         axis: unit direction that it shall have in the base (3,).
         per_turn: see :func:`wrist_curves`.
-        directions: number of turns about the stylus that are tried.
 
     Returns:
         The curves, sorted by the number of their point.
@@ -42,7 +43,7 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
     if dh.nq != 6 or not dh.moving[:6].all():
         raise UnsupportedArmError("configurations of the tip need an arm with six joints in its first six DH rows")
     system = tip_system(dh, points, stylus, axis)
-    seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis, per_turn, directions), len(points), SPREAD)
+    seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis, per_turn), len(points), SPREAD)
     seeds, good = polish(system, seeds, problem)
     towards = axis @ _pointing(dh.axes(seeds), stylus) > 0
     return all_curves(system, seeds[good & towards], problem[good & towards])
@@ -72,35 +73,29 @@ def _pointing(frames: tuple[Array, ...], stylus: Array) -> Array:
     return np.asarray(stylus[0] * x[-1] + stylus[1] * y[-1] + stylus[2] * z[-1])
 
 
-def _tip_seeds(
-    dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int, directions: int
-) -> tuple[Array, Index]:
+def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int) -> tuple[Array, Index]:
     """Starting values (n, 6) [rad], near solutions, and the number of their point (n,)."""
     links = dh.links()
     behind = links[6]  # from joint 6 to the tip
     stylus_in_6 = behind[:3, :3] @ stylus
-    bodies = _bodies_about(axis, stylus_in_6, directions)
-    # The origin of frame 5 lies where the axes of joint 6 start.
-    back = bodies @ behind[:3, 3] + np.einsum("nij,j->ni", bodies, _wrist_in_6(dh, links))
+    bodies = _bodies_about(axis, stylus_in_6)
+    # The origin of frame 5 seen from the axes of joint 6 before it turns; for standard DH it is their origin.
+    wrist_in_6 = np.zeros(3) if dh.standard else -links[5][:3, 3]
+    back = bodies @ behind[:3, 3] + bodies @ wrist_in_6
     wrist = Wrist.of(dh)
     places = (points[:, None, :] - back).reshape(-1, 3)
     seeds, problem = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
     for curve in wrist_curves(wrist, places, per_turn):
-        point, body = divmod(curve.problem, directions)
+        point, body = divmod(curve.problem, DIRECTIONS)
         seeds.append(_wrist_angles(wrist.full(curve.q), bodies[body], links))
         problem.append(np.full(len(seeds[-1]), point))
     return np.concatenate(seeds), np.concatenate(problem)
 
 
-def _wrist_in_6(dh: DHTable, links: Array) -> Array:
-    """Origin of frame 5 seen from the axes of joint 6 before it turns: zero for standard DH (the frames coincide)."""
-    return np.zeros(3) if dh.standard else -links[5][:3, 3]
-
-
-def _bodies_about(axis: Array, stylus: Array, count: int) -> Array:
+def _bodies_about(axis: Array, stylus: Array) -> Array:
     """Orientations (n, 3, 3) of the body behind joint 6 that have ``stylus`` along ``axis``."""
-    angles = np.arange(count)[:, None] * (2 * np.pi / count)
-    turns = np.concatenate([np.zeros((count, 3)), angles * axis], axis=1)
+    angles = np.arange(DIRECTIONS)[:, None] * (2 * np.pi / DIRECTIONS)
+    turns = np.concatenate([np.zeros((DIRECTIONS, 3)), angles * axis], axis=1)
     return np.asarray(exp(turns)[0] @ _rotation_between(stylus, axis))
 
 
@@ -121,7 +116,9 @@ def _wrist_angles(q: Array, body: Array, links: Array) -> Array:
     In the axes of joint 5 joint 6's axis is ``Rz(θ5) L5 e_z``; its z component does not depend on θ5, which gives the
     condition on joints 1 to 4.
     """
-    before = _rotation_before_5(q, links)
+    before = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
+    for joint in range(POSITIONING):
+        before = before @ _turns(q[:, joint]) @ links[joint + 1][:3, :3]
     axis = np.einsum("nji,j->ni", before, body[:, 2])
     wanted = links[5][:3, 2]
     gap = axis[:, 2] - wanted[2]
@@ -131,13 +128,11 @@ def _wrist_angles(q: Array, body: Array, links: Array) -> Array:
     pick = np.flatnonzero((gap * following <= 0) | least)
     seeds = q[pick].copy()
     seeds[:, 4] = np.arctan2(axis[pick, 1], axis[pick, 0]) - np.arctan2(wanted[1], wanted[0])
-    rest = np.einsum("nji,jk->nik", before[pick] @ turns_about_z(seeds[:, 4])[:, :3, :3] @ links[5][:3, :3], body)
+    rest = np.einsum("nji,jk->nik", before[pick] @ _turns(seeds[:, 4]) @ links[5][:3, :3], body)
     seeds[:, 5] = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
     return seeds
 
 
-def _rotation_before_5(q: Array, links: Array) -> Array:
-    rotation = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
-    for joint in range(POSITIONING):
-        rotation = rotation @ turns_about_z(q[:, joint])[:, :3, :3] @ links[joint + 1][:3, :3]
-    return np.asarray(rotation)
+def _turns(angles: Array) -> Array:
+    """Turns about z (n, 3, 3)."""
+    return screws(angles, 0.0, 2)[:, :3, :3]

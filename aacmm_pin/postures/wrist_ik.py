@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin.arm.chain import screws
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.continuation import Curve, System, all_curves, polish
@@ -150,7 +151,7 @@ def _held_seeds(table: DHTable, points: Array, per_turn: int) -> tuple[Array, In
 
 def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array], Array]:
     """Constants B0, B1, B2 (n, 4, 4) and the point c (n, 3) of the three joints that stay free."""
-    turns = turns_about_z(angles)
+    turns = screws(angles, 0.0, 2)
     constants = [np.broadcast_to(links[0], turns.shape)]
     for joint in range(POSITIONING):
         if joint == held:
@@ -158,13 +159,3 @@ def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array
         else:
             constants.append(np.broadcast_to(links[joint + 1], turns.shape))
     return constants[:3], np.ascontiguousarray(constants[3][:, :3, 3])
-
-
-def turns_about_z(angles: Array) -> Array:
-    """Rz of each angle (n,) [rad]: (n, 4, 4)."""
-    turns = np.zeros((len(angles), 4, 4))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
-    turns[:, 1, 0] = np.sin(angles)
-    turns[:, 0, 1] = -turns[:, 1, 0]
-    turns[:, 2, 2] = turns[:, 3, 3] = 1.0
-    return turns

@@ -482,7 +482,6 @@ def test_what_cannot_be_asked(sino6: Arm) -> None:
         ({"point": SEAT, "rest": [0.0]}, ShapeError, r"rest has shape \(1,\), expected \(2,\)"),
         ({"point": SEAT, "count": 2}, AacmmError, "count is 2"),
         ({"point": SEAT, "count": 10.5}, AacmmError, "count is 10.5, expected a whole number"),
-        ({"point": SEAT, "seeds_per_turn": 1}, AacmmError, "seeds_per_turn is 1"),
     ]
     for arguments, error, words in asked:
         with pytest.raises(error, match=words):
