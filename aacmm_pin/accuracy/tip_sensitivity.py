@@ -145,29 +145,23 @@ class ErrorSources(Shown):
         Raises:
             MissingConditionError: an effect depends on a condition that is not there.
         """
+        arm, columns = self.arm, np.array(self.columns)
         if not self.effects:
-            return self._arm_sensitivity(q)
-        arm, found, start = self.arm, [], 0
-        state = displaced(
-            arm, self.effects, q, Conditions(len(q)) if conditions is None else conditions, arm.place(self.at), False
-        )
+            own = arm.sensitivity(q, self.at)[:, :, columns[columns < len(arm.parameters)]]
+            noisy = columns[columns >= len(self.model.parameters)] - len(self.model.parameters)
+            return np.concatenate([own, arm.jacobian(q, self.at)[:, :, noisy]], axis=2) if noisy.size else own
+        conditions = Conditions(len(q)) if conditions is None else conditions
+        state = displaced(arm, self.effects, q, conditions, arm.place(self.at), False)
         # A noisy reading is a noisy zero.
-        readings = [JointZeroOffset(joint=axis // 2) for axis in arm.chain.moving_axes()]
+        readings = [JointZeroOffset(joint=row) for row in arm.chain.moving_rows()]
+        found, start = [], 0
         for cause in (*of_geometry(arm), *self.model.effects, *readings):
-            terms = len(cause.terms)
-            wanted = [column - start for column in self.columns if start <= column < start + terms]
-            if wanted:
+            end = start + len(cause.terms)
+            wanted = columns[(columns >= start) & (columns < end)] - start
+            if wanted.size:
                 found.append(cause.sensitivity(state)[:, :, wanted])
-            start += terms
+            start = end
         return np.concatenate(found, axis=2)
-
-    def _arm_sensitivity(self, q: Array) -> Array:
-        columns, geometric = np.array(self.columns), len(self.arm.parameters)
-        sensitivity = self.arm.sensitivity(q, self.at)[:, :, columns[columns < geometric]]
-        encoders = columns[columns >= geometric] - geometric
-        if not encoders.size:
-            return sensitivity
-        return np.concatenate([sensitivity, self.arm.jacobian(q, self.at)[:, :, encoders]], axis=2)
 
     def generators(self, q: Array, conditions: Conditions | None = None) -> Array:
         """What each bounded source does at its bound: half-width times sensitivity (n, 3, b) [m].

@@ -101,14 +101,6 @@ def by_differences(sources: ErrorSources, q: Array) -> Array:
     return np.array(columns).T
 
 
-def assert_alike(real: AccuracyVolume, first_order: AccuracyVolume) -> None:
-    """Some thousand draws of the real model and the first order."""
-    scale = np.sqrt(np.einsum("nii,njj->nij", first_order.covariance, first_order.covariance))
-    np.testing.assert_allclose(real.covariance / scale, first_order.covariance / scale, atol=0.11)
-    assert (real.volume < first_order.volume * 1.002).all()
-    np.testing.assert_allclose(real.volume, first_order.volume, rtol=0.03)
-
-
 # --- extended models
 
 
@@ -135,14 +127,6 @@ def test_exact_positions_are_those_of_models_made_anew(extended: ErrorModel, rng
     no_lengths = np.where([p.unit == "m" for p in sources.parameters], 0.0, errors)
     expected = np.array([rebuilt(extended, dict(zip(names, e, strict=True)), q, WARM) for e in no_lengths])
     np.testing.assert_allclose(exact_positions(sources, q, WARM, no_lengths), expected, atol=2e-8)
-
-
-def test_monte_carlo_of_the_extended_model(extended: ErrorModel, rng: np.random.Generator) -> None:
-    q, draws = some(extended.arm, 1), 4_000
-    options = {"conditions": WARM, "encoder_noise": 2e-5}
-    first_order = accuracy_volume(extended, q, **options)
-    real = accuracy_volume(extended, q, method="monte-carlo", rng=rng, draws=draws, **options)
-    assert_alike(real, first_order)
 
 
 def test_uncertain_effects_enlarge_what_the_arm_alone_says(extended: ErrorModel) -> None:
@@ -207,6 +191,8 @@ def test_causes_without_their_conditions_are_left_out_and_named(extended: ErrorM
     np.testing.assert_array_equal(accuracy_volume(worn, q).volume, expected.volume)
     np.testing.assert_allclose(cold.covariance, expected.covariance, rtol=1e-12)
     np.testing.assert_allclose(cold.volume, expected.volume, rtol=1e-12)
+    noisy = [accuracy_volume(m, q, encoder_noise=1e-5) for m in (ErrorModel(extended.arm, EFFECTS[2:]), extended.arm)]
+    np.testing.assert_array_equal(noisy[0].covariance, noisy[1].covariance)  # the only effect is left out
     assert expected.not_included == accuracy_volume(extended, q, conditions=WARM).not_included == ()
     assert "not included" not in str(expected)
     assert accuracy_volume(extended, q, method="monte-carlo", rng=np.random.default_rng(1), draws=100).not_included
@@ -333,11 +319,17 @@ def test_calibrated_parameters_are_drawn_from_their_normal_distribution(rng: np.
     assert (result.u / expected.u) ** 2 == pytest.approx(1.0, abs=7 / np.sqrt(draws))
 
 
-def test_monte_carlo_with_correlations(calibrated: ErrorModel, rng: np.random.Generator) -> None:
-    q, draws = some(calibrated.arm, 1), 4_000
-    first_order = accuracy_volume(calibrated, q, conditions=WARM)
-    real = accuracy_volume(calibrated, q, conditions=WARM, method="monte-carlo", rng=rng, draws=draws)
-    assert_alike(real, first_order)
+def test_monte_carlo_of_effects_and_with_correlations(
+    extended: ErrorModel, calibrated: ErrorModel, rng: np.random.Generator
+) -> None:
+    for model, noise in ((extended, 2e-5), (calibrated, None)):
+        q = some(model.arm, 1)
+        first_order = accuracy_volume(model, q, conditions=WARM, encoder_noise=noise)
+        real = accuracy_volume(model, q, conditions=WARM, encoder_noise=noise, method="monte-carlo", rng=rng, draws=4_000)
+        scale = np.sqrt(np.einsum("nii,njj->nij", first_order.covariance, first_order.covariance))
+        np.testing.assert_allclose(real.covariance / scale, first_order.covariance / scale, atol=0.11)
+        assert (real.volume < first_order.volume * 1.002).all()
+        np.testing.assert_allclose(real.volume, first_order.volume, rtol=0.03)
 
 
 def test_a_left_out_cause_may_be_correlated() -> None:
@@ -399,18 +391,19 @@ def test_jointwise_takes_correlations_inside_a_row_and_causes_of_the_whole_arm()
 # --- budget
 
 
-def test_shares_of_correlated_parameters_sum_to_one(calibrated: ErrorModel) -> None:
-    result = accuracy_volume(calibrated, some(calibrated.arm, 7), conditions=WARM, encoder_noise=1e-5)
-    single = result.budget()
-    for by in ("parameter", "joint", "kind"):
-        table = result.budget(by)
-        assert table["share"].sum() == pytest.approx(1.0, abs=1e-12)
-        assert table["share"].is_monotonic_decreasing
-        expected = single.groupby(by, dropna=False)["share"].sum()
-        assert len(table) == len(expected)
-        for name, share in zip(table[by], table["share"], strict=True):
-            mine = single[by].isna() if pd.isna(name) else single[by] == name
-            assert share == pytest.approx(single.loc[mine, "share"].sum(), rel=1e-9)
+def test_shares_sum_to_one(calibrated: ErrorModel, sino6: Arm) -> None:
+    for model in (sino6, calibrated):
+        result = accuracy_volume(model, some(sino6, 7), conditions=WARM, encoder_noise=1e-5)
+        single = result.budget()
+        for by in ("parameter", "joint", "kind"):
+            table = result.budget(by)
+            assert table["share"].sum() == pytest.approx(1.0, abs=1e-12)
+            assert table["share"].is_monotonic_decreasing
+            expected = single.groupby(by, dropna=False)["share"].sum()
+            np.testing.assert_allclose(table["share"], expected.sort_values(ascending=False), rtol=1e-9)
+            if model is sino6:  # independent
+                together = np.sqrt(np.square(table["u_mm"]).sum())
+                assert together == pytest.approx(1e3 * np.sqrt(np.square(result.u).mean()), rel=1e-12)
 
 
 def test_share_is_what_the_variance_owes_to_u(calibrated: ErrorModel) -> None:
