@@ -29,6 +29,8 @@ SAME_SWIVEL = 1e-10
 MOST_TRIALS = 100
 CURVED = 0.02
 """More than a curve leaves the chord between two of its vertices [rad]."""
+OUTWARDS = np.array([-1.0, 1.0])
+"""Of a lower and an upper limit."""
 LIMIT_PARTS = 16
 """Parts of a piece that may meet a limit."""
 
@@ -81,37 +83,29 @@ class Components:
     @cached_property
     def segments(self) -> _Segments:
         """Pieces between neighbouring vertices of all curves."""
-        curves = self.curves
-        start = np.concatenate([c.q for c in curves])
-        problem = np.concatenate([np.full(len(c.q), c.problem) for c in curves])
-        ends = np.concatenate([np.roll(c.q, -1, axis=0) for c in curves])
-        end = start + wrapped(ends - start)
-        swivel = self.swivel.angle(self.full(start), self.points[problem])
-        lengths = np.array([len(c.q) for c in curves])
+        lengths = np.array([len(c.q) for c in self.curves])
+        start = np.concatenate([c.q for c in self.curves])
+        problem = np.repeat([c.problem for c in self.curves], lengths)
+        last = np.cumsum(lengths) - 1
         following = np.arange(1, len(start) + 1)
-        following[np.cumsum(lengths) - 1] = np.cumsum(lengths) - lengths  # the last vertex is followed by the first
-        turn = wrapped(swivel[following] - swivel)
-        open_ends = (np.cumsum(lengths) - 1)[[not c.closed for c in curves]]
-        keep = np.delete(np.arange(len(start)), open_ends)
-        return _Segments(start[keep], end[keep], swivel[keep], turn[keep], problem[keep])
+        following[last] = last - lengths + 1  # the last vertex is followed by the first
+        swivel = self.swivel.angle(self.full(start), self.points[problem])
+        keep = np.delete(np.arange(len(start)), last[[not c.closed for c in self.curves]])
+        behind = following[keep]
+        end = start[keep] + wrapped(start[behind] - start[keep])
+        return _Segments(start[keep], end, swivel[keep], wrapped(swivel[behind] - swivel[keep]), problem[keep])
 
     def divided(self, pieces: _Segments, which: NDArray[np.bool_]) -> _Segments:
         """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at the cuts."""
         start, chord = pieces.start[which], (pieces.end - pieces.start)[which]
-        problem = np.repeat(pieces.problem[which], LIMIT_PARTS + 1)
-        parts = np.linspace(0.0, 1.0, LIMIT_PARTS + 1)
-        guess = (start[:, None, :] + parts[:, None] * chord[:, None, :]).reshape(-1, start.shape[1])
-        q = to_solution(self.system, guess, problem)
-        swivel = self.swivel.angle(self.full(q), self.points[problem]).reshape(-1, LIMIT_PARTS + 1)
-        turn = wrapped(np.diff(swivel, axis=1))
-        q = q.reshape(-1, LIMIT_PARTS + 1, start.shape[1])
-        return _Segments(
-            q[:, :-1].reshape(-1, start.shape[1]),
-            q[:, 1:].reshape(-1, start.shape[1]),
-            swivel[:, :-1].ravel(),
-            turn.ravel(),
-            np.repeat(pieces.problem[which], LIMIT_PARTS),
-        )
+        joints, cuts = start.shape[1], LIMIT_PARTS + 1
+        problem = np.repeat(pieces.problem[which], cuts)
+        guess = start[:, None] + np.linspace(0.0, 1.0, cuts)[:, None] * chord[:, None]
+        q = to_solution(self.system, guess.reshape(-1, joints), problem)
+        swivel = self.swivel.angle(self.full(q), self.points[problem]).reshape(-1, cuts)
+        q, turn = q.reshape(-1, cuts, joints), wrapped(np.diff(swivel, axis=1)).ravel()
+        ends = q[:, :-1].reshape(-1, joints), q[:, 1:].reshape(-1, joints)
+        return _Segments(*ends, swivel[:, :-1].ravel(), turn, np.repeat(pieces.problem[which], LIMIT_PARTS))
 
 
 @dataclass(frozen=True)
@@ -282,7 +276,7 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
     return Flexibility(float(found.zeta[0]), working, float(arc_fractions(components, limits)[0]))
 
 
-def arc_fractions(components: Components, limits: Array, bins: int = ARC_BINS) -> Array:
+def arc_fractions(components: Components, limits: Array) -> Array:
     """Working over theoretical range of the swivel angle for every point: (m,), nan where nothing is theoretical.
 
     Pieces between vertices that may meet a limit are divided into ``LIMIT_PARTS``, with solutions in between.
@@ -292,8 +286,8 @@ def arc_fractions(components: Components, limits: Array, bins: int = ARC_BINS) -
         return np.full(m, np.nan)
     pieces = components.segments
     start, end = components.full(pieces.start), components.full(pieces.end)
-    nothing = np.less_equal(*inside_part(start, end, _moved_out(limits, CURVED))[::-1])
-    first, last = inside_part(start, end, _moved_out(limits, -CURVED))
+    nothing = np.less_equal(*inside_part(start, end, limits + CURVED * OUTWARDS)[::-1])
+    first, last = inside_part(start, end, limits - CURVED * OUTWARDS)
     whole = (first == 0.0) & (last == 1.0)
     fine = components.divided(pieces, ~(nothing | whole))
     first, last = inside_part(components.full(fine.start), components.full(fine.end), limits)
@@ -301,22 +295,18 @@ def arc_fractions(components: Components, limits: Array, bins: int = ARC_BINS) -
     problem = np.concatenate([pieces.problem[whole], fine.problem[some]])
     swivel = np.concatenate([pieces.swivel[whole], (fine.swivel + first * fine.turn)[some]])
     turn = np.concatenate([pieces.turn[whole], ((last - first) * fine.turn)[some]])
-    theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m, bins)
-    working = _covered(problem, swivel, turn, m, bins)
+    theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m)
+    working = _covered(problem, swivel, turn, m)
     with np.errstate(invalid="ignore"):
         return np.asarray(working.sum(axis=1) / theoretical.sum(axis=1))
 
 
-def _moved_out(limits: Array, distance: float) -> Array:
-    """Limits moved outwards; moved inwards by too much they leave nothing."""
-    return np.asarray(limits + np.array([-distance, distance]))
-
-
-def _covered(problem: Index, start: Array, turn: Array, points: int, bins: int) -> NDArray[np.bool_]:
-    """Which bins of the full turn are covered by arcs from ``start`` over ``turn``: (points, bins).
+def _covered(problem: Index, start: Array, turn: Array, points: int) -> NDArray[np.bool_]:
+    """Which ``ARC_BINS`` of the full turn are covered by arcs from ``start`` over ``turn``: (points, bins).
 
     A bin counts when an arc covers its centre; arcs are marked by +1 and -1 at their ends and summed up.
     """
+    bins = ARC_BINS
     low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * (bins / (2 * np.pi))
     first = np.ceil(low - 0.5).astype(np.intp)
     end = np.ceil(low + np.abs(turn) * (bins / (2 * np.pi)) - 0.5).astype(np.intp)

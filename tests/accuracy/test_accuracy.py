@@ -223,19 +223,6 @@ def test_frames_before_the_tip(sino6: Arm) -> None:
 # --- budget
 
 
-def test_shares_sum_to_one(arm: Arm) -> None:
-    result = accuracy_volume(arm, some(arm, 30), encoder_noise=1e-5)
-    for by in ("parameter", "joint", "kind"):
-        table = result.budget(by)
-        assert table["share"].sum() == pytest.approx(1.0, abs=1e-12)
-        assert table["share"].is_monotonic_decreasing
-        assert (table["share"] >= 0).all()
-        together = np.sqrt(np.square(table["u_mm"]).sum())
-        assert together == pytest.approx(1e3 * np.sqrt(np.square(result.u).mean()), rel=1e-12)
-        single = result.budget().groupby(by)["share"].sum()
-        np.testing.assert_allclose(table.set_index(by)["share"], single.loc[table[by]], rtol=1e-12)
-
-
 def test_budget_names_each_source_once(sino6: Arm) -> None:
     table = accuracy_volume(sino6, some(sino6, 4), encoder_noise=1e-5).budget()
     assert table["parameter"].is_unique

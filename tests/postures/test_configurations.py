@@ -377,24 +377,23 @@ def test_configurations_at_a_swivel_have_it(name: str) -> None:
 
 
 def test_angles_are_turned_into_their_limits_by_whole_turns(rng: np.random.Generator) -> None:
-    lower = rng.uniform(-8, 5, (60, 1))
-    limits = np.hstack([lower, lower + rng.uniform(0.01, 9, (60, 1))])
-    for pair in limits:
-        q = rng.uniform(-30, 30, (50, 1))
-        inside = into_limits(q, pair[None])
-        np.testing.assert_allclose(wrapped(inside - q), 0.0, atol=1e-9)
-        every = q + 2 * np.pi * np.arange(-9, 10)
-        outside = np.maximum(np.maximum(pair[0] - every, every - pair[1]), 0.0).min(axis=1)
-        now = np.maximum(np.maximum(pair[0] - inside, inside - pair[1]), 0.0)[:, 0]
-        np.testing.assert_allclose(now, outside, atol=3e-9)
-        np.testing.assert_array_equal(broken_limits(inside, pair[None])[:, 0], outside > 1e-9)
-
-
-def test_an_angle_on_its_limit_is_inside() -> None:
-    limits = np.array([[-np.pi, 0.0], [0.0, 2 * np.pi], [-np.pi, np.pi]])
-    for edge, turns in product((0.0, 1e-10, -1e-10), (-2, 0, 3)):
-        q = np.array([[0.0 + edge, 2 * np.pi + edge, np.pi + edge], [-np.pi - edge, 0.0 - edge, -np.pi - edge]])
-        assert not broken_limits(into_limits(q + 2 * np.pi * turns, limits), limits).any()
+    """Inside and nearest to the middle, or least outside; an angle on its limit is inside."""
+    lower = rng.uniform(-8, 5, 60)
+    pairs = [*np.column_stack([lower, lower + rng.uniform(0.01, 20, 60)]), *np.pi * np.array([[-2, 2], [-1, 0], [0, 2]])]
+    for low, high in pairs:
+        limits = np.array([[low, high]])
+        edges = np.array([low, high])[:, None] + [-1e-10, 0, 1e-10]
+        q = np.concatenate([rng.uniform(-30, 30, 50), (edges.ravel() + 2 * np.pi * np.array([[-2], [0], [3]])).ravel()])
+        into = into_limits(q[:, None], limits)[:, 0]
+        np.testing.assert_allclose(wrapped(into - q), 0.0, atol=1e-9)
+        every = q[:, None] + 2 * np.pi * np.arange(-12, 13)
+        outside, least = (np.maximum(np.maximum(low - x, x - high), 0.0) for x in (into, every))
+        np.testing.assert_allclose(outside, least.min(axis=1), atol=3e-9)
+        np.testing.assert_array_equal(broken_limits(into[:, None], limits)[:, 0], least.min(axis=1) > 1e-9)
+        nearest = np.where(least < 1e-9, np.abs(every - (low + high) / 2), np.inf).min(axis=1)
+        there = np.isfinite(nearest)
+        np.testing.assert_allclose(np.abs(into[there] - (low + high) / 2), nearest[there], atol=1e-8)
+    assert (np.abs(into_limits(q[:, None], np.array([[-np.inf, np.inf]]))) <= np.pi + 1e-9).all()
 
 
 def test_circle_says_which_limits_are_broken(arm: Arm, circles: list[ConfigurationCircle]) -> None:

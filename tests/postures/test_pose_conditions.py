@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin._support.angles import wrapped
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.limits import into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.constraints import PoseConditions, pointed_off, turned_off
 from aacmm_pin.postures.general_ik import reaching_postures
@@ -69,22 +67,6 @@ def test_derivative_by_the_joints(sino6: Arm, rng: np.random.Generator) -> None:
             columns = [(system(q + h, none)[0] - system(q - h, none)[0])[0] / (2 * H) for h in H * np.eye(6)]
             np.testing.assert_allclose(system(q, none)[1][0], np.column_stack(columns), rtol=0, atol=1e-7)
         assert system(np.zeros((2, 6)), np.zeros(2, dtype=np.intp))[0].shape == (2, conditions.count)
-
-
-def test_wide_limits_take_the_angle_nearest_to_their_middle(rng: np.random.Generator) -> None:
-    turn = 2 * np.pi
-    limits = np.array([[-turn, turn], [-np.pi, np.pi], [0.0, turn], [-1.0, 3 * turn], [-np.inf, np.inf], [0.5, 1.0]])
-    q = rng.uniform(-20, 20, (500, 6))
-    into = into_limits(q, limits)
-    np.testing.assert_allclose(wrapped(into - q), 0.0, atol=1e-12)
-    images = wrapped(q)[:, :, None] + turn * np.arange(-6, 7)
-    for joint, (lower, upper) in enumerate(limits):
-        middle = 0.0 if np.isinf(lower) else (lower + upper) / 2
-        inside = (images[:, joint] >= lower) & (images[:, joint] <= upper)
-        best = np.where(inside, np.abs(images[:, joint] - middle), np.inf).min(axis=1)
-        there = np.isfinite(best)
-        np.testing.assert_allclose(np.abs(into[there, joint] - middle), best[there], atol=1e-9)
-    assert (np.abs(into[:, [0, 4]]) <= np.pi).all()
 
 
 # --- what is refused

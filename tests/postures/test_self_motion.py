@@ -80,13 +80,6 @@ def test_limits_are_flags(panda: Arm, motions: list[ReachingPostures]) -> None:
         assert 0 <= motion.arc_fraction < 1
 
 
-def test_table_and_words(motions: list[ReachingPostures]) -> None:
-    motion = motions[0]
-    assert motion.to_frame()["swivel_deg"].isna().all()
-    assert f"{len(motion.curves)} closed curves" in str(motion)
-    assert len(motion.summary()) == len(motion.curves)
-
-
 def partner_of(q: Array, motion: ReachingPostures) -> int:
     """The one component of ``motion`` on which all ``q`` (n, nq) lie."""
     numbers = np.unique(motion.component)
@@ -153,11 +146,7 @@ def test_curves_that_cross_are_followed_straight_on(
     np.testing.assert_allclose(poses[:, :3, :3] @ tool, np.tile([0, 0, -1], (len(poses), 1)), rtol=0, atol=1e-9)
     turn = rng.uniform(-np.pi, np.pi)  # the whole pose, at random about the tool's axis
     pose = poses[0].copy()
-    pose[:3, :3] = rotation_about([0, 0, -1], turn) @ pose[:3, :3]
+    pose[:3, :3] = pin.exp3(np.array([0.0, 0.0, -turn])) @ pose[:3, :3]
     brute = by_newton(ur5, pose, rng.uniform(-np.pi, np.pi, (80, 6)))
     assert len(brute) > 20
     assert off_polylines(brute, motion.component, motion.q).max() < 1e-3
-
-
-def rotation_about(axis: list[float], angle: float) -> Array:
-    return np.asarray(pin.exp3(angle * np.array(axis, dtype=float)))
