@@ -397,9 +397,11 @@ def _chain_of_model(model: Any, tip: str) -> Chain:
     turns = [_onto_z(_joint_axis(model, j)) for j in range(1, model.njoints)]
     frame = model.frames[_frame_number(model, tip)].placement.homogeneous
     placements = [*(model.jointPlacements[j].homogeneous for j in range(1, model.njoints)), frame]
-    ends = [_turned(back.T) @ placement for back, placement in zip([np.eye(3), *turns], placements, strict=True)]
+    turned = [pin.SE3(turn, np.zeros(3)) for turn in turns]
+    backs = [pin.SE3.Identity(), *(turn.inverse() for turn in turned)]
+    ends = [back.homogeneous @ placement for back, placement in zip(backs, placements, strict=True)]
     slides = np.array([not _motion(model, j)[3:].any() for j in range(1, model.njoints)])
-    return Chain.of_pieces([_turned(turn) for turn in turns], ends, np.arange(len(turns)), slides)
+    return Chain.of_pieces([turn.homogeneous for turn in turned], ends, np.arange(len(turns)), slides)
 
 
 def _motion(model: Any, joint: int) -> Array:
@@ -417,12 +419,6 @@ def _joint_axis(model: Any, joint: int) -> Array:
 def _onto_z(axis: Array) -> Array:
     """A rotation with ``axis`` as its third column."""
     return np.array(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix())
-
-
-def _turned(rotation: Array) -> Array:
-    placement = np.eye(4)
-    placement[:3, :3] = rotation
-    return placement
 
 
 def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:

@@ -119,12 +119,6 @@ class Chain:
         turns = np.where(slides, 0.0, z)
         return np.ascontiguousarray(shifts.transpose(1, 2, 0)), turns.transpose(1, 2, 0)
 
-    def name(self, place: int) -> str:
-        """Words for a place."""
-        if place in (BASE, self.tip):
-            return "base" if place == BASE else "tip"
-        return f"end {place // 2}" if place % 2 else f"axis {place // 2}"
-
     def walk(self, q: Array, twists: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
         """Frames of all places for already checked ``q`` (n, nq), each behind the displacement of its own place.
 

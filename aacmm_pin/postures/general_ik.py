@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, Index, unit_vector, vector, whole
+from aacmm_pin._support.checks import Array, unit_vector, vector, whole
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
@@ -57,8 +57,9 @@ class ReachingPostures(PosturesAtPoint):
     def travel(self) -> Array:
         """Way of all angles together from the first posture of a component to each, (n,) [rad]; zero of single postures."""
         way = np.zeros(len(self))
-        for mine in self._by_component():
-            way[mine[1:]] = np.cumsum(np.linalg.norm(wrapped(np.diff(self.q[mine], axis=0)), axis=1))
+        for number in np.unique(self.component):
+            mine = np.flatnonzero(self.component == number)
+            way[mine[1:]] = np.cumsum(np.linalg.norm(self._steps(number), axis=1))[: len(mine) - 1]
         return way
 
     @property
@@ -66,13 +67,9 @@ class ReachingPostures(PosturesAtPoint):
         """Which part of the curves, by the way of the angles, is within limits; nan where postures are single."""
         if self.single or not len(self):
             return float("nan")
-        start, way = [], []
-        for number, mine in enumerate(self._by_component()):
-            closed = self.curves[number].closed
-            following = np.roll(mine, -1) if closed else mine[1:]
-            start.append(self.q[mine if closed else mine[:-1]])
-            way.append(wrapped(self.q[following] - start[-1]))
-        begin, moved = np.concatenate(start), np.concatenate(way)
+        steps = {number: self._steps(number) for number in np.unique(self.component)}
+        begin = np.concatenate([self.q[self.component == number][: len(way)] for number, way in steps.items()])
+        moved = np.concatenate([*steps.values()])
         first, last = inside_part(begin, begin + moved, self.arm.limits)
         length = np.linalg.norm(moved, axis=1)
         return float((length * np.maximum(last - first, 0.0)).sum() / length.sum())
@@ -81,21 +78,19 @@ class ReachingPostures(PosturesAtPoint):
         """Only ``arc_fraction`` exists, of the way along the curves: an arm without an elbow has no sectors."""
         return Flexibility(float("nan"), (), self.arc_fraction)
 
-    def _by_component(self) -> list[Index]:
-        return [np.flatnonzero(self.component == number) for number in np.unique(self.component)]
+    def _steps(self, number: int) -> Array:
+        """From each posture of a component to the next, on a closed curve from the last to the first too [rad]."""
+        q = self.q[self.component == number]
+        back = q[:1] if not self.single and self.curves[number - 1].closed else q[:0]
+        return wrapped(np.diff(q, axis=0, append=back))
 
     def _row(self, number: int) -> dict[str, Any]:
         arrivals = {"arrivals": self.search.hits[number - 1]}
         if self.single:
             angles = " ".join(f"{angle:.2f}" for angle in self.q[self.component == number][0] / DEG)
             return super()._row(number) | {"theta_deg": angles} | arrivals
-        return super()._row(number) | {"travel_rad": self._way_round(number)} | arrivals
-
-    def _way_round(self, number: int) -> float:
-        """Way of all angles along a whole curve [rad]."""
-        mine = np.flatnonzero(self.component == number)
-        back = wrapped(self.q[mine[0]] - self.q[mine[-1]]) if self.curves[number - 1].closed else np.zeros(self.arm.nq)
-        return float(self.travel[mine[-1]] + np.linalg.norm(back))
+        travel = float(np.linalg.norm(self._steps(number), axis=1).sum())
+        return super()._row(number) | {"travel_rad": travel} | arrivals
 
     def __str__(self) -> str:
         where = f"{self._where()}, {CONDITIONS[self.conditions.count]}"
