@@ -238,20 +238,6 @@ def test_the_slider_holds_the_postures_within_limits() -> None:
     np.testing.assert_allclose(decoded(scene, "arm/body 6"), expected, atol=SINGLE)
 
 
-def test_postures_outside_the_limits_when_asked_for() -> None:
-    circle = sino6_circle()
-    scene = scenes.circle_scene(circle, circle_accuracy(circle), outside=True)
-    assert scene.frames is not None
-    assert len(scene.frames) == len(circle.q)
-    for within, broken, row, colour in zip(
-        circle.within_limits, circle.broken, scene.frames.readings, scene.frames.colours, strict=True
-    ):
-        said = "within" if within else f"outside: joint {', '.join(str(j + 1) for j in np.flatnonzero(broken))}"
-        assert said in row
-        assert ("–" in row) == (colour == "#9a9a9a") == (not within)
-    np.testing.assert_array_equal(np.isfinite(decoded(scene, "accuracy")[:, 0, 0]), circle.within_limits)
-
-
 def test_the_line_is_the_path_of_the_elbow() -> None:
     circle, scene = sino6_circle(), circle_of("ellipsoid")
     elbow = frame_placements(circle.arm, circle.q, "frame3")[:, :3, 3]
@@ -430,8 +416,6 @@ def test_what_a_circle_refuses(sino6: Arm) -> None:
         scenes.circle_scene(circle, other)
     with pytest.raises(UnknownNameError, match="ellipsoid, zonotope"):
         scenes.circle_scene(circle, circle_accuracy(circle), shape="cube")  # type: ignore[arg-type]
-    with pytest.raises(UnknownNameError, match="volume, u"):
-        scenes.circle_scene(circle, quantity="mass")  # type: ignore[arg-type]
     with pytest.raises(AacmmError, match="most_frames is 2"):
         scenes.circle_scene(circle, most_frames=2)
 
@@ -601,7 +585,7 @@ def test_a_page_stands_alone() -> None:
 
 def test_text_is_text() -> None:
     scene = Scene("<b>1 & 2</b>", "</script><script>alert(1)</script>", legend=scenes.Legend(notes=["<i>"]))
-    frames = Frames({"arm": np.eye(4)[None]}, ["</script>"], [["<!--"]], ["red"])
+    frames = Frames({"arm": np.eye(4)[None]}, {"</script>": ["<!--"]}, ["red"])
     scene.frames = frames
     rest = outside_viewer(scene.html())
     assert "<b>1" not in rest
@@ -637,12 +621,11 @@ def test_files_are_written_whole_and_not_over_others(tmp_path: Path) -> None:
 def test_frames_that_do_not_fit() -> None:
     whole: dict[str, Any] = {
         "placements": {"arm": np.tile(np.eye(4), (2, 1, 1))},
-        "labels": ["x"],
-        "readings": [["1"], ["2"]],
+        "texts": {"x": ["1", "2"]},
         "colours": ["red", "blue"],
     }
     for change, said in (
-        ({"colours": ["red"]}, "colours: 1 frames, expected 2"),
+        ({"texts": {"x": ["1"]}}, "texts of x: 1 frames, expected 2"),
         ({"placements": {"arm": np.eye(4)[None]}}, "placements of arm: 1 frames"),
         ({"choices": {"set": ["a"]}}, "choices of set: 1 frames"),
         ({"start": 2}, "expected a frame from 0 to 1"),

@@ -1,13 +1,7 @@
-"""The arm as bodies to be drawn: what lies between one joint axis and the next, in the axes of the joint before it.
-
-Body i moves with ``axis i`` of the chain (:mod:`aacmm_pin.arm.chain`), body 0 stands still. With a DH table its line runs
-along d and a of the row, so that tubes are where the arm has them; an arm that came as URDF has straight lines between
-its joints.
-"""
+"""The arm as bodies to be drawn: tubes along its lines, joints along their axes, a foot, a tip."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -16,7 +10,7 @@ from meshcat.geometry import Sphere
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import chain
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.report.arm_lines import ArmLines
 from aacmm_pin.report.scenes.scene import Scene
 from aacmm_pin.report.scenes.shapes import placed_at, rod, solid
 
@@ -29,40 +23,13 @@ DRAWN = 0.3
 """Pieces shorter than this many radii are hidden in a joint and not drawn."""
 
 
-@dataclass(frozen=True, eq=False)
-class Bodies:
-    """Lines of the bodies of an arm.
+class Bodies(ArmLines):
+    """The bodies of an arm along its lines."""
 
-    Attributes:
-        arm: the arm.
-        lines: corners of the line of body 0, 1, … in its own axes, (k, 3) [m] each.
-        radius: of the tubes [m].
-    """
-
-    arm: Arm
-    lines: tuple[Array, ...]
-    radius: float
-
-    @staticmethod
-    def of(arm: Arm) -> Bodies:
-        """The bodies of ``arm``."""
-        lines = tuple(_dh_lines(arm) if arm.dh is not None else _straight_lines(arm))
-        length = sum(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
-        return Bodies(arm, lines, THICKNESS * length)
-
-    def placements(self, q: Array) -> Array:
-        """Placements of all bodies for checked ``q`` (n, nq): (bodies, n, 4, 4) [m]."""
-        rotation, origin = self.arm.chain.walk(q)
-        places = [chain.BASE, *(chain.axis(row) for row in range(1, len(self.lines)))]
-        placements = np.zeros((len(places), len(q), 4, 4))
-        placements[:, :, :3, :3], placements[:, :, :3, 3] = rotation[places], origin[places]
-        placements[:, :, 3, 3] = 1.0
-        return placements
-
-    def corners(self, q: Array) -> Array:
-        """All corners of all lines in the base, from the base to the tip: (n, corners, 3) [m]."""
-        placed = zip(self.placements(q), self.lines, strict=True)
-        return np.concatenate([line @ at[:, :3, :3].transpose(0, 2, 1) + at[:, None, :3, 3] for at, line in placed], axis=1)
+    @property
+    def radius(self) -> float:
+        """Of the tubes [m]."""
+        return THICKNESS * self.length
 
     def draw(self, scene: Scene, root: str = "arm") -> None:
         """Put the bodies into a scene below ``root``; they are moved by a transform of ``root/body i`` each."""
@@ -119,26 +86,6 @@ class Bodies:
 
     def _shows(self, start: Array, end: Array) -> bool:
         return float(np.linalg.norm(end - start)) > DRAWN * self.radius
-
-
-def _dh_lines(arm: Arm) -> list[Array]:
-    """Along d and a of every row, in the axes of the joint."""
-    dh = arm.require_dh("its lines")
-    zero = np.zeros_like(dh.a)
-    along_d, along_a = np.column_stack([zero, zero, dh.d]), np.column_stack([dh.a, zero, zero])
-    start = np.zeros((1, 3))
-    if dh.standard:
-        return [start, *(np.vstack([start, d, d + a]) for d, a in zip(along_d, along_a, strict=True))]
-    behind = [*along_a[1:], None]
-    bodies = [np.vstack([-d, start, *([] if a is None else [a])]) for d, a in zip(along_d, behind, strict=True)]
-    return [np.vstack([start, along_a[0]]), *bodies]
-
-
-def _straight_lines(arm: Arm) -> list[Array]:
-    """From each joint's origin to the next, at rest."""
-    places = [chain.BASE, *(chain.axis(row) for row in range(1, arm.chain.rows + 1)), arm.chain.tip]
-    rotation, origin = (part[:, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
-    return [np.vstack([np.zeros(3), (origin[after] - origin[place]) @ rotation[place]]) for place, after in pairwise(places)]
 
 
 def _put(scene: Scene, path: str, shape: Any, where: Array, colour: str) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
+from meshcat.geometry import Sphere
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, batch
@@ -12,9 +15,10 @@ from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.plots.style import BLUE, GREY
-from aacmm_pin.report.scenes.arm_parts import JOINT, STYLUS, TIP, TUBE, Bodies
+from aacmm_pin.report.scenes.arm_parts import GHOST, JOINT, STYLUS, TIP, TUBE, Bodies
 from aacmm_pin.report.scenes.legend import Legend, Swatch
 from aacmm_pin.report.scenes.scene import Frames, Scene, View
+from aacmm_pin.report.scenes.shapes import ahead, placed_at, prisms, solid
 
 TO_SCALE = "Lengths are true to scale; tubes and joints are not as thick as drawn."
 ROOM = 3.4
@@ -35,17 +39,14 @@ def arm_scene(model: Arm | ErrorModel, q: ArrayLike) -> Scene:
     q = batch(q, arm.nq, "q", "rad")
     if not len(q):
         raise ShapeError("q has no row, expected at least one posture")
-    bodies, broken, tips = Bodies.of(arm), broken_limits(q, arm.limits), arm.positions(q)
+    bodies, tips = Bodies(arm), arm.positions(q)
     points = bodies.corners(q).reshape(-1, 3)
     one = f"The tip is at {place_text(tips[0])} in the base frame."
     scene = Scene(arm.name, one if len(q) == 1 else f"{len(q)} postures.")
     scene.legend = Legend(surroundings(scene, bodies, points), notes=[TO_SCALE])
-    scene.frames = Frames(
-        moving(bodies, q, scene),
-        ["tip x, y, z", *angle_labels(arm), "limits"],
-        [[place_text(tip), *angle_texts(arm, row), broken_text(out)] for tip, row, out in zip(tips, q, broken, strict=True)],
-        [GREY if out.any() else BLUE for out in broken],
-    )
+    texts = {"tip x, y, z": [place_text(tip) for tip in tips], **joint_texts(arm, q)}
+    colours = [BLUE if text == "within" else GREY for text in texts["limits"]]
+    scene.frames = Frames(moving(bodies, q, scene), texts, colours)
     scene.view = view_of(bodies, points, tips.mean(axis=0))
     return scene
 
@@ -82,6 +83,18 @@ def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
     return placed
 
 
+def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
+    """The arm in other postures, as thin lines through their corners (corners, 3) [m] each."""
+    for number, corners in enumerate(postures, start=1):
+        scene[f"ghosts/{number}"].set_object(prisms(corners[:-1], corners[1:], 0.3 * radius), solid(GHOST, 0.45))
+
+
+def put_ball(scene: Scene, path: str, colour: str, radius: float, place: Array, opacity: float = 0.999) -> None:
+    """A ball at ``place`` (3,) [m] that is seen whatever stands before it."""
+    scene[path].set_object(Sphere(radius), ahead(colour, opacity))
+    scene[path].set_transform(placed_at(place[None])[0])
+
+
 def view_of(bodies: Bodies, points: Array, towards: Array) -> View:
     """Past the place that the arm reaches for, and a little to its side, back to the base."""
     x, y, _ = towards
@@ -93,17 +106,10 @@ def place_text(point: Array) -> str:
     return ", ".join(f"{c / MM:.1f}" for c in point) + " mm"
 
 
-def angle_labels(arm: Arm) -> list[str]:
-    """Names of the joints' values."""
-    return [f"joint {j}" for j in range(1, arm.nq + 1)]
-
-
-def angle_texts(arm: Arm, q: Array) -> list[str]:
-    """Values of the joints, degrees or millimetres."""
-    return [f"{v / MM:.2f} mm" if slides else f"{v / DEG:.2f}°" for v, slides in zip(q, arm.chain.prismatic, strict=True)]
-
-
-def broken_text(broken: Array) -> str:
-    """Whether a posture is within limits, or which joints are not, from their flags (nq,)."""
-    joints = [str(j + 1) for j in np.flatnonzero(broken)]
-    return f"outside: joint {', '.join(joints)}" if joints else "within"
+def joint_texts(arm: Arm, q: Array) -> dict[str, list[str]]:
+    """Values of the joints (n, nq), degrees or millimetres, and whether they are within limits, or which are not."""
+    texts = {}
+    for joint, (values, slides) in enumerate(zip(q.T, arm.chain.prismatic, strict=True), start=1):
+        texts[f"joint {joint}"] = [f"{v / MM:.2f} mm" if slides else f"{v / DEG:.2f}°" for v in values]
+    outside = [", ".join(str(joint + 1) for joint in np.flatnonzero(row)) for row in broken_limits(q, arm.limits)]
+    return texts | {"limits": [f"outside: joint {joints}" if joints else "within" for joints in outside]}

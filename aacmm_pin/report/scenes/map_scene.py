@@ -4,31 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
-from meshcat.geometry import Sphere, TriangularMeshGeometry
+from meshcat.geometry import TriangularMeshGeometry
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES
 from aacmm_pin.report.plots.style import VERMILLION
 from aacmm_pin.report.scenes.arm_parts import Bodies
-from aacmm_pin.report.scenes.arm_scene import (
-    ROOM,
-    TO_SCALE,
-    angle_labels,
-    angle_texts,
-    broken_text,
-    moving,
-    surroundings,
-)
+from aacmm_pin.report.scenes.arm_scene import ROOM, TO_SCALE, joint_texts, moving, put_ball, surroundings
 from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
 from aacmm_pin.report.scenes.scene import Frames, Scene, View
-from aacmm_pin.report.scenes.shapes import ahead, flat, placed_at
+from aacmm_pin.report.scenes.shapes import flat, placed_at
 
 Marks = NDArray[np.bool_]
 MOST_FRAMES = 240
@@ -47,29 +38,20 @@ WHOSE = {
 """Whose posture goes with a quantity, other than that of the smallest volume: its name in the map's data, and in words."""
 
 
-def map_scene(
-    workspace_map: WorkspaceMap,
-    model: Arm | ErrorModel,
-    quantity: str = "comprehensive_mm3",
-    *,
-    most_frames: int = MOST_FRAMES,
-) -> Scene:
+def map_scene(workspace_map: WorkspaceMap, model: Arm | ErrorModel, quantity: str = "comprehensive_mm3") -> Scene:
     """The half-plane as coloured cells, and the arm with its wrist in one after the other.
 
     Args:
         workspace_map: the map.
         model: the arm that it is of.
         quantity: one of :data:`aacmm_pin.report.plots.maps.QUANTITIES`.
-        most_frames: cells that the arm reaches for.
 
     Raises:
         UnknownNameError: no such quantity.
-        AacmmError: the map is of another arm, or no cell has a posture within limits; ``most_frames`` below 1.
+        AacmmError: the map is of another arm, or no cell has a posture within limits.
     """
     if quantity not in QUANTITIES:
         raise UnknownNameError("quantity", quantity, list(QUANTITIES))
-    if most_frames < 1:
-        raise AacmmError(f"most_frames is {most_frames}, expected at least 1")
     arm, shown, data = ErrorModel.arm_of(model), QUANTITIES[quantity], workspace_map.data
     if data.attrs["arm"] != arm.name or data.sizes["joint"] != arm.nq:
         raise AacmmError(f"the map is of {data.attrs['arm']} with {data.sizes['joint']} joints, the arm is {arm}")
@@ -81,8 +63,8 @@ def map_scene(
     if not works.any():
         raise AacmmError(f"{workspace_map}: no cell has a posture within limits")
     bar = ColourBar.of(shown.label, values if None in shown.ends else np.array(shown.ends), shown.colours)
-    cells = _in_turn(works, most_frames)
-    q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies.of(arm)
+    cells = _in_turn(works)
+    q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies(arm)
 
     name, unit = shown.label.removesuffix("]").split(" [")
     scene = Scene(f"{arm.name}: {name}", _caption(workspace_map, whose))
@@ -93,13 +75,16 @@ def map_scene(
     if outside.any():
         _draw_cells(scene, workspace_map, "outside limits", outside, np.array([to_rgb(OUTSIDE_LIMITS)]))
         swatches.insert(0, Swatch(OUTSIDE_LIMITS, "in reach, no sector within limits", "area"))
-    scene["point"].set_object(Sphere(0.75 * bodies.radius), ahead(VERMILLION))
-    scene["point"].set_transform(placed_at(points)[0])
-    texts = [f"{value:.4g} {unit}".removesuffix(" 1") for value in values[cells]]
+    put_ball(scene, "point", VERMILLION, 0.75 * bodies.radius, points[0])
+    texts = {
+        "x of the cell": [f"{x / MM:.1f} mm" for x in points[:, 0]],
+        "z of the cell": [f"{z / MM:.1f} mm" for z in points[:, 2]],
+        name: [f"{value:.4g} {unit}".removesuffix(" 1") for value in values[cells]],
+        **joint_texts(arm, q),
+    }
     scene.frames = Frames(
         moving(bodies, q, scene) | {"point": placed_at(points)},
-        ["x of the cell", "z of the cell", name, *angle_labels(arm), "limits"],
-        _readings(arm, points, q, texts),
+        texts,
         [to_hex(colour) for colour in bar.colours(values[cells])],
         start=int(np.nanargmin(values[cells])),
         per_second=PER_SECOND,
@@ -107,14 +92,6 @@ def map_scene(
     scene.legend = Legend(swatches, [bar], [_on_slider(len(q), int(works.sum())), TO_SCALE])
     scene.view = View(np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM * bodies.radius)
     return scene
-
-
-def _readings(arm: Arm, points: Array, q: Array, texts: list[str]) -> list[list[str]]:
-    rows = zip(points, texts, q, broken_limits(q, arm.limits), strict=True)
-    return [
-        [f"{x / MM:.1f} mm", f"{z / MM:.1f} mm", text, *angle_texts(arm, row), broken_text(out)]
-        for (x, _, z), text, row, out in rows
-    ]
 
 
 def _caption(map_: WorkspaceMap, whose: str) -> str:
@@ -131,13 +108,12 @@ def _on_slider(frames: int, cells: int) -> str:
     return f"The slider goes through {some}the {cells} cells that a posture within limits reaches, column by column."
 
 
-def _in_turn(works: Marks, most: int) -> tuple[Index, Index]:
+def _in_turn(works: Marks) -> tuple[Index, Index]:
     """Some of the marked cells, column by column, up and down by turns."""
-    columns = [(x, np.flatnonzero(column)) for x, column in enumerate(works) if column.any()]
-    x = np.concatenate([np.full(len(z), number) for number, z in columns])
-    z = np.concatenate([z[:: 1 if turn % 2 == 0 else -1] for turn, (_, z) in enumerate(columns)])
-    step = -(-len(x) // most)
-    return x[::step], z[::step]
+    x, z = np.nonzero(works)
+    turn = np.unique(x, return_inverse=True)[1]
+    order = np.lexsort([np.where(turn % 2, -z, z), x])[:: -(-len(x) // MOST_FRAMES)]
+    return x[order], z[order]
 
 
 def _centres(map_: WorkspaceMap) -> Array:

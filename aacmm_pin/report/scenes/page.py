@@ -98,8 +98,8 @@ def _frames(frames: Frames) -> dict[str, Any]:
         "count": len(frames),
         "start": frames.start,
         "perSecond": frames.per_second,
-        "labels": list(frames.labels),
-        "readings": [list(row) for row in frames.readings],
+        "labels": frames.labels,
+        "readings": frames.readings,
         "colours": list(frames.colours),
         "choices": {path: list(names) for path, names in frames.choices.items()},
         "moving": {

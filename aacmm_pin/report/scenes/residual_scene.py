@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.colors import to_hex
-from meshcat.geometry import Sphere
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
@@ -15,22 +14,22 @@ from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.report.plots.residual_vectors import magnification_of, models, off_stated, postures_of, some_of
 from aacmm_pin.report.plots.style import VERMILLION
 from aacmm_pin.report.scenes.arm_parts import GHOST, Bodies
 from aacmm_pin.report.scenes.arm_scene import (
     TO_SCALE,
-    angle_labels,
-    angle_texts,
+    draw_ghosts,
+    joint_texts,
     moving,
     place_text,
+    put_ball,
     surroundings,
     view_of,
 )
 from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
 from aacmm_pin.report.scenes.scene import Frames, Scene
-from aacmm_pin.report.scenes.shapes import ahead, flat, line, placed_at, prisms, solid
+from aacmm_pin.report.scenes.shapes import flat, placed_at, prisms
 
 SIZE_COLOURS = "plasma"
 FOOT = 0.005
@@ -83,24 +82,30 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
     deviation = off_stated(fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
     target = frame.back(fit.solution.point.prediction.tips[chosen]) - deviation
     factor = magnification_of(target, deviation)
-    bar, bodies = ColourBar.of("distance of tip and stated place [mm]", off[name], SIZE_COLOURS), Bodies.of(arm)
+    bar, bodies = ColourBar.of("distance of tip and stated place [mm]", off[name], SIZE_COLOURS), Bodies(arm)
     q = records.q[chosen]
     points = np.vstack([bodies.corners(q).reshape(-1, 3), target, target + factor * deviation])
     size = float(np.ptp(points, axis=0).max())
 
     scene = Scene(f"{arm.name}: {words}", _caption(judge, chosen, off))
     stage = surroundings(scene, bodies, points)
-    for number, posture in enumerate(postures_of(judge), start=1):
-        scene[f"ghosts/{number}"].set_object(line(frame.back(posture), 0.3 * bodies.radius), solid(GHOST, 0.45))
+    draw_ghosts(scene, bodies.radius, map(frame.back, postures_of(judge)))
     colours = np.repeat(bar.colours(off[name])[:, None], 2, axis=1)
     spikes = prisms(target, target + factor * deviation, FOOT * size, 0.0, colours)
     scene["residuals"].set_object(spikes, flat(by_vertex=True))
-    scene["record"].set_object(Sphere(1.6 * FOOT * size), ahead(VERMILLION, 0.7))
-    scene["record"].set_transform(placed_at(target)[0])
+    put_ball(scene, "record", VERMILLION, 1.6 * FOOT * size, target[0], opacity=0.7)
+    seats = records.conditions.seat
+    texts = {
+        "row": [str(row) for row in records.row[chosen]],
+        "seat": ["–"] * len(chosen) if seats is None else [str(seat or "–") for seat in seats[chosen]],
+        "stated place": [place_text(place) for place in target],
+        **{f"off, {which}": [f"{length:.4f} mm" for length in lengths] for which, lengths in off.items()},
+        **joint_texts(arm, q),
+    }
+    texts.pop("limits")
     scene.frames = Frames(
         moving(bodies, q, scene) | {"record": placed_at(target)},
-        ["row", "seat", "stated place", *(f"off, {which}" for which in off), *angle_labels(arm)],
-        _readings(arm, records.take(chosen), target, off),
+        texts,
         [to_hex(colour) for colour in bar.colours(off[name])],
         per_second=PER_SECOND,
     )
@@ -113,13 +118,6 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
     scene.legend = Legend(marks, [bar], notes)
     scene.view = view_of(bodies, points, target.mean(axis=0))
     return scene
-
-
-def _readings(arm: Arm, records: Measurements, places: Array, off: Mapping[str, Array]) -> list[list[str]]:
-    seats = ["–"] * records.n if records.conditions.seat is None else [str(seat or "–") for seat in records.conditions.seat]
-    sizes = [[f"{size:.4f} mm" for size in row] for row in zip(*off.values(), strict=True)]
-    rows = zip(records.row, seats, places, sizes, records.q, strict=True)
-    return [[str(row), seat, place_text(at), *size, *angle_texts(arm, q)] for row, seat, at, size, q in rows]
 
 
 def _caption(judge: Fit, chosen: Index, off: Mapping[str, Array]) -> str:

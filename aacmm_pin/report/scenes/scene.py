@@ -31,17 +31,15 @@ class Frames:
 
     Attributes:
         placements: of each moving path (n, 4, 4) [m], rotations with or without scale; nan where the body is not shown.
-        labels: names of the numbers that are read out.
-        readings: their texts, for each frame one for each label.
-        colours: a CSS colour for each frame, shown along the slider.
+        texts: of each number that is read out, by its name, (n,) each.
+        colours: a CSS colour for each frame (n,), shown along the slider.
         start: number of the frame shown first.
         choices: for a path with several objects below it, the name of the one that is shown in each frame, "" for none.
         per_second: frames shown in a second of play.
     """
 
     placements: Mapping[str, Array]
-    labels: Sequence[str]
-    readings: Sequence[Sequence[str]]
+    texts: Mapping[str, Sequence[str]]
     colours: Sequence[str]
     start: int = 0
     choices: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -49,15 +47,25 @@ class Frames:
 
     def __post_init__(self) -> None:
         n = len(self)
-        per_frame = {"colours": self.colours} | {f"placements of {path}": of for path, of in self.placements.items()}
-        for what, of in (per_frame | {f"choices of {path}": names for path, names in self.choices.items()}).items():
-            if len(of) != n:
-                raise ShapeError(f"{what}: {len(of)} frames, expected {n} as there are readings")
+        for what, per_frame in (("placements", self.placements), ("texts", self.texts), ("choices", self.choices)):
+            for name, of in per_frame.items():
+                if len(of) != n:
+                    raise ShapeError(f"{what} of {name}: {len(of)} frames, expected {n} as there are colours")
         if not 0 <= self.start < n:
             raise ShapeError(f"start is {self.start}, expected a frame from 0 to {n - 1}")
 
     def __len__(self) -> int:
-        return len(self.readings)
+        return len(self.colours)
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of the numbers that are read out."""
+        return list(self.texts)
+
+    @property
+    def readings(self) -> list[list[str]]:
+        """Their texts, for each frame one for each label."""
+        return [list(row) for row in zip(*self.texts.values(), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,11 +57,6 @@ def rod(start: Array, end: Array, radius: float, end_radius: float | None = None
     return shape, placement
 
 
-def line(points: Array, radius: float) -> Any:
-    """A thin line through ``points`` (n, 3) [m]."""
-    return prisms(points[:-1], points[1:], radius)
-
-
 def prisms(start: Array, end: Array, radius: float, end_radius: float | None = None, colours: Array | None = None) -> Any:
     """Thin prisms from ``start`` to ``end`` (n, 3) [m], pyramids where ``end_radius`` is zero.
 
