@@ -17,7 +17,6 @@ from aacmm_pin.cli.common import EffectTexts, Force, Json, Plot, Results, Seed, 
 from aacmm_pin.effects import StylusOffset
 from aacmm_pin.effects.cause_text import stated_cause
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.measurements.records import Measurements
 
 
@@ -43,10 +42,8 @@ def calibrate_(
 
     with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_) as results:
         model, path = arm.model_and_data()
-        if output is not None and model.arm.dh is None:
-            raise UnsupportedArmError(
-                f"{output}: an arm file needs a DH table, {model.arm.name} came as URDF; use --urdf-out"
-            )
+        if output is not None:
+            model.arm.require_dh(f"{output}, an arm file (or give --urdf-out),")
         effects = [stated_cause(text, model) for text in effect or []]
         stated = how.keywords() | {"prior": False if how.no_prior else None, "hold_out": not no_held_out}
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)

@@ -11,8 +11,8 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import MISSING, fields, is_dataclass
 from importlib.metadata import entry_points, version
 from pathlib import Path
@@ -55,9 +55,8 @@ def command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
 
         def guarded(**typed: Any) -> None:
             try:
-                with _terminated_in_order():
-                    made = {key: kind(**{f: typed.pop(f) for f in _fields(kind)}) for key, kind in groups.items()}
-                    function(**made, **typed)
+                made = {key: kind(**{f: typed.pop(f) for f in _fields(kind)}) for key, kind in groups.items()}
+                function(**made, **typed)
             except AacmmError as error:
                 note(f"aacmm-pin: {error}")
                 raise typer.Exit(1) from None
@@ -81,24 +80,11 @@ def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM came, as ``timeout`` and batch systems send it."""
+    """SIGTERM came, as ``timeout`` and batch systems send it; so what is half-written is taken away."""
 
 
-@contextmanager
-def _terminated_in_order() -> Iterator[None]:
-    """SIGTERM as an exception, so that what is half-written is taken away."""
-
-    def terminate(number: int, frame: FrameType | None) -> None:
-        raise Terminated
-
-    if threading.current_thread() is not threading.main_thread():  # only that one may
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, terminate)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise Terminated
 
 
 Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")]
@@ -207,6 +193,8 @@ def _root(
     version_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
 ) -> None:
     """Options of the command itself."""
+    if threading.current_thread() is threading.main_thread():  # only that one may
+        signal.signal(signal.SIGTERM, _terminate)
     loaders: list[tuple[str, Callable[[], Any]]] = []
     loaders += [(f"--plugin {name}", functools.partial(_import, name)) for name in plugin or []]
     loaders += [(f"entry point {point.name}", point.load) for point in entry_points(group="aacmm_pin.causes")]

@@ -12,7 +12,6 @@ import typer
 from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
 from aacmm_pin.cli.common import Force, Json, Results, Seed, command
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.measurements.records import Measurements
 
 
@@ -33,8 +32,8 @@ def diagnose_(
 
     with Results(force, output, extended_arm, json_=json_) as results:
         model, path = arm.model_and_data()
-        if extended_arm is not None and model.arm.dh is None:
-            raise UnsupportedArmError(f"{extended_arm}: an arm file needs a DH table, {model.arm.name} came as URDF")
+        if extended_arm is not None:
+            model.arm.require_dh(f"{extended_arm}, an arm file,")
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
         result = diagnose(model, records, hold_out=not no_held_out, rng=rng, **how.keywords())
         if extended_arm is not None:

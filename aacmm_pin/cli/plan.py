@@ -11,7 +11,6 @@ import typer
 
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, say
-from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements, read_table
 from aacmm_pin.planning import plan_measurements
 from aacmm_pin.planning.plan import POSTURES, Reference
@@ -49,8 +48,8 @@ def plan_(
     """What to measure next to tell causes apart: postures and set-up, as a measurement file to be filled in."""
     with Results(force, output, set_up_arm, json_=json_) as results:
         model = arm.model()
-        if set_up_arm is not None and model.arm.dh is None:
-            raise AacmmError(f"{set_up_arm}: an arm file needs a DH table, {model.arm.name} came as URDF")
+        if set_up_arm is not None:
+            model.arm.require_dh(f"{set_up_arm}, an arm file,")
         plan = plan_measurements(
             model,
             split,

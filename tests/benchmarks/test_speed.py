@@ -5,8 +5,6 @@ Skipped by a plain ``pytest``; run by ``pytest tests/benchmarks --benchmark-only
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,23 +24,6 @@ SAMPLE = 80
 """Sectors of cells that the plain way works out; its time is scaled to the whole map."""
 RESTARTS = 20
 DRAWS = 1000
-
-MILLION = """
-import resource, time
-import numpy as np
-from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.arm.arm import Arm
-arm = Arm.load("sino6")
-q = np.random.default_rng(1).uniform(*arm.limits.T, (1_000_000, arm.nq))
-accuracy_volume(arm, q[:1000])
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-start = time.perf_counter()
-result = accuracy_volume(arm, q)
-seconds = time.perf_counter() - start
-after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-kept = (result.q.nbytes + result.volume.nbytes + result.covariance.nbytes) // 1024
-print(seconds, before, after, kept)
-"""
 
 
 def shortest(work: Callable[[], object], times: int = 5) -> float:
@@ -190,20 +171,3 @@ def test_map_of_48_by_48_cells_and_12_sectors(
     )
     assert found >= 0.7 * works
     assert theirs / mine >= 100
-
-
-# --- (3) a million configurations
-
-
-def test_accuracy_of_a_million_configurations(benchmark: BenchmarkFixture, say: Callable[[str], None]) -> None:
-    def run() -> list[float]:
-        done = subprocess.run([sys.executable, "-c", MILLION], capture_output=True, text=True, check=True)
-        return [float(word) for word in done.stdout.split()]
-
-    seconds, before, after, kept = benchmark.pedantic(run, rounds=1, iterations=1)
-    benchmark.extra_info |= {"seconds": seconds, "peak_mib": after / 1024}
-    say(
-        f"accuracy of a million configurations: {seconds:.1f} s, {seconds:.1f} µs each; peak memory {after / 1024:.0f} MiB, "
-        f"{(after - before) / 1024:.0f} MiB more than before, of which {kept / 1024:.0f} MiB are the result"
-    )
-    assert after - before < kept + 100 * 1024

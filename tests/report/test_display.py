@@ -19,7 +19,7 @@ import pinocchio as pin
 import pytest
 import umsgpack
 from matplotlib import colormaps
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_hex
 from meshcat.geometry import Box
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
@@ -632,10 +632,3 @@ def test_frames_that_do_not_fit() -> None:
     ):
         with pytest.raises(ShapeError, match=said):
             Frames(**(whole | change))
-
-
-def test_sizes_are_written_out() -> None:
-    legend = circle_of("ellipsoid").legend
-    assert any("one cell 100 mm" in swatch.text for swatch in legend.swatches)
-    assert any("k = 2.80" in note for note in legend.notes)
-    assert to_rgb("#d55e00") in [to_rgb(s.colour) for s in legend.swatches if s.text == "working point"]

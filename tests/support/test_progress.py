@@ -24,7 +24,7 @@ from tqdm.auto import tqdm
 from aacmm_pin import Arm, calibrate, circle_accuracy, configuration_circle, diagnose, plan_measurements
 from aacmm_pin import simulate_measurements as simulated
 from aacmm_pin._support import progress
-from aacmm_pin._support.progress import bar, watched
+from aacmm_pin._support.progress import bar
 
 WORK = """
 import time
@@ -125,18 +125,6 @@ def test_a_notebook_has_bars_though_its_stderr_is_no_terminal(bars: list[Any], m
         with bar(asked, "x", "y", total=1):
             pass
         assert bars.pop()[1] is disabled
-
-
-def test_a_function_is_given_the_steps() -> None:
-    given: list[list[int]] = []
-
-    def mine(steps: Iterable[int]) -> Iterable[int]:
-        given.append(list(steps))
-        return reversed(given[0])
-
-    with watched(range(3), mine, "x", "y") as steps:
-        assert list(steps) == [2, 1, 0]
-    assert given == [[0, 1, 2]]
 
 
 def test_long_work_has_bars(bars: list[tuple[str, bool, int]], sino6: Arm) -> None:
