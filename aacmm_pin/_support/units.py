@@ -19,7 +19,7 @@ ARCSEC = DEG / 3600.0
 ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "µrad": 1e-6, "deg": DEG, "mdeg": 1e-3 * DEG, "arcmin": DEG / 60.0}
 ANGLES |= {"arcsec": ARCSEC}
 """Units that an angle may carry where people type it, in radians."""
-PREFIXES = {"k": (1e3, "·10³"), "": (1.0, ""), "m": (1e-3, "·10⁻³"), "µ": (1e-6, "·10⁻⁶"), "n": (1e-9, "·10⁻⁹")}
+PREFIXES = {"k": (1e3, "·10³"), "": (1.0, ""), "m": (1e-3, "·10⁻³"), "µ": (1e-6, "ppm"), "n": (1e-9, "·10⁻⁹")}
 """SI prefixes that people read, largest first; and in their stead, for units that take none."""
 
 

@@ -10,13 +10,13 @@ import typer
 
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm
-from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, command, note
+from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Point
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.general_ik import ReachingPostures
 from aacmm_pin.postures.solution_set import PosturesAtPoint
 from aacmm_pin.report import terminal
-from aacmm_pin.report.accuracy import accuracy_at_point
+from aacmm_pin.report.accuracy import accuracy_document
 from aacmm_pin.report.summaries import accuracy_summary, accuracy_table
 
 
@@ -52,7 +52,8 @@ def accuracy(
         results.picture(lambda: _drawn(circle, result), plot)
         results.json(summary, json_)
     if json_ != "-":
-        terminal.show(accuracy_at_point(circle, result, summary["volume_mm3"]["comprehensive"]))
+        say(str(circle))
+        terminal.show(accuracy_document(result, summary))
         if encoder_noise is None and model.arm.encoder_noise is None:
             note("note: encoder noise not given; u is of the parameters alone (--encoder-noise-rad adds it)")
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG, MM, MM3, UM
-from aacmm_pin.accuracy.volume import AccuracyVolume, paired
+from aacmm_pin._support.units import DEG
+from aacmm_pin.accuracy.volume import AccuracyVolume
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.postures.curve_sampling import Flexibility, sector_centres
@@ -19,6 +17,14 @@ from aacmm_pin.report.numbers import in_one_unit, percent, spread
 
 SHOWN_SOURCES = 8
 """So many sources of a budget are shown."""
+EXPANDED = "U (k = 2)_mm"
+POSTURES = {
+    "best": "smallest volume",
+    "worst": "largest volume",
+    "smallest_u": "smallest U",
+    "largest_u": "largest U",
+}
+"""Postures of an accuracy summary in words."""
 
 
 @document_of.register
@@ -31,105 +37,67 @@ def postures_document(postures: PosturesAtPoint) -> Document:
 @document_of.register
 def flexibility_document(flexibility: Flexibility) -> Document:
     """Which sectors have a configuration."""
-    number = len(flexibility.sectors)
-    if not number:  # an arm without an elbow that goes round
-        return Document("Flexibility", [Paragraph(f"{flexibility.arc_fraction:.3f} of arc", head="Flexibility:")])
-    centres = sector_centres(number) / DEG
-    works = {f"{centre:.4g}°": ["works" if yes else "–"] for centre, yes in zip(centres, flexibility.sectors, strict=True)}
+    number = len(flexibility.sectors)  # none of an arm without an elbow that goes round
+    heads = [f"{centre / DEG:.4g}°" for centre in (sector_centres(number) if number else ())]
+    works = {head: ["works" if yes else "–"] for head, yes in zip(heads, flexibility.sectors, strict=True)}
     words = f"{flexibility.zeta:.3f} by {number} sectors, {flexibility.arc_fraction:.3f} of arc"
     table = Table(pd.DataFrame(works), "Swivel angle of each sector's centre")
     return Document("Flexibility", [Paragraph(words, head="Flexibility ζ:"), table])
 
 
 @document_of.register
-def accuracy_document(accuracy: AccuracyVolume) -> Document:
-    """Volume and uncertainty over the configurations, and their sources."""
-    if not len(accuracy.q):
-        return Document("Accuracy", [str(accuracy)])
-    rows: dict[str, tuple[Array, str]] = {
-        "accuracy volume [mm³]": (accuracy.volume / MM3, ".4g"),
-        "expanded uncertainty U (k = 2) [µm]": (COVERAGE_FACTOR * accuracy.u / UM, ".1f"),
-        "standard uncertainty u [µm]": (accuracy.u / UM, ".1f"),
-    }
-    if accuracy.sources.bounded:
-        rows["largest deviation [µm]"] = (accuracy.largest_deviation / UM, ".1f")
-    values = [{"over the configurations": name} | spread(found, form) for name, (found, form) in rows.items()]
-    return Document("Accuracy", [str(accuracy), Table(pd.DataFrame(values)), *_sources(accuracy)])
-
-
-def accuracy_at_point(postures: PosturesAtPoint, accuracy: AccuracyVolume, comprehensive: float | None) -> Document:
-    """The same of every configuration at a point, with the best and the worst of them.
+def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None = None) -> Document:
+    """Volume and uncertainty over the configurations, and their sources.
 
     Args:
-        postures: every configuration at the point.
-        accuracy: of those within the limits.
-        comprehensive: comprehensive accuracy [mm³], or None.
-
-    Raises:
-        ShapeError: ``accuracy`` was computed for other configurations.
+        accuracy: over some configurations.
+        summary: of the same at a point, see :func:`aacmm_pin.report.summaries.accuracy_summary`: adds its best and worst.
     """
-    inside = paired(postures, accuracy)
-    chosen = {
-        "smallest volume": np.argmin(accuracy.volume),
-        "largest volume": np.argmax(accuracy.volume),
-        "smallest u": np.argmin(accuracy.u),
-        "largest u": np.argmax(accuracy.u),
-    }
-    rows = [
-        {
-            "posture": words,
-            "swivel [°]": postures.swivel[inside][k] / DEG,
-            "θ1 … θn [°]": " ".join(f"{theta / DEG:.0f}" for theta in accuracy.q[k]),
-            "volume [mm³]": accuracy.volume[k] / MM3,
-            "U (k = 2)": COVERAGE_FACTOR * accuracy.u[k],
-        }
-        for words, k in chosen.items()
-    ]
-    table, formats = in_one_unit(pd.DataFrame(rows), ["U (k = 2)"])
-    elbow = bool(np.isfinite(table["swivel [°]"]).all())
-    head = "Postures, swivel 0 where the elbow is highest" if elbow else "Postures"
-    shown = table if elbow else table.drop(columns="swivel [°]")
-    whole = document_of(accuracy)
-    return Document(
-        "Accuracy",
-        [
-            str(postures),
-            whole.blocks[0],
-            "" if comprehensive is None else f"comprehensive accuracy {comprehensive:.4g} mm³",
-            Table(shown, head, formats | {"swivel [°]": ".1f", "volume [mm³]": ".4g"}),
-            *whole.blocks[1:],
-        ],
-    )
-
-
-def _sources(accuracy: AccuracyVolume) -> list[Block]:
-    """The largest parts of the uncertainty budget, and what is not in it."""
-    budget = accuracy.budget()
-    joint = [None if pd.isna(number) else str(number) for number in budget["joint"]]
-    table = pd.DataFrame({"parameter": budget["parameter"], "joint": joint, "u [µm]": budget["u_mm"] * MM / UM})
-    table = table.assign(**{"share of variance": budget["share"]}).head(SHOWN_SOURCES)
+    if not len(accuracy.q):
+        return Document("Accuracy", [str(accuracy)])
+    postures = pd.DataFrame() if summary is None else postures_at_the_ends(summary)
+    values = accuracy.to_frame().filter(regex="_mm")
+    values.insert(1, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
+    budget = accuracy.budget()[["parameter", "u_mm", "share"]].rename(columns={"share": "share of variance"})
+    postures, over, budget = in_one_unit(postures, spread(values, "over the configurations"), budget)
+    comprehensive = None if summary is None else summary["volume_mm3"]["comprehensive"]
     exact = accuracy.sources.taken_as_exact
-    return [
+    blocks: list[Block] = [
+        str(accuracy),
+        "" if comprehensive is None else f"comprehensive accuracy {comprehensive:.4g} mm³",
+        Table(postures, "Postures, swivel 0 where the elbow is highest"),
+        Table(over),
         Table(
-            table,
-            f"Uncertainty budget, the first {len(table)} of {len(budget)} sources",
-            {"u [µm]": ".2f", "share of variance": lambda share: percent(share, 1)},
+            budget.head(SHOWN_SOURCES),
+            f"Uncertainty budget, the first {min(SHOWN_SOURCES, len(budget))} of {len(budget)} sources",
+            {"share of variance": lambda share: percent(share, 1)},
         ),
         f"no uncertainty is stated for, and so taken as exact: {', '.join(exact)}" if exact else "",
     ]
+    return Document("Accuracy", blocks)
+
+
+def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
+    """The postures of an accuracy summary with the smallest and largest volume and U, one row each."""
+    rows = [{"posture": words} | summary[name] for name, words in POSTURES.items()]
+    table = pd.DataFrame(rows).dropna(axis="columns", how="all")
+    table["theta_deg"] = [" ".join(f"{theta:.0f}" for theta in posture) for posture in table["theta_deg"]]
+    table[EXPANDED] = COVERAGE_FACTOR * table.pop("u_mm")
+    return table
 
 
 @document_of.register
 def map_document(map_: WorkspaceMap) -> Document:
     """Least, median and largest of what a map holds, and its cells by working sectors."""
-    rows: dict[str, Any] = {
-        "comprehensive accuracy [mm³]": map_.data["comprehensive_mm3"],
-        "smallest accuracy volume [mm³]": map_.data["best_mm3"],
-        "largest accuracy volume [mm³]": map_.data["worst_mm3"],
-        "smallest standard uncertainty [µm]": MM / UM * map_.data["smallest_u_mm"],
-        "largest standard uncertainty [µm]": MM / UM * map_.data["largest_u_mm"],
-        "flexibility [1]": map_.data["flexibility"],
+    names = {
+        "comprehensive_mm3": "comprehensive accuracy_mm3",
+        "best_mm3": "smallest volume_mm3",
+        "worst_mm3": "largest volume_mm3",
+        "smallest_u_mm": "smallest u_mm",
+        "largest_u_mm": "largest u_mm",
+        "flexibility": "flexibility",
     }
-    values = pd.DataFrame([{"over the cells": name} | spread(data.values, ".4g") for name, data in rows.items()])
+    values = pd.DataFrame({words: map_.data[name].values.ravel() for name, words in names.items()})
     cells = pd.DataFrame({str(sectors): [number] for sectors, number in map_.working_sectors().items()})
-    return Document("Map", [str(map_), Table(values), Table(cells, "Reachable cells by their number of working sectors")])
+    table = Table(spread(values, "over the cells"))
+    return Document("Map", [str(map_), table, Table(cells, "Reachable cells by their number of working sectors")])

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -32,14 +31,13 @@ MOST_SOURCES = 40
 @document_of.register
 def arm_document(arm: Arm) -> Document:
     """Geometry with its uncertainty, limits and noise."""
-    joints = count(arm.nq, "joint")
-    what = f"{joints}, {arm.dh.rows} rows of {arm.dh.convention}" if arm.dh else f"{joints}, from a URDF"
-    gravity = f"gravity {vector(arm.gravity)} m/s²" if arm.gravity.any() else "no gravity"
-    stylus = "" if arm.stylus_axis is None else f"; stylus along {vector(arm.stylus_axis)} of the tip's frame"
+    origin = f"{arm.dh.rows} rows of {arm.dh.convention}" if arm.dh else "from a URDF"
+    words = [f"{count(arm.nq, 'joint')}, {origin}", f"tip at frame {arm.tip}", f"gravity {vector(arm.gravity)} m/s²"]
+    words += [] if arm.stylus_axis is None else [f"stylus along {vector(arm.stylus_axis)} of the tip's frame"]
     return Document(
         arm.name,
         [
-            Paragraph(f"{what}; tip at frame {arm.tip}{stylus}; {gravity}; {arm.reference_temperature:g} °C", head=arm.name),
+            Paragraph(f"{'; '.join(words)}; {arm.reference_temperature:g} °C", head=arm.name),
             f"Source: {arm.source}" if arm.source else "",
             Table(_rows(arm, arm.dh) if arm.dh is not None else _joints(arm)),
             _uncertainty_in_words(arm),
@@ -54,47 +52,44 @@ def _uncertainty_in_words(arm: Arm) -> str:
     text = "±: half-widths as stated; without ±: exact"
     if arm.covariance is not None:
         text += f"; U (k = 2) of the {len(arm.covariance.parameters)} parameters of a calibration with its covariance"
-    names = f" Not stated: {', '.join(exact[:FEW])}{' …' if len(exact) > FEW else ''}." if exact else ""
-    return f"{text}.{names}"
+    return f"{text}."
 
 
 def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
     """One row a DH row: its values ± half-widths, limits, noise, mass."""
-    found = _dh_cells(dh, {p.name: p.half_width for p in arm.parameters})
-    joint = np.cumsum(dh.moving) - 1
-    found["limits [°]"] = [_limits(arm, joint[i]) if dh.moving[i] else "fixed" for i in range(dh.rows)]
+    table = _dh_cells(dh, {p.name: p.half_width for p in arm.parameters})
+    moving = np.flatnonzero(dh.moving)
+    table["limits [°]"] = "fixed"
+    table.loc[moving, "limits [°]"] = [_limits(arm, j) for j in range(arm.nq)]
     if arm.encoder_noise is not None:
-        u = arm.encoder_noise / UM
-        found["encoder u [µrad]"] = [f"{u[joint[i]]:.4g}" if dh.moving[i] else "" for i in range(dh.rows)]
+        table.loc[moving, "encoder u [µrad]"] = arm.encoder_noise / UM
     if arm.file is not None and any(row.mass_kg for row in arm.file.joints):
-        found["mass [kg]"] = ["" if row.mass_kg is None else f"{row.mass_kg:g}" for row in arm.file.joints]
-    return found
+        table["mass [kg]"] = [row.mass_kg for row in arm.file.joints]
+    return table
 
 
-def _dh_cells(dh: DHTable, half_widths: dict[str, float | None]) -> pd.DataFrame:
-    found: dict[str, list[str]] = {"row": [str(i + 1) for i in range(dh.rows)]}
+def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFrame:
+    table = pd.DataFrame({"row": range(1, dh.rows + 1)})
     for kind, values in zip(KINDS, dh.values().T, strict=True):
         scale = MM if kind in ("a", "d") else DEG
         halves = [half_widths.get(f"{kind}{i + 1}") for i in range(dh.rows)]
-        found[HEADS[kind]] = [
-            f"{value / scale:z.5f}" + (f" ± {half / scale:.5f}" if half else "")
-            for value, half in zip(values, halves, strict=True)
-        ]
-    return pd.DataFrame(found)
+        cells = zip(values / scale, halves, strict=True)
+        table[HEADS[kind]] = [f"{value:z.5f}" + (f" ± {half / scale:.5f}" if half else "") for value, half in cells]
+    return table
 
 
 def _joints(arm: Arm) -> pd.DataFrame:
     """One row a joint of an arm that came as URDF."""
-    half = [[(p.half_width or 0.0) for p in arm.parameters if p.joint == j + 1] for j in range(arm.nq)]
+    half = np.array([p.half_width or 0.0 for p in arm.parameters]).reshape(arm.nq, 6)
     table = pd.DataFrame(
         {
             "joint": range(1, arm.nq + 1),
             "name": arm.joint_names,
             "moves": ["along" if sliding else "about" for sliding in arm.chain.prismatic],
             "axis": [vector(axis) for axis in arm.joint_axes],
-            f"limits [{'°, or mm' if arm.chain.prismatic.any() else '°'}]": [_limits(arm, j) for j in range(arm.nq)],
-            "placement ± [mm]": [", ".join(f"{h / MM:g}" for h in own[:3]) for own in half],
-            "placement ± [µrad]": [", ".join(f"{h / UM:g}" for h in own[3:]) for own in half],
+            "limits [°, or mm]": [_limits(arm, j) for j in range(arm.nq)],
+            "placement ± [mm]": [tuple(own) for own in half[:, :3] / MM],
+            "placement ± [µrad]": [tuple(own) for own in half[:, 3:] / UM],
         }
     )
     return table if arm.encoder_noise is None else table.assign(**{"encoder u [µrad]": arm.encoder_noise / UM})
@@ -108,44 +103,38 @@ def _limits(arm: Arm, joint: int) -> str:
 @document_of.register
 def dh_document(dh: DHTable) -> Document:
     """The rows of a DH table."""
-    words = f"{dh.rows} rows, {count(dh.nq, 'joint')}, {dh.convention}"
-    rows = _dh_cells(dh, {}).assign(joint=["yes" if moves else "fixed" for moves in dh.moving])
-    return Document("DH table", [Paragraph(words, head="DH table"), Table(rows)])
+    return Document("DH table", [Table(_dh_cells(dh, {}).assign(joint=dh.moving), f"DH table, {dh.convention}")])
+
+
+def _parameters(parameters: Sequence[Parameter]) -> pd.DataFrame:
+    """One row a parameter: value, U, half-width, each with its unit, and to what it belongs."""
+    rows = [
+        {
+            "parameter": p.name,
+            "value": quantity(p.value, p.unit),
+            "U (k = 2)": small(COVERAGE_FACTOR * p.u, p.unit),
+            "half-width": None if p.half_width is None else small(p.half_width, p.unit),
+            "scope": p.scope,
+        }
+        for p in parameters
+    ]
+    return pd.DataFrame(rows)
 
 
 @document_of.register
 def parameter_document(parameter: Parameter) -> Document:
     """A parameter with its uncertainty."""
-    return Document(parameter.name, [Table(_parameters([parameter]), parameter.name)])
-
-
-def _parameters(parameters: Sequence[Parameter]) -> pd.DataFrame:
-    """One row a parameter: kind, joint, value, U, half-width, each with its unit, and to what it belongs."""
-    return pd.DataFrame(
-        [
-            {
-                "parameter": p.name,
-                "kind": p.kind,
-                "joint": None if p.joint is None else str(p.joint),
-                "value": quantity(p.value, p.unit),
-                "U (k = 2)": small(COVERAGE_FACTOR * p.u, p.unit),
-                "half-width": None if p.half_width is None else small(p.half_width, p.unit),
-                "scope": p.scope,
-            }
-            for p in parameters
-        ]
-    )
+    return Document(parameter.name, [Table(_parameters([parameter]))])
 
 
 @document_of.register
 def effect_document(effect: Effect) -> Document:
     """A cause of error with its parameters."""
-    rows = _parameters(effect.parameters()).drop(columns=["kind", "half-width"])
     needs = f"; depends on {', '.join(effect.needs)}" if effect.needs else ""
-    u = ", ± U (k = 2)" if any(effect.u) else ""
-    typical = [small(term.typical, term.unit) for term in effect.terms]
-    words = Paragraph(f"{_values(effect)}{u}{needs}", head=f"{in_words(effect)}:")
-    return Document(in_words(effect), [words, Table(rows.assign(typical=typical))])
+    rows = _parameters(effect.parameters()).drop(columns="half-width")
+    rows["typical"] = [small(term.typical, term.unit) for term in effect.terms]
+    words = Paragraph(f"{_values(effect)}{', ± U (k = 2)' if any(effect.u) else ''}{needs}", head=f"{in_words(effect)}:")
+    return Document(in_words(effect), [words, Table(rows)])
 
 
 def _values(effect: Effect) -> str:
@@ -158,25 +147,22 @@ def error_model_document(model: ErrorModel) -> Document:
     """An arm and its causes of error."""
     rows = [{"cause": in_words(e), "label": e.label, "value ± U (k = 2)": _values(e)} for e in model.effects]
     none = "" if rows else "No causes of error other than geometry."
-    blocks = [*document_of(model.arm).blocks, Table(pd.DataFrame(rows), f"Causes of error: {len(rows)}"), none]
-    return Document(model.arm.name, blocks)
+    causes = Table(pd.DataFrame(rows), f"Causes of error: {len(rows)}")
+    return Document(model.arm.name, [*arm_document(model.arm).blocks, causes, none])
 
 
 @document_of.register
 def poses_document(poses: Poses) -> Document:
     """Angles and tip positions of the first configurations; of all there may be a million."""
-    some = replace(poses, q=poses.q[:FEW])
-    found = {}
-    for j, values in enumerate(some.q.T):
+    table = {}
+    for j, values in enumerate(poses.q.T):
         slides = poses.model.joints[j + 1].shortname().startswith("JointModelP")  # prismatic; planar ones are refused
-        found[f"joint {j + 1} [mm]" if slides else f"θ{j + 1} [°]"] = values / (MM if slides else DEG)
-    found |= {f"{axis} [mm]": some.position[:, k] / MM for k, axis in enumerate("xyz")}
-    formats = {name: "z.3f" if "°" in name else "z.4f" for name in found}
+        table[f"joint {j + 1} [mm]" if slides else f"θ{j + 1} [°]"] = values[:FEW] / (MM if slides else DEG)
+    some = Poses(poses.model, poses.q[:FEW], poses.frame_id)
+    table |= {f"{axis} [mm]": some.position[:, k] / MM for k, axis in enumerate("xyz")}
     words = f"{count(len(poses.q), 'configuration')}, frame {poses.model.frames[poses.frame_id].name}, by Pinocchio"
     more = f"… and {len(poses.q) - FEW} more" if len(poses.q) > FEW else ""
-    return Document(
-        poses.model.name, [Paragraph(words, head=poses.model.name), Table(pd.DataFrame(found), "", formats), more]
-    )
+    return Document(poses.model.name, [Paragraph(words, head=poses.model.name), Table(pd.DataFrame(table)), more])
 
 
 @document_of.register
@@ -184,5 +170,7 @@ def sources_document(sources: ErrorSources) -> Document:
     """What errors an accuracy is computed from."""
     left_out = f"; not included: {', '.join(sources.not_included)}" if sources.not_included else ""
     words = f"{count(len(sources.parameters), 'source')} of error at {sources.at}{left_out}"
-    table = Table(_parameters(sources.parameters), most=MOST_SOURCES)
-    return Document(sources.arm.name, [Paragraph(words, head=sources.arm.name), table])
+    return Document(
+        sources.arm.name,
+        [Paragraph(words, head=sources.arm.name), Table(_parameters(sources.parameters), most=MOST_SOURCES)],
+    )

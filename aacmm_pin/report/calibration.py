@@ -10,9 +10,10 @@ import pandas as pd
 
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.file import arm_text
-from aacmm_pin.calibration import Calibration, HeldOut
+from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.fit import MISFIT
-from aacmm_pin.calibration.identifiability import Observability
+from aacmm_pin.diagnosis.result import described
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import in_words, values_in_words
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import (
@@ -29,14 +30,13 @@ from aacmm_pin.report.document import (
     blank_axes,
     document_of,
 )
-from aacmm_pin.report.numbers import count, in_one_unit, length, lengths, percent, vector
+from aacmm_pin.report.numbers import count, length, lengths, p_equals, percent, vector
 from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters
 
 WORTH = 0.05
 """A calibration whose held-out residuals fall by less than this part has not helped."""
 MOST_EXCLUDED = 10
-MOST_ROWS = 50
-"""Excluded records that are listed, in short and on a page; the residuals' file has all."""
+"""Excluded records that are listed; the residuals' file has all."""
 KINDS = {"records": "records", "seats": "seats", "sessions": "sessions", "blocks": "blocks of joint space"}
 """What is left out in turn."""
 
@@ -55,11 +55,11 @@ def calibration_document(result: Calibration, summary: dict[str, Any] | None = N
         f"{result.model.arm.name}: calibration",
         [
             *_result(result),
-            *_held_out(result),
             *_residuals(result),
             *_parameters(result),
             *_undetermined(result),
-            *_excluded(result),
+            Heading("Excluded records"),
+            *excluded_records(result.excluded),
             *([] if summary is None else _files(result, summary, when)),
         ],
         count(int(result.fit.used.sum()), "record") + source,
@@ -68,19 +68,17 @@ def calibration_document(result: Calibration, summary: dict[str, Any] | None = N
 
 def verdict(result: Calibration) -> str:
     """One sentence: whether the calibration helps, by held-out records where there are some."""
-    name = result.model.arm.name
-    held_out = [size for held in result.held_out[-1:] for size in (held.rms_before, held.rms_after)]
-    before, after, *others = lengths([result.rms_before, result.rms, *held_out])
-    fitted = f"{before} before, {after} after"
-    if not result.held_out:
-        return f"{name}: residuals of the records used are {fitted} (RMS); nothing was held out, so this may be optimistic."
-    held = result.held_out[-1]
-    gain = 1.0 - held.rms_after / held.rms_before
-    helps = f"helps {name}" if gain >= WORTH else f"does not help {name}"
-    less = f", {percent(gain)} less" if gain >= WORTH else ""
+    held = result.held_out[-1:]
+    sizes = [result.rms_before, result.rms, *(size for h in held for size in (h.rms_before, h.rms_after))]
+    before, after, *others = lengths(sizes)
+    fitted = f"of the records used {before} before, {after} after (RMS)"
+    if not held:
+        return f"{result.model.arm.name}: residuals {fitted}; nothing was held out, so this may be optimistic."
+    gain = 1.0 - held[0].rms_after / held[0].rms_before
+    helps = "helps" if gain >= WORTH else "does not help"
     return (
-        f"Calibration {helps}: residuals of held-out {KINDS[held.kind]} are {others[0]} before, "
-        f"{others[1]} after (RMS){less}; of the records used, {fitted}."
+        f"Calibration {helps} {result.model.arm.name}: residuals of held-out {KINDS[held[0].kind]} {others[0]} before, "
+        f"{others[1]} after (gain {percent(gain)}); {fitted}."
     )
 
 
@@ -90,14 +88,11 @@ def fit_in_words(result: Calibration) -> str:
     if judged is None or p is None:
         if result.fit.stated:
             return "There are no more numbers than parameters, so the fit cannot be judged."
-        why = "The noise was not stated in full, so χ² cannot judge the model"
-        if not result.fit.scatters:
-            return f"{why}; what was stated is enough for these residuals."
         return (
-            f"{why}: beyond what was stated the residuals show {length(result.fit.unmodelled)} per coordinate, noise and "
-            "errors of the model together."
+            "The noise was not stated in full, so χ² cannot judge the model; beyond what was stated the residuals show "
+            f"{length(result.fit.unmodelled)} per coordinate."
         )
-    numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, p = {p:.2g}"
+    numbers = f"χ² = {judged[0]:.0f} with {judged[1]:.0f} degrees of freedom, {p_equals(p)}"
     if p < MISFIT:
         return (
             f"The residuals are larger than the stated noise explains: {numbers}. The model lacks a cause of error, or the "
@@ -121,17 +116,18 @@ def frame_in_words(result: Calibration) -> str:
     )
 
 
-def causes_in_words(result: Calibration) -> list[str]:
+def estimated_causes(result: Calibration) -> pd.DataFrame:
     """Estimated causes of error with their values, amplitude and phase of a wave such as, ± U (k = 2)."""
-    found, vector = [], result.fit.problem.vector
-    for effect, own in zip(result.fit.solution.effects, vector.slices, strict=True):
-        if vector.of_arm[own.start] is not None:
-            continue
-        jacobian = effect.described_jacobian()
-        u = np.sqrt(np.diag(jacobian @ result.covariance[own, own] @ jacobian.T))
-        values = {key: (value, float(s)) for (key, value), s in zip(effect.described().items(), u, strict=True)}
-        found.append(f"{in_words(effect)}: {values_in_words(effect, values)}")
-    return found
+    vector = result.fit.problem.vector
+    rows = [
+        {
+            "cause": in_words(effect),
+            "value ± U (k = 2)": values_in_words(effect, described(effect, result.covariance[own, own])),
+        }
+        for effect, own in zip(result.fit.solution.effects, vector.slices, strict=True)
+        if vector.of_arm[own.start] is None
+    ]
+    return pd.DataFrame(rows)
 
 
 def comment(result: Calibration, data: str, when: str) -> str:
@@ -142,11 +138,8 @@ def comment(result: Calibration, data: str, when: str) -> str:
         data: the file that was used, as the user named it.
         when: date (UTC).
     """
-    used, left = count(int(result.fit.used.sum()), "record"), int(result.fit.excluded.sum())
-    held = "".join(f", {h.rms_after / MM:.4f} mm on held-out {KINDS[h.kind]}" for h in result.held_out)
     lines = [
-        f"Calibrated by aacmm-pin on {when} (UTC) from {data}: {used} used, {left} excluded.",
-        f"RMS distance of tip and target: {result.rms_before / MM:.4f} mm before, {result.rms / MM:.4f} mm after{held}.",
+        f"Calibrated by aacmm-pin on {when} (UTC) from {data}: {result}",
         fit_in_words(result),
         *(f"Note: {line}." for line in result.notes),
         *(f"Not determined by these data: {line}." for line in result.undetermined),
@@ -181,44 +174,27 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
 
 def _result(result: Calibration) -> list[Block]:
     rows = [("used in the fit", result.rms_before, result.rms)]
-    rows += [(f"held-out {KINDS[held.kind]}", held.rms_before, held.rms_after) for held in result.held_out]
-    sizes, formats = in_one_unit(pd.DataFrame(rows, columns=["records", "before", "after"]), ["before", "after"])
+    rows += [(f"held-out {KINDS[h.kind]}, in {h.groups} parts", h.rms_before, h.rms_after) for h in result.held_out]
+    sizes = pd.DataFrame(rows, columns=["records", "before_mm", "after_mm"])
+    sizes["gain"] = 1.0 - sizes["after_mm"] / sizes["before_mm"]
+    silent = int((~result.fit.used & ~result.fit.excluded).sum())
     return [
         Heading("Result"),
         Paragraph(verdict(result), finding=True),
         fit_in_words(result),
         frame_in_words(result),
-        Bullets(causes_in_words(result), "Causes of error, ± U (k = 2):"),
+        Table(estimated_causes(result), "Causes of error"),
         Table(
-            sizes,
+            sizes.assign(before_mm=sizes["before_mm"] / MM, after_mm=sizes["after_mm"] / MM),
             "RMS distance of tip and target",
-            formats,
-            explained="Before: the arm as it was, only the set-up fitted. The target of a record is its reference; of a "
-            "seat, where all its records and its reference together put it. Held-out records are compared with their own "
-            f"reference, whose noise they have in full. The noise alone would give {length(result.noise)}.",
-        ),
-        Notes(result.notes),
-    ]
-
-
-def _held_out(result: Calibration) -> list[Block]:
-    if not result.held_out:
-        return [Heading("Held-out validation"), Paragraph("Nothing was held out.", detail=True)]
-    gains = pd.DataFrame([(KINDS[h.kind], h.groups, 1 - h.rms_after / h.rms_before) for h in result.held_out])
-    return [
-        Heading("Held-out validation"),
-        Paragraph(
-            "Every record was predicted once by a calibration that did not use it. Single records, left out at random, have "
-            "neighbours that stay in, so their residuals are optimistic; those of whole groups are the ones to rely on.",
-            detail=True,
-        ),
-        Table(
-            gains.set_axis(["held out", "parts", "gain"], axis=1),
-            "Gain on held-out records",
             {"gain": percent},
-            explained="1 - RMS after / RMS before; the records were left out in so many parts, in turn.",
-            detail=True,
+            explained="Before: the arm as it was, only the set-up fitted. The target of a record is its reference; of a "
+            "seat, where all its records and its reference together put it. Held-out records were predicted by calibrations "
+            "that did not use them, and are compared with their own reference. Single records have neighbours that stay in; "
+            f"rely on whole groups. The noise alone would give {length(result.noise)}.",
         ),
+        f"{count(silent, 'record')} not used: no coordinates, and no seat with other records." if silent else "",
+        Notes(result.notes),
     ]
 
 
@@ -240,9 +216,9 @@ def _residuals(result: Calibration) -> list[Block]:
         Figure(
             lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
             "Residual vectors in space, before and after",
-            "Residuals in space, from each target towards the tip: left before calibration, right after; above in plan, "
-            "below from the side; magnified by the factors in the titles, which differ. Grey: the arm in some of its "
-            "postures. Neighbours that point the same way show what the model still lacks.",
+            "Residuals from each target towards the tip: left before calibration, right after; above in plan, below from "
+            "the side; magnified by the factors in the titles. Grey: the arm in some of its postures. Neighbours that point the "
+            "same way show what the model still lacks.",
         ),
         SceneView(
             lambda: calibration_scene(result),
@@ -252,9 +228,8 @@ def _residuals(result: Calibration) -> list[Block]:
         Figure(
             lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, 0.3 - 2.5 * (-result.model.arm.nq // 3))),
             "Residuals over the angle of each joint",
-            "Residuals after calibration, along the direction in which each joint moves the tip, over the angle of that "
-            "joint. The line is the mean in parts of the range with its standard uncertainty: a wave in it is an error of "
-            "the encoder or the joint.",
+            "Residuals after calibration, along the direction in which each joint moves the tip, over its angle; the line "
+            "is their mean with u. A wave in it is an error of the encoder or the joint.",
         ),
         *([seats] if result.fit.problem.measurements.seats() else []),
         Figure(
@@ -270,15 +245,9 @@ def _parameters(result: Calibration) -> list[Block]:
     if not number:
         none = "No parameter was estimated: the arm states all of them to be exact; --no-prior estimates them all the same."
         return [Heading("Parameters"), none]
-    beyond, form = rows["beyond"], decimals(rows)
-    rows["change"] = [f"{'* ' * b}{change:{form}}" for b, change in zip(beyond, rows["change"], strict=True)]
-    moved = "No parameter moved farther than its stated and new uncertainties together allow."
-    if rows["stated"].isna().all():
-        moved = "No uncertainty was stated for these parameters."
-    elif beyond.any():
-        moved = (
-            f"* moved farther than its stated and new uncertainties together allow: {', '.join(rows['parameter'][beyond])}"
-        )
+    form = decimals(rows)
+    rows["change"] = [f"{'* ' * b}{change:{form}}" for b, change in zip(rows["beyond"], rows["change"], strict=True)]
+    beyond = ", ".join(rows["parameter"][rows["beyond"]])
     return [
         Heading("Parameters"),
         Table(
@@ -289,7 +258,7 @@ def _parameters(result: Calibration) -> list[Block]:
             explained="Changes and uncertainties are in the unit of the column in. Known: measured by these data, as stated "
             "(they add nothing to what was known), or in combination with others (next section).",
         ),
-        Paragraph(moved, finding=bool(beyond.any()), detail=not beyond.any()),
+        f"* moved farther than its stated and new uncertainties together allow: {beyond}" if beyond else "",
         Figure(
             lambda: plots.plot_parameter_changes(result, blank_axes(7.0, 1.2 + 0.24 * number)),
             "Change of each parameter over its stated uncertainty",
@@ -304,97 +273,64 @@ def _parameters(result: Calibration) -> list[Block]:
 
 
 def _undetermined(result: Calibration) -> list[Block]:
-    observed, names = result.observability, ["o1", "o2", "o3", "o4", "o5"]
-    every = Paragraph("These data, or what was stated, determine every parameter.", detail=True)
+    indices = pd.DataFrame([vars(result.observability)]).rename(columns=str.upper)
     return [
         Heading("What these data do not determine"),
-        Bullets(result.undetermined, "Not determined by these data or by stated uncertainties, and left as it was:"),
-        Paragraph("More records of the same kind do not help; other postures, references or targets may.", detail=True)
-        if result.undetermined
-        else every,
+        Bullets(
+            result.undetermined,
+            "Not determined by these data or by stated uncertainties, and left as it was; other postures, references or "
+            "targets may determine it, more records of the same kind do not:",
+        ),
         Table(
-            pd.DataFrame([{name.upper(): getattr(observed, name) for name in names}]),
+            indices.drop(columns="DIRECTIONS"),
             "Observability indices",
-            {name.upper(): ".3g" for name in names},
-            explained=f"Sun, Hollerbach 2008; of the {observed.directions} combinations that the data determine. Larger is "
-            "better; they compare one set of postures with another.",
+            explained=f"Sun, Hollerbach 2008; of {result.observability.directions} combinations that the data determine. "
+            "Larger is better.",
             detail=True,
         ),
     ]
 
 
-def _excluded(result: Calibration) -> list[Block]:
-    silent = int((~result.fit.used & ~result.fit.excluded).sum())
-    unused = f"{count(silent, 'record')} not used: no coordinates, and no seat with other records." if silent else ""
-    return [Heading("Excluded records"), *excluded_records(result.excluded), unused]
-
-
 def excluded_records(excluded: pd.DataFrame) -> list[Block]:
     """The table of excluded records, or that there are none."""
-    if not len(excluded):
-        return [Paragraph("No record was excluded.", detail=True)]
     return [
-        Paragraph(
-            "A record is excluded where its residual is larger than its noise allows, by a bound that excludes a good "
-            "record in one file of a hundred. Possible reasons: a slip of the hand, a wrong seat, a cause that is not in "
-            "the model.",
-            detail=True,
-        ),
+        Paragraph("" if len(excluded) else "No record was excluded.", detail=True),
         Table(
             excluded.astype({"row": str}),
             f"Excluded records ({len(excluded)})",
-            {"residual_mm": ".3f"},
-            {"residual_mm": "residual [mm]", "row": "row of the file"},
+            heads={"row": "row of the file"},
+            explained="A record is excluded where its residual is larger than its noise allows, by a bound that excludes a "
+            "good record in one file of a hundred. Possible reasons: a slip of the hand, a wrong seat, a cause that is not "
+            "in the model.",
             most=MOST_EXCLUDED,
-            most_on_page=MOST_ROWS,
         ),
     ]
 
 
 def _files(result: Calibration, summary: dict[str, Any], when: str) -> list[Block]:
-    text = "" if result.model.arm.dh is None else arm_text(result.model.file(), comment(result, summary["data"], when))
-    return [
-        *files(summary, "calibration.json", result.residuals),
-        *(
-            [Download("calibrated.toml", text.encode(), "application/toml", "the calibrated arm with its covariance")]
-            * bool(text)
-        ),
-    ]
+    note = comment(result, summary["data"], when)
+    return files(summary, result.residuals, result.model, ("calibration.json", "calibrated.toml"), note)
 
 
-def files(summary: dict[str, Any], name: str, residuals: pd.DataFrame) -> list[Block]:
-    """The section of a page that holds its numbers as files."""
+def files(
+    summary: dict[str, Any], residuals: pd.DataFrame, model: ErrorModel, names: tuple[str, str], note: str
+) -> list[Block]:
+    """The section of a page that holds its numbers as files.
+
+    Args:
+        summary: what the command writes as JSON.
+        residuals: of every record.
+        model: the arm as found.
+        names: of the JSON and of the arm file.
+        note: the lines in front of the arm file.
+    """
     content = json.dumps(summary, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
-    table = residuals.to_csv(index=False)
-    return [
+    blocks: list[Block] = [
         Heading("Files"),
-        "The numbers behind this page are inside it; on screen each name below saves a file.",
-        Download(name, content.encode(), "application/json", "all numbers of this page"),
-        Download("residuals.csv", table.encode(), "text/csv", "every record with its residuals"),
+        Paragraph("The numbers behind this page are inside it; on screen each name below saves a file."),
+        Download(names[0], "all numbers of this page", content.encode()),
+        Download("residuals.csv", "every record with its residuals", residuals.to_csv(index=False).encode()),
     ]
-
-
-@document_of.register
-def held_out_document(held: HeldOut) -> Document:
-    """Residuals of records held out of one calibration."""
-    row = pd.DataFrame({"before": [held.rms_before], "after": [held.rms_after]})
-    frame, formats = in_one_unit(row, ["before", "after"])
-    words = f"{KINDS[held.kind]}, left out in {count(held.groups, 'part')}"
-    return Document(
-        "Held out", [Paragraph(words, head="Held out:"), Table(frame, "RMS distance of tip and target", formats)]
-    )
-
-
-@document_of.register
-def observability_document(indices: Observability) -> Document:
-    """The five indices with their definitions."""
-    of = ("(Πσ)^(1/m)/√n [m]", "σ_min/σ_max [1]", "σ_min [m]", "σ_min²/σ_max [m]", "1/Σ(1/σ) [m]")
-    values = (indices.o1, indices.o2, indices.o3, indices.o4, indices.o5)
-    rows = [
-        {"index": f"O{k}", "of the singular values σ": what, "value": value}
-        for k, (what, value) in enumerate(zip(of, values, strict=True), 1)
-    ]
-    words = f"of {count(indices.directions, 'direction')} that the data determine; larger is better"
-    return Document(
-        "Observability", [Paragraph(words, head="Observability"), Table(pd.DataFrame(rows), "", {"value": ".4g"})]
-    )
+    if model.arm.dh is not None:
+        blocks.append(Download(names[1], "the arm as found, with its covariance", arm_text(model.file(), note).encode()))
+    return blocks

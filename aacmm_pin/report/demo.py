@@ -18,33 +18,33 @@ import pandas as pd
 from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin._support.output_files import whole_folder
-from aacmm_pin._support.units import DEG, MM, MM3, UM
-from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
+from aacmm_pin._support.units import MM
+from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm.file import COVERAGE_FACTOR, load_arm_file
 from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration.perturbed_arm import perturbed_model
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import Effect, EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import in_words, several_in_words, values_in_words
+from aacmm_pin.effects.labels import in_words, values_in_words
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.papers.sino6 import printed_points
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
+from aacmm_pin.report.accuracy import postures_at_the_ends
 from aacmm_pin.report.diagnosis import diagnosis_document, line_to_remember, verdict_in_words
-from aacmm_pin.report.document import Block, Bullets, Document, Figure, Heading, Link, Paragraph, Table, blank_axes
+from aacmm_pin.report.document import Block, Bullets, Document, Download, Figure, Heading, Paragraph, Table, blank_axes
 from aacmm_pin.report.html import page
+from aacmm_pin.report.numbers import capital, percent
 from aacmm_pin.report.papers_page import PaperStudy, papers_document
 from aacmm_pin.report.scenes import circle_scene, map_scene
 from aacmm_pin.report.summaries import accuracy_summary, map_summary
 
 SEED = 1
 """Seed of every random number."""
-DRAWS = 4000
-"""Monte Carlo draws for a configuration."""
 ARM_OF_THE_PAPER = "SINO6"
 RECORDS, SEATS = 200, 10
 READING_NOISE = 8e-6
@@ -65,6 +65,17 @@ FILES = {
     "diagnosis.json": "the verdict and its numbers",
 }
 """What the page links to."""
+QUESTION = (
+    "Before measuring: how accurate is the arm at a point and over its workspace, in which posture, and why? After "
+    "measuring: what does its model get wrong, what causes it, and how much better is the arm once the model knows?"
+)
+ASSUMED = (
+    "Before measuring only the geometry is uncertain: independent errors, uniform within the half-widths. Encoder noise, "
+    "eccentricity, gravity, temperature and contact come on top.",
+    "The working point is the wrist; what lies behind it, the stylus too, has no part in these numbers.",
+    "Volumes are first order in the errors; cells and sectors are judged at their centres.",
+    "Neither volume nor u is a maximum permissible error of any standard.",
+)
 
 
 @dataclass(frozen=True)
@@ -92,193 +103,103 @@ class DemoSummary:
         return "\n".join([*self.findings, end])
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
-    """What is computed for the page.
+def _at_the_point(circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]) -> list[Block]:
+    volume, u = summary["volume_mm3"], summary["u_mm"]
+    largest = ", ".join(f"{row['parameter']} {percent(row['share'])}" for row in summary["budget"][:3])
+    return [
+        Heading("At one point: in which posture, how accurate, and why"),
+        Paragraph(
+            f"{circle}. With the wrist held there the arm can still move: its elbow runs along "
+            f"{len(circle.components.curves)} closed curves."
+        ),
+        Paragraph(
+            f"Expanded uncertainty of the position, U (k = 2): {COVERAGE_FACTOR * u['min']:.3f} mm to "
+            f"{COVERAGE_FACTOR * u['max']:.3f} mm, depending on the posture.",
+            finding=True,
+        ),
+        Paragraph(
+            f"Accuracy volume, all that the half-widths allow together: {volume['min']:.4f} mm³ to {volume['max']:.4f} mm³; "
+            f"comprehensive accuracy {volume['comprehensive']:.4f} mm³. Most of the variance comes from {largest} "
+            "(theta_offset: zero offset of a joint).",
+            finding=True,
+        ),
+        Figure(
+            lambda: plots.plot_circle(circle, accuracy, ax=_axes_3d()),
+            f"The elbow's path round the working point and {circle.arm.name} in five postures",
+            "Five of the postures, and the path of the elbow, coloured by the accuracy volume where all joints are within "
+            "limits.",
+        ),
+        Table(postures_at_the_ends(summary), "Postures at the ends; swivel 0 where the elbow is highest"),
+        Figure(
+            lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
+            "Bars of the shares of the variance by parameter",
+            "Uncertainty budget: share of the variance, and the standard uncertainty that each parameter alone would cause.",
+        ),
+    ]
 
-    Attributes:
-        arm: the arm.
-        circle: every configuration at the working point.
-        accuracy: of those within limits, by the zonotope; ``summary``: the same as accuracy.json has it.
-        map: flexibility and accuracy over the half-plane.
-        hidden: the cause that a virtual arm has and its file does not.
-        data: what that arm measured; ``found``: the diagnosis, which was not told of the cause.
-    """
 
-    arm: Arm
-    circle: ConfigurationCircle
-    accuracy: AccuracyVolume
-    summary: dict[str, Any]
-    map: WorkspaceMap
-    hidden: Effect
-    data: Measurements
-    found: Diagnosis
-
-    @staticmethod
-    def of(arm: Arm, cells: tuple[int, int], sectors: int, progress: bool) -> Study:
-        """Compute everything; arguments and errors as in :func:`run_demo`."""
-        circle = configuration_circle(arm, printed_points()[0])
-        accuracy = circle_accuracy(circle)
-        map_ = map_workspace(arm, cells, sectors, progress=progress)
-        rng = np.random.default_rng(SEED)
-        phase = rng.uniform(-np.pi, np.pi)
-        hidden = EncoderEccentricity(JOINT, values=(SIZE * np.cos(phase), SIZE * np.sin(phase)))
-        truth = ErrorModel(perturbed_model(ErrorModel(arm), rng).arm, (hidden,))
-        data = simulate_measurements(truth, "seats", RECORDS, rng=rng, seats=SEATS)
-        found = diagnose(arm, data, encoder_noise=READING_NOISE, rng=np.random.default_rng(SEED), progress=progress)
-        return Study(arm, circle, accuracy, accuracy_summary(circle, accuracy, sectors), map_, hidden, data, found)
-
-    def findings(self) -> list[str]:
-        """What the shell says."""
-        volume, accuracy, u = self.summary["volume_mm3"], self.accuracy, self.accuracy.u / UM
-        ends = [int(np.argmin(accuracy.volume)), int(np.argmax(accuracy.volume))]
-        at, rng = self.circle.at, np.random.default_rng(SEED)
-        hull = accuracy_volume(self.arm, accuracy.q[ends], at=at, method="monte-carlo", rng=rng, draws=DRAWS)
-        low, high = 100 * (hull.volume / accuracy.volume[ends] - 1)
-        deviation, counts = accuracy.largest_deviation / UM, self.map.working_sectors()
-        return [
-            str(self.circle),
-            f"accuracy volume {volume['min']:.5f} to {volume['max']:.5f} mm³, comprehensive {volume['comprehensive']:.5f} "
-            "mm³",
-            f"standard uncertainty u of the position {u.min():.1f} to {u.max():.1f} µm; {u[ends[0]]:.1f} µm where the "
-            f"volume is smallest, {u[ends[1]]:.1f} µm where it is largest",
-            f"largest deviation that the half-widths allow together: {deviation.min():.0f} to {deviation.max():.0f} µm",
-            f"Monte Carlo (seed {SEED}), hull of corners of the box against the zonotope: {low:+.1f} % where the volume is "
-            f"smallest and {high:+.1f} % where it is largest",
-            f"budget: {self._largest(3)} of the variance; theta_offset is the zero offset of a joint",
-            f"map: {counts[self.map.sectors]} of {sum(counts.values())} reachable cells have the full circle, "
-            f"mean flexibility {float(self.map.data['flexibility'].mean()):.3f}",
-            f"hidden in {self.data.n} simulated records: {in_words(self.hidden)}; "
-            f"found: {several_in_words([f.effect for f in self.found.findings]) or 'nothing'} ({self.found.verdict}). "
-            f"{line_to_remember(self.found)}",
-        ]
-
-    def _largest(self, count: int) -> str:
-        rows = self.accuracy.budget().head(count).to_dict("records")
-        return ", ".join(f"{row['parameter']} {100 * row['share']:.0f} %" for row in rows)
-
-    def document(self, files: list[str], when: str) -> Document:
-        """The page, with links to those of ``files`` that it names."""
-        links = [Link(name, FILES[name]) for name in FILES if name in (*files, "site/index.html")]
-        links += [Link(name, "the arm for Pinocchio, lengths in metres") for name in files if name.endswith(".urdf")]
-        question = (
-            f"Before measuring: how accurate is {self.arm.name} at a point and over its workspace, in which posture, and "
-            "why? After measuring: what does its model get wrong, what causes it, and how much better is the arm once the "
-            "model knows?"
-        )
-        blocks: list[Block] = [question, *self._at_the_point(), *self._over_the_workspace(), *self._measured()]
-        assumed = Bullets(
-            [
-                "Before measuring only the geometry is uncertain: independent errors, uniform within the half-widths of the "
-                "calibration. Encoder noise, eccentricity, gravity, temperature and contact come on top.",
-                "The working point is the wrist; what lies behind it, the stylus too, has no part in these numbers.",
-                "Volumes are first order in the errors; cells and sectors are judged at their centres.",
-                "Neither volume nor u is a maximum permissible error of any standard.",
-            ]
-        )
-        blocks += [Heading("What is assumed"), assumed, Heading("More"), *links, f"Seed {SEED}; made {when}."]
-        return Document(f"{self.arm.name}: postures, accuracy, diagnosis", blocks, f"Geometry: {self.arm.source}")
-
-    def _at_the_point(self) -> list[Block]:
-        circle, accuracy, volume = self.circle, self.accuracy, self.summary["volume_mm3"]
-        x, y, z = circle.point / MM
-        u = 2 * accuracy.u / MM
-        picks = {
-            "smallest volume": int(np.argmin(accuracy.volume)),
-            "largest volume": int(np.argmax(accuracy.volume)),
-            "smallest U": int(np.argmin(accuracy.u)),
-            "largest U": int(np.argmax(accuracy.u)),
-        }
-        rows = list(picks.values())
-        table = pd.DataFrame({"posture": list(picks), "U, k = 2 [mm]": u[rows], "volume [mm³]": accuracy.volume[rows] / MM3})
-        table["swivel [°]"] = (circle.swivel[circle.within_limits][rows] / DEG).round() + 0.0  # + 0.0: no minus zero
-        for joint in range(self.arm.nq):
-            table[f"θ{joint + 1} [°]"] = accuracy.q[rows, joint] / DEG
-        formats = {"U, k = 2 [mm]": ".3f", "volume [mm³]": ".5f"} | dict.fromkeys(table.columns[3:], ".0f")
-        return [
-            Heading("At one point: in which posture, how accurate, and why"),
-            f"With the wrist held at ({x:.1f}, {y:.1f}, {z:.1f}) mm the arm can still move: its elbow runs along "
-            f"{len(circle.components.curves)} closed curves. {int(circle.within_limits.sum())} of {len(circle)} sampled "
-            "configurations are within the joint limits.",
-            Paragraph(
-                f"The expanded uncertainty of the position, U with k = 2, is {u.min():.3f} mm to {u.max():.3f} mm, "
-                "depending on the posture; the accuracy volume, all that the half-widths allow together, "
-                f"{volume['min']:.4f} mm³ to {volume['max']:.4f} mm³. Most of the variance comes from {self._largest(2)} "
-                "(theta_offset: zero offset of a joint).",
-                finding=True,
-            ),
-            Figure(
-                lambda: plots.plot_circle(circle, accuracy, ax=_axes_3d()),
-                f"The elbow's path round the working point and {self.arm.name} in five postures",
-                "Five of the postures, and the path of the elbow, coloured by the accuracy volume where all joints are "
-                "within limits.",
-            ),
-            Table(table, "Postures at the ends; swivel 0 where the elbow is highest", formats),
-            Figure(
-                lambda: plots.plot_budget(accuracy, "parameter", blank_axes(7.0, 3.6)),
-                "Bars of the shares of the variance by parameter",
-                "Uncertainty budget: share of the variance, and the standard uncertainty that each parameter alone would "
-                "cause.",
-            ),
-        ]
-
-    def _over_the_workspace(self) -> list[Block]:
-        data, counts = self.map.data, self.map.working_sectors()
-        least, most = (2 * float(pick(data["smallest_u_mm"].values)) for pick in (np.nanmin, np.nanmax))
-        return [
-            Heading("Over the workspace"),
+def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list[Block]:
+    data, cells, u = map_.data, map_.working_sectors(), map_.data["smallest_u_mm"]
+    least, most = (COVERAGE_FACTOR * float(end) for end in (u.min(), u.max()))
+    return [
+        Heading("Over the workspace"),
+        Paragraph(
             f"The arm turns about joint 1, so one half-plane stands for all of space: {data.sizes['x_mm']} × "
-            f"{data.sizes['z_mm']} cells, {sum(counts.values())} of them in reach.",
-            Paragraph(
-                f"In the best posture of each cell U (k = 2) is {least:.3f} mm to {most:.3f} mm. {counts[self.map.sectors]} "
-                f"of {sum(counts.values())} reachable cells can be reached all round the circle; mean flexibility "
-                f"{float(data['flexibility'].mean()):.3f}.",
-                finding=True,
-            ),
-            Figure(
-                self._maps,
-                f"Maps of {self.arm.name} over distance from joint axis 1 and z: uncertainty and flexibility",
-                "Standard uncertainty u of the position in the posture where it is smallest, and flexibility. The star is "
-                "the working point above, turned into the plane.",
-            ),
-        ]
+            f"{data.sizes['z_mm']} cells."
+        ),
+        Paragraph(
+            f"In the best posture of each cell U (k = 2) is {least:.3f} mm to {most:.3f} mm. {cells[map_.sectors]} of "
+            f"{sum(cells.values())} reachable cells can be reached all round the circle; mean flexibility "
+            f"{float(data['flexibility'].mean()):.3f}.",
+            finding=True,
+        ),
+        Figure(
+            lambda: _maps(map_, circle),
+            f"Maps of {circle.arm.name} over distance from joint axis 1 and z: uncertainty and flexibility",
+            "Standard uncertainty u of the position in the posture where it is smallest, and flexibility. The star is the "
+            "working point above, turned into the plane.",
+        ),
+    ]
 
-    def _maps(self) -> Drawing:
-        figure = Drawing(figsize=(10.0, 6.0), layout="constrained")
-        x, y, z = self.circle.point / MM
-        drawings = (plots.plot_uncertainty, plots.plot_flexibility)
-        for axes, draw in zip(figure.subplots(1, 2), drawings, strict=True):
-            draw(self.map, axes).plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
-        return figure
 
-    def _measured(self) -> list[Block]:
-        found, (cosine, sine) = self.found, self.hidden.values
-        true = f"amplitude {np.hypot(cosine, sine) * 1e6:.1f} µrad, phase {np.degrees(np.arctan2(sine, cosine)):.1f}°"
-        rows = [("hidden", in_words(self.hidden), true)]
-        rows += [("found", in_words(f.effect), values_in_words(f.effect, f.parameters)) for f in found.findings]
-        return [
-            Heading("After measuring: a hidden effect found"),
-            f"A virtual {self.arm.name}, its geometry drawn within the half-widths, got an encoder that sits off its centre "
-            f"and touched {SEATS} seats of known coordinates, {self.data.n} records in all, with the noise of good encoders "
-            "and references. The diagnosis knows the records and the arm file only.",
-            Paragraph(verdict_in_words(found), finding=True),
-            Table(pd.DataFrame(rows, columns=["", "cause", "values"]), "What was hidden, and what was found; ± U (k = 2)"),
-            Paragraph(line_to_remember(found), finding=True),
+def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
+    figure = Drawing(figsize=(10.0, 6.0), layout="constrained")
+    x, y, z = circle.point / MM
+    for axes, draw in zip(figure.subplots(1, 2), (plots.plot_uncertainty, plots.plot_flexibility), strict=True):
+        draw(map_, axes).plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
+    return figure
+
+
+def _measured(found: Diagnosis, hidden: Effect) -> list[Block]:
+    name, records = found.model.arm.name, found.extended.problem.measurements
+    true = {key: (value, 0.0) for key, value in hidden.described().items()}
+    rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
+    rows += [("found", in_words(f.effect), values_in_words(f.effect, f.parameters)) for f in found.findings]
+    return [
+        Heading("After measuring: a hidden effect found"),
+        Paragraph(
+            f"A virtual {name}, its geometry drawn within the half-widths, got an encoder that is off its centre and "
+            f"touched {SEATS} seats of known coordinates, {records.n} records in all. The diagnosis knows the records and "
+            "the arm file only."
+        ),
+        Paragraph(verdict_in_words(found), finding=True),
+        Paragraph(line_to_remember(found), finding=True),
+        Table(pd.DataFrame(rows, columns=["", "cause", "values"]), "What was hidden, and what was found; ± U (k = 2)"),
+        Figure(
+            lambda: plots.plot_rms(found, blank_axes(6.8, 2.0)),
+            "RMS of the residuals by the three models",
+            "Residuals by the arm as simulated, recalibrated, and extended by what was found. Dashed: noise alone.",
+        ),
+        *(
             Figure(
-                lambda: plots.plot_rms(found, blank_axes(6.8, 2.0)),
-                "RMS of the residuals by the three models",
-                "Residuals by the arm as simulated, recalibrated, and extended by what was found. Dashed: noise alone.",
-            ),
-            *(
-                Figure(
-                    lambda finding=finding: plots.plot_cause(found, finding, blank_axes(7.4, 4.0)),  # type: ignore[misc]
-                    f"{in_words(finding.effect)}, from the records",
-                    f"{in_words(finding.effect).capitalize()} as the records show it: dots are records, circles their means "
-                    "with u, the line is the cause as fitted.",
-                )
-                for finding in found.findings
-            ),
-        ]
+                lambda finding=finding: plots.plot_cause(found, finding, blank_axes(7.4, 4.0)),  # type: ignore[misc]
+                f"{in_words(finding.effect)}, from the records",
+                f"{capital(in_words(finding.effect))} as the records show it: dots are records, circles their means with u, "
+                "the line is the cause as fitted.",
+            )
+            for finding in found.findings
+        ),
+    ]
 
 
 def _axes_3d() -> Any:
@@ -314,32 +235,54 @@ def run_demo(
     started, folder, when = time.perf_counter(), Path(folder), f"{datetime.now(UTC):%Y-%m-%d}"
     with whole_folder(folder, force) as out:
         arm_file = load_arm_file(arm_name)
-        study = Study.of(Arm.from_file(arm_file), cells, sectors, progress)
-        arm, found, over_map = study.arm, study.found, map_summary(study.map)
+        arm = Arm.from_file(arm_file)
+        circle = configuration_circle(arm, printed_points()[0])
+        accuracy = circle_accuracy(circle)
+        over_map = map_workspace(arm, cells, sectors, progress=progress)
+        hidden, data = _simulated(arm)
+        found = diagnose(arm, data, encoder_noise=READING_NOISE, rng=np.random.default_rng(SEED), progress=progress)
+        of_point, of_map = accuracy_summary(circle, accuracy, sectors), map_summary(over_map)
         diagnosis = found.summary() | {"source": "measured.csv", "seed": SEED}
         texts = {
             f"{arm.name.lower()}.urdf": urdf_text(arm_file),
-            "configurations.csv": study.circle.to_frame().to_csv(index=False),
-            "accuracy.json": _json(study.summary),
-            "map.json": _json(over_map),
+            "configurations.csv": circle.to_frame().to_csv(index=False),
+            "accuracy.json": _json(of_point),
+            "map.json": _json(of_map),
             "diagnosis.json": _json(diagnosis),
             "diagnosis.html": page(diagnosis_document(found, diagnosis, when)),
-            "postures.html": circle_scene(study.circle, study.accuracy).html(),
-            "workspace.html": map_scene(study.map, arm).html(),
+            "postures.html": circle_scene(circle, accuracy).html(),
+            "workspace.html": map_scene(over_map, arm).html(),
         }
-        findings = study.findings()
-        if arm.name == ARM_OF_THE_PAPER:
-            papers = PaperStudy.of(SEED, progress)
-            findings += papers.findings()
+        papers = PaperStudy.of(SEED, progress) if arm.name == ARM_OF_THE_PAPER else None
+        if papers is not None:
             texts["papers.html"] = page(papers_document(papers))
-        study.map.save(out / "map.nc")
-        study.data.save(out / "measured.csv")
-        files = [*texts, "map.nc", "measured.csv", "index.html"]
-        texts["index.html"] = page(study.document(files, when))
+        over_map.save(out / "map.nc")
+        data.save(out / "measured.csv")
+        files = sorted([*texts, "map.nc", "measured.csv", "index.html"])
+        told = [
+            *_at_the_point(circle, accuracy, of_point),
+            *_over_the_workspace(over_map, circle),
+            *_measured(found, hidden),
+        ]
+        links = [Download(name, text) for name, text in FILES.items() if name in (*files, "site/index.html")]
+        links += [Download(name, "the arm for Pinocchio, lengths in metres") for name in files if name.endswith(".urdf")]
+        made = f"Seed {SEED}; made {when}."
+        blocks = [QUESTION, *told, Heading("What is assumed"), Bullets(ASSUMED), Heading("More"), *links, made]
+        texts["index.html"] = page(Document(f"{arm.name}: postures, accuracy, diagnosis", blocks, f"Geometry: {arm.source}"))
         for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8")
-    seconds = time.perf_counter() - started
-    return DemoSummary(folder, tuple(sorted(files)), tuple(findings), study.summary, over_map, seconds)
+    findings = [block.text for block in told if isinstance(block, Paragraph) and block.finding]
+    findings += [] if papers is None else papers.findings()
+    return DemoSummary(folder, tuple(files), tuple(findings), of_point, of_map, time.perf_counter() - started)
+
+
+def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
+    """The hidden effect, and what a virtual arm that has it measures."""
+    rng = np.random.default_rng(SEED)
+    phase = rng.uniform(-np.pi, np.pi)
+    hidden = EncoderEccentricity(JOINT, values=(SIZE * np.cos(phase), SIZE * np.sin(phase)))
+    truth = ErrorModel(perturbed_model(ErrorModel(arm), rng).arm, (hidden,))
+    return hidden, simulate_measurements(truth, "seats", RECORDS, rng=rng, seats=SEATS)
 
 
 def _json(content: dict[str, Any]) -> str:

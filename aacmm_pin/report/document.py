@@ -5,7 +5,7 @@
         [
             Heading("Residuals"),
             Paragraph("The residuals fell by 29 %.", finding=True),
-            Table(frame, "RMS distance of tip and target", {"before [mm]": ".4f"}),
+            Table(frame, "RMS distance of tip and target"),
             Figure(lambda: plots.plot_groups(found, blank_axes(9.3, 4.0)), "RMS by group", "RMS of the residuals."),
         ],
         "300 records of data.csv",
@@ -22,12 +22,15 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property, singledispatch
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+
+from aacmm_pin._support.shown import Shown
+from aacmm_pin.report.numbers import in_one_unit
 
 if TYPE_CHECKING:  # a document without pictures needs neither matplotlib nor meshcat
     from matplotlib.axes import Axes
@@ -41,6 +44,8 @@ NOTHING = "–"
 """Stands where there is no number."""
 NUMBER = re.compile(r"[*<> ]*[-+]?\d+(\.\d+)?(e[-+]?\d+)?( \S+)?")
 """A number, perhaps with a mark before and one unit behind."""
+FORMATS = {"mm": "z.4f", "µm": "z.2f", "°": "z.1f"}
+"""How numbers are written under a head with such a unit; others have four digits."""
 
 Format = str | Callable[[Any], str]
 """How a value of a column is written: a format specification, or a function that gives its text."""
@@ -75,7 +80,7 @@ class Bullets:
     """A list of short plain texts under a line of its own.
 
     Attributes:
-        items: the texts; nothing is shown where there are none.
+        items: the texts.
         head: the line above.
         detail: for pages only.
     """
@@ -97,14 +102,13 @@ class Table:
     """A data frame as a table.
 
     Attributes:
-        frame: the data; the index is not shown.
+        frame: the data; the index is not shown. Units stand at the end of names, ``u_mm`` or ``u [mm]``; lengths of the
+            first kind are in mm, and shown in µm where all of them are small.
         caption: what it shows, in a few words.
-        formats: how the values of a column are written, such as ``{"u_mm": ".4f"}``; others as they print.
-        heads: heads of columns whose name is not what a reader should see, such as ``{"u_mm": "u [mm]"}``.
+        formats: how the values of a column are written, such as ``{"r": ".2f"}``, where not as its unit or type says.
+        heads: heads of columns whose name is not what a reader should see, such as ``{"retained_share": "retained"}``.
         explained: how to read it, for pages.
-        most: at most so many rows in the shell and Jupyter, and how many more there are.
-        most_on_page: the same of a page.
-        on_page, in_short: names of columns for pages only, and for the shell and Jupyter only.
+        most: at most so many rows, and how many more there are.
         detail: for pages only.
     """
 
@@ -114,18 +118,17 @@ class Table:
     heads: Mapping[str, str] = field(default_factory=dict)
     explained: str = ""
     most: int | None = None
-    most_on_page: int | None = None
-    on_page: Sequence[str] = ()
-    in_short: Sequence[str] = ()
     detail: bool = False
 
-    def cells(self, most: int | None = None, *, short: bool = False) -> pd.DataFrame:
-        """The first ``most`` rows with text in every cell, under the heads that a reader sees."""
-        rows = self.frame.head(most) if most is not None else self.frame
-        hidden = self.on_page if short else self.in_short
-        names = [str(name) for name in rows if name not in hidden]
-        found = {self.heads.get(n, n): [cell(value, self.formats.get(n, "")) for value in rows[n]] for n in names}
-        return pd.DataFrame(found, dtype=object)
+    def cells(self) -> pd.DataFrame:
+        """The rows that are shown, with text in every cell, under the heads that a reader sees."""
+        (frame,) = in_one_unit(self.frame.rename(columns=self.heads))
+        forms = {self.heads.get(name, name): form for name, form in self.formats.items()}
+        texts = {
+            name: [cell(value, forms.get(name) or _form(name)) for value in column.head(self.most or len(column))]
+            for name, column in ((str(name), frame[name]) for name in frame)
+        }
+        return pd.DataFrame(texts, dtype=object)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,19 +136,19 @@ class Figure:
     """A drawing with matplotlib, for pages.
 
     Attributes:
-        drawn: a figure, axes of one, or a function that draws it when a page needs it.
+        drawn: draws a figure, or axes of one, when a page needs it.
         alt: what it shows, for those who cannot see it.
         caption: text below.
     """
 
-    drawn: Drawing | Axes | Callable[[], Drawing | Axes]
+    drawn: Callable[[], Drawing | Axes]
     alt: str
     caption: str
 
     @cached_property
     def png(self) -> bytes:
         """The figure as PNG, cut to what is drawn."""
-        drawn = self.drawn() if callable(self.drawn) else self.drawn
+        drawn = self.drawn()
         figure: Any = drawn if hasattr(drawn, "savefig") else drawn.figure
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=DPI, bbox_inches="tight", facecolor="white", metadata={"Software": None})
@@ -157,76 +160,64 @@ class SceneView:
     """A scene in three dimensions that can be turned, on the screen of a page.
 
     Attributes:
-        scene: what is shown, or a function that makes it when a page needs it.
+        scene: makes what is shown when a page needs it.
         caption: text below.
         height: of the frame that it is shown in [px].
     """
 
-    scene: Scene | Callable[[], Scene]
+    scene: Callable[[], Scene]
     caption: str
     height: int = 520
 
 
 @dataclass(frozen=True)
 class Download:
-    """A file inside a page.
+    """A file inside a page, or beside it.
 
     Attributes:
-        name: the name under which it is saved.
-        content: the file.
-        media: its media type, such as ``text/csv``.
+        name: the name under which it is saved, or where it is.
         text: what it holds.
+        content: the file; None where it stands beside the page.
     """
 
     name: str
-    content: bytes
-    media: str
     text: str
+    content: bytes | None = None
 
 
-@dataclass(frozen=True)
-class Link:
-    """A line with a link to another page.
-
-    Attributes:
-        target: where it leads, such as ``diagnosis.html``.
-        text: what is there.
-    """
-
-    target: str
-    text: str
+Block = Heading | Paragraph | Bullets | Notes | Table | Figure | SceneView | Download | str
+FOR_PAGES = (Heading, Figure, SceneView, Download)
 
 
-@dataclass(frozen=True)
-class Details:
-    """Blocks that a reader may fold out; the shell leaves them out."""
-
-    summary: str
-    blocks: Sequence[Block]
-
-
-Block = Heading | Paragraph | Bullets | Notes | Table | Figure | SceneView | Download | Link | Details | str
-
-
-@dataclass(frozen=True)
 class Document:
     """What is told of a result.
 
     Attributes:
         title: title of the page.
-        blocks: in the order in which they are read; a plain string is a paragraph, and an empty one nothing.
+        blocks: in the order in which they are read, those left out that have nothing to show.
         subtitle: one line below the title.
     """
 
-    title: str
-    blocks: Sequence[Block]
-    subtitle: str = ""
+    def __init__(self, title: str, blocks: Iterable[Block], subtitle: str = "") -> None:
+        """A plain string among the blocks is a paragraph."""
+        self.title, self.subtitle = title, subtitle
+        self.blocks = [b for b in (Paragraph(b) if isinstance(b, str) else b for b in blocks) if not _is_empty(b)]
 
     def short(self) -> list[Block]:
         """The blocks that the shell and Jupyter show."""
-        for_pages = (Heading, Figure, SceneView, Download, Link)
-        shown = [Paragraph(b) if isinstance(b, str) else b for b in self.blocks if not isinstance(b, for_pages)]
-        return [b for b in shown if not getattr(b, "detail", False) and not is_empty(b)]
+        return [b for b in self.blocks if not (isinstance(b, FOR_PAGES) or getattr(b, "detail", False))]
+
+
+def _is_empty(block: Block) -> bool:
+    """Whether there is nothing to show: no text, no item, no row."""
+    match block:
+        case Paragraph(text=text, head=head):
+            return not (text or head)
+        case Bullets(items=items) | Notes(items=items):
+            return not items
+        case Table(frame=frame):
+            return frame.empty
+    return False
 
 
 @singledispatch
@@ -239,20 +230,17 @@ def document_of(result: object) -> Document:
     raise TypeError(f"{type(result).__name__} has no document")
 
 
-def is_empty(block: Block) -> bool:
-    """Whether there is nothing to show: no text, no item, no row."""
-    match block:
-        case Paragraph(text=text, head=head):
-            return not (text or head)
-        case Bullets(items=items) | Notes(items=items):
-            return not items
-        case Table(frame=frame):
-            return frame.empty
-        case Details(blocks=blocks):
-            return not blocks
-        case str():
-            return not block
-    return False
+@document_of.register
+def shown_document(result: Shown) -> Document:
+    """A result by what it says of itself; one that says nothing by its fields and properties that are numbers or words."""
+    kind = type(result)
+    if kind.__str__ is not object.__str__:
+        return Document(kind.__name__, [Paragraph(str(result), head=f"{kind.__name__}:")])
+    names = [f.name for f in fields(result)]  # type: ignore[arg-type]
+    names += [name for name, member in vars(kind).items() if isinstance(member, property)]
+    values = {name: getattr(result, name) for name in names}
+    row = {name: [value] for name, value in values.items() if isinstance(value, str | int | float | tuple | None)}
+    return Document(kind.__name__, [Table(pd.DataFrame(row), f"{kind.__name__}, in SI units")])
 
 
 def cell(value: object, form: Format = "") -> str:
@@ -261,13 +249,16 @@ def cell(value: object, form: Format = "") -> str:
         return NOTHING
     if callable(form):
         return form(value)
-    if isinstance(value, str):
-        return value
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, tuple | list):
-        return ", ".join(map(str, value))
-    return format(value, form) if form else f"{value:.6g}" if isinstance(value, float) else str(value)
+        return ", ".join(map(cell, value))
+    return format(value, form or ".4g") if isinstance(value, float) else str(value)
+
+
+def _form(head: str) -> str:
+    """The format of numbers under this head, by its unit."""
+    return next((form for unit, form in FORMATS.items() if head.endswith(f"[{unit}]")), "")
 
 
 def blank_axes(width: float, height: float) -> Axes:

@@ -13,7 +13,7 @@ from aacmm_pin.diagnosis.result import SETTLED
 from aacmm_pin.effects import Effect, all_candidates
 from aacmm_pin.effects.causes import SomeRecords
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.labels import FEW_VALUES, in_words, listed, probability, values_in_words
+from aacmm_pin.effects.labels import FEW_VALUES, in_words, listed, probability
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.report.diagnosis import labels_in_words, motion_of
@@ -87,40 +87,32 @@ def uncovered(result: Diagnosis, hidden: Effect) -> pd.DataFrame:
 
     Columns: value, hidden, found, U (k = 2), times_u (found minus hidden over u; a phase the shorter way round).
     """
-    finding = finding_of(result, hidden)
-    rows = []
-    for name, true in hidden.described().items():
-        value, u = finding.parameters.get(name, (np.nan, np.nan)) if finding is not None else (np.nan, np.nan)
-        off = value - true
-        if name.startswith("phase"):
-            off = (off + np.pi) % (2 * np.pi) - np.pi
-        rows.append({"value": name, "hidden": true, "found": value, "U": COVERAGE_FACTOR * u, "times_u": off / u})
-    return pd.DataFrame(rows)
+    finding, true = finding_of(result, hidden), hidden.described()
+    told = {} if finding is None else finding.parameters
+    value, u = np.array([told.get(name, (np.nan, np.nan)) for name in true]).T
+    off = value - np.array(list(true.values()))
+    phase = np.array([name.startswith("phase") for name in true])
+    off = np.where(phase, (off + np.pi) % (2 * np.pi) - np.pi, off)
+    columns = {"value": list(true), "hidden": list(true.values()), "found": value}
+    return pd.DataFrame(columns | {"U": COVERAGE_FACTOR * u, "times_u": off / u})
 
 
 def uncovered_in_words(result: Diagnosis, hidden: Effect) -> str:
-    """What was hidden, how far it moves the tip, and what became of it."""
+    """What was hidden, how far it moves the tip, and what became of it; the values stand in :func:`uncovered`."""
     moved, noise = lengths([motion_of(result, hidden), result.noise])
-    moves = f"{moved} RMS at the tip, noise {noise}"
-    was = f"Hidden was: {in_words(hidden)} ({moves})."
+    was = f"Hidden was: {in_words(hidden)} ({moved} RMS at the tip, noise {noise})."
     finding = finding_of(result, hidden)
+    others = listed([in_words(f.effect) for f in result.findings if f is not finding])
+    also = f" Also named, though not hidden: {others}." if others else ""
     if finding is not None:
         sure = "settled" if finding.probability >= SETTLED else "not settled against its look-alikes"
-        values, odds = values_in_words(finding.effect, finding.parameters), probability(finding.probability)
-        found = f"It is named, {values}, with probability {odds}: {sure}."
-        others = [in_words(f.effect) for f in result.findings if f is not finding]
-        return f"{was} {found}" + (f" Also named, though not hidden: {listed(others)}." if others else "")
-    for other in result.findings:
-        alias = next((a for a in other.aliases if a.label == hidden.label), None)
-        if alias is not None:
-            return (
-                f"{was} Named is a look-alike, {in_words(other.effect)} (probability {probability(other.probability)}); "
-                f"what was hidden stands beside it, correlation {alias.correlation:.3f}, "
-                f"probability {probability(alias.probability)}."
-            )
-    alike = next((group for group in result.cannot_tell_apart if hidden.label in group), None)
-    if result.findings:
-        named = listed([in_words(f.effect) for f in result.findings])
-        same = f" In these records it looks like {labels_in_words(result, alike)}." if alike else ""
-        return f"{was} It is not named; named is {named}.{same}"
-    return f"{was} Nothing is named: in these records, geometry refitted, it does not stand out from the noise."
+        return f"{was} It is named, with probability {probability(finding.probability)}: {sure}.{also}"
+    alike = [(f, a) for f in result.findings for a in f.aliases if a.label == hidden.label]
+    for other, alias in alike[:1]:
+        return (
+            f"{was} Named is a look-alike, {in_words(other.effect)} (probability {probability(other.probability)}); what "
+            f"was hidden has correlation {alias.correlation:.3f} and probability {probability(alias.probability)}."
+        )
+    group = next((group for group in result.cannot_tell_apart if hidden.label in group), ())
+    same = f" In these records it looks like {labels_in_words(result, group)}." if group else ""
+    return f"{was} It is not named.{also}{same}"

@@ -6,6 +6,7 @@ Text is text: it is escaped, never read as markup.
 from __future__ import annotations
 
 import base64
+import mimetypes
 import re
 from collections.abc import Iterable, Sequence
 from functools import cache
@@ -16,19 +17,16 @@ from markupsafe import Markup
 
 from aacmm_pin.report.document import (
     Block,
-    Bullets,
-    Details,
     Document,
     Download,
     Figure,
     Heading,
     Notes,
-    Paragraph,
     SceneView,
     Table,
     are_numbers,
-    is_empty,
 )
+from aacmm_pin.report.numbers import capital
 
 WIDE = 1050
 """A figure of more columns than this has several panels side by side; on a phone it is scrolled, not shrunk [pixels]."""
@@ -37,12 +35,10 @@ SHORT = 22
 _TIES = re.compile(r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])")
 
 
-def page(document: Document, *, language: str = "en") -> str:
+def page(document: Document) -> str:
     """The whole document as an HTML page, with a list of its sections.
 
-    Args:
-        document: what is told; blocks before its first heading stand above the list of sections.
-        language: language of the text, as in HTML's ``lang``.
+    Blocks before its first heading stand above the list of sections.
     """
     sections: list[dict[str, Any]] = [{"blocks": []}]
     for block in document.blocks:
@@ -51,14 +47,13 @@ def page(document: Document, *, language: str = "en") -> str:
         else:
             sections[-1]["blocks"].append(block)
     has_scene = any(isinstance(block, SceneView) for block in document.blocks)
-    contents = [section | {"blocks": _prepared(section["blocks"], on_page=True)} for section in sections]
+    opening, *contents = [section | {"blocks": _prepared(section["blocks"], on_page=True)} for section in sections]
     template = _environment().get_template("report.html.j2")
     return template.render(
         title=document.title,
         subtitle=document.subtitle,
-        opening=contents[0]["blocks"],
-        sections=contents[1:],
-        language=language,
+        opening=opening["blocks"],
+        sections=[section for section in contents if section["blocks"]],
         viewer=_viewer() if has_scene else "",
     )
 
@@ -94,43 +89,31 @@ def _viewer() -> Markup:
 
 
 def _prepared(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
-    """What the template needs of each block that has something to show."""
-    return [
-        {"kind": type(block).__name__} | vars(block) | _derived(block, on_page)
-        for block in (Paragraph(b) if isinstance(b, str) else b for b in blocks)
-        if not is_empty(block)
-    ]
+    """What the template needs of each block."""
+    return [{"kind": type(block).__name__} | vars(block) | _derived(block, on_page) for block in blocks]
 
 
 def _derived(block: Block, on_page: bool) -> dict[str, Any]:
     match block:
-        case Bullets(items=items):
-            return {"texts": items}
         case Notes(items=items):
-            return {
-                "texts": [f"{text[:1].upper()}{text[1:]}." for text in items],
-                "head": "What was assumed or found beside:",
-            }
+            return {"items": [f"{capital(text)}." for text in items], "head": "What was assumed or found beside:"}
         case Table():
             return _table(block, on_page)
         case Figure(png=png):
             columns = int.from_bytes(png[16:20], "big")  # bytes 16 to 19 of a PNG are its width
             return {"uri": data_uri(png, "image/png"), "wide": columns > WIDE}
-        case SceneView():
-            scene = block.scene() if callable(block.scene) else block.scene
-            return {"markup": Markup(scene.embedded(block.height))}
-        case Download(content=content, media=media):
+        case SceneView(scene=scene, height=height):
+            return {"markup": Markup(scene().embedded(height))}
+        case Download(content=bytes(content)):
             size = f"{len(content) / 1e3:.0f} kB" if len(content) >= 1000 else f"{len(content)} B"
+            media = mimetypes.guess_type(block.name)[0] or "application/octet-stream"
             return {"uri": data_uri(content, media), "size": size}
-        case Details(blocks=blocks):
-            return {"inner": _prepared(blocks, on_page=on_page), "open": on_page}
     return {}
 
 
 def _table(table: Table, on_page: bool) -> dict[str, Any]:
     """Rows of text; head and style of every column: ``number``, ``short`` (not broken into lines) or ``long`` text."""
-    most = table.most_on_page if on_page else table.most
-    cells = table.cells(most, short=not on_page)
+    cells = table.cells()
     return {
         "explained": table.explained if on_page else "",
         "columns": [(head, _style(list(texts))) for head, texts in cells.items()],

@@ -1,21 +1,24 @@
-"""Numbers as people read them, in one style: lengths, shares, counts, probabilities and p-values."""
+"""Numbers as people read them, in one style: lengths, shares, counts, p-values, values of parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable
 
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM, UM
 
 IN_MM = 1e-4
 """Lengths from here on stand in mm, smaller ones in µm [m]."""
-LEAST_P = 1e-300
-"""No smaller chance is told; most computer numbers do not hold one."""
+LEAST_P = 1e-16
+"""No smaller chance is told."""
 DIGITS = {"mm": "z.5f", "rad": "z.7f"}
 """Formats of the values of parameters by their unit."""
+UNIT = re.compile(r"_(mm3|mm|deg)$")
+"""The unit at the end of the name of a column."""
+UNITS = {"mm3": "mm³", "mm": "mm", "deg": "°"}
 
 
 def length(value: float) -> str:
@@ -37,13 +40,32 @@ def length_unit(largest: float) -> tuple[str, float]:
     return ("mm", MM) if largest >= IN_MM else ("µm", UM)
 
 
-def in_one_unit(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Columns of lengths [m] in mm, or all in µm where all are small, which their heads say; with their formats."""
-    largest = np.nanmax(np.abs(frame[list(names)].to_numpy(dtype=float)), initial=0.0)
-    (unit, scale), form = length_unit(largest), ".4f" if largest >= IN_MM else ".2f"
-    heads = {name: f"{name} [{unit}]" for name in names}
-    scaled = frame.assign(**{name: frame[name] / scale for name in names}).rename(columns=heads)
-    return scaled, dict.fromkeys(heads.values(), form)
+def in_one_unit(*frames: pd.DataFrame) -> list[pd.DataFrame]:
+    """Tables whose heads say the unit, ``before_mm`` as ``before [µm]``: all lengths in mm, or in µm where all are small."""
+    of_length = [frame.filter(regex="_mm$") for frame in frames]
+    largest = max((float(np.nanmax(np.abs(part), initial=0.0)) for part in of_length if part.size), default=0.0)
+    unit, scale = length_unit(largest * MM)
+    found = []
+    for frame, part in zip(frames, of_length, strict=True):
+        heads = {name: head(str(name)) for name in frame}
+        heads |= {name: heads[name].replace("[mm]", f"[{unit}]") for name in part}
+        scaled = {str(name): part[name] * (MM / scale) for name in part}
+        found.append(frame.assign(**scaled).rename(columns=heads))
+    return found
+
+
+def head(name: str) -> str:
+    """The name of a column as people read it: ``shortest_low_mm`` as ``shortest low [mm]``."""
+    unit = UNIT.search(name)
+    return name if unit is None else f"{name[: unit.start()].replace('_', ' ')} [{UNITS[unit[1]]}]"
+
+
+def spread(frame: pd.DataFrame, over: str) -> pd.DataFrame:
+    """Least, median and largest of each column, what is not finite left out; ``over``: what the rows of the frame are."""
+    numbers = frame.astype(float).replace([np.inf, -np.inf], np.nan)
+    found = numbers.agg(["min", "median", "max"]).reset_index(drop=True)
+    found.insert(0, over, ["least", "median", "largest"])
+    return found
 
 
 def percent(share: float, digits: int = 0) -> str:
@@ -51,9 +73,9 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:z.{digits}f} %"
 
 
-def count(number: int, noun: str, several: str = "") -> str:
+def count(number: int, noun: str) -> str:
     """``1 record``, ``12 records``."""
-    return f"{number} {noun if number == 1 else several or f'{noun}s'}"
+    return f"{number} {noun if number == 1 else f'{noun}s'}"
 
 
 def capital(text: str) -> str:
@@ -62,14 +84,13 @@ def capital(text: str) -> str:
 
 
 def p_value(value: float) -> str:
-    """One digit; a chance that no computer number holds is less than the least."""
+    """One digit: ``0.03``, ``< 1e-16``."""
     return f"{value:.1g}" if value > LEAST_P else f"< {LEAST_P:g}"
 
 
 def p_equals(value: float) -> str:
-    """``p = 0.03``, ``p < 1e-300``."""
-    text = p_value(value)
-    return f"p {text}" if text.startswith("<") else f"p = {text}"
+    """``p = 0.03``, ``p < 1e-16``."""
+    return f"p = {p_value(value)}".replace("= <", "<")
 
 
 def quantity(value: float, unit: str) -> str:
@@ -88,18 +109,9 @@ def small_unit(unit: str) -> tuple[str, float]:
     """The unit of changes of a parameter whose value has ``unit``, and how many of it make one of that."""
     if unit in ("m", "mm"):
         return "µm", 1e6 if unit == "m" else 1e3
-    return ("µ" + unit if unit.startswith("rad") else "10⁻⁶" + unit.removeprefix("1")), 1e6
+    return ("µ" + unit if unit.startswith("rad") else "ppm" + unit.removeprefix("1")), 1e6
 
 
 def vector(values: Iterable[float], form: str = "z.4g") -> str:
     """``(0, 0, -9.81)``."""
     return "(" + ", ".join(f"{round(value, 12):{form}}" for value in values) + ")"
-
-
-def spread(values: Array, form: str) -> dict[str, str]:
-    """Least, median and largest of some numbers as text, those that are not finite left out."""
-    finite = np.asarray(values, dtype=np.float64)
-    finite = finite[np.isfinite(finite)]
-    found = (finite.min(), np.median(finite), finite.max()) if finite.size else None
-    names = ("least", "median", "largest")
-    return {name: f"{found[k]:{form}}" if found else "–" for k, name in enumerate(names)}

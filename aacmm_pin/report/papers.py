@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import pandas as pd
-
 from aacmm_pin.papers.sino6 import Table2
 from aacmm_pin.papers.sino6_table3 import Table3, Table3Diagnosis
 from aacmm_pin.report.document import Bullets, Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import percent
 from aacmm_pin.report.papers_page import in_words
-
-
-def _table(frame: pd.DataFrame, caption: str = "") -> Table:
-    """Four digits for every column of numbers with a fraction."""
-    return Table(frame, caption, {str(name): ".4g" for name in frame if pd.api.types.is_float_dtype(frame[name])})
 
 
 @document_of.register
@@ -22,7 +15,7 @@ def table2_document(result: Table2) -> Document:
     flexibility = ", ".join(f"{name} {value:.3f}" for name, value in result.mean_flexibility.items())
     distance = ", ".join(f"{value:.4f} {name}" for name, value in result.total_variation.items())
     words = f"mean flexibility {flexibility}; total variation from the print {distance}"
-    return Document("Table 2", [Paragraph(words, head="Table 2:"), _table(result.counts)])
+    return Document("Table 2", [Paragraph(words, head="Table 2:"), Table(result.counts)])
 
 
 @document_of.register
@@ -32,7 +25,7 @@ def table3_document(result: Table3) -> Document:
         f"printed coordinates read as those of the {result.reading}. Seat 6 spreads {result.measured_ratio:.2f} times as "
         f"much as seat 5, which {percent(result.ratio_probability, 1)} of the arms within the half-widths do."
     )
-    return Document("Table 3", [Paragraph(words, head="Table 3:"), _table(result.points)])
+    return Document("Table 3", [Paragraph(words, head="Table 3:"), Table(result.points)])
 
 
 @document_of.register
@@ -44,8 +37,8 @@ def table3_diagnosis_document(found: Table3Diagnosis) -> Document:
         [
             Paragraph(f"printed coordinates read as {found.reading}", head=f"Table 3, {found.verdict}:"),
             Bullets(list(in_words(found).values())),
-            _table(found.shown, "Measured spreads, beside those of DH errors and of encoder noise"),
-            _table(weighed, "Probability of each cause by five seats, and six"),
-            _table(found.held_out_five.seats, "Each of seats 1 to 5 predicted by the others"),
+            Table(found.shown, "Measured spreads, beside those of DH errors and of encoder noise"),
+            Table(weighed, "Probability of each cause by five seats, and six"),
+            Table(found.held_out_five.seats, "Each of seats 1 to 5 predicted by the others"),
         ],
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -59,10 +58,7 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
         "volume_mm3": _volumes(circle, accuracy),
         "u_mm": _spread(accuracy.u / MM),
         "largest_deviation_mm": _spread(accuracy.largest_deviation / MM) if accuracy.sources.bounded else None,
-        "best": _posture(circle, accuracy, accuracy.volume, np.argmin),
-        "worst": _posture(circle, accuracy, accuracy.volume, np.argmax),
-        "smallest_u": _posture(circle, accuracy, accuracy.u, np.argmin),
-        "largest_u": _posture(circle, accuracy, accuracy.u, np.argmax),
+        **_postures(circle, accuracy),
         "budget": _budget(accuracy),
         "taken_as_exact": list(accuracy.sources.taken_as_exact),
         "not_included": list(accuracy.not_included),
@@ -122,39 +118,34 @@ def _volumes(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, flo
 
 
 def _spread(values: Array) -> dict[str, float | None]:
-    if not len(values):
-        return {"min": None, "median": None, "max": None}
-    return {"min": _number(values.min()), "median": _number(np.median(values)), "max": _number(values.max())}
+    found = (values.min(), np.median(values), values.max()) if len(values) else [math.nan] * 3
+    return dict(zip(("min", "median", "max"), map(_number, found), strict=True))
 
 
-def _posture(
-    circle: PosturesAtPoint, accuracy: AccuracyVolume, values: Array, pick: Callable[[Array], np.intp]
-) -> dict[str, Any]:
-    if not len(values):
-        return {"theta_deg": None, "swivel_deg": None, "volume_mm3": None, "u_mm": None}
-    number = int(pick(values))
-    swivel = _number(circle.swivel[circle.within_limits][number] / DEG)
+def _postures(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, dict[str, Any]]:
+    """The postures with the smallest and largest volume and u."""
+    if not len(accuracy.q):
+        nothing = dict.fromkeys(("theta_deg", "swivel_deg", "volume_mm3", "u_mm"))
+        return {name: dict(nothing) for name in ("best", "worst", "smallest_u", "largest_u")}
+    volume, u = accuracy.volume, accuracy.u
+    numbers = {"best": volume.argmin(), "worst": volume.argmax(), "smallest_u": u.argmin(), "largest_u": u.argmax()}
+    swivel = circle.swivel[circle.within_limits] / DEG
     return {
-        "theta_deg": _rounded(accuracy.q[number] / DEG),
-        "swivel_deg": None if swivel is None else round(swivel, DIGITS),
-        "volume_mm3": _number(accuracy.volume[number] / MM3),
-        "u_mm": _number(accuracy.u[number] / MM),
+        name: {
+            "theta_deg": _rounded(accuracy.q[number] / DEG),
+            "swivel_deg": _rounded(swivel[[number]])[0] if math.isfinite(swivel[number]) else None,
+            "volume_mm3": float(volume[number] / MM3),
+            "u_mm": float(u[number] / MM),
+        }
+        for name, number in numbers.items()
     }
 
 
 def _budget(accuracy: AccuracyVolume) -> list[dict[str, Any]]:
     if not len(accuracy.q):
         return []
-    rows = accuracy.budget("parameter").to_dict("records")
-    return [
-        {
-            "parameter": str(r["parameter"]),
-            "joint": None if pd.isna(r["joint"]) else int(r["joint"]),
-            "share": _number(r["share"]),
-            "u_mm": _number(r["u_mm"]),
-        }
-        for r in rows
-    ]
+    table = accuracy.budget("parameter")[["parameter", "joint", "share", "u_mm"]].astype(object)
+    return [{str(k): v for k, v in row.items()} for row in table.where(table.notna(), None).to_dict("records")]
 
 
 def _rounded(values: Array) -> list[float]:

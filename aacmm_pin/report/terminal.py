@@ -43,7 +43,7 @@ def show_notes(items: Iterable[str]) -> None:
 def _print_table(table: Table) -> None:
     if table.caption:
         print(f"{table.caption}:")
-    cells = table.cells(table.most, short=True)
+    cells = table.cells()
     grid = Grid(*(_column(head, list(texts)) for head, texts in cells.items()), box=SIMPLE, pad_edge=False)
     grid.collapse_padding = True
     for row in cells.itertuples(index=False):

@@ -268,7 +268,7 @@ def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_pat
     out, _ = done("calibrate", "sino6", folder / "warm.csv", *QUICK, *effects, "-o", tmp_path / "c.toml")
     (line,) = (line for line in out.splitlines() if "encoder eccentricity of joint 3: amplitude " in line)
     assert re.search(r"amplitude [\d.]+ ± [\d.]+ µrad, phase [\d.]+ ± [\d.]+°", line)
-    assert "10⁻⁶/K" in out
+    assert "ppm/K" in out
     eccentricity, expansion = ErrorModel.load(tmp_path / "c.toml").effects
     assert eccentricity.values == pytest.approx((1e-4 * np.cos(0.5), 1e-4 * np.sin(0.5)), abs=4 * max(eccentricity.u))
     assert expansion.values[0] == pytest.approx(2e-5, abs=4 * expansion.u[0])

@@ -20,7 +20,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report import terminal
 from aacmm_pin.report.document import Document, Table
-from aacmm_pin.report.numbers import length, spread
+from aacmm_pin.report.numbers import length
 
 
 def told(*words: object, columns: int | None = 80) -> str:
@@ -98,7 +98,6 @@ def test_accuracy_map_and_plan(tmp_path: Path) -> None:
     check(text)
     assert target.exists()
     assert "SINO6: 3 × 3 cells × 4 sectors" in text
-    assert "smallest standard uncertainty [µm]" in text
     quick = ["--records", "4", "--postures", "60", "-o", tmp_path / "p.csv", "--json", tmp_path / "p.json", "--force"]
     text = told("plan", "sino6", "--split", "bearing_tilt:1", "base_compliance", *quick)
     check(text)
@@ -128,8 +127,3 @@ def test_markup_is_text_and_long_cells_are_wrapped(
     assert max(map(len, out.splitlines())) <= 40
     terminal.show(Document("", ["", Table(pd.DataFrame({"a": []}), "nothing")]))
     assert capsys.readouterr().out == ""
-
-
-def test_least_median_and_largest() -> None:
-    assert spread(np.array([np.nan, 1.0, 4.0, 3.0]), ".1f") == {"least": "1.0", "median": "3.0", "largest": "4.0"}
-    assert spread(np.array([np.nan]), ".1f") == {"least": "–", "median": "–", "largest": "–"}

@@ -138,8 +138,8 @@ def test_values_have_two_digits_of_their_uncertainty() -> None:
         (LinkLength(1), "a_mm", 1.2345, 0.0765, "a 1230 ± 150 µm"),
         (LinkLength(1), "a_mm", 2.1e-9, 4e-10, "a 2.10e-06 ± 8.0e-07 µm"),
         (ThermalExpansion(), "expansion_per_k", 1.5e-5, 6e-7, "expansion 15.0 ± 1.2 µm/(m·K)"),
-        (EncoderGain(1), "gain", 9e-5, 2e-6, "gain 90.0 ± 4.0·10⁻⁶"),
-        (EncoderGain(1), "gain", 9e-5, 0.0, "gain 90·10⁻⁶"),
+        (EncoderGain(1), "gain", 9e-5, 2e-6, "gain 90.0 ± 4.0 ppm"),
+        (EncoderGain(1), "gain", 9e-5, 0.0, "gain 90 ppm"),
     ):
         assert values_in_words(effect, {key: (value, u)}) == said
     assert "24 values" in values_in_words(curve, {f"c{k}_rad": (0.0, 1e-5) for k in range(1, 25)})

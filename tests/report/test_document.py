@@ -13,18 +13,16 @@ from aacmm_pin.report import html
 from aacmm_pin.report.document import (
     Block,
     Bullets,
-    Details,
     Document,
     Download,
     Figure,
     Heading,
-    Link,
     Notes,
     Paragraph,
     SceneView,
     Table,
-    cell,
 )
+from aacmm_pin.report.numbers import count, in_one_unit, lengths, p_equals, small_unit, spread
 from aacmm_pin.report.scenes import arm_scene
 from aacmm_pin.report.scenes.page import viewer_script
 from tests.pages import Page
@@ -39,31 +37,30 @@ def line(size: tuple[float, float] = (2, 1)) -> Drawing:
 
 
 def every_block(text: str = "words") -> list[Block]:
-    frame = pd.DataFrame({text: [text, "b"], "n": [1, 2]})
     return [
+        "Before",
         Heading(text),
         text,
         Paragraph(text, finding=True, head=text),
         Bullets([text], text),
         Notes([text]),
-        Table(frame, text, explained=text, most=1),
+        Table(pd.DataFrame({text: [text, "b"], "n": [1, 2]}), text, explained=text, most=1),
         Figure(line, text, text),
-        Download("a.csv", b"a,b\n", "text/csv", text),
-        Link("other.html", text),
-        Details(text, [text, Bullets([text])]),
+        Download("a.csv", text, b"a,b\n"),
+        Download("other.html", text),
+        Heading("Left out, as it has nothing to show"),
+        *("", Bullets([]), Table(pd.DataFrame())),
+        Heading("Details"),
+        Paragraph("LONG", detail=True),
+        Bullets(["LONG"], detail=True),
     ]
-
-
-def page_of(*blocks: Block) -> Page:
-    return Page(html.page(Document("Title", [Heading("First"), *blocks], "Below it")))
 
 
 def test_a_page_has_every_block_and_fetches_nothing() -> None:
     text = html.page(Document("T", every_block(), "S"))
     parsed = Page(text)
-    assert "http" not in text
-    assert "url(" not in text
-    assert "@import" not in text
+    for forbidden in ("http", "url(", "@import"):
+        assert forbidden not in text
     for tag, attributes in parsed.tags:
         assert tag not in {"script", "iframe", "object"}
         for name in ("src", "href"):
@@ -72,92 +69,86 @@ def test_a_page_has_every_block_and_fetches_nothing() -> None:
     head, data = image["src"].split(",")
     assert head == "data:image/png;base64"
     assert base64.b64decode(data).startswith(b"\x89PNG")
-    (link,) = (a for a in parsed.all("a") if "download" in a)
-    assert (link["download"], base64.b64decode(link["href"].split(",")[1])) == ("a.csv", b"a,b\n")
-    assert len(parsed.all("tr")) == 3
-    assert '<meta name="viewport" content="width=device-width' in text
-    assert "@media print" in text
-    assert '<html lang="en">' in text
+    assert parsed.downloads() == {"a.csv": b"a,b\n"}
+    assert len(parsed.all("tr")) == 2
+    assert "1 more" in parsed.text
+    assert parsed.text.count("LONG") == 2
+    ids = {attributes["id"] for attributes in parsed.all("section")}
+    assert {a["href"].removeprefix("#") for a in parsed.all("a") if a["href"].startswith("#")} == ids
+    assert len(ids) == 2
+    for needed in ('<meta name="viewport" content="width=device-width', "@media print", '<html lang="en">'):
+        assert needed in text
 
 
-def test_text_is_never_markup() -> None:
-    parsed = page_of(*every_block(EVIL))
-    assert parsed.all("script") == []
-    assert parsed.text.count(EVIL) >= 14
-    assert parsed.all("img")[0]["alt"] == EVIL
-    card = Page(html.fragment(Document("T", every_block(EVIL))))
-    assert card.all("script") == []
-    assert card.text.count(EVIL) >= 9
-
-
-def test_a_fragment_is_short_and_needs_no_style_sheet() -> None:
-    blocks = [
-        *every_block(),
-        Paragraph("LONG", detail=True),
-        Bullets(["LONG"], detail=True),
-        "",
-        Bullets([]),
-        Table(pd.DataFrame()),
-    ]
-    text = html.fragment(Document("T", blocks, "S"))
-    card = Page(text)
-    assert "LONG" not in text
+def test_text_is_never_markup_and_a_fragment_is_short() -> None:
+    blocks = every_block(EVIL)
+    page, card = Page(html.page(Document("T", blocks))), Page(html.fragment(Document("T", blocks)))
+    assert page.all("script") == card.all("script") == []
+    assert page.text.count(EVIL) >= 14
+    assert page.all("img")[0]["alt"] == EVIL
+    assert card.text.count(EVIL) >= 8
+    assert "LONG" not in card.text
     assert not {"img", "a", "style", "h1", "h2"} & {tag for tag, _ in card.tags}
-    assert len(card.all("tr")) == 2
-    assert "1 more" in card.text
-    assert "LONG" in Page(html.page(Document("T", blocks))).text
 
 
 def test_wide_figures_stay_readable_on_a_phone() -> None:
     for size, kind in (((10, 3), "wide"), ((4, 2), ""), ((2, 4), "")):
-        parsed = page_of(Figure(line(size), "A line", ""))
+        parsed = Page(html.page(Document("T", [Figure(lambda size=size: line(size), "A line", "")])))
         assert [attributes.get("class", "") for attributes in parsed.all("figure")] == [kind]
 
 
 def test_scenes_share_one_viewer() -> None:
     scene = arm_scene(Arm.load("sino6"), np.zeros((1, 6)))
-    text = html.page(
-        Document("T", [Heading("A"), SceneView(scene, "First"), Heading("B"), SceneView(lambda: scene, "Second")])
-    )
+    text = html.page(Document("T", [SceneView(lambda: scene, "First"), SceneView(lambda: scene, "Second")]))
     assert text.count(viewer_script()) == 1
     assert len(text) < 2 * len(scene.html())
-    parsed = Page(text)
-    assert [frame["class"] for frame in parsed.all("iframe")] == ["aacmm-scene"] * 2
-    assert page_of("No scene").all("script") == []
+    assert [frame["class"] for frame in Page(text).all("iframe")] == ["aacmm-scene"] * 2
 
 
-def test_cells_are_text() -> None:
+def test_cells_are_text_with_the_unit_in_the_head() -> None:
     frame = pd.DataFrame(
         {
-            "u_mm": [0.12345, np.nan],
+            "u_mm": [0.01234, np.nan],
+            "length a_mm": [-0.05, 1e-9],
+            "swivel_deg": [1.26, -0.04],
+            "largest_volume_mm3": [0.0123456, 1.0],
+            "T": [1234.5, 0.1],
             "whole": pd.array([3, None], dtype="Int64"),
             "flag": [True, False],
             "names": [("a", "b"), ()],
-            "word": ["<b>", None],
-            "long": ["x" * 60, ""],
+            "share": [0.25, 1.0],
+            "long": ["x" * 60, None],
         }
     )
-    text = Table(frame, "caption", {"u_mm": ".2f", "flag": lambda yes: "on" if yes else "off"}, {"u_mm": "u [mm]"}).cells()
-    assert text.to_dict("list") == {
-        "u [mm]": ["0.12", "–"],
+    table = Table(frame, "caption", {"T": ".1f", "share": lambda share: f"{100 * share:.0f} %"}, {"T": "times"})
+    assert table.cells().to_dict("list") == {
+        "u [µm]": ["12.34", "–"],
+        "length a [µm]": ["-50.00", "0.00"],
+        "swivel [°]": ["1.3", "0.0"],
+        "largest volume [mm³]": ["0.01235", "1"],
+        "times": ["1234.5", "0.1"],
         "whole": ["3", "–"],
-        "flag": ["on", "off"],
+        "flag": ["yes", "no"],
         "names": ["a, b", ""],
-        "word": ["<b>", "–"],
-        "long": ["x" * 60, ""],
+        "share": ["25 %", "100 %"],
+        "long": ["x" * 60, "–"],
     }
-    assert (cell(1.23456789), cell(True), cell(None)) == ("1.23457", "yes", "–")
-    heads = [attributes["class"] for attributes in page_of(Table(frame)).all("th")]
-    assert heads == ["number", "number", "short", "short", "short", "long"]
+    heads = [attributes["class"] for attributes in Page(html.page(Document("T", [table]))).all("th")]
+    assert heads == [*["number"] * 6, "short", "short", "number", "long"]
+    small, large = in_one_unit(frame[["u_mm"]], pd.DataFrame({"x_mm": [500.0], "point [mm]": [1.0]}))
+    assert (list(small), list(large)) == (["u [mm]"], ["x [mm]", "point [mm]"])
 
 
-def test_numbers_stay_with_their_units() -> None:
+def test_numbers_have_one_style() -> None:
+    sizes = [3.12e-4, 99.96e-6, 52.34e-6, 1.5e-6, 0.0, 1.0]
+    assert [lengths([size])[0] for size in sizes] == ["0.312 mm", "0.100 mm", "52.3 µm", "1.50 µm", "0 µm", "1000 mm"]
+    assert lengths([3.12e-4, 5.234e-5]) == ["0.312 mm", "0.0523 mm"]
+    assert [p_equals(p) for p in (0.0312, 3e-7, 0.0)] == ["p = 0.03", "p = 3e-07", "p < 1e-16"]
+    units = {"mm": "µm", "rad": "µrad", "rad/(N·m)": "µrad/(N·m)", "1/K": "ppm/K", "1": "ppm"}
+    assert {unit: small_unit(unit)[0] for unit in units} == units
+    assert [small_unit(unit)[1] for unit in ("m", "mm", "rad")] == [1e6, 1e3, 1e6]
+    assert (count(1, "record"), count(2, "record")) == ("1 record", "2 records")
+    ends = spread(pd.DataFrame({"v": [np.nan, 1.0, 4.0, 3.0, np.inf]}), "over")
+    assert ends.to_dict("list") == {"over": ["least", "median", "largest"], "v": [1.0, 3.0, 4.0]}
     text = html.page(Document("T", ["u = 0.07 mm, 5 %, 3 mmHg"]))
     assert "u\u00a0=\u00a00.07\u00a0mm, 5\u00a0%, 3 mmHg" in text
-
-
-def test_sections_are_linked() -> None:
-    parsed = Page(html.page(Document("T", ["Before", Heading("One"), Heading("Two")])))
-    ids = {attributes["id"] for attributes in parsed.all("section")}
-    assert {a["href"].removeprefix("#") for a in parsed.all("a")} == ids
-    assert len(ids) == 2

@@ -72,13 +72,13 @@ def test_demo_data_agree(demo: DemoSummary) -> None:
     assert map_.unreachable == demo.map["unreachable"]
     assert demo.map["cells"] == [6, 8]
     assert json.loads((demo.folder / "map.json").read_text(encoding="utf-8")) == demo.map
-
-
-def test_demo_says_what_it_found(demo: DemoSummary) -> None:
+    index = Page((demo.folder / "index.html").read_text(encoding="utf-8")).text
     lines = str(demo).splitlines()
-    assert 8 <= len(lines) <= 14
-    assert all(re.search(r"mm|µm|%|cells", line) for line in lines[:-1])
+    assert [line in index for line in lines] == [True] * 5 + [False] * (len(lines) - 5)  # then the papers, and the end
+    assert all(re.search(r"mm|µm|%|cells|joint", line) for line in lines[:-1])
     assert "index.html" in lines[-1]
+    for size in (2 * accuracy["u_mm"]["min"], 2 * accuracy["u_mm"]["max"]):
+        assert f"{size:.3f} mm" in lines[0]
 
 
 def test_demo_pages_in_a_browser(demo: DemoSummary, browser: Browser) -> None:
@@ -116,15 +116,11 @@ def test_papers_page_says_what_is_compared(demo: DemoSummary) -> None:
     text = Page((demo.folder / "papers.html").read_text(encoding="utf-8")).text
     assert "found by looking for one that gives the printed counts" in text
     assert "68 are not explained" in text
-    assert "total variation distance" in str(demo)
 
 
-def test_demo_does_not_replace_files_without_force(demo: DemoSummary) -> None:
+def test_demo_refuses(demo: DemoSummary, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="not empty"):
         run_demo(folder=demo.folder, progress=False)
-
-
-def test_demo_of_an_arm_without_uncertainties_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(AacmmError, match="has an uncertainty"):
         run_demo("zero6", tmp_path / "out", progress=False)
     assert list(tmp_path.iterdir()) == []

@@ -37,12 +37,12 @@ from aacmm_pin import (
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError, StylusOffset
+from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.papers import sino6
 from aacmm_pin.papers.sino6_table3 import Table3Diagnosis, predict_table3
-from aacmm_pin.report import plots, results
+from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.numbers import lengths, percent
 from aacmm_pin.report.plots.calibration import PICTURES
@@ -153,35 +153,24 @@ def text_of(value: Any) -> str:
     return Page(value._repr_html_()).text
 
 
-def test_an_arm_shows_its_table(values: dict[str, Any], sino6: Arm) -> None:
-    card = text_of(sino6)
-    file = sino6.file
+def test_arms_show_their_geometry(values: dict[str, Any], sino6: Arm) -> None:
+    card, file = text_of(sino6), sino6.file
     assert file is not None
     for row in file.joints:
         assert row.uncertainty is not None
-        assert f"{row.a_mm:.5f} ± {row.uncertainty.a_mm:.5f}" in card
         low, high = np.rad2deg(row.limits_rad or ())
-        assert f"{low:.5g} to {high:.5g}" in card
-        assert f"{row.mass_kg:g}" in card
+        for text in (f"{row.a_mm:.5f} ± {row.uncertainty.a_mm:.5f}", f"{low:.5g} to {high:.5g}", f"{row.mass_kg:g}"):
+            assert text in card
         if row.uncertainty.alpha_rad:
             assert f"{np.rad2deg(row.alpha_rad):.5f} ± {np.rad2deg(row.uncertainty.alpha_rad):.5f}" in card
     assert file.source in card
     assert "encoder u" not in card
     noisy = text_of(replace(sino6, encoder_noise=np.full(6, 7.5e-6)))
-    assert "encoder u [µrad]" in noisy
-    assert "7.5" in noisy
+    assert re.search(r"encoder u \[µrad\].* 7\.5 ", noisy)
     assert "no accuracy" in text_of(Arm.load("zero6"))
-
-
-def test_an_arm_of_a_urdf_shows_names_axes_and_limits(values: dict[str, Any]) -> None:
     ur5 = values["Arm of a URDF"]
-    card = text_of(ur5)
-    for name in ur5.model.names[1:]:
-        assert name in card
-    assert ur5.joint_axes.shape == (6, 3)
-    assert "(0, 1, 0)" in card  # the shoulder lifts about y, by the URDF
-    assert "-360 to 360" in card
-    assert "0.05, 0.05, 0.05" in card
+    for text in (*ur5.model.names[1:], "(0, 1, 0)", "-360 to 360", "0.05, 0.05, 0.05"):  # the shoulder lifts about y
+        assert text in text_of(ur5)
 
 
 def test_a_calibration_shows_its_numbers(calibration: Calibration) -> None:
@@ -189,9 +178,7 @@ def test_a_calibration_shows_its_numbers(calibration: Calibration) -> None:
     for rms in (calibration.rms_before, calibration.rms, *(h.rms_after for h in calibration.held_out)):
         assert f"{rms * 1e3:.4f}" in card
     for row in calibration.parameters.to_dict("records"):
-        assert str(row["parameter"]) in card
-        form = ".5f" if row["unit"] == "mm" else ".7f"
-        assert f"{row['after']:{form}} {row['unit']}" in card
+        assert f"{row['parameter']} {row['after']:{'.5f' if row['unit'] == 'mm' else '.7f'}} {row['unit']}" in card
     for note in calibration.notes:
         assert note[1:] in card
 
@@ -200,58 +187,41 @@ def test_a_diagnosis_shows_verdict_causes_and_sizes(found: Diagnosis) -> None:
     card = text_of(found)
     assert card.startswith(f"{found.verdict.capitalize()}.")
     assert {f.label for f in found.findings} == {"encoder_eccentricity:3", "joint_compliance:2"}
-    for size in lengths(found.rms.values()):
-        assert size in card
+    numbers = [float(n) for n in re.findall(r"-?\d+\.?\d*(?= ±)", card)]
     for finding in found.findings:
-        assert f"joint {finding.joint}" in card
-        for key, (value, u) in finding.parameters.items():
-            shown = np.rad2deg(value) if key == "phase_rad" else value * 1e6
-            wide = 2 * (np.rad2deg(u) if key == "phase_rad" else u * 1e6)
-            numbers = [float(n) for n in re.findall(r"-?\d+\.?\d*(?= ±)", card)]
-            assert min(abs(n - shown) for n in numbers) < 0.06 * wide
+        for key, values in finding.parameters.items():
+            value, u = np.rad2deg(values) if key == "phase_rad" else np.array(values) * 1e6
+            assert min(abs(n - value) for n in numbers) < 0.12 * u
     assert found.held_out is not None
-    assert f"{percent(found.held_out.gain)} less" in card
-    assert found.next_measurements in card
-    assert percent(found.held_out.gain) in text_of(found.held_out)
+    for text in (*lengths(found.rms.values()), percent(found.held_out.gain), found.next_measurements):
+        assert text in card
 
 
-def test_parameters_stand_in_units_that_people_read() -> None:
+def test_numbers_stand_in_units_that_people_read(values: dict[str, Any]) -> None:
     distance = text_of(Parameter.bounded("d3", "d", 3, "m", 0.70095, 3e-5))
     assert "700.95000 mm 34.64 µm 30 µm" in distance
     angle = text_of(Parameter("x", "theta_offset", None, "rad", 0.01, None, 4e-6))
     assert "0.0100000 rad 8 µrad –" in angle
     assert "100 ± 20 µrad" in text_of(EncoderEccentricity(3, values=(1e-4, 0.0), u=(1e-5, 1e-5)))
     assert "µm" in text_of(SeatError("S1", values=(1e-5, 0.0, 0.0)))
-    assert "stylus offset" in text_of(StylusOffset(values=(1e-4, 0.0, 0.0)))
-
-
-def test_accuracy_and_single_point_show_theirs(values: dict[str, Any]) -> None:
     accuracy, point = values["AccuracyVolume"], values["SinglePoint"]
-    card = text_of(accuracy)
-    for size in (accuracy.u.min(), np.median(accuracy.u), accuracy.u.max()):
-        assert f"{size * 1e6:.1f}" in card
-    assert str(accuracy.budget()["parameter"][0]) in card
-    for size in (point.sigma, point.part, point.rest):
-        assert f"{size * 1e6:.2f}" in text_of(point)
-    sectors = values["Flexibility"].sectors
-    assert text_of(values["Flexibility"]).count("works") == sum(sectors)
+    for size in (accuracy.u.min(), np.median(accuracy.u), accuracy.u.max(), 2 * accuracy.u.max()):
+        assert f"{size * 1e3:.4f}" in text_of(accuracy)
+    assert str(accuracy.budget()["parameter"][0]) in text_of(accuracy)
+    assert str(point) in text_of(point)
+    assert text_of(values["Flexibility"]).count("works") == sum(values["Flexibility"].sectors)
 
 
-def test_long_text_is_not_cut(values: dict[str, Any]) -> None:
+def test_text_is_a_line_in_a_console_and_whole_in_a_card(values: dict[str, Any]) -> None:
     """pandas would cut a cell after fifty letters."""
     source = "a" * 70
-    aliased = text_of(replace(values["MeasurementPlan"].tried[0], words=source, why_not=source))
-    assert aliased.count(source) == 2
-    labels = np.array([source, source, ""], dtype=object)
-    assert source in text_of(Conditions(3, session=labels))
-
-
-def test_in_a_console_a_value_is_a_line(values: dict[str, Any]) -> None:
+    assert text_of(replace(values["MeasurementPlan"].tried[0], words=source, why_not=source)).count(source) == 2
+    assert source in text_of(Conditions(3, session=np.array([source, source, ""], dtype=object)))
     pretty = pytest.importorskip("IPython.lib.pretty").pretty
-    for name in ("Diagnosis", "Calibration", "AccuracyVolume", "ConfigurationCircle", "MeasurementPlan", "WorkspaceMap"):
-        assert pretty(values[name]) == str(values[name])
     for name, value in values.items():
         assert len(pretty(value)) <= 1002, name
+        if name in ("Diagnosis", "Calibration", "AccuracyVolume", "ConfigurationCircle", "MeasurementPlan", "WorkspaceMap"):
+            assert pretty(value) == str(value)
 
 
 # Pictures ---------------------------------------------------------------------------------------------------------------
@@ -331,14 +301,13 @@ def test_unknown_pictures_are_refused(values: dict[str, Any]) -> None:
 
 
 def test_every_plot_that_results_ask_for_is_there() -> None:
-    asked = set()
+    asked = {function.__name__ for function in PICTURES.values()}
     for path in ROOT.rglob("*.py"):
         asked |= set(re.findall(r"report\(\)\.plots\.(\w+)", path.read_text(encoding="utf-8")))
-    assert len(asked) >= 6
-    for name in asked | {function.__name__ for function in PICTURES.values()}:
-        assert name in plots.__all__
-        assert callable(getattr(plots, name))
-    assert results.plots is plots
+    assert asked <= set(plots.__all__)
+    for name in plots.__all__:
+        if name.startswith("plot_"):
+            assert "ax" in getattr(plots, name).__annotations__, name
 
 
 def test_importing_the_package_loads_neither_matplotlib_nor_the_report() -> None:
@@ -347,36 +316,25 @@ def test_importing_the_package_loads_neither_matplotlib_nor_the_report() -> None
     assert done.stdout.strip() == ""
 
 
-def test_every_plot_function_takes_axes() -> None:
-    for name in plots.__all__:
-        if name.startswith("plot_"):
-            assert "ax" in getattr(plots, name).__annotations__, name
-
-
 # Names in the place of arms ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda m, data: diagnose(m, data),
-        lambda m, data: calibrate(m, data),
-        lambda m, data: accuracy_volume(m, np.zeros((1, 6))),
-        lambda m, data: configuration_circle(m, POINT),
-        lambda m, data: map_workspace(m, (1, 1)),
-        lambda m, data: plan_measurements(m),
-        lambda m, data: simulate_measurements(m, "free", 3, rng=np.random.default_rng(1)),
-    ],
-)
-def test_the_name_of_an_arm_is_answered_with_how_to_load_it(call: Any, calibration: Calibration) -> None:
-    data = calibration.fit.problem.measurements
-    with pytest.raises(AacmmError, match=r"is 'sino6', expected an arm: Arm\.load\('sino6'\)"):
-        call("sino6", data)
-    with pytest.raises(AacmmError, match="of type int, expected an Arm"):
-        call(3, data)
-
-
-def test_other_mix_ups_are_named(sino6: Arm) -> None:
+def test_mix_ups_are_answered_with_what_to_do(sino6: Arm, calibration: Calibration) -> None:
+    data, q, rng = calibration.fit.problem.measurements, np.zeros((1, 6)), np.random.default_rng(1)
+    calls: list[Callable[[Any], Any]] = [
+        lambda model: diagnose(model, data),
+        lambda model: calibrate(model, data),
+        lambda model: accuracy_volume(model, q),
+        lambda model: configuration_circle(model, POINT),
+        lambda model: map_workspace(model, (1, 1)),
+        plan_measurements,
+        lambda model: simulate_measurements(model, "free", 3, rng=rng),
+    ]
+    mistakes = [("sino6", r"is 'sino6', expected an arm: Arm\.load\('sino6'\)"), (3, "type int, expected an Arm")]
+    for call in calls:
+        for wrong, words in mistakes:
+            with pytest.raises(AacmmError, match=words):
+                call(wrong)
     with pytest.raises(AacmmError, match=r"type ErrorModel, expected an Arm of the model: its \.arm"):
         configuration_circle(ErrorModel(sino6), POINT)  # type: ignore[arg-type]
     for function in (diagnose, calibrate):
