@@ -65,7 +65,7 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     blocks: list[Block] = [
         str(accuracy),
         "" if comprehensive is None else f"comprehensive accuracy {comprehensive:.4g} mm³",
-        Table(postures, "Postures, swivel 0 where the elbow is highest"),
+        Table(postures, f"Postures{', swivel 0 where the elbow is highest' if 'swivel [°]' in postures else ''}"),
         Table(over),
         Table(
             budget.head(SHOWN_SOURCES),

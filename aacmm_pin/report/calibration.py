@@ -217,7 +217,7 @@ def _residuals(result: Calibration) -> list[Block]:
             lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
             "Residual vectors in space, before and after",
             "Residuals from each target towards the tip: left before calibration, right after; above in plan, below from "
-            "the side; magnified by the factors in the titles. Grey: the arm in some of its postures. Neighbours that point the "
+            "the side; magnified by the factors in the titles. Grey: the arm in some postures. Neighbours that point the "
             "same way show what the model still lacks.",
         ),
         SceneView(

@@ -187,7 +187,7 @@ def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder: Path
     for word in (
         str(data),
         "(UTC)",
-        "150 records used, 0 excluded",
+        "150 records (0 excluded)",
         "RMS distance",
         "[covariance]",
         "standard uncertainties",
