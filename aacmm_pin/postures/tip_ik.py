@@ -79,9 +79,8 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
     behind = links[6]  # from joint 6 to the tip
     stylus_in_6 = behind[:3, :3] @ stylus
     bodies = _bodies_about(axis, stylus_in_6)
-    # The origin of frame 5 seen from the axes of joint 6 before it turns; for standard DH it is their origin.
-    wrist_in_6 = np.zeros(3) if dh.standard else -links[5][:3, 3]
-    back = bodies @ behind[:3, 3] + bodies @ wrist_in_6
+    # The origin of frame 5 is that of the axes of joint 6, in modified DH but for the length of row 6.
+    back = bodies @ behind[:3, 3]
     wrist = Wrist.of(dh)
     places = (points[:, None, :] - back).reshape(-1, 3)
     seeds, problem = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
