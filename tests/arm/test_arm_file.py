@@ -80,67 +80,51 @@ def test_every_key_is_read_in_its_unit(tmp_path: Path) -> None:
     assert arm.stylus.axis == (0, 0, 1)
 
 
-# what is replaced, by what, and the words of the answer
-MISTAKES = {
-    "unknown key": ("name =", 'colour = "red"\nname =', ["colour", "unknown key", "schema", "reference_temperature_c"]),
-    "unknown key of a joint": ("a_mm = 100", "a_mm = 100\nb_mm = 1", ["joints[1].b_mm", "unknown key", "limits_rad"]),
-    "unknown key of an uncertainty": (
-        "{ a_mm = 0.01",
-        "{ z_mm = 1, a_mm = 0.01",
-        ["joints[1].uncertainty.z_mm", "unknown key", "theta_offset_rad"],
-    ),
-    "no schema": ('schema = "aacmm-pin/arm/1"', "", ["schema: missing"]),
-    "wrong schema": ("arm/1", "arm/9", ["schema", "'aacmm-pin/arm/9'", "expected 'aacmm-pin/arm/1'"]),
-    "wrong convention": ("modified-dh", "dh", ["convention", "'dh'", "'standard-dh' or 'modified-dh'"]),
-    "missing value": ("d_mm = 20.0", "", ["joints[1].d_mm: missing"]),
-    "missing limits": ("limits_rad = [-1.0, 2]", "", ["joints[1]", "limits_rad is missing", "[lower, upper]"]),
-    "text for a number": ("d_mm = 20.0", 'd_mm = "20"', ["joints[1].d_mm", "'20'", "expected a valid number"]),
-    "bool for a number": ("d_mm = 20.0", "d_mm = true", ["joints[1].d_mm", "True", "expected a valid number"]),
-    "number for a bool": ("fixed = true", "fixed = 1", ["joints[2].fixed", "is 1", "expected a valid boolean"]),
-    "number for a list": ("[-1.0, 2]", "2", ["joints[1].limits_rad", "is 2", "expected"]),
-    "empty name": ('"two rows"', '""', ["name", "''", "at least 1 character"]),
-    "nan": ("d_mm = 20.0", "d_mm = nan", ["joints[1].d_mm", "nan", "expected a finite number"]),
-    "too large": ("d_mm = 20.0", "d_mm = 1e999", ["joints[1].d_mm", "inf", "expected a finite number"]),
-    "limits reversed": ("[-1.0, 2]", "[2.0, -1.0]", ["joints[1]", "limits_rad is [2.0, -1.0]", "lower limit first"]),
-    "one limit": ("[-1.0, 2]", "[2.0]", ["joints[1].limits_rad[2]: missing"]),
-    "three limits": ("[-1.0, 2]", "[1, 2, 3]", ["joints[1].limits_rad", "[1, 2, 3]", "at most 2 items"]),
-    "negative half-width": (
-        "a_mm = 0.01",
-        "a_mm = -0.01",
-        ["joints[1].uncertainty.a_mm", "-0.01", "greater than or equal to 0"],
-    ),
-    "centre without mass": ("mass_kg = 0.5", "", ["joints[1]", "com_mm without mass_kg", "expected both"]),
-    "fixed row with limits": (
-        "fixed = true",
-        "fixed = true\nlimits_rad = [0, 1]",
-        ["joints[2]", "fixed row", "no limits_rad"],
-    ),
-    "all rows fixed": (
-        GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")],
-        "fixed = true\n",
-        ["every row is fixed", "expected at least one joint"],
-    ),
-    "no joints": (GOOD[GOOD.index("[[joints]]") :], "", ["joints: missing"]),
-    "empty joints": (GOOD[GOOD.index("[[joints]]") :], "joints = []", ["joints", "[]", "at least 1 item"]),
-    "joints is a number": (GOOD[GOOD.index("[[joints]]") :], "joints = 6", ["joints", "is 6", "expected a valid list"]),
-    "zero stylus": ("axis = [0, 0.0, 1.0]", "axis = [0, 0, 0]", ["stylus", "axis is [0, 0, 0]", "expected a direction"]),
-    "flat stylus": ("axis = [0, 0.0, 1.0]", "axis = [0, 1]", ["stylus.axis[3]: missing"]),
-    "not TOML": ("[[joints]]", "[[joints", ["not TOML", "line 5"]),
-    "twice": ("name =", 'name = "a"\nname =', ["not TOML", "line 3"]),
-    "nested without end": ("name =", f"x = {'[' * 9000}\nname =", ["not TOML"]),
-}
+JOINTS = GOOD[GOOD.index("[[joints]]") :]
+# what is replaced, by what, the key that the answer names, and a word or number of it
+MISTAKES = [
+    ("name =", 'colour = "red"\nname =', "colour", "reference_temperature_c"),
+    ("a_mm = 100", "a_mm = 100\nb_mm = 1", "joints[1].b_mm", "limits_rad"),
+    ("{ a_mm = 0.01", "{ z_mm = 1, a_mm = 0.01", "joints[1].uncertainty.z_mm", "theta_offset_rad"),
+    ('schema = "aacmm-pin/arm/1"', "", "schema", "missing"),
+    ("arm/1", "arm/9", "schema", "'aacmm-pin/arm/1'"),
+    ("modified-dh", "dh", "convention", "'standard-dh' or 'modified-dh'"),
+    ("d_mm = 20.0", "", "joints[1].d_mm", "missing"),
+    ("limits_rad = [-1.0, 2]", "", "joints[1]", "limits_rad is missing"),
+    ("d_mm = 20.0", 'd_mm = "20"', "joints[1].d_mm", "'20'"),
+    ("d_mm = 20.0", "d_mm = true", "joints[1].d_mm", "True"),
+    ("d_mm = 20.0", "d_mm = nan", "joints[1].d_mm", "nan"),
+    ("d_mm = 20.0", "d_mm = 1e999", "joints[1].d_mm", "inf"),
+    ("fixed = true", "fixed = 1", "joints[2].fixed", "boolean"),
+    ("fixed = true", "fixed = true\nlimits_rad = [0, 1]", "joints[2]", "no limits_rad"),
+    (GOOD[GOOD.index("limits_rad") : GOOD.index("mass_kg")], "fixed = true\n", "", "every row is fixed"),
+    ("[-1.0, 2]", "2", "joints[1].limits_rad", "is 2"),
+    ("[-1.0, 2]", "[2.0, -1.0]", "joints[1]", "[2.0, -1.0]"),
+    ("[-1.0, 2]", "[2.0]", "joints[1].limits_rad[2]", "missing"),
+    ("[-1.0, 2]", "[1, 2, 3]", "joints[1].limits_rad", "[1, 2, 3]"),
+    ("a_mm = 0.01", "a_mm = -0.01", "joints[1].uncertainty.a_mm", "-0.01"),
+    ("mass_kg = 0.5", "", "joints[1]", "com_mm without mass_kg"),
+    ('"two rows"', '""', "name", "''"),
+    (JOINTS, "", "joints", "missing"),
+    (JOINTS, "joints = []", "joints", "[]"),
+    (JOINTS, "joints = 6", "joints", "is 6"),
+    ("axis = [0, 0.0, 1.0]", "axis = [0, 0, 0]", "stylus", "axis is [0, 0, 0]"),
+    ("axis = [0, 0.0, 1.0]", "axis = [0, 1]", "stylus.axis[3]", "missing"),
+    ("[[joints]]", "[[joints", "", "line 5"),
+    ("name =", 'name = "a"\nname =', "", "line 3"),
+    ("name =", f"x = {'[' * 9000}\nname =", "", "not TOML"),
+]
 
 
 def test_each_mistake_is_named(tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
-    for old, new, words in MISTAKES.values():
+    for old, new, key, word in MISTAKES:
         assert old in GOOD
         path.write_text(GOOD.replace(old, new, 1), encoding="utf-8")
         with pytest.raises(ArmFileError) as caught:
             load_arm_file(path)
-        assert caught.value.path == str(path)
-        for word in [str(path), caught.value.key, *words]:
-            assert word in str(caught.value)
+        assert (caught.value.path, caught.value.key) == (str(path), key)
+        assert all(part in str(caught.value) for part in (str(path), key, word))
 
 
 def test_every_mistake_is_listed() -> None:
