@@ -127,7 +127,7 @@ def exact_volume(
     if draws < FEWEST_DRAWS:
         raise AacmmError(f"draws is {draws}, expected at least {FEWEST_DRAWS}")
     volume, error, covariance = np.empty(len(q)), np.empty(len(q)), np.empty((len(q), 3, 3))
-    generators = sources.generators(q, conditions)
+    generators = sources.generators(sources.sensitivity(q, conditions))
     with watched(range(len(q)), True, "Monte Carlo", "posture") as postures:
         for k in postures:
             record = None if conditions is None else conditions.take([k])

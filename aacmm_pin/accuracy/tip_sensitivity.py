@@ -163,18 +163,14 @@ class ErrorSources(Shown):
             start = end
         return np.concatenate(found, axis=2)
 
-    def generators(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """What each bounded source does at its bound: half-width times sensitivity (n, 3, b) [m].
+    def generators(self, sensitivity: Array) -> Array:
+        """What each bounded source does at its bound: half-width times its :meth:`sensitivity` (n, 3, b) [m].
 
         In place of correlated sources their principal axes ``k D V √λ``, k = 2 the half-width over u.
 
         Raises:
             AacmmError: no parameter is bounded.
         """
-        return self.generators_of(self.sensitivity(q, conditions))
-
-    def generators_of(self, sensitivity: Array) -> Array:
-        """The same of a known :meth:`sensitivity`."""
         pick = list(self.bounded)
         if not pick:
             raise AacmmError(f"{self.arm.name}: no parameter has stated bounds; only the ellipsoid can be given")

@@ -76,9 +76,11 @@ class AccuracyVolume(Shown):
     @cached_property
     def largest_deviation(self) -> Array:
         """Largest distance that the bounded parameters together can cause, to first order: (n,) [m]."""
-        parts = _parts(self.q, self.conditions)
-        found = [zonotope.largest_deviation(self.sources.generators(q, conditions)) for _, q, conditions in parts]
-        return np.concatenate([np.empty(0), *found])
+        found = [np.empty(0)]
+        for _, q, conditions in _parts(self.q, self.conditions):
+            generators = self.sources.generators(self.sources.sensitivity(q, conditions))
+            found.append(zonotope.largest_deviation(generators))
+        return np.concatenate(found)
 
     def budget(self, by: Literal["parameter", "joint", "kind"] = "parameter") -> pd.DataFrame:
         """Uncertainty budget (JCGM 100:2008, 5.1): each source's part in the mean variance over the configurations.
@@ -256,8 +258,8 @@ def _parts(q: Array, conditions: Conditions | None) -> Iterator[tuple[slice, Arr
 def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
     if encoder_noise is None:
         return None
-    noise = np.asarray(encoder_noise, dtype=np.float64)
-    noise = vector(np.full(arm.nq, noise) if noise.ndim == 0 else noise, arm.nq, "encoder_noise", "rad")
+    each = np.full(arm.nq, encoder_noise) if np.ndim(encoder_noise) == 0 else encoder_noise
+    noise = vector(each, arm.nq, "encoder_noise", "rad")
     if (noise < 0).any():
         raise AacmmError(f"encoder_noise is {noise.min()} rad, expected numbers that are not negative")
     return noise
@@ -268,7 +270,7 @@ def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covarianc
     if method == "ellipsoid":
         determinant = np.maximum(np.linalg.det(covariance), 0.0)
         return np.asarray(4.0 / 3.0 * np.pi * COVERAGE_FACTOR**3 * np.sqrt(determinant))
-    generators = sources.generators_of(sensitivity)
+    generators = sources.generators(sensitivity)
     if method == "zonotope":
         return zonotope.volume(generators)
     bounded = [sources.parameters[i] for i in sources.bounded]

@@ -20,7 +20,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.accuracy.workspace import map_caveats
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.arm.file import ArmFile, load_arm_file, parse_arm_file
+from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
@@ -28,10 +28,10 @@ from aacmm_pin.postures.continuation import Curve
 from aacmm_pin.postures.curve_sampling import Components, at_swivel, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
+from tests.arm_files import craig, nominal
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 
-NOMINAL = [(0.0, 0.0), (-60.7309, 0.0), (53.10897, -700.95392), (0.0, 0.0), (0.0, -500.2211), (144.49193, 58.87229)]
 SEAT = np.array([0.0336323, -0.6718702, 0.1829355])
 PER_TURN = {"one point": 24, "a map": 4}
 """Held angles by which ``configuration_circle`` and ``map_workspace`` look for components."""
@@ -40,39 +40,11 @@ PER_TURN = {"one point": 24, "a map": 4}
 # --- arms
 
 
-def _nominal() -> ArmFile:
-    """SINO6 as drawn: axes exactly at right angles, no small lengths, no zero offsets."""
-    text = [
-        'schema = "aacmm-pin/arm/1"',
-        'name = "nominal"',
-        'convention = "standard-dh"',
-        "[stylus]",
-        "axis = [1.0, 0.0, 0.0]",
-    ]
-    for (a, d), right, limits in zip(
-        NOMINAL,
-        (-1, 1, -1, 1, 1, 0),
-        ((0, 2 * np.pi), (-np.pi, 0), (0, 2 * np.pi), (-np.pi, 0), (-np.pi, np.pi), (-np.pi, np.pi)),
-        strict=True,
-    ):
-        text += ["[[joints]]", f"a_mm = {a}", f"d_mm = {d}", f"alpha_rad = {right * np.pi / 2!r}", "theta_offset_rad = 0.0"]
-        text.append(f"limits_rad = [{float(limits[0])!r}, {float(limits[1])!r}]")
-    return parse_arm_file("\n".join(text).encode(), "nominal.toml")
-
-
-def _craig() -> ArmFile:
-    """SINO6 written in modified DH: a and alpha move one row down, so the last row's stay behind."""
-    sino6 = load_arm_file("sino6")
-    before = [(0.0, 0.0), *[(row.a_mm, row.alpha_rad) for row in sino6.joints[:-1]]]
-    rows = [row.model_copy(update={"a_mm": a, "alpha_rad": t}) for row, (a, t) in zip(sino6.joints, before, strict=True)]
-    return sino6.model_copy(update={"convention": "modified-dh", "joints": rows})
-
-
 ARMS: dict[str, Callable[[], ArmFile]] = {
     "sino6": lambda: load_arm_file("sino6"),
     "zero6": lambda: load_arm_file("zero6"),
-    "nominal": _nominal,
-    "craig": _craig,
+    "nominal": nominal,
+    "craig": craig,
 }
 
 

@@ -71,7 +71,8 @@ class AccuracySet:
         """Vertices (v, 3) [m] and triangles (f, 3) of the body of one configuration, about its centre."""
         one = slice(number, number + 1)
         conditions = None if self.accuracy.conditions is None else self.accuracy.conditions.take(one)
-        generators = self.factor * self.accuracy.sources.generators(self.accuracy.q[one], conditions)
+        sensitivity = self.accuracy.sources.sensitivity(self.accuracy.q[one], conditions)
+        generators = self.factor * self.accuracy.sources.generators(sensitivity)
         try:
             return hull(zonotope.corners(generators)[0])
         except QhullError:  # flat: no more than two directions

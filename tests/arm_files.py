@@ -1,0 +1,24 @@
+"""Arm files made of SINO6's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aacmm_pin.arm.file import ArmFile, load_arm_file
+
+
+def nominal() -> ArmFile:
+    """SINO6 as drawn: axes exactly at right angles, no small lengths, no zero offsets; its half-widths and limits stay."""
+    file, rows = load_arm_file("sino6"), []
+    for row, right, small in zip(file.joints, (-1, 1, -1, 1, 1, 0), ("ad", "d", "", "ad", "a", ""), strict=True):
+        change = {"alpha_rad": right * np.pi / 2, "theta_offset_rad": 0.0} | {f"{letter}_mm": 0.0 for letter in small}
+        rows.append(row.model_copy(update=change))
+    return file.model_copy(update={"name": "nominal", "joints": rows})
+
+
+def craig() -> ArmFile:
+    """SINO6 written in modified DH: a and alpha move one row down, so the last row's stay behind."""
+    sino6 = load_arm_file("sino6")
+    before = [(0.0, 0.0), *[(row.a_mm, row.alpha_rad) for row in sino6.joints[:-1]]]
+    rows = [row.model_copy(update={"a_mm": a, "alpha_rad": t}) for row, (a, t) in zip(sino6.joints, before, strict=True)]
+    return sino6.model_copy(update={"convention": "modified-dh", "joints": rows})
