@@ -319,8 +319,11 @@ def test_a_zonotope_without_thickness_is_still_drawn(sino6: Arm) -> None:
         def sources(self) -> Any:
             return self
 
-        def generators(self, q: Array, conditions: None) -> Array:
+        def sensitivity(self, q: Array, conditions: None) -> Array:
             return flat
+
+        def generators(self, sensitivity: Array) -> Array:
+            return sensitivity
 
     vertices, faces = AccuracySet(Flat(), "zonotope", 1000.0, POINT).zonotope(0)  # type: ignore[arg-type]
     assert len(faces) >= 4
