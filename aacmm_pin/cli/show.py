@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import numpy as np
 import typer
@@ -65,7 +65,7 @@ def show(
                 accuracy = circle_accuracy(circle, model, encoder_noise=noise.encoder_noise_rad)
             except AacmmError as error:
                 note(f"note: shown without accuracy: {error}")
-            scene = scenes.circle_scene(circle, accuracy, shape=scenes.shape_of(shape))
+            scene = scenes.circle_scene(circle, accuracy, shape=cast(Any, shape))
         if output is not None:
             results.text(scene.html(), output)
             return

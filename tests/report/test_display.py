@@ -205,9 +205,9 @@ def sino6_circle() -> Any:
 
 
 @cache
-def circle_of(shape: str) -> Scene:
+def circle_of(shape: Any) -> Scene:
     circle = sino6_circle()
-    return scenes.circle_scene(circle, circle_accuracy(circle), shape=scenes.shape_of(shape), most_frames=24)
+    return scenes.circle_scene(circle, circle_accuracy(circle), shape=shape, most_frames=24)
 
 
 def shown_rows(scene: Scene) -> Array:

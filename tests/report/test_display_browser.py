@@ -54,9 +54,9 @@ SEEN = """
 
 
 @cache
-def circle_scene(shape: str = "ellipsoid") -> Scene:
+def circle_scene(shape: Any = "ellipsoid") -> Scene:
     circle = configuration_circle(Arm.load("sino6"), POINT, count=60)
-    return scenes.circle_scene(circle, circle_accuracy(circle), shape=scenes.shape_of(shape), most_frames=20)
+    return scenes.circle_scene(circle, circle_accuracy(circle), shape=shape, most_frames=20)
 
 
 def opened(page: Page, where: Path | str, size: tuple[int, int] = DESK) -> None:

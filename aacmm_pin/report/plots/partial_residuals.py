@@ -20,6 +20,8 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 
 MICRO = 1e-6
+KINDS = {"µm/m": "expansion", "µrad": "turn", "µm": "shift"}
+"""What an amount is, by its unit."""
 DENSE = 1500
 """Points of a curve over an angle."""
 AWAY = 0.02
@@ -55,14 +57,14 @@ class _Amount:
 
     Attributes:
         amount: at the fitted values (n,) [rad, m, or m/m].
+        unit: a millionth of what the amount is in: µrad of a turn, µm of a shift, µm/m of a strain.
         lever: displacement of the target by one unit of amount, in the base (n, 3).
-        turns: True where it is a turn, False a shift, None a strain.
         direction: twist of one unit, at one place in all records alike (6,); None where it varies.
     """
 
     amount: Array
+    unit: str
     lever: Array
-    turns: bool | None
     direction: Array | None = None
 
 
@@ -105,50 +107,44 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
     there = fit.used & (information > 1e-6 * np.nanmax(information))
     off = np.einsum("ni,ni->n", weighted, np.nan_to_num(fit.solution.system.deviation))
     value = found.amount - off / np.where(there, information, 1.0)
-    u = 1.0 / np.sqrt(np.where(there, information, 1.0))
     x, x_label = _covariate(effect, state, found)
     ordered = np.argsort(x[there], kind="stable")
     curve = np.stack([x[there][ordered], found.amount[there][ordered]])
     if effect.is_of_angle(state):
         curve = _over_angle(effect, state, found, there)
-    curve = curve * np.array([[1.0], [1 / MICRO]])
     return PartialResidual(
-        x[there],
-        x_label,
-        value[there] / MICRO,
-        u[there] / MICRO,
-        found.amount[there] / MICRO,
-        _y_label(effect, found),
-        curve,
-        effect.bins,
+        x=x[there],
+        x_label=x_label,
+        value=value[there] / MICRO,
+        u=information[there] ** -0.5 / MICRO,
+        fitted=found.amount[there] / MICRO,
+        y_label=_y_label(effect, found),
+        curve=curve * np.array([[1.0], [1 / MICRO]]),
+        bins=effect.bins,
     )
 
 
 def _amount(effect: Effect, state: State) -> _Amount:
-    places = effect.displacements(state)
-    values = np.array(effect.values)
-    warmth = state.conditions.temperature
-    if "temperature" in effect.needs and warmth is not None and len(values) == 1:
-        warmer = warmth - state.arm.reference_temperature
-        apart = np.abs(warmer) > 0.0
-        safe = np.where(apart, warmer, 1.0)
-        return _Amount(values[0] * warmer, effect.sensitivity(state)[:, :, 0] * (apart / safe)[:, None], None)
-    if len(places) == 1:
+    """As a strain by temperature, as a turn or a shift about one place, or as the shift of the target by all places."""
+    places, values = effect.displacements(state), np.array(effect.values)
+    temperature = state.conditions.temperature
+    if "temperature" in effect.needs and temperature is not None and len(values) == 1:
+        amount, unit = values[0] * (temperature - state.arm.reference_temperature), "µm/m"
+    elif len(places) == 1:
         columns = np.broadcast_to(places[0].columns, (state.n, 6, len(values)))
         direction = _common_direction(columns)
         if direction is not None:
             lever = moved(state, Displacement(places[0].place, direction[None, :, None]))[:, :, 0]
             amount = np.einsum("i,nip,p->n", direction, columns, values)
-            return _Amount(amount, np.broadcast_to(lever, (state.n, 3)), bool(direction[3:].any()), direction)
-        twist = columns @ values
-        turns = bool(twist[:, 3:].any())
-        size = np.linalg.norm(twist[:, 3:] if turns else twist[:, :3], axis=1) * np.sign(
-            values[0] if len(values) == 1 else 1
-        )
+            unit = "µrad" if direction[3:].any() else "µm"
+            return _Amount(amount, unit, np.broadcast_to(lever, (state.n, 3)), direction)
+        shift, turn = np.split(columns @ values, 2, axis=1)
+        size, unit = (turn, "µrad") if turn.any() else (shift, "µm")
+        amount = np.linalg.norm(size, axis=1) * (np.sign(values[0]) if len(values) == 1 else 1.0)
     else:
-        turns, size = False, np.linalg.norm(effect.sensitivity(state) @ values, axis=1)
-    safe = np.where(size == 0.0, 1.0, size)
-    return _Amount(size, (effect.sensitivity(state) @ values) / safe[:, None], turns)
+        amount, unit = np.linalg.norm(effect.sensitivity(state) @ values, axis=1), "µm"
+    safe = np.where(amount == 0.0, np.inf, amount)
+    return _Amount(amount, unit, (effect.sensitivity(state) @ values) / safe[:, None])
 
 
 def _common_direction(columns: Array) -> Array | None:
@@ -164,10 +160,10 @@ def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str
     """What the cause depends on, and its name with its unit."""
     if (over := effect.drawn_over(state)) is not None:
         return over
-    if len(effect.values) == 1 and effect.values[0] and found.turns is not None:
-        unit = unit_of_load(effect.terms[0].unit, "rad" if found.turns else "m")
+    if len(effect.values) == 1 and effect.values[0] and found.unit != "µm/m":
+        unit = unit_of_load(effect.terms[0].unit, found.unit.removeprefix("µ"))
         return found.amount / effect.values[0], f"{effect.load} [{unit}]"
-    return found.amount / MICRO, f"the same, as fitted [{_unit(found)}]"
+    return found.amount / MICRO, f"the same, as fitted [{found.unit}]"
 
 
 def unit_of_load(unit: str, amount: str) -> str:
@@ -200,13 +196,7 @@ def _over_angle(effect: Effect, state: State, found: _Amount, there: NDArray[np.
     return np.stack([grid / DEG, amount])
 
 
-def _unit(found: _Amount) -> str:
-    return "µm/m" if found.turns is None else "µrad" if found.turns else "µm"
-
-
 def _y_label(effect: Effect, found: _Amount) -> str:
-    if found.turns is None:
-        return "expansion [µm/m]"
     if effect.site() == "joint" and found.direction is not None:
-        return f"joint angle minus indication [{_unit(found)}]"
-    return f"{'turn' if found.turns else 'shift'} [{_unit(found)}]"
+        return f"joint angle minus indication [{found.unit}]"
+    return f"{KINDS[found.unit]} [{found.unit}]"

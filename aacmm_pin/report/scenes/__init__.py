@@ -1,6 +1,5 @@
 """The arm in three dimensions, in the browser, by meshcat: pages that need no server, and scenes shown live."""
 
-from aacmm_pin.report.scenes.accuracy_set import shape_of
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene
 from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
@@ -23,6 +22,5 @@ __all__ = [
     "circle_scene",
     "diagnosis_scene",
     "map_scene",
-    "shape_of",
     "shared_script",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from scipy.spatial import QhullError
@@ -46,7 +46,8 @@ class AccuracySet:
             UnknownNameError: no such shape.
             AacmmError: ``zonotope`` without bounded parameters.
         """
-        shape_of(shape)
+        if shape not in get_args(Shape):
+            raise UnknownNameError("shape", shape, list(get_args(Shape)))
         longest = half_axes(accuracy.covariance) if shape == "ellipsoid" else accuracy.largest_deviation
         return AccuracySet(accuracy, shape, round_down(SEEN * size / max(float(longest.max()), 1e-12)), centre)
 
@@ -78,17 +79,6 @@ class AccuracySet:
         except QhullError:  # flat: no more than two directions
             thickness = THIN * float(np.abs(generators).max()) * np.eye(3)[None]
             return hull(zonotope.corners(np.concatenate([generators, thickness], axis=2))[0])
-
-
-def shape_of(name: str) -> Shape:
-    """The shape of that name.
-
-    Raises:
-        UnknownNameError: there is none.
-    """
-    if name not in get_args(Shape):
-        raise UnknownNameError("shape", name, list(get_args(Shape)))
-    return cast(Shape, name)
 
 
 def half_axes(covariance: Array) -> Array:
