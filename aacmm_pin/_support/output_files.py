@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from aacmm_pin.errors import OutputError
+
+
+def json_text(content: dict[str, Any]) -> str:
+    """Strict JSON of a result, as every command writes it."""
+    return json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
 
 
 def check_output(path: str | Path, force: bool) -> Path:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import importlib.util
 import inspect
-import json
 import os
 import signal
 import sys
@@ -21,7 +20,7 @@ from typing import Annotated, Any, Self, get_type_hints
 
 import typer
 
-from aacmm_pin._support.output_files import check_output, whole_file
+from aacmm_pin._support.output_files import check_output, json_text, whole_file
 from aacmm_pin.errors import AacmmError
 
 app = typer.Typer(
@@ -169,8 +168,7 @@ class Results:
     def json(self, content: dict[str, Any], target: str | None) -> None:
         """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing where it is None."""
         if target is not None:
-            text = json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
-            self.text(text, None if target == "-" else Path(target))
+            self.text(json_text(content), None if target == "-" else Path(target))
 
     def picture(self, drawn: Callable[[], Any], path: Path | None) -> None:
         """Write the matplotlib figure that ``drawn`` gives; nothing where ``path`` is None."""

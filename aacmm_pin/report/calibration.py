@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.file import arm_text
 from aacmm_pin.calibration import Calibration
@@ -324,11 +324,10 @@ def files(
         names: of the JSON and of the arm file.
         note: the lines in front of the arm file.
     """
-    content = json.dumps(summary, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
     blocks: list[Block] = [
         Heading("Files"),
         Paragraph("The numbers behind this page are inside it; on screen each name below saves a file."),
-        Download(names[0], "all numbers of this page", content.encode()),
+        Download(names[0], "all numbers of this page", json_text(summary).encode()),
         Download("residuals.csv", "every record with its residuals", residuals.to_csv(index=False).encode()),
     ]
     if model.arm.dh is not None:

@@ -6,7 +6,6 @@ Every number in the text is computed when the page is made; the sentences around
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,7 +16,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Drawing
 
-from aacmm_pin._support.output_files import whole_folder
+from aacmm_pin._support.output_files import json_text, whole_folder
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
@@ -35,10 +34,16 @@ from aacmm_pin.papers.sino6 import printed_points
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
 from aacmm_pin.report.accuracy import postures_at_the_ends
-from aacmm_pin.report.diagnosis import diagnosis_document, line_to_remember, verdict_in_words
+from aacmm_pin.report.diagnosis import (
+    causes_drawn,
+    diagnosis_document,
+    line_to_remember,
+    rms_figure,
+    verdict_in_words,
+)
 from aacmm_pin.report.document import Block, Bullets, Document, Download, Figure, Heading, Paragraph, Table, blank_axes
 from aacmm_pin.report.html import page
-from aacmm_pin.report.numbers import capital, percent
+from aacmm_pin.report.numbers import percent
 from aacmm_pin.report.papers_page import PaperStudy, papers_document
 from aacmm_pin.report.scenes import circle_scene, map_scene
 from aacmm_pin.report.summaries import accuracy_summary, map_summary
@@ -185,20 +190,8 @@ def _measured(found: Diagnosis, hidden: Effect) -> list[Block]:
         Paragraph(verdict_in_words(found), finding=True),
         Paragraph(line_to_remember(found), finding=True),
         Table(pd.DataFrame(rows, columns=["", "cause", "values"]), "What was hidden, and what was found; ± U (k = 2)"),
-        Figure(
-            lambda: plots.plot_rms(found, blank_axes(6.8, 2.0)),
-            "RMS of the residuals by the three models",
-            "Residuals by the arm as simulated, recalibrated, and extended by what was found. Dashed: noise alone.",
-        ),
-        *(
-            Figure(
-                lambda finding=finding: plots.plot_cause(found, finding, blank_axes(7.4, 4.0)),  # type: ignore[misc]
-                f"{in_words(finding.effect)}, from the records",
-                f"{capital(in_words(finding.effect))} as the records show it: dots are records, circles their means with u, "
-                "the line is the cause as fitted.",
-            )
-            for finding in found.findings
-        ),
+        rms_figure(found),
+        *causes_drawn(found),
     ]
 
 
@@ -246,9 +239,9 @@ def run_demo(
         texts = {
             f"{arm.name.lower()}.urdf": urdf_text(arm_file),
             "configurations.csv": circle.to_frame().to_csv(index=False),
-            "accuracy.json": _json(of_point),
-            "map.json": _json(of_map),
-            "diagnosis.json": _json(diagnosis),
+            "accuracy.json": json_text(of_point),
+            "map.json": json_text(of_map),
+            "diagnosis.json": json_text(diagnosis),
             "diagnosis.html": page(diagnosis_document(found, diagnosis, when)),
             "postures.html": circle_scene(circle, accuracy).html(),
             "workspace.html": map_scene(over_map, arm).html(),
@@ -283,7 +276,3 @@ def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
     hidden = EncoderEccentricity(JOINT, values=(SIZE * np.cos(phase), SIZE * np.sin(phase)))
     truth = ErrorModel(perturbed_model(ErrorModel(arm), rng).arm, (hidden,))
     return hidden, simulate_measurements(truth, "seats", RECORDS, rng=rng, seats=SEATS)
-
-
-def _json(content: dict[str, Any]) -> str:
-    return json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n"

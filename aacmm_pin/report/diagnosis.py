@@ -274,13 +274,19 @@ def _result(result: Diagnosis) -> list[Block]:
         Heading("Result"),
         Paragraph(verdict_in_words(result), finding=True, head=f"{capital(result.verdict)}."),
         Paragraph(line_to_remember(result), finding=True),
-        Figure(
-            lambda: plots.plot_rms(result, blank_axes(6.8, 2.0)),
-            "RMS of the residuals by the three models",
-            "Residuals of the records, set-up fitted: by the arm as it was simulated; with its geometry recalibrated; and "
-            f"extended by the causes found. Dashed: what the noise of readings and references gives.{stated}{seats}",
-        ),
+        rms_figure(result),
+        Paragraph(f"{stated}{seats}".strip(), detail=True),
     ]
+
+
+def rms_figure(result: Diagnosis) -> Figure:
+    """Sizes of the residuals by the three models."""
+    return Figure(
+        lambda: plots.plot_rms(result, blank_axes(6.8, 2.0)),
+        "RMS of the residuals by the three models",
+        "Residuals of the records, set-up fitted: by the arm as it was simulated; with its geometry recalibrated; and "
+        "extended by the causes found. Dashed: what the noise of readings and references gives.",
+    )
 
 
 def _wrong(result: Diagnosis) -> list[Block]:
@@ -330,7 +336,7 @@ def _causes(result: Diagnosis) -> list[Block]:
             "Retained: part of the effect that a recalibration leaves.",
         ),
         Bullets(curves),
-        *_causes_drawn(result),
+        *causes_drawn(result),
         Table(
             look_alikes(result),
             "What looks like them, with the probability of the other cause in its place",
@@ -342,7 +348,7 @@ def _causes(result: Diagnosis) -> list[Block]:
     ]
 
 
-def _causes_drawn(result: Diagnosis) -> list[Block]:
+def causes_drawn(result: Diagnosis) -> list[Block]:
     """A figure of each cause that depends on something, and one of all geometric values."""
     state = state_of(result.extended)
     blocks: list[Block] = []

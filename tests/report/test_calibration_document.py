@@ -14,7 +14,6 @@ from matplotlib import pyplot as plt
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.calibration import Calibration, calibrate
-from aacmm_pin.calibration.perturbed_arm import perturbed_model
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, ThermalExpansion
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.simulate import simulate_measurements
@@ -121,9 +120,6 @@ def test_the_fit_is_judged(at_seats: Calibration, with_wave: Calibration, sino6:
         sino6, simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(5)), encoder_noise=READINGS
     )
     assert verdict(needless).startswith("Calibration does not help SINO6: ")
-    helped = perturbed_model(ErrorModel(sino6), np.random.default_rng(1))
-    free = simulate_measurements(helped, "free", 60, rng=np.random.default_rng(5))
-    assert "blocks of joint space" in verdict(calibrate(sino6, free, encoder_noise=READINGS))
 
 
 def test_causes_with_their_uncertainty(sino6: Arm) -> None:

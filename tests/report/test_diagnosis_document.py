@@ -129,9 +129,6 @@ def test_the_command_writes_the_page_and_nothing_else_on_stdout(tmp_path: Path) 
     page = Page(out.read_text(encoding="utf-8"))
     assert json.loads(page.downloads()["diagnosis.json"]) == json.loads(done.stdout)
     assert f"80 records of {data}" in page.text
-    again = CliRunner().invoke(app, arguments)
-    assert again.exit_code == 1
-    assert "report.html" in again.stderr
 
 
 def finding(effect: Effect, probability: float, *aliases: Alias) -> Finding:

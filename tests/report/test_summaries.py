@@ -94,22 +94,17 @@ def test_an_extended_model(circle: ConfigurationCircle, extended: ErrorModel) ->
     assert content["volume_mm3"]["min"] > alone["volume_mm3"]["max"]
 
 
-def test_the_command_reads_the_effects_of_the_file(extended: ErrorModel, tmp_path: Path) -> None:
-    path = str(tmp_path / "extended.toml")
-    extended.save(path)
-    words = ["accuracy", path, "--point", "33.6323", "-671.8702", "182.9355", "--count", "12"]
-    said = CliRunner().invoke(app, words)
-    assert said.exit_code == 0, said.output
-    assert "not included: thermal_expansion" in said.stdout
-    assert "base_compliance" in said.stdout
-    assert "taken as exact: encoder_gain:5" in said.stdout
-    content = json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)
-    assert content["not_included"] == ["thermal_expansion"]
-    assert content["budget"][0] == {"parameter": "base_compliance", "joint": None} | content["budget"][0]
-    words = ["map", path, "--cells", "2", "2", "--sectors", "3"]
-    assert "not included: thermal_expansion" in CliRunner().invoke(app, words).stdout
-    content = json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)
-    assert content["not_included"] == ["thermal_expansion"]
+def test_the_commands_read_the_effects_of_the_file(extended: ErrorModel, tmp_path: Path) -> None:
+    extended.save(path := str(tmp_path / "extended.toml"))
+    accuracy = ["accuracy", path, "--point", "33.6323", "-671.8702", "182.9355", "--count", "12"]
+    for words in (accuracy, ["map", path, "--cells", "2", "2", "--sectors", "3"]):
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0, done.output
+        assert "not included: thermal_expansion" in done.stdout
+        content = json.loads(CliRunner().invoke(app, [*words, "--json", "-"]).stdout)
+        assert content["not_included"] == ["thermal_expansion"]
+    for text in ("base_compliance", "taken as exact: encoder_gain:5"):
+        assert text in CliRunner().invoke(app, accuracy).stdout
 
 
 @pytest.mark.parametrize(
