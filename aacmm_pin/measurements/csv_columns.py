@@ -18,28 +18,48 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.file import MOST_TURNS
 from aacmm_pin.effects.conditions import Labels
 from aacmm_pin.errors import MeasurementFileError
 
 AngleUnit = Literal["deg", "rad"]
 Mask = NDArray[np.bool_]
 
+THETA: dict[AngleUnit, str] = {"deg": "theta#_deg", "rad": "theta#_rad"}
 REFERENCE = ("x_mm", "y_mm", "z_mm")
 REFERENCE_U = ("u_x_mm", "u_y_mm", "u_z_mm")
 BAR = ("bar", "bar_end", "bar_length_mm")
-LABELS = ("seat", "marker", "bar", "bar_end", "session", "operator", "record")
-MAY_BE_EMPTY = (*REFERENCE, *REFERENCE_U, "bar_length_mm")
-SINGLE = (*LABELS, *MAY_BE_EMPTY, "time_s", "temperature_c")
-THETA: dict[AngleUnit, str] = {"deg": "theta#_deg", "rad": "theta#_rad"}
 APPROACH, TORQUE, LINK_TEMPERATURE = "approach#", "torque#_nm", "temperature#_c"
+FIELDS: dict[str, tuple[tuple[str, ...], float]] = {
+    "reference": (REFERENCE, MM),
+    "reference_u": (REFERENCE_U, MM),
+    "seat": (("seat",), 1.0),
+    "marker": (("marker",), 1.0),
+    "bar": (("bar",), 1.0),
+    "bar_end": (("bar_end",), 1.0),
+    "bar_length": (("bar_length_mm",), MM),
+    "time": (("time_s",), 1.0),
+    "temperature": (("temperature_c",), 1.0),
+    "link_temperature": ((LINK_TEMPERATURE,), 1.0),
+    "approach": ((APPROACH,), 1.0),
+    "torque": ((TORQUE,), 1.0),
+    "session": (("session",), 1.0),
+    "operator": (("operator",), 1.0),
+    "record": (("record",), 1.0),
+}
+"""The columns behind each attribute of measurements and of their conditions, and their unit in SI; all but the angles.
+
+A name with # stands for as many columns with numbers in its place, from 1: of the joint, or of the DH row for temperatures.
+"""
+LABELS = ("seat", "marker", "bar", "bar_end", "session", "operator", "record")
 NUMBERED = (*THETA.values(), APPROACH, TORQUE, LINK_TEMPERATURE)
-"""Names with a number in place of #, from 1: of the joint, or of the DH row for temperatures."""
+SINGLE = tuple(name for columns, _ in FIELDS.values() for name in columns if "#" not in name)
+MAY_BE_EMPTY = (*REFERENCE, *REFERENCE_U, "bar_length_mm")
 
 ALIKE = 0.9
 """Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter wrong in ten."""
 OTHER_UNITS = frozenset(["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm", "mrad", "gon", "arcsec"])
-MOST_TURNS = 5
-"""An angle in radians beyond so many turns is taken for degrees."""
 ENOUGH_RECORDS = 5
 """So many records tell degrees from radians."""
 COLDEST, HOTTEST = -50.0, 150.0
@@ -84,14 +104,16 @@ class Problems:
 
 @dataclass(frozen=True)
 class Header:
-    """Names of the columns that come in numbers, in the order of these numbers, and of those that nobody knows."""
+    """Unit of the angles, the columns of each form with numbers in the order of these, and those that nobody knows."""
 
     unit: AngleUnit
-    theta: tuple[str, ...]
-    approach: tuple[str, ...]
-    torque: tuple[str, ...]
-    link_temperature: tuple[str, ...]
+    numbered: dict[str, tuple[str, ...]]
     extra: tuple[str, ...]
+
+    @property
+    def theta(self) -> tuple[str, ...]:
+        """Columns of the angles."""
+        return self.numbered[THETA[self.unit]]
 
 
 def named(form: str, count: int) -> list[str]:
@@ -124,14 +146,14 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
             other = "if something else is meant, a name that cannot be taken for it"
             problems.add(name, f"is not a known name; expected {meant}, or {other}")
     problems.stop()
-    unit, theta = _theta(texts, nq, problems)
-    approach, torque, link_temperature = (_numbered(texts, f, problems) for f in (APPROACH, TORQUE, LINK_TEMPERATURE))
-    for columns in filter(None, (approach, torque)):
-        if len(columns) != len(theta):
-            problems.add(span(columns), f"{len(columns)} columns, expected one for each of the {len(theta)} joints")
-    _companions(texts, len(theta), link_temperature, problems)
+    header = Header(_unit(texts, problems), {form: _numbered(texts, form, problems) for form in NUMBERED}, tuple(extra))
+    joints = _joints(header, texts, nq, problems)
+    for columns in (header.numbered[form] for form in (APPROACH, TORQUE)):
+        if columns and len(columns) != joints:
+            problems.add(span(columns), f"{len(columns)} columns, expected one for each of the {joints} joints")
+    _companions(set(texts), joints, header.numbered[LINK_TEMPERATURE], problems)
     problems.stop()
-    return Header(unit, theta, approach, torque, link_temperature, tuple(extra))
+    return header
 
 
 def _number(name: str, form: str) -> str | None:
@@ -177,26 +199,28 @@ def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str,
     return tuple(found)
 
 
-def _theta(names: Sequence[str], nq: int | None, problems: Problems) -> tuple[AngleUnit, tuple[str, ...]]:
-    in_degrees, in_radians = (tuple(n for n in names if _number(n, form)) for form in THETA.values())
+def _unit(names: Sequence[str], problems: Problems) -> AngleUnit:
+    in_degrees, in_radians = (", ".join(n for n in names if _number(n, form)) for form in THETA.values())
     if in_degrees and in_radians:
-        came = f"{', '.join(in_degrees)} in degrees beside {', '.join(in_radians)} in radians"
-        problems.add("", f"{came}; expected one unit for all joints")
-        return "deg", in_degrees
-    unit: AngleUnit = "rad" if in_radians else "deg"
-    theta = _numbered(names, THETA[unit], problems)
+        problems.add("", f"{in_degrees} in degrees beside {in_radians} in radians; expected one unit for all joints")
+        problems.stop()
+    return "rad" if in_radians else "deg"
+
+
+def _joints(header: Header, names: Sequence[str], nq: int | None, problems: Problems) -> int:
+    """Number of joints of which there are angles."""
+    theta = header.theta
     if not theta:
         came = ", ".join(map(repr, names[:8])) + ", …" * (len(names) > 8)
         problems.add("", f"no angles: expected columns theta1_deg … (or theta1_rad …) in the first line, which has {came}")
     elif nq is not None and len(theta) != nq:
-        expected = span(named(THETA[unit], nq))
+        expected = span(named(THETA[header.unit], nq))
         problems.add(span(theta), f"angles of {len(theta)} joints, but the arm has {nq}; expected {expected}")
-    return unit, theta
+    return len(theta)
 
 
-def _companions(names: Sequence[str], joints: int, link_temperature: Sequence[str], problems: Problems) -> None:
+def _companions(there: set[str], joints: int, link_temperature: Sequence[str], problems: Problems) -> None:
     """Names that need others, or exclude them."""
-    there = set(names)
     for group in (REFERENCE, REFERENCE_U, BAR):
         present, missing = [n for n in group if n in there], [n for n in group if n not in there]
         if present and missing:
@@ -237,6 +261,15 @@ class Columns:
         """The column ``name``; "" where it is not there."""
         return self.labels.get(name, np.full(self.n, "", dtype=object))
 
+    def field(self, attribute: str) -> NDArray[Any] | None:
+        """What stands in the columns of an attribute, see :data:`FIELDS`, in SI; None where there are none."""
+        names, unit = FIELDS[attribute]
+        names = self.header.numbered.get(names[0], names)
+        if not names or names[0] not in self.numbers:
+            return self.labels.get(attribute)
+        values = self.block(names) * unit
+        return values[:, 0] if FIELDS[attribute][0] == names and len(names) == 1 else values
+
 
 def checked_columns(table: pd.DataFrame, lines: Index, nq: int | None, source: str) -> Columns:
     """The known columns of ``table``, cells being text or numbers; ``lines`` (n,) are for messages.
@@ -248,18 +281,17 @@ def checked_columns(table: pd.DataFrame, lines: Index, nq: int | None, source: s
     header = read_header(list(table.columns), nq, problems)
     if not len(table):
         problems.add("", "has a header but no records")
-    known = [name for name in table.columns if name not in header.extra]
-    labels = {name: _labels(table[name]) for name in known if name in LABELS}
-    numbers = {name: _numbers(table[name], problems) for name in known if name not in LABELS}
+    cells = {name: _texts(table[name]) for name in table.columns if name not in header.extra}
+    labels = {name: cells.pop(name) for name in LABELS if name in cells}
+    columns = Columns(header, {name: _numbers(name, each, problems) for name, each in cells.items()}, labels)
     problems.stop()
-    columns = Columns(header, numbers, labels)
     for check in (_angles, _references, _conditions, _seats, _bars):
         check(columns, problems)
     problems.stop()
     return columns
 
 
-def _labels(column: pd.Series) -> Labels:
+def _texts(column: pd.Series) -> Labels:
     """Cells as text, exactly as they are; "" where there is nothing."""
     cells = np.array(column, dtype=object)
     if set(map(type, cells)) <= {str}:
@@ -268,20 +300,13 @@ def _labels(column: pd.Series) -> Labels:
     return np.array(["" if n else str(c) for c, n in zip(cells, nothing, strict=True)], dtype=object)
 
 
-def _numbers(column: pd.Series, problems: Problems) -> Array:
+def _numbers(name: str, cells: Labels, problems: Problems) -> Array:
     """Cells as numbers, NaN where there is nothing."""
-    name = str(column.name)
-    if column.dtype.kind in "iuf":
-        values = column.to_numpy(dtype=np.float64, copy=True, na_value=np.nan)
-        cells, empty = values.astype(object), np.isnan(values)
-    else:
-        cells = _labels(column)
-        values = _floats(cells)
-        empty = np.zeros(len(cells), dtype=bool)
-        empty[np.isnan(values)] = [not cell.strip() for cell in cells[np.isnan(values)]]
+    values = np.array([_float(cell) for cell in cells], dtype=np.float64)
+    empty = np.array([not cell.strip() for cell in cells], dtype=bool)
     unreadable = ~np.isfinite(values) & ~empty
-    comma = np.zeros(len(values), dtype=bool)
-    comma[unreadable] = [_DECIMAL_COMMA.fullmatch(str(cell)) is not None for cell in cells[unreadable]]
+    comma = unreadable.copy()
+    comma[unreadable] = [_DECIMAL_COMMA.fullmatch(cell) is not None for cell in cells[unreadable]]
     problems.at(comma, name, "is {!r}, expected a number with a decimal point, not a decimal comma", cells)
     problems.at(unreadable & ~comma, name, "is {!r}, expected a finite number", cells)
     if name not in MAY_BE_EMPTY:
@@ -292,20 +317,10 @@ def _numbers(column: pd.Series, problems: Problems) -> Array:
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9.]*,[0-9]+\s*")
 
 
-def _floats(cells: Labels) -> Array:
-    """Texts as numbers, NaN where one is none; Python's 1_000 is none."""
-    try:
-        values = cells.astype(np.float64)
-    except ValueError:
-        values = np.array([_float(cell) for cell in cells], dtype=np.float64)
-    if "_" in "".join(cells):
-        values[["_" in cell for cell in cells]] = np.nan
-    return values
-
-
 def _float(cell: str) -> float:
+    """A text as a number, NaN where it is none; Python's 1_000 is none."""
     try:
-        return float(cell)
+        return np.nan if "_" in cell else float(cell)
     except ValueError:
         return np.nan
 
@@ -352,11 +367,11 @@ def _references(columns: Columns, problems: Problems) -> None:
 
 
 def _conditions(columns: Columns, problems: Problems) -> None:
-    for name in filter(columns.numbers.__contains__, ("temperature_c", *columns.header.link_temperature)):
+    for name in filter(columns.numbers.__contains__, ("temperature_c", *columns.header.numbered[LINK_TEMPERATURE])):
         celsius = columns.numbers[name]
         expected = f"is {{:g}} °C, expected {COLDEST:g} to {HOTTEST:g}; is it in kelvin or Fahrenheit?"
         problems.at((celsius < COLDEST) | (celsius > HOTTEST), name, expected, celsius)
-    for name in columns.header.approach:
+    for name in columns.header.numbered[APPROACH]:
         sign = columns.numbers[name]
         problems.at(~np.isin(sign, (-1.0, 0.0, 1.0)), name, "is {:g}, expected -1, 0 or 1", sign)
 

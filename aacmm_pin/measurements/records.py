@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -128,26 +128,28 @@ class Measurements(Shown):
         extra = pd.DataFrame(index=range(n)) if extra is None else extra.reset_index(drop=True)
         if len(extra) != n:
             raise ShapeError(f"extra has {len(extra)} rows, expected {n}: one a record")
+        known = Conditions(n) if conditions is None else conditions
+        if known.n != n:
+            raise ShapeError(f"conditions are of {known.n} records, expected {n}")
+        nothing = np.full((n, 3), np.nan)
         measurements = Measurements(
             q=q,
-            reference=_triples(reference, n, "reference"),
-            reference_u=_triples(reference_u, n, "reference_u"),
-            conditions=_checked(conditions, n),
-            bar=_labels(bar, n, "bar"),
-            bar_end=_labels(bar_end, n, "bar_end"),
-            bar_length=None if bar_length is None else _with_gaps(bar_length, lambda v: vector(v, n, "bar_length", "m")),
-            operator=_labels(operator, n, "operator"),
-            record=_labels(record, n, "record"),
+            reference=_checked("reference", nothing if reference is None else reference, n),
+            reference_u=_checked("reference_u", nothing if reference_u is None else reference_u, n),
+            conditions=Conditions(n, **{name: _checked(name, getattr(known, name), n) for name in known.present}),
+            bar=_checked("bar", bar, n),
+            bar_end=_checked("bar_end", bar_end, n),
+            bar_length=_checked("bar_length", bar_length, n),
+            operator=_checked("operator", operator, n),
+            record=_checked("record", record, n),
             extra=extra,
             row=np.arange(n) + FIRST_RECORD,
             source=source,
         )
-        if (measurements.reference_u <= 0.0).any():
-            raise ShapeError("reference_u holds numbers that are not above zero")
         header = read_header(list(measurements.to_frame().columns), None, Problems(source, measurements.row))
         if list(header.extra) != list(extra.columns):
-            known = [name for name in extra.columns if name not in header.extra]
-            raise ShapeError(f"extra has columns of known names: {', '.join(known)}; these are arguments of their own")
+            known_names = [name for name in extra.columns if name not in header.extra]
+            raise ShapeError(f"extra has columns of known names: {', '.join(known_names)}; these are arguments of their own")
         return measurements
 
     @property
@@ -168,13 +170,10 @@ class Measurements(Shown):
     def take(self, rows: Index | slice | NDArray[np.bool_] | Sequence[int]) -> Measurements:
         """Some of the records; seats and bars may lose what made them useful, which only reading a file checks."""
         index = np.arange(self.n)[rows]
-        chosen: dict[str, Any] = {}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            chosen[field.name] = value[index] if isinstance(value, np.ndarray) else value
-        chosen["conditions"] = self.conditions.take(index)
-        chosen["extra"] = self.extra.iloc[index].reset_index(drop=True)
-        return Measurements(**chosen)
+        arrays: dict[str, Any] = {name: value[index] for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        arrays.pop("postures", None)
+        extra = self.extra.iloc[index].reset_index(drop=True)
+        return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
 
     def copies(self) -> Index:
         """Number of the first record (n,) that each says the same as; its own where it is the first.
@@ -234,26 +233,18 @@ class Measurements(Shown):
         """
         if angle_unit not in names.THETA:
             raise UnknownNameError("angle unit", angle_unit, list(names.THETA))
-        known = self.conditions
-        approach = None if known.approach is None else known.approach.astype(np.int64)
-        columns = _block(named(names.THETA[angle_unit], self.nq), self.q / (DEG if angle_unit == "deg" else 1.0))
+        angles = self.q.T / (DEG if angle_unit == "deg" else 1.0)
+        columns = dict(zip(named(names.THETA[angle_unit], self.nq), angles, strict=True))
         stated = np.isfinite(self.reference_u).any()
-        columns |= _block(names.REFERENCE, self.reference / MM if stated or self.known.any() else None)
-        columns |= _block(names.REFERENCE_U, self.reference_u / MM if stated else None)
-        single = {
-            "seat": known.seat,
-            "marker": known.marker,
-            "bar": self.bar,
-            "bar_end": self.bar_end,
-            "bar_length_mm": None if self.bar_length is None else self.bar_length / MM,
-            "time_s": known.time,
-            "temperature_c": known.temperature,
-        }
-        columns |= {name: values for name, values in single.items() if values is not None}
-        columns |= _numbered(names.LINK_TEMPERATURE, known.link_temperature)
-        columns |= _numbered(names.APPROACH, approach) | _numbered(names.TORQUE, known.torque)
-        labels = {"session": known.session, "operator": self.operator, "record": self.record}
-        columns |= {name: values for name, values in labels.items() if values is not None}
+        left_out = {"reference": not (stated or self.known.any()), "reference_u": not stated}
+        for attribute, (form, unit) in names.FIELDS.items():
+            values = getattr(self.conditions if attribute in COLUMNS else self, attribute)
+            if values is None or left_out.get(attribute):
+                continue
+            if values.dtype != object:
+                values = (values / unit).astype(np.int64 if attribute == "approach" else np.float64)
+            texts = named(form[0], values.shape[1]) if "#" in form[0] else form
+            columns |= dict(zip(texts, np.atleast_2d(values.T), strict=True))
         return pd.concat([pd.DataFrame(columns), self.extra], axis=1)
 
     def save(self, path: str | Path, force: bool = False) -> None:
@@ -313,46 +304,17 @@ def _distinct(labels: NDArray[Any], most: int = 6) -> str:
     return f"{len(found)} ({', '.join(found[:most])}{', …' * (len(found) > most)})" if found else "none"
 
 
-def _block(columns: Sequence[str], values: NDArray[Any] | None) -> dict[str, NDArray[Any]]:
-    return {} if values is None else dict(zip(columns, values.T, strict=True))
-
-
-def _numbered(form: str, values: NDArray[Any] | None) -> dict[str, NDArray[Any]]:
-    return {} if values is None else _block(named(form, values.shape[1]), values)
-
-
 # --- from a table
 
 
 def _from_columns(columns: Columns, table: pd.DataFrame, lines: Index, source: str) -> Measurements:
-    header, numbers, labels = columns.header, columns.numbers, columns.labels
-    q = columns.block(header.theta)
-    length = numbers.get("bar_length_mm")
-    conditions = Conditions(
-        n=columns.n,
-        time=numbers.get("time_s"),
-        temperature=numbers.get("temperature_c"),
-        link_temperature=columns.block(header.link_temperature) if header.link_temperature else None,
-        approach=columns.block(header.approach) if header.approach else None,
-        torque=columns.block(header.torque) if header.torque else None,
-        seat=labels.get("seat"),
-        marker=labels.get("marker"),
-        session=labels.get("session"),
-    )
-    return Measurements(
-        q=q * DEG if header.unit == "deg" else q,
-        reference=columns.block(names.REFERENCE) * MM,
-        reference_u=columns.block(names.REFERENCE_U) * MM,
-        conditions=conditions,
-        bar=labels.get("bar"),
-        bar_end=labels.get("bar_end"),
-        bar_length=None if length is None else length * MM,
-        operator=labels.get("operator"),
-        record=labels.get("record"),
-        extra=table[list(header.extra)].reset_index(drop=True),
-        row=lines,
-        source=source,
-    )
+    found: dict[str, Any] = {attribute: columns.field(attribute) for attribute in names.FIELDS}
+    conditions = Conditions(columns.n, **{name: found.pop(name) for name in COLUMNS})
+    for name, of_form in (("reference", names.REFERENCE), ("reference_u", names.REFERENCE_U)):
+        found[name] = columns.block(of_form) * MM
+    q = columns.block(columns.header.theta) * (DEG if columns.header.unit == "deg" else 1.0)
+    extra = table[list(columns.header.extra)].reset_index(drop=True)
+    return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, **found)
 
 
 def read_table(path: str) -> tuple[pd.DataFrame, Index]:
@@ -416,9 +378,37 @@ def _text(path: str) -> str:
 # --- from arrays
 
 
-def _labels(values: ArrayLike | None, n: int, name: str) -> Labels | None:
+def _checked(name: str, values: ArrayLike | None, n: int) -> Any:
+    """What is given for an attribute, as an array of its own; numbers that are not known are NaN where they may be.
+
+    Raises:
+        ShapeError: another shape, or numbers or labels that cannot be.
+    """
     if values is None:
         return None
+    if name in names.LABELS:
+        return _labels(name, values, n)
+    if name in ("reference", "reference_u"):
+        array = _with_gaps(values, lambda filled: batch(filled, 3, name, "m"))
+        partly = np.flatnonzero(np.isnan(array).any(axis=1) & ~np.isnan(array).all(axis=1))
+        if partly.size:
+            raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all where not known")
+    elif name == "bar_length":
+        array = _with_gaps(values, lambda filled: vector(filled, n, name, "m"))
+    elif name in ("time", "temperature"):
+        array = vector(values, n, name, COLUMNS[name])
+    else:
+        array = batch(values, _width(values), name, COLUMNS[name])
+    if len(array) != n:
+        raise ShapeError(f"{name} has {len(array)} rows, expected {n}: one a record")
+    if name == "reference_u" and (array <= 0.0).any():
+        raise ShapeError("reference_u holds numbers that are not above zero")
+    if name == "approach" and not np.isin(array, (-1.0, 0.0, 1.0)).all():
+        raise ShapeError("approach holds other numbers than -1, 0 and 1")
+    return array
+
+
+def _labels(name: str, values: ArrayLike, n: int) -> Labels:
     labels = np.array(values, dtype=object)
     if labels.shape != (n,):
         raise ShapeError(f"{name} has shape {labels.shape}, expected ({n},) labels")
@@ -426,18 +416,6 @@ def _labels(values: ArrayLike | None, n: int, name: str) -> Labels | None:
         if not isinstance(label, str):
             raise ShapeError(f"{name}[{i}] is {label!r}, expected text, '' where there is none")
     return labels
-
-
-def _triples(values: ArrayLike | None, n: int, name: str) -> Array:
-    """(n, 3) [m], NaN in the rows that are not known."""
-    if values is None:
-        return np.full((n, 3), np.nan)
-    array = _with_gaps(values, lambda filled: _long(batch(filled, 3, name, "m"), n, name))
-    unknown = np.isnan(array)
-    partly = np.flatnonzero(unknown.any(axis=1) & ~unknown.all(axis=1))
-    if partly.size:
-        raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all where not known")
-    return array
 
 
 def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
@@ -450,32 +428,6 @@ def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
     return array
 
 
-def _long(values: Array, n: int, name: str) -> Array:
-    if len(values) != n:
-        raise ShapeError(f"{name} has {len(values)} rows, expected {n}: one a record")
-    return values
-
-
 def _width(values: ArrayLike) -> int:
     shape = values.shape if isinstance(values, np.ndarray) else np.asarray(values, dtype=object).shape
     return int(shape[-1]) if shape else 1
-
-
-def _checked(conditions: Conditions | None, n: int) -> Conditions:
-    """The conditions as arrays of their own, after a look at shapes and numbers."""
-    if conditions is None:
-        return Conditions(n)
-    if conditions.n != n:
-        raise ShapeError(f"conditions are of {conditions.n} records, expected {n}")
-    checked: dict[str, Any] = {}
-    for name in conditions.present:
-        values = getattr(conditions, name)
-        if name in names.LABELS:
-            checked[name] = _labels(values, n, name)
-        elif name in ("time", "temperature"):
-            checked[name] = vector(values, n, name, COLUMNS[name])
-        else:
-            checked[name] = _long(batch(values, _width(values), name, COLUMNS[name]), n, name)
-    if not np.isin(checked.get("approach", 0.0), (-1.0, 0.0, 1.0)).all():
-        raise ShapeError("approach holds other numbers than -1, 0 and 1")
-    return Conditions(n, **checked)

@@ -126,15 +126,7 @@ def plan_measurements(
     return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes), options=tuple(options))
 
 
-def advice(
-    model: Arm | ErrorModel,
-    split: tuple[Effect | str, Effect | str],
-    existing: Measurements,
-    *,
-    records: int = 40,
-    progress: bool = False,
-    **setup: Any,
-) -> str:
+def advice(model: Arm | ErrorModel, split: tuple[Effect | str, Effect | str], existing: Measurements, **setup: Any) -> str:
     """What to measure next to tell two causes apart, in a sentence with the command that plans it.
 
     New records are taken as the old ones were: at their seats where most of them have one, else each with coordinates of
@@ -144,15 +136,13 @@ def advice(
         model: the arm.
         split: the two causes, with their values where they are estimated.
         existing: the records that leave the two alike.
-        records: how many to plan.
-        progress: show a bar.
         setup: how records are taken, by keywords of :func:`plan_measurements`: ``reference_frame``, noise, ….
     """
     seat = existing.conditions.seat
     reference: Reference = "seats" if seat is not None and np.mean(seat != "") > 0.5 else "free"
-    of_old: dict[str, Any] = {"existing": existing, "reference": reference, "postures": max(QUICK, 2 * records)}
+    options: dict[str, Any] = {"reference": reference, "postures": QUICK, "progress": False} | setup
     try:
-        return plan_measurements(model, split, records, progress=progress, **of_old, **setup).sentence()
+        return plan_measurements(model, split, existing=existing, **options).sentence()
     except AacmmError as error:
         one, other = (cause if isinstance(cause, str) else cause.key for cause in split)
         return f"no records could be planned that tell {one} from {other}: {error}"

@@ -331,7 +331,7 @@ def test_a_cell_with_a_mistake(tmp_path: Path) -> None:
 
 
 def test_numbers_of_a_table_are_looked_at_too() -> None:
-    for cell, words in ((np.nan, "is empty"), (np.inf, "is inf, expected a finite number"), ("x", "is 'x'")):
+    for cell, words in ((np.nan, "is empty"), (np.inf, "is 'inf', expected a finite number"), ("x", "is 'x'")):
         table = pd.DataFrame({"theta1_deg": [1.0, cell, 3.0]})
         with pytest.raises(MeasurementFileError, match=f"table: row 3, column theta1_deg: {words}"):
             Measurements.from_frame(table)
