@@ -1,4 +1,4 @@
-"""The door: from an arm and measurements to a calibrated arm."""
+"""From an arm and measurements to a calibrated arm."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from aacmm_pin.arm.file import ArmFile, Covariance
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel, entry_of
+from aacmm_pin.errors import AacmmError
 
 FIELDS = {"a": ("a_mm", MM), "d": ("d_mm", MM), "alpha": ("alpha_rad", 1.0), "theta_offset": ("theta_offset_rad", 1.0)}
 """Where a kind of parameter stands in a row of an arm file, and the file's unit."""
@@ -42,7 +44,12 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     known = _covariance(arm, names, fit.covariance[: vector.size, : vector.size])
     every = (*problem.model.effects, *effects)
-    moved = _moved_table(arm, steps, known, every) if arm.dh is not None else _moved_placements(arm, steps, known)
+    if arm.dh is None:
+        twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
+        moved = arm.with_placements(twists, known)
+    else:
+        entries = [entry_of(effect) for effect in every]
+        moved = Arm.from_file(moved_file(arm, steps).model_copy(update={"covariance": known, "effects": entries}))
     if problem.setup.encoder_noise is not None:
         moved = _with_noise(moved, problem.setup.encoder_noise)
     return ErrorModel(moved, every)
@@ -69,17 +76,21 @@ def covariance_block(names: list[str], matrix: Array) -> Covariance:
     return Covariance(parameters=tuple(names), standard_uncertainty_si=tuple(float(v) for v in u), correlation=rows)
 
 
-def _moved_table(arm: Arm, steps: dict[str, float], known: Covariance | None, effects: tuple[Effect, ...]) -> Arm:
-    assert arm.file is not None
+def moved_file(arm: Arm, steps: Mapping[str, float]) -> ArmFile:
+    """The arm's file with the values of ``steps``, by name, added to those of its parameters [m, rad].
+
+    Raises:
+        AacmmError: the arm was not made from a file.
+    """
+    if arm.file is None:
+        raise AacmmError(f"{arm.name}: was not made from an arm file, so there are no half-widths to draw from")
     rows = list(arm.file.joints)
     for parameter in arm.parameters:
         if parameter.name in steps and parameter.joint is not None:
             field, unit = FIELDS[parameter.kind]
             row = rows[parameter.joint - 1]
             rows[parameter.joint - 1] = row.model_copy(update={field: getattr(row, field) + steps[parameter.name] / unit})
-    entries = [entry_of(effect) for effect in effects]
-    file: ArmFile = arm.file.model_copy(update={"joints": rows, "covariance": known, "effects": entries})
-    return Arm.from_file(file)
+    return arm.file.model_copy(update={"joints": rows})
 
 
 def _with_noise(arm: Arm, noise: Array) -> Arm:
@@ -89,8 +100,3 @@ def _with_noise(arm: Arm, noise: Array) -> Arm:
     of_joint = iter(noise.tolist())
     rows = [r if r.fixed else r.model_copy(update={"encoder_noise_rad": next(of_joint)}) for r in arm.file.joints]
     return Arm.from_file(arm.file.model_copy(update={"joints": rows}))
-
-
-def _moved_placements(arm: Arm, steps: dict[str, float], known: Covariance | None) -> Arm:
-    twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
-    return arm.with_placements(twists, known)

@@ -95,7 +95,7 @@ def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     label = together(label, records.postures)
     count = int(label.max()) + 1
     if count >= FEWEST_SEATS and touched.sum() > MOSTLY * records.n:
-        return "seats", (np.argsort(rng.permutation(count)) % FOLDS)[label]
+        return "seats", _folds(label, rng)
     clusters = _blocks(records, min(FOLDS, max(2, records.n // 5)), rng)
     return "blocks", np.unique(clusters, return_inverse=True)[1].astype(np.intp)
 
@@ -110,9 +110,9 @@ def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index
 
 def _folds(labels: Index, rng: np.random.Generator) -> Index:
     """Number of the part, 0 to at most 9, in which each record is left out; records of one label stay together."""
-    names = rng.permutation(np.unique(labels))
-    part = {name: i % FOLDS for i, name in enumerate(names)}
-    return np.array([part[label] for label in labels], dtype=np.intp)
+    number = np.unique(labels, return_inverse=True)[1]
+    part = np.argsort(rng.permutation(int(number.max()) + 1)) % FOLDS
+    return np.asarray(part[number], dtype=np.intp)
 
 
 def together(labels: Index, postures: Index) -> Index:

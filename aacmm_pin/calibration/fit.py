@@ -40,6 +40,8 @@ ONE_DIRECTION = 1e-2
 FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
 
+Mask = NDArray[np.bool_]
+
 
 class Chi2(NamedTuple):
     """χ² of residuals, and its degrees of freedom."""
@@ -81,8 +83,8 @@ class Fit:
 
     solution: Solution
     stated: bool
-    used: NDArray[np.bool_]
-    excluded: NDArray[np.bool_]
+    used: Mask
+    excluded: Mask
     chi2_stated: Chi2 | None
     dof: float
     found: tuple[str, ...] = ()
@@ -144,7 +146,7 @@ class Fit:
         spectra = (self.solution.spectrum, at_targets)
         return np.asarray(orth(np.hstack([s.directions[:, ~s.known] for s in spectra]), rcond=ONE_DIRECTION))
 
-    @cached_property
+    @property
     def covariance(self) -> Array:
         """Covariance of all columns, the frame's included (p, p) [units]; zero along what nothing determines."""
         p = self.problem.scales.size
@@ -158,17 +160,15 @@ class Fit:
 
     def _inner(self) -> list[tuple[int, Effect, str, float]]:
         """Inner values: number and effect, field, how far off it may be."""
-        effects = enumerate(self.solution.effects)
-        chosen = [(k, effect) for k, effect in effects if effect.label in self.found]
+        chosen = [(k, effect) for k, effect in enumerate(self.solution.effects) if effect.label in self.found]
         return [(k, effect, name, width) for k, effect in chosen for name, width in effect.inner_widths().items()]
 
     @cached_property
     def _with_inner(self) -> Array:
         """Covariance of all columns and, last, of the inner values."""
-        inner, spectrum = self._inner(), self.solution.spectrum
+        inner, spectrum, problem, point = self._inner(), self.solution.spectrum, self.problem, self.solution.point
         if not inner:
-            return covariance_of(spectrum.values, spectrum.directions, self.problem.scales, self.unknown)
-        problem, point = self.problem, self.solution.point
+            return _covariance(spectrum.values, spectrum.directions, problem.scales, self.unknown)
         columns = [self._by_inner(*one) for one in inner]
         wider = replace(point.prediction, jacobian=np.concatenate([point.prediction.jacobian, np.stack(columns, 2)], axis=2))
         system = assemble(wider, self.noise, point.seats, self.solution.weights)
@@ -177,8 +177,8 @@ class Fit:
         prior[: len(problem.widths), : len(problem.widths)] = problem.prior
         prior[len(problem.widths) : problem.scales.size] = 0.0  # nothing is known of the frame
         _, values, vt = np.linalg.svd(np.vstack([system.jacobian * scales, prior]), full_matrices=False)
-        unknown = np.vstack([self.unknown, np.zeros((len(inner), self.unknown.shape[1]))])
-        return covariance_of(values, vt.T, scales, unknown)
+        unknown = np.pad(self.unknown, ((0, len(inner)), (0, 0)))
+        return _covariance(values, vt.T, scales, unknown)
 
     def _by_inner(self, number: int, effect: Effect, name: str, width: float) -> Array:
         """∂(tip)/∂(inner value) (n, 3) [m/unit] by central differences."""
@@ -191,7 +191,7 @@ class Fit:
         return np.asarray(tips[0] - tips[1]) / (2 * OF_WIDTH * width)
 
 
-def fit(problem: Problem, *, robust: bool = True, used: NDArray[np.bool_] | None = None) -> Fit:
+def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> Fit:
     """Estimate what is unknown in ``problem``.
 
     First robustly, then without outliers (χ² of their residual, Bonferroni's bound over all records). The scatter beyond
@@ -206,135 +206,126 @@ def fit(problem: Problem, *, robust: bool = True, used: NDArray[np.bool_] | None
     Raises:
         AacmmError: no record says anything.
     """
-    stated = not problem.setup.unstated(problem.measurements)
-    observations = observations_of(problem.measurements, problem.setup, FIRST_SCATTER)
-    says = observations.says
+    search = _Estimation(problem)
+    says = search.observations.says
     if not says.any():
         raise AacmmError("no record says where the tip was: no reference coordinates, and no seat touched twice")
-    point = begin(problem, observations)
-    noise = NoiseModel.of(problem, point.frame, 0.0 if stated else FIRST_SCATTER, observations)
+    point = begin(problem, search.observations)
     if used is None and robust:
-        near = _approached(problem, noise, point, says, stated, robust=True)
+        near = search.approached(point, says, robust=True)
         if redundant(near):
-            used, near = _without_outliers(near, says, stated)
-            return _with_scatter(near.problem, near.noise, near.point, used, says, stated)
+            return search.final(*search.without_outliers(near))
     used = says if used is None else used & says
-    near = _approached(problem, noise, point, used, stated, robust=False)
-    return _with_scatter(problem, near.noise, near.point, used, says, stated)
+    return search.final(search.approached(point, used, robust=False), used)
 
 
-def _noise_at(noise: NoiseModel, problem: Problem, point: Point, scatter: float, stated: bool) -> NoiseModel:
-    """The noise with another scatter, which stands in for the noise that is not stated."""
-    return NoiseModel.of(problem, point.frame, scatter, noise.observations if stated else None)
+class _Estimation:
+    """The steps of one fit: the scatter of the records, which of them belong, the parameters."""
 
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.stated = not problem.setup.unstated(problem.measurements)
+        self.observations = observations_of(problem.measurements, problem.setup, FIRST_SCATTER)
 
-def _approached(
-    problem: Problem, noise: NoiseModel, point: Point, used: NDArray[np.bool_], stated: bool, *, robust: bool
-) -> Solution:
-    """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.
+    def noise(self, point: Point, scatter: float) -> NoiseModel:
+        """The noise with a scatter that stands in for what is not stated."""
+        return NoiseModel.of(self.problem, point.frame, scatter, self.observations if self.stated else None)
 
-    From afar the noise itself would give the data so much weight that the search follows every valley of parameters
-    which they hardly tell; the widths of the parameters hold it in.
-    """
-    squared = np.square(deviations(noise.observations, point)[used]).sum(axis=1)
-    scatter = float(np.sqrt(np.median(squared) / MEDIAN))
-    for _ in range(MOST_ROUNDS):
-        noise = _noise_at(noise, problem, point, scatter, stated)
-        solution = solve(problem, noise, point, used.astype(np.float64), robust=robust, roughly=True)
-        if not robust:
-            break
-        point = solution.point
-        before, scatter = scatter, _scatter_of_median(noise, solution.system.deviation, used, stated)
-        if scatter == 0.0 or scatter > 0.8 * before:
-            break
-    return solution
+    def approached(self, point: Point, used: Mask, *, robust: bool) -> Solution:
+        """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.
 
+        From afar the noise itself would give the data so much weight that the search follows every valley of parameters
+        which they hardly tell; the widths of the parameters hold it in.
+        """
+        squared = np.square(deviations(self.observations, point)[used]).sum(axis=1)
+        scatter = float(np.sqrt(np.median(squared) / MEDIAN))
+        for _ in range(MOST_ROUNDS):
+            noise = self.noise(point, scatter)
+            solution = solve(self.problem, noise, point, used.astype(np.float64), robust=robust, roughly=True)
+            if not robust:
+                break
+            point = solution.point
+            before, scatter = scatter, self.scatter_of_median(noise, point, used)
+            if scatter == 0.0 or scatter > 0.8 * before:
+                break
+        return solution
 
-def _without_outliers(near: Solution, says: NDArray[np.bool_], stated: bool) -> tuple[NDArray[np.bool_], Solution]:
-    """Which records belong, judged by the scatter of the better half of them, and the search without the others."""
-    problem, count = near.problem, int(says.sum())
-    dof = max(Chi2.of(near).dof, 1.0)
-    scatter = _scatter_of_median(near.noise, near.system.deviation, says, stated, min(1.0, dof / (3 * count)))
-    noise = _noise_at(near.noise, problem, near.point, scatter, stated)
-    # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
-    chance = FALSE_EXCLUSION / count
-    limit = 3 * f_isf(chance, 3, EFFICIENCY * dof) if scatter > 0 else chi2_isf(chance, 3)
-    limit *= 1.0 if stated else UNEQUAL**2
-    used = says.copy()
-    solution = standing(problem, noise, near.point, near.weights)
-    for tried in range(MOST_ROUNDS):
-        belongs = says & (deleted_distances(solution) <= limit)
-        if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
-            break
-        used = belongs
-        solution = solve(problem, noise, solution.point, used.astype(np.float64))
-    return used, solution
+    def without_outliers(self, near: Solution) -> tuple[Solution, Mask]:
+        """The search without the records that do not belong, judged by the scatter of the better half; and the others."""
+        says = self.observations.says
+        count, dof = int(says.sum()), max(Chi2.of(near).dof, 1.0)
+        scatter = self.scatter_of_median(near.noise, near.point, says, min(1.0, dof / (3 * count)))
+        noise = self.noise(near.point, scatter)
+        # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
+        chance = FALSE_EXCLUSION / count
+        limit = 3 * f_isf(chance, 3, EFFICIENCY * dof) if scatter > 0 else chi2_isf(chance, 3)
+        limit *= 1.0 if self.stated else UNEQUAL**2
+        used = says.copy()
+        solution = standing(self.problem, noise, near.point, near.weights)
+        for tried in range(MOST_ROUNDS):
+            belongs = says & (deleted_distances(solution) <= limit)
+            if belongs.sum() < 0.5 * count or (tried and (belongs == used).all()):
+                break
+            used = belongs
+            solution = solve(self.problem, noise, solution.point, used.astype(np.float64))
+        return solution, used
 
+    def scatter_of_median(self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0) -> float:
+        """Scatter beyond the stated noise that brings the median squared distance to that of χ² with three degrees.
 
-def _scatter_of_median(
-    noise: NoiseModel, deviation: Array, used: NDArray[np.bool_], stated: bool, share: float = 1.0
-) -> float:
-    """Scatter beyond the stated noise that brings the median squared distance to that of χ² with three degrees.
+        What was fitted to the records has taken some of it away: ``share`` is what it left.
+        """
+        deviation, own = deviations(noise.observations, point)[used], noise.without_scatter[used]
 
-    What was fitted to the records has taken some of it away: ``share`` is what it left.
-    """
-    deviation, own = deviation[used], noise.without_scatter[used]
+        def excess(variance: float) -> float:
+            return float(np.median(squared_distances(deviation, own + variance * np.eye(3)))) - share * MEDIAN
 
-    def excess(variance: float) -> float:
-        return float(np.median(squared_distances(deviation, own + variance * np.eye(3)))) - share * MEDIAN
+        slack = MEDIAN * 6.0 / np.sqrt(used.sum())  # the median of a few records scatters by itself
+        if self.stated and excess(0.0) < slack:
+            return 0.0
+        return float(np.sqrt(_root(excess, deviation)))
 
-    slack = MEDIAN * 6.0 / np.sqrt(used.sum())  # the median of a few records scatters by itself
-    if stated and excess(0.0) < slack:
-        return 0.0
-    return float(np.sqrt(_root(excess, deviation)))
+    def final(self, near: Solution, used: Mask) -> Fit:
+        """The final fit, with the stated noise alone or with the scatter with which χ² meets its degrees of freedom."""
+        noise, point, weights, judged = near.noise, near.point, used.astype(np.float64), None
+        if self.stated:
+            found, judged = self.by_stated_noise(point, used)
+            if found:
+                return found
+            first = self.scatter_of_median(self.noise(point, 0.0), point, used) or FIRST_SCATTER
+            noise = self.noise(point, first)
+        solution = solve(self.problem, noise, point, weights)
+        for _ in range(MOST_ROUNDS):
+            before, scatter = solution.noise.scatter, _variance_component(solution, used)
+            noise = self.noise(solution.point, scatter)
+            solution = solve(self.problem, noise, solution.point, weights)
+            if abs(scatter - before) <= 1e-3 * scatter:
+                break
+        if self.stated:
+            # From afar one step promises too little: judged again where the search came to rest.
+            found, judged = self.by_stated_noise(solution.point, used)
+            if found:
+                return found
+            solution = replace(solution, noise=self.noise(solution.point, noise.scatter))
+        return self.fit(solution, used, judged)
 
-
-def _with_scatter(
-    problem: Problem, noise: NoiseModel, point: Point, used: NDArray[np.bool_], says: NDArray[np.bool_], stated: bool
-) -> Fit:
-    """The final fit, with the stated noise alone or with the scatter with which χ² meets its degrees of freedom."""
-    weights = used.astype(np.float64)
-
-    def done(solution: Solution, judged: Chi2 | None) -> Fit:
-        return Fit(solution, stated, used, says & ~used, judged, Chi2.of(solution).dof)
-
-    def judged_at(point: Point) -> tuple[Fit | None, Chi2]:
+    def by_stated_noise(self, point: Point, used: Mask) -> tuple[Fit | None, Chi2]:
         """The fit with the stated noise alone, if that may be right: by χ² after one more step, which spares the search."""
-        alone = _noise_at(noise, problem, point, 0.0, stated)
-        here = standing(problem, alone, point, weights)
+        alone, weights = self.noise(point, 0.0), used.astype(np.float64)
+        here = standing(self.problem, alone, point, weights)
         total, dof = Chi2.of(here)
         judged = Chi2(total - here.spectrum.promise(), dof)
         if not judged.acceptable:
             return None, judged
-        solution = solve(problem, alone, point, weights)
-        return done(solution, Chi2.of(solution)), judged
+        solution = solve(self.problem, alone, point, weights)
+        return self.fit(solution, used, Chi2.of(solution)), judged
 
-    judged = None
-    if stated:
-        found, judged = judged_at(point)
-        if found:
-            return found
-        noise = _noise_at(noise, problem, point, 0.0, stated)
-        first = _scatter_of_median(noise, deviations(noise.observations, point), used, stated) or FIRST_SCATTER
-        noise = _noise_at(noise, problem, point, first, stated)
-    solution = solve(problem, noise, point, weights)
-    for _ in range(MOST_ROUNDS):
-        before, scatter = solution.noise.scatter, _variance_component(solution, used)
-        noise = _noise_at(noise, problem, solution.point, scatter, stated)
-        solution = solve(problem, noise, solution.point, weights)
-        if abs(scatter - before) <= 1e-3 * scatter:
-            break
-    if stated:
-        # From afar one step promises too little: judged again where the search came to rest.
-        found, judged = judged_at(solution.point)
-        if found:
-            return found
-        noise = _noise_at(noise, problem, solution.point, noise.scatter, stated)
-        solution = replace(solution, noise=noise)
-    return done(solution, judged)
+    def fit(self, solution: Solution, used: Mask, judged: Chi2 | None) -> Fit:
+        """The result."""
+        return Fit(solution, self.stated, used, self.observations.says & ~used, judged, Chi2.of(solution).dof)
 
 
-def _variance_component(solution: Solution, used: NDArray[np.bool_]) -> float:
+def _variance_component(solution: Solution, used: Mask) -> float:
     """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none [m]."""
     noise, dof = solution.noise, Chi2.of(solution).dof
     if dof < LEAST_DOF:
@@ -350,18 +341,13 @@ def _variance_component(solution: Solution, used: NDArray[np.bool_]) -> float:
     return float(np.sqrt(_root(excess, deviation)))
 
 
-def covariance_of(values: Array, directions: Array, scales: Array, unknown: Array) -> Array:
-    """Covariance of the columns (p, p): inverse of the information across the unknown directions, zero along them.
+def _covariance(values: Array, directions: Array, scales: Array, unknown: Array) -> Array:
+    """Covariance of the columns (p, p): inverse of the information across the unknown directions (p, k), zero along them.
 
-    Args:
-        values: singular values of the scaled system with its prior rows (p,).
-        directions: their directions, in columns (p, p).
-        scales: of the columns (p,).
-        unknown: directions of which the records tell nothing (p, k).
+    The information is that of singular values (p,) and directions, in columns (p, p), of the scaled system with its prior.
     """
     known = null_space(unknown.T) if unknown.size else np.eye(scales.size)
-    information = (values[:, None] * directions.T) @ known
-    triangle = np.linalg.qr(information, mode="r")
+    triangle = np.linalg.qr((values[:, None] * directions.T) @ known, mode="r")
     scaled = known @ np.linalg.inv(triangle) * scales[:, None]
     return np.asarray(scaled @ scaled.T)
 

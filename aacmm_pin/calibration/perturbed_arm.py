@@ -9,7 +9,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.calibrated_arm import FIELDS
+from aacmm_pin.calibration.calibrated_arm import moved_file
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
@@ -42,12 +42,7 @@ def _exact(arm: Arm, errors: Array) -> Arm:
     if arm.dh is None:
         exact = tuple(replace(parameter, half_width=0.0, u=0.0) for parameter in arm.parameters)
         return replace(arm.with_placements(errors.reshape(-1, 6), None), parameters=exact)
-    if arm.file is None:
-        raise AacmmError(f"{arm.name}: was not made from an arm file, so there are no half-widths to draw from")
-    rows = [row.model_copy(update={"uncertainty": None}) for row in arm.file.joints]
-    for parameter, error in zip(arm.parameters, errors, strict=True):
-        name, unit = FIELDS[parameter.kind]
-        row = rows[(parameter.joint or 0) - 1]
-        rows[(parameter.joint or 0) - 1] = row.model_copy(update={name: getattr(row, name) + float(error) / unit})
+    file = moved_file(arm, {p.name: float(error) for p, error in zip(arm.parameters, errors, strict=True)})
+    rows = [row.model_copy(update={"uncertainty": None}) for row in file.joints]
     source = f"drawn within the uncertainties of: {arm.source or arm.name}"
-    return Arm.from_file(arm.file.model_copy(update={"joints": rows, "covariance": None, "source": source}))
+    return Arm.from_file(file.model_copy(update={"joints": rows, "covariance": None, "source": source}))

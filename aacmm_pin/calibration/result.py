@@ -20,12 +20,15 @@ from aacmm_pin.calibration.cross_validation import HeldOut
 from aacmm_pin.calibration.fit import LEAST_DOF, Fit, fit
 from aacmm_pin.calibration.identifiability import Observability, undetermined
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.error_model import ErrorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SCHEMA = "aacmm-pin/calibration/1"
+MENTIONED = 0.02
+"""A parameter with a larger part in what the data do not tell is known in combination with others."""
 HARDLY = 0.1
 """A parameter that nobody stated and whose u is more than this part of what it may be off is hardly known."""
 UNCHANGED = 0.95
@@ -104,31 +107,24 @@ class Calibration(Shown):
         ``known`` is ``measured``, ``hardly``, ``as stated`` (the data add nothing to what was stated) or ``in combination``
         (part of a combination in :attr:`undetermined`, u is of the part that is known).
         """
-        problem = self.fit.problem
-        x, u = self.fit.solution.point.x, np.sqrt(np.diag(self.covariance))
+        problem, vector = self.fit.problem, self.fit.problem.vector
+        u = np.sqrt(np.diag(self.covariance))
         u[np.linalg.norm(self.fit.unknown[: u.size], axis=1) >= UNTOLD] = np.nan
-        before = problem.vector.origins + problem.start
-        rows = []
-        for i, parameter in enumerate(problem.vector.parameters):
-            scale, unit = (MM, "mm") if parameter.unit == "m" else (1.0, parameter.unit)
-            change = x[i] - problem.start[i]
-            rows.append(
-                {
-                    "parameter": parameter.name,
-                    "unit": unit,
-                    "before": before[i] / scale,
-                    "after": (before[i] + change) / scale,
-                    "change": change / scale,
-                    "u": u[i] / scale,
-                    "U": COVERAGE_FACTOR * u[i] / scale,
-                    "known": self._known(i, float(u[i])),
-                }
-            )
-        return pd.DataFrame(rows, columns=["parameter", "unit", "before", "after", "change", "u", "U", "known"])
+        before, change = vector.origins + problem.start, self.fit.solution.point.x - problem.start
+        lengths = np.array([parameter.unit == "m" for parameter in vector.parameters], dtype=bool)
+        values = {"before": before, "after": before + change, "change": change, "u": u, "U": COVERAGE_FACTOR * u}
+        return pd.DataFrame(
+            {
+                "parameter": vector.names,
+                "unit": ["mm" if parameter.unit == "m" else parameter.unit for parameter in vector.parameters],
+                **{name: column / np.where(lengths, MM, 1.0) for name, column in values.items()},
+                "known": [self._known(i, float(each)) for i, each in enumerate(u)],
+            }
+        )
 
     def _known(self, i: int, u: float) -> str:
         problem = self.fit.problem
-        if np.linalg.norm(self.fit.unknown[i]) > 0.02:
+        if np.linalg.norm(self.fit.unknown[i]) > MENTIONED:
             return "in combination"
         if problem.stated[i]:
             return "as stated" if u > UNCHANGED * problem.widths[i] else "measured"
@@ -148,12 +144,9 @@ class Calibration(Shown):
         records = self.fit.problem.measurements
         before, after = self.before.solution.system.deviation, self.fit.solution.system.deviation
         table: dict[str, Any] = {"row": records.row}
-        for name in ("record", "operator"):
-            if getattr(records, name) is not None:
-                table[name] = getattr(records, name)
-        for name in ("seat", "marker", "session"):
-            if getattr(records.conditions, name) is not None:
-                table[name] = getattr(records.conditions, name)
+        for name in ("record", "operator", "seat", "marker", "session"):
+            labels = getattr(records.conditions if name in COLUMNS else records, name)
+            table |= {} if labels is None else {name: labels}
         for when, deviation in (("before", before), ("after", after)):
             table |= {f"{axis}_{when}_mm": deviation[:, k] / MM for k, axis in enumerate("xyz")}
             table[f"{when}_mm"] = np.linalg.norm(deviation, axis=1) / MM
