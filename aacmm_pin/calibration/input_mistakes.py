@@ -44,8 +44,13 @@ FEW = 10
 """With fewer records some mistake fits anything."""
 ENOUGH = 80
 """So many records tell one mistake from another."""
-UNITS = {"metres": 1e3, "inches": 25.4, "micrometres": 1e-3}
-"""Units that a length in mm may have come in, and how many mm they have."""
+UNITS = {
+    "metres, in columns of mm": 1e3,
+    "inches, in columns of mm": 25.4,
+    "micrometres, in columns of mm": 1e-3,
+    "mm, taken as metres": MM,
+}
+"""Units that lengths may have come in, and the factor that undoes it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +118,9 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
 
 
 def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None:
-    """Refuse records that one mistake explains, or two where ``thorough``.
+    """Refuse records that one mistake explains, or two where ``thorough``, or several signs.
 
-    Args:
-        problem: what is unknown.
-        fitted: median distance after a fit of the records as they are, infinite where there is no such fit [m].
-        thorough: look for several signs and pairs too.
+    ``fitted`` is the median distance after a fit of the records as they are, infinite where there is no such fit [m].
 
     Raises:
         MistakenFileError: the mistake.
@@ -129,6 +131,7 @@ def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None
     if records.n < FEW or before == np.inf or (min(before / FAR, as_given / UNLIKE) < 1.0 and fitted < FAR):
         return
     taken_up = fitted < FAR or fitted == np.inf
+    as_is = before if taken_up else fitted
     single = [(mistake,) for mistake in _mistakes(problem)]
     for mistakes in (single, *((_several_signs(records.nq), _pairs(single)) if thorough else ())):
         misfits = np.array([_misfit(_undone(few, mistake))[1] for mistake in mistakes])
@@ -141,12 +144,11 @@ def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None
                 without = fit(_undone(problem, mistakes[number]))
             except AacmmError:
                 continue
-            least = min(EXPLAINS * (before if taken_up else fitted), UNLIKE * _travel(without.problem))
             left = _median(without.solution.system.deviation)
-            if left < least and not _absorbs(without):
-                names = [", and ".join(mistake.name for mistake in mistakes[k]) for k in (number, *alike)]
-                others = [name for name in names[1:] if name != names[0] and number in alike]
-                raise MistakenFileError(records.source, names[0], before if taken_up else fitted, left, tuple(others))
+            if left < min(EXPLAINS * as_is, UNLIKE * _travel(without.problem)) and not _absorbs(without):
+                name, *others = (", and ".join(one.name for one in mistakes[k]) for k in (number, *alike))
+                others = [other for other in others if other != name and number in alike]
+                raise MistakenFileError(records.source, name, as_is, left, tuple(others))
 
 
 def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
@@ -177,37 +179,38 @@ def _median(deviation: Array) -> float:
 
 def _misfit(problem: Problem) -> tuple[float, float]:
     """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same over the tips' travel."""
-    of_target = [(effect, own) for effect, own in problem.vector if isinstance(effect, StylusOffset)]
-    targets = tuple(effect for effect, _ in of_target)
-    mine = np.concatenate([np.arange(0), *(np.r_[own] for _, own in of_target)])
-    bare = replace(
-        problem,
-        vector=replace(problem.vector, effects=targets),
-        widths=problem.widths[mine],
-        stated=problem.stated[mine],
-        correlation=problem.correlation[np.ix_(mine, mine)],
-    )
-    records = bare.measurements
+    bare, records = _of_targets(problem), problem.measurements
     observations = observations_of(records, bare.setup, FIRST_SCATTER)
     try:
         point = begin(bare, observations)
-        if targets:
+        if bare.vector.effects:
             noise = NoiseModel(FAR, observations, np.broadcast_to(FAR**2 * np.eye(3), (records.n, 3, 3)))
             point = solve(bare, noise, point, np.ones(records.n), robust=True, roughly=True).point
     except AacmmError:
         return np.inf, np.inf
-    off = deviations(observations, point)
-    seats = records.seats()
+    off, tips, seats = deviations(observations, point), point.prediction.tips, records.seats()
     for bar in records.bars():
         # Seats lie where their records put them: what a bar is off by is half each end's.
         a, b = (seats[label] for label in (bar.seat_a, bar.seat_b))
-        tips = point.prediction.tips
         apart = np.linalg.norm(np.median(tips[a], axis=0) - np.median(tips[b], axis=0))
         both = np.concatenate([a, b])
         off[both] += 0.5 * (apart - bar.length) / np.sqrt(3.0) * np.where(off[both] < 0, -1.0, 1.0)
     median = _median(off)
-    travel = float(np.median(np.linalg.norm(point.prediction.tips - np.median(point.prediction.tips, axis=0), axis=1)))
+    travel = float(np.median(np.linalg.norm(tips - np.median(tips, axis=0), axis=1)))
     return median, median / max(travel, 1e-9)
+
+
+def _of_targets(problem: Problem) -> Problem:
+    """The problem with nothing unknown but where targets sit, and the frame."""
+    of_target = [(effect, own) for effect, own in problem.vector if isinstance(effect, StylusOffset)]
+    mine = np.concatenate([np.arange(0), *(np.r_[own] for _, own in of_target)])
+    return replace(
+        problem,
+        vector=replace(problem.vector, effects=tuple(effect for effect, _ in of_target)),
+        widths=problem.widths[mine],
+        stated=problem.stated[mine],
+        correlation=problem.correlation[np.ix_(mine, mine)],
+    )
 
 
 def _few(records: Measurements) -> Index:
@@ -240,12 +243,10 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     if records.known.any():
         yield from _of_frame(problem.external)
         for name, factor in UNITS.items():
-            yield _Mistake(f"the coordinates are in {name}, in columns of mm", "unit", scale=factor)
-        yield _Mistake("the coordinates are in mm, taken as metres", "unit", scale=MM)
+            yield _Mistake(f"the coordinates are in {name}", "unit", scale=factor)
     if records.bars():
         for name, factor in UNITS.items():
-            yield _Mistake(f"the lengths of the bars are in {name}, in a column of mm", "bars", bars=factor)
-        yield _Mistake("the lengths of the bars are in mm, taken as metres", "bars", bars=MM)
+            yield _Mistake(f"the lengths of the bars are in {name}", "bars", bars=factor)
 
 
 def _of_frame(external: bool) -> Iterator[_Mistake]:

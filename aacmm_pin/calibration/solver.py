@@ -40,6 +40,12 @@ SMALLEST_STEP = 1e-12
 """A trust region smaller than this part of the first step has no better point in it."""
 LEAST_KNOWN = 0.1
 """A direction about which data and stated uncertainties together say less than this, one over its width, is not known."""
+ROUNDING = 1e-12
+"""χ² is no more certain than this part of it."""
+SINGULAR = 1e-13
+"""Directions with smaller singular values, beside the largest, are rounding."""
+AT_ONCE = 4000
+"""Rows that are brought to a triangle at once: copies of all of them would take more memory than all the rest."""
 WILD = 2.0
 """Records this many standard deviations off have half weight in the robust search (Cauchy's weight function)."""
 MEDIAN = float(chi2_isf(0.5, 3))
@@ -70,6 +76,19 @@ class Spectrum:
     directions: Array
     along: Array
     assumed: Array
+
+    @staticmethod
+    def of(problem: Problem, system: System, x: Array) -> Spectrum:
+        """Of a system at ``x``, prior rows included."""
+        triangle = _triangle(problem, system, x)
+        p = problem.scales.size
+        u, values, vt = np.linalg.svd(triangle[:, :p], full_matrices=len(triangle) < p)
+        missing = p - values.size
+        if missing > 0:  # fewer rows than parameters: the rest of the directions is unknown
+            values, u = np.pad(values, (0, missing)), np.pad(u, ((0, 0), (0, missing)))
+        assumed = np.zeros(p)
+        assumed[: problem.stated.size] = ~problem.stated
+        return Spectrum(values, vt.T, u.T @ triangle[:, p], vt**2 @ assumed)
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -121,7 +140,7 @@ class Solution:
     @cached_property
     def spectrum(self) -> Spectrum:
         """Singular values of the system; not asked for where the search is only a start."""
-        return spectrum_of(self.problem, self.system, self.point.x)
+        return Spectrum.of(self.problem, self.system, self.point.x)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -160,55 +179,54 @@ def solve(
         robust: weigh records by how well they fit, anew in every step.
         roughly: the result is only a start for another search.
     """
-    return _Search(problem, noise, robust, LOOSELY_SETTLED if robust or roughly else SETTLED).run(start, weights)
+    return _Search(problem, noise, weights, robust, LOOSELY_SETTLED if robust or roughly else SETTLED).run(start)
 
 
 class _Search:
     """One search from one start."""
 
-    def __init__(self, problem: Problem, noise: NoiseModel, robust: bool, ends: float) -> None:
-        self.problem, self.noise = problem, noise
+    def __init__(self, problem: Problem, noise: NoiseModel, weights: Array, robust: bool, ends: float) -> None:
+        self.problem, self.noise, self.weights = problem, noise, weights
         self.robust, self.ends = robust, ends
         self.radius = np.inf
         self.answer: Array | None = None
         self.units = np.zeros(problem.scales.size)
 
-    def run(self, point: Point, weights: Array) -> Solution:
-        system = self.system(point, weights)
-        first = 0.0
+    def run(self, point: Point) -> Solution:
+        system, first, held_up = self.system(point), 0.0, f"{MOST_STEPS} steps were not enough"
         for count in range(1, MOST_STEPS + 1):
             if self.robust:
-                weights = _by_fit(system.distance)
-                system = self.system(point, weights)
-            point, system = self.seats_at_best(point, system, weights)
+                self.weights = _by_fit(system.distance)
+                system = self.system(point)
+            point, system = self.seats_at_best(point, system)
             step = _Step.of(self.problem, system, point.x, self.units)
             self.units = step.units
             delta, length, promised = step.within(self.radius)
             first = first or length
             trial = self.advanced(point, system, delta)
-            tried = None if trial is None else self.system(trial, weights)
-            gained = -np.inf if tried is None or trial is None else self.gained(point, system, trial, tried)
+            before, gained = _cost(self.problem, system, point.x), -np.inf
+            if trial is not None:
+                lower = before - _cost(self.problem, trial[1], trial[0].x)
+                gained = lower if np.isfinite(lower) else -np.inf
             share = gained / promised if promised > 0 else 0.0
             self.radius = length / 4 if not share > 0.25 else max(self.radius, 2 * length) if share > 0.75 else self.radius
-            if gained >= -ROUNDING * _cost(self.problem, system, point.x) and trial is not None and tried is not None:
-                point, system = trial, tried
+            if trial is not None and gained >= -ROUNDING * before:
+                point, system = trial
             if step.promise < self.ends or (step.promise < FLAT and gained < SETTLED):
-                return Solution(point, system, self.problem, self.noise, weights, count)
+                held_up = ""
+                break
             if self.radius < SMALLEST_STEP * first:
-                return Solution(point, system, self.problem, self.noise, weights, count, "no step lowers the residuals")
-            point, system = self.with_answer(point, system, weights, count, share)
-        return Solution(point, system, self.problem, self.noise, weights, MOST_STEPS, f"{MOST_STEPS} steps were not enough")
+                held_up = "no step lowers the residuals"
+                break
+            if count >= CREEPING and share < 0.75 and self.may_creep(point):
+                point, system = self.with_answer(point)
+        return Solution(point, system, self.problem, self.noise, self.weights, count, held_up)
 
-    def system(self, point: Point, weights: Array) -> System:
-        return assemble(point.prediction, self.noise, point.seats, weights)
+    def system(self, point: Point) -> System:
+        return assemble(point.prediction, self.noise, point.seats, self.weights)
 
-    def gained(self, point: Point, system: System, trial: Point, tried: System) -> float:
-        """By how much χ² falls; minus infinity where the trial has no χ²."""
-        lower = _cost(self.problem, system, point.x) - _cost(self.problem, tried, trial.x)
-        return lower if np.isfinite(lower) else -np.inf
-
-    def advanced(self, point: Point, system: System, step: Array) -> Point | None:
-        """The trial point; None where the arm cannot be evaluated there, such as one too soft to carry its weight."""
+    def advanced(self, point: Point, system: System, step: Array) -> tuple[Point, System] | None:
+        """The trial; None where the arm cannot be evaluated there, such as one too soft to carry its weight."""
         p = point.x.size
         frame = point.frame.moved(step[p:]) if self.problem.external else point.frame
         x = point.x + step[:p]
@@ -218,25 +236,31 @@ class _Search:
             return None
         if not np.isfinite(prediction.tips).all():
             return None
-        if self.answer is not None:
-            prediction = replace(prediction, jacobian=prediction.jacobian + self.answer)
-        return Point(x, frame, point.seats + system.seats(step), prediction)
+        trial = self.answered(Point(x, frame, point.seats + system.seats(step), prediction))
+        return trial, self.system(trial)
 
-    def with_answer(self, point: Point, system: System, weights: Array, count: int, share: float) -> tuple[Point, System]:
-        """The point with what its derivative leaves out, where a search creeps in an arm that bends."""
+    def answered(self, point: Point) -> Point:
+        """The point with what its derivative leaves out, once that is worked out."""
+        if self.answer is None:
+            return point
+        return replace(point, prediction=replace(point.prediction, jacobian=point.prediction.jacobian + self.answer))
+
+    def may_creep(self, point: Point) -> bool:
+        """Whether the derivative may be poor: the final search in an arm that bends."""
         final = not self.robust and self.ends == SETTLED
-        if count < CREEPING or share >= 0.75 or self.answer is not None or not final or not self.problem.bends(point.x):
-            return point, system
+        return self.answer is None and final and self.problem.bends(point.x)
+
+    def with_answer(self, point: Point) -> tuple[Point, System]:
+        """Work out what the derivative leaves out, and go on from the same point with it."""
         try:
             self.answer = self.problem.answer_of_bending(point.x, point.frame, point.prediction)
         except AacmmError:  # a neighbour of this point is too soft
             self.answer = np.zeros_like(point.prediction.jacobian)
         self.radius = np.inf
-        prediction = replace(point.prediction, jacobian=point.prediction.jacobian + self.answer)
-        point = replace(point, prediction=prediction)
-        return point, self.system(point, weights)
+        point = self.answered(point)
+        return point, self.system(point)
 
-    def seats_at_best(self, point: Point, system: System, weights: Array) -> tuple[Point, System]:
+    def seats_at_best(self, point: Point, system: System) -> tuple[Point, System]:
         """The ends of bars where they fit best, parameters as they are.
 
         A system's residual is as if the seats were there, which they are where nothing but coordinates is known of them;
@@ -250,7 +274,7 @@ class _Search:
                 break
             before = size
             point = replace(point, seats=point.seats + step)
-            system = self.system(point, weights)
+            system = self.system(point)
         return point, system
 
 
@@ -302,12 +326,6 @@ class _Step:
         return float(np.linalg.norm(part) - radius)
 
 
-ROUNDING = 1e-12
-"""χ² is no more certain than this part of it."""
-SINGULAR = 1e-13
-"""Directions with smaller singular values, beside the largest, are rounding."""
-
-
 def standing(problem: Problem, noise: NoiseModel, point: Point, weights: Array) -> Solution:
     """The system at a point, as if the search ended there."""
     return Solution(point, assemble(point.prediction, noise, point.seats, weights), problem, noise, weights, 0)
@@ -316,20 +334,6 @@ def standing(problem: Problem, noise: NoiseModel, point: Point, weights: Array) 
 def deviations(observations: Observations, point: Point) -> Array:
     """Tip minus target (n, 3) [m]; NaN where a record has none."""
     return point.prediction.tips - observations.targets(point.seats)
-
-
-def spectrum_of(problem: Problem, system: System, x: Array) -> Spectrum:
-    """Singular values of the scaled system, prior rows included."""
-    triangle = _triangle(problem, system, x)
-    p = problem.scales.size
-    u, values, vt = np.linalg.svd(triangle[:, :p], full_matrices=False)
-    missing = p - values.size
-    if missing > 0:  # fewer rows than parameters: the rest of the directions is unknown
-        _, _, vt = np.linalg.svd(triangle[:, :p], full_matrices=True)
-        values, u = np.pad(values, (0, missing)), np.pad(u, ((0, 0), (0, missing)))
-    assumed = np.zeros(p)
-    assumed[: problem.stated.size] = ~problem.stated
-    return Spectrum(values, vt.T, u.T @ triangle[:, p], vt**2 @ assumed)
 
 
 def _triangle(problem: Problem, system: System, x: Array) -> Array:
@@ -341,10 +345,6 @@ def _triangle(problem: Problem, system: System, x: Array) -> Array:
         measured = np.column_stack([system.jacobian[some] * problem.scales, system.residual[some]])
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, measured]), mode="r"))
     return triangle
-
-
-AT_ONCE = 4000
-"""Rows that are brought to a triangle at once: copies of all of them would take more memory than all the rest."""
 
 
 def _cost(problem: Problem, system: System, x: Array) -> float:

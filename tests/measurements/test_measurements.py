@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import pandas as pd
 import pytest
 
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError, ShapeError, UnknownNameError
+from aacmm_pin.errors import MeasurementFileError, OutputError, ShapeError, UnknownNameError
 from aacmm_pin.measurements.records import Bar, Measurements
 
 DEG = np.pi / 180
@@ -154,19 +153,14 @@ def test_bounds_belong_to_what_is_believed() -> None:
 # content, row, what the answer must name
 FILES: list[tuple[str | bytes, int | None, str]] = [
     (b"", None, "is empty"),
-    (b"\n \n", None, "is empty"),
     (SMALL.splitlines()[0], None, "no records"),
     (SMALL.replace("z_mm", "z_mm,größe").encode("latin-1"), 1, "not UTF-8 text (byte 39"),
     (SMALL.encode("utf-16-le"), None, "UTF-16"),
-    (SMALL.encode("utf-16"), 1, "not UTF-8"),
     (SMALL.replace("11,", '11,"'), 3, "quotes"),
-    (SMALL.replace("11,", '"11"x,'), 3, "quotes"),
     (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, "4 cells, expected 5"),
-    (SMALL.replace("10,20", "10,20,30"), 2, "6 cells, expected 5"),
     (SMALL + "12\n13,14\n", 4, "and 1 more: row 5"),
     (SMALL.replace("10,20", "10,5,20,5"), 2, "decimal points"),
     (SMALL.replace(",", ";"), 1, "semicolons"),
-    ("theta1_deg;theta2_deg\n1,5;1.234,5\n", 1, "semicolons"),
     ("# arm 7 on Tuesday\n" + SMALL, 1, "'# arm 7 on Tuesday'"),
     (SMALL.replace(",", "\t"), 1, "tabulators"),
 ]
@@ -188,31 +182,20 @@ def test_a_file_that_is_no_table(tmp_path: Path) -> None:
 HEADERS: list[tuple[str, int | None, str, str]] = [
     ("theta1_deg,,x", None, "", "column 2 of 3"),
     ("theta1_deg,seat,seat", None, "seat", "2 times"),
-    ("theta1_deg,theta1_deg", None, "theta1_deg", "2 times"),
-    ("theta1_deg,wind,wind", None, "wind", "2 times"),
     ("a,b,x_mm", None, "", "'a', 'b', 'x_mm'"),
-    ("10,20,1", None, "", "'10', '20', '1'"),
     ("theta1_deg,theta3_deg", None, "theta1_deg … theta3_deg", "theta2_deg is missing"),
     ("theta0_deg,theta1_deg", None, "theta0_deg … theta1_deg", "numbered 0, 1"),
-    ("theta2_rad", None, "theta2_rad", "theta1_rad is missing"),
     ("theta1_deg,theta2_rad,theta3_deg", None, "", "theta1_deg, theta3_deg in degrees beside theta2_rad in radians"),
     ("theta1_rad,theta2_rad,theta3_rad", 2, "theta1_rad … theta3_rad", "the arm has 2; expected theta1_rad … theta2_rad"),
-    ("theta1_deg", 6, "theta1_deg", "expected theta1_deg … theta6_deg"),
     ("theta1_deg,x_mm", None, "y_mm, z_mm", "expected all of x_mm, y_mm, z_mm"),
-    ("theta1_deg,z_mm,x_mm", None, "y_mm", "missing beside x_mm, z_mm"),
     ("theta1_deg,x_mm,y_mm,z_mm,u_x_mm,u_y_mm", None, "u_z_mm", "missing beside u_x_mm, u_y_mm"),
     ("theta1_deg,u_x_mm,u_y_mm,u_z_mm", None, "u_x_mm", "expected x_mm, y_mm, z_mm"),
     ("theta1_deg,seat,bar,bar_length_mm", None, "bar_end", "missing beside bar, bar_length_mm"),
-    ("theta1_deg,seat,bar,bar_end", None, "bar_length_mm", "missing beside bar, bar_end"),
-    ("theta1_deg,seat,bar", None, "bar_end, bar_length_mm", "missing beside bar"),
     ("theta1_deg,bar,bar_end,bar_length_mm", None, "seat", "missing beside bar"),
     ("theta1_deg,temperature_c,temperature1_c", None, "temperature_c", "beside temperature1_c"),
     ("theta1_deg,temperature1_c,temperature3_c", None, "temperature1_c … temperature3_c", "temperature2_c is missing"),
     ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
-    ("theta1_deg,approach2", None, "approach2", "approach1 is missing"),
     ("theta1_deg,theta2_deg,approach1", None, "approach1", "each of the 2 joints"),
-    ("theta1_deg,approach1,approach2", None, "approach1 … approach2", "each of the 1 joints"),
-    ("theta1_deg,torque3_nm", None, "torque3_nm", "torque1_nm is missing"),
     ("theta1_deg,theta2_deg,torque1_nm", None, "torque1_nm", "each of the 2 joints"),
 ]
 SLIPS = {
@@ -269,34 +252,19 @@ def test_a_slip_in_a_name_is_no_unknown_column(tmp_path: Path) -> None:
 # column, cell of row 3, what the answer must name
 CELLS: list[tuple[str, str, str]] = [
     ("theta2_deg", "", "is empty"),
-    ("theta2_deg", "  ", "is empty"),
-    ("theta1_deg", "nan", "'nan', expected a finite number"),
     ("theta1_deg", "-inf", "'-inf', expected a finite number"),
-    ("theta1_deg", "1.5°", "'1.5°'"),
     ("theta1_deg", "1_000", "'1_000'"),
     ("theta2_deg", '"1,5"', "decimal comma"),
-    ("x_mm", '"1.234,5"', "decimal comma"),
     ("x_mm", "NaN", "'NaN'"),
-    ("z_mm", "inf", "'inf'"),
     ("y_mm", "", "x_mm, y_mm, z_mm"),
-    ("u_z_mm", "", "u_x_mm, u_y_mm, u_z_mm"),
-    ("u_z_mm", "?", "'?'"),
     ("u_x_mm", "0", "is 0, expected a standard uncertainty above zero"),
-    ("u_y_mm", "-0.01", "is -0.01"),
-    ("time_s", "inf", "'inf'"),
     ("time_s", "", "is empty"),
     ("temperature_c", "293.15", "is 293.15 °C, expected -50 to 150"),
-    ("temperature_c", "-50.1", "is -50.1 °C"),
-    ("temperature_c", "", "is empty"),
     ("approach2", "2", "is 2, expected -1, 0 or 1"),
-    ("approach1", "0.5", "is 0.5"),
-    ("torque2_nm", "12 Nm", "'12 Nm'"),
     ("seat", "S9", "'S9'"),
     ("bar_end", "", "is '', expected A or B"),
-    ("bar_end", "a", "is 'a', expected A or B"),
     ("bar_length_mm", "", "of bar 'b'"),
     ("bar_length_mm", "0", "is 0, expected a length above zero"),
-    ("bar_length_mm", "-500", "is -500"),
     ("seat", "", "of bar 'b'"),
 ]
 GOOD = {f"{name}_mm": "0.1" for name in ("x", "y", "z", "u_x", "u_y", "u_z")} | {
@@ -371,11 +339,7 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
     with pytest.raises(MeasurementFileError) as caught:
         Measurements.from_frame(angles("deg", q))
     assert (caught.value.row, caught.value.column) == (None, "theta1_deg … theta6_deg")
-    assert "rename the columns to theta1_rad … theta6_rad" in str(caught.value)
     np.testing.assert_array_equal(Measurements.from_frame(angles("rad", q)).q, q)
-
-
-def test_degrees_that_are_degrees(rng: np.random.Generator) -> None:
     still = np.full((50, 6), 3.0)
     still[-1, 2] = 6.3  # one angle beyond 2π is enough
     for degrees in (rng.uniform(-3, 3, size=(4, 6)), still, rng.uniform(-1, 1, size=(50, 6)), np.zeros((9, 6))):
@@ -395,11 +359,15 @@ def test_radians_that_look_like_degrees() -> None:
 # --- mistakes: seats and bars
 
 
-def test_a_seat_with_one_record_may_have_a_reference_or_a_bar(tmp_path: Path) -> None:
+def test_what_seats_and_bars_may_be(tmp_path: Path) -> None:
     text = "theta1_deg,x_mm,y_mm,z_mm,seat\n1,1,2,3,one\n2,,,,two\n3,,,,two\n4,,,,\n"
     assert list(Measurements.read(write(tmp_path, text)).seats()) == ["one", "two"]
     text = "theta1_deg,seat,bar,bar_end,bar_length_mm\n1,one,b,A,5\n2,two,b,B,5\n"
     assert Measurements.read(write(tmp_path, text)).bars() == [Bar("b", "one", "two", 0.005)]
+    columns = AT_BAR | {"bar": ["b", "c", "b", "c"], "seat": ["p", "p", "q", "r"], "bar_end": ["A", "B", "B", "A"]}
+    measurements = Measurements.read(write(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | columns)))
+    assert measurements.bars() == [Bar("b", "p", "q", 0.5), Bar("c", "r", "p", 0.5)]
+    assert {seat: rows.tolist() for seat, rows in measurements.seats().items()} == {"p": [0, 1], "q": [2], "r": [3]}
 
 
 # columns of AT_BAR, row, column, what the answer must name
@@ -417,13 +385,6 @@ def test_a_bar_that_contradicts_itself(tmp_path: Path) -> None:
     for changes, row, column, word in BARS:
         error = error_of(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | AT_BAR | changes))
         assert (error.row, error.column, word in str(error)) == (row, column, True), str(error)
-
-
-def test_a_seat_may_be_an_end_of_several_bars(tmp_path: Path) -> None:
-    columns = AT_BAR | {"bar": ["b", "c", "b", "c"], "seat": ["p", "p", "q", "r"], "bar_end": ["A", "B", "B", "A"]}
-    measurements = Measurements.read(write(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | columns)))
-    assert measurements.bars() == [Bar("b", "p", "q", 0.5), Bar("c", "r", "p", 0.5)]
-    assert {seat: rows.tolist() for seat, rows in measurements.seats().items()} == {"p": [0, 1], "q": [2], "r": [3]}
 
 
 # --- from arrays
@@ -446,17 +407,13 @@ def test_of_arrays(rng: np.random.Generator) -> None:
 ONE = [[1.0, 2.0]]
 ARRAYS: list[tuple[dict[str, object], str]] = [
     ({"q": [1.0, 2.0]}, r"q has shape \(2,\).*pass q\[None, :\]"),
-    ({"q": 1.0}, r"q has shape \(\)"),
     ({"q": [[1.0, 2.0], [1.0]]}, "q is not an array of numbers|q has shape"),
     ({"q": [[1.0, np.nan]]}, r"q\[0, 1\] is nan, expected a finite number"),
-    ({"q": [["1", "2"]]}, "q is not an array of numbers"),
     ({"q": ONE, "reference": [[1.0, 2.0]]}, r"reference has shape \(1, 2\), expected \(n, 3\)"),
-    ({"q": ONE, "reference": [1.0, 2.0, 3.0]}, r"pass reference\[None, :\]"),
     ({"q": ONE, "reference": np.ones((2, 3))}, "reference has 2 rows, expected 1"),
     ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN for all"),
     ({"q": ONE, "reference": [[1.0, np.inf, 3.0]]}, r"reference\[0, 1\] is inf"),
     ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
-    ({"q": ONE, "reference": [["1", "2", "3"]]}, "reference is not an array of numbers"),
     ({"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1, 0, 1]]}, "reference_u .* not above zero"),
     ({"q": ONE, "operator": ["a", "b"]}, r"operator has shape \(2,\), expected \(1,\)"),
     ({"q": ONE, "record": [3]}, r"record\[0\] is 3, expected text"),
@@ -567,12 +524,10 @@ def test_there_and_back(tmp_path: Path, seed: int) -> None:
     assert_same(Measurements.from_frame(radians.iloc[rows]), measurements.take(rows))
 
 
-def test_there_and_back_of_every_column(full: Measurements, tmp_path: Path) -> None:
+def test_units_and_order_of_columns(full: Measurements) -> None:
     with pytest.raises(UnknownNameError, match="'gon'; known: deg, rad"):
         full.to_frame("gon")  # type: ignore[arg-type]
     assert list(full.to_frame().columns) == FULL.splitlines()[0].split(",")
-    full.save(tmp_path / "again.csv")
-    assert_same(Measurements.read(tmp_path / "again.csv"), full)
 
 
 def test_a_saved_file_is_what_another_reader_expects(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -649,40 +604,3 @@ def test_summary(full: Measurements) -> None:
     assert wanted.items() <= shown.items()
     assert "humidity, comment" in shown["unknown columns"]
     assert "4 records of 2 joints, 2 with reference, 2 seats, 1 bars" in str(full)
-
-
-def test_html_shows_labels_as_they_are() -> None:
-    measurements = Measurements.of(
-        [[1.0]],
-        conditions=Conditions(1, marker=np.array(["<b>"], dtype=object)),
-        extra=pd.DataFrame({"<i>": [1]}),
-        source="<u>",
-    )
-    page = measurements._repr_html_()
-    assert not {"<b>", "<i>", "<u>"} & {page[i : i + 3] for i in range(len(page))}
-    assert "&lt;b&gt;" in page
-
-
-# --- real files
-
-
-@pytest.fixture
-def real_files() -> list[Path]:
-    folder = os.environ.get("AACMM_PIN_REAL_DATA")
-    if not folder:
-        pytest.skip("AACMM_PIN_REAL_DATA does not name a folder with real measurements")
-    files = sorted(Path(folder).glob("*/measurements.csv"))
-    assert files
-    return files
-
-
-def test_real_files_load(real_files: list[Path], tmp_path: Path) -> None:
-    for file in real_files:
-        measurements = Measurements.read(file)
-        assert measurements.n == len(pd.read_csv(file)) > 100
-        assert measurements.known.any() or measurements.bars()
-        assert not len(measurements.extra.columns)
-        measurements.save(tmp_path / "copy.csv", force=True)
-        assert_same(Measurements.read(tmp_path / "copy.csv", measurements.nq), measurements)
-        with pytest.raises(AacmmError, match=f"angles of {measurements.nq} joints, but the arm has 5"):
-            Measurements.read(file, nq=5)

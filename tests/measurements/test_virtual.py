@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,6 @@ from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.plans import Pool
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.postures.sampling import posture_features, spread_out
 
 PLANS: list[dict[str, Any]] = [
     {"plan": "free"},
@@ -188,22 +186,6 @@ def test_a_stretched_arm_touches_nothing(tmp_path: Path) -> None:
     assert [len(q) for q in pool.touched(points, 2)] == [2, 0]
 
 
-def test_how_postures_are_told_apart(sino6: Arm) -> None:
-    q = np.array([[1.0, -1.0, 2.0, -2.0, 0.5, 0.5]])
-    turned, small, mirrored = (
-        posture_features(sino6, q + step) for step in (2 * np.pi, [1e-4, 0, 0, 0, 0, 0], [0, 0, 0, 0, -1, 0])
-    )
-    here = posture_features(sino6, q)
-    np.testing.assert_allclose(turned, here, atol=1e-12)
-    assert np.linalg.norm(small - here) == pytest.approx(1e-4)
-    assert np.linalg.norm(mirrored - here) == pytest.approx(2 * np.sin(0.5))
-    line = np.array([[0.0], [1.0], [1.0], [4.0], [2.5]])
-    assert spread_out(line, 3, 0.0).tolist() == [0, 3, 4]
-    assert spread_out(line, 9, 0.0).tolist() == [0, 3, 4, 1]  # row 2 is row 1 again
-    assert spread_out(line, 9, 1.2).tolist() == [0, 3, 4]
-    assert spread_out(np.empty((0, 2)), 3, 0.0).tolist() == []
-
-
 def test_postures_go_all_round_the_point(sino6: Arm) -> None:
     """Whatever posture another solver finds at the point, one like it is there: 300 in three dimensions of freedom."""
     assert sino6.dh is not None
@@ -251,12 +233,10 @@ def test_joints_may_slide_or_turn_without_end(tmp_path: Path) -> None:
 
 def test_encoder_noise(sino6: Arm) -> None:
     u = np.array([5e-6, 1e-5, 0.0, 2e-5, 8e-6, 4e-5])
-    exact = simulated(sino6, plan="seats", noise=quiet())
-    noisy = simulated(sino6, plan="seats", noise=Noise.of(6, encoder=u, reference=0.0))
+    exact, noisy = (simulated(sino6, plan="seats", noise=quiet(encoder=e)) for e in (0.0, u))  # type: ignore[arg-type]
     off, some = noisy.q - exact.q, u > 0
     assert consistent(off[:, some] / u[some])
     assert (off[:, ~some] == 0).all()
-    assert np.abs(np.corrcoef(off[:, some].T) - np.eye(5)).max() < 0.25
 
 
 def test_encoder_noise_reaches_the_tip(arm: Arm) -> None:
@@ -345,6 +325,10 @@ def test_conditions_are_those_of_a_workshop(sino6: Arm) -> None:
     assert known.session is not None
     assert list(dict.fromkeys(known.session)) == ["1", "2", "3"]
     assert all(set(known.seat[known.session == s]) == {f"S{k}" for k in range(1, 11)} for s in "123")  # type: ignore[index]
+    one = simulated(sino6, plan="seats", records=150).conditions
+    assert one.session is None
+    assert one.seat is not None
+    assert (one.seat[1:] != one.seat[:-1]).sum() == 9  # each seat in one visit
 
 
 def test_joints_come_from_where_they_were(sino6: Arm) -> None:
@@ -352,13 +336,6 @@ def test_joints_come_from_where_they_were(sino6: Arm) -> None:
     assert measurements.conditions.approach is not None
     same = np.sign(np.diff(measurements.q, axis=0)) == measurements.conditions.approach[1:]
     assert same.mean() == pytest.approx(1 - workshop.OVERSHOOT, abs=0.02)
-
-
-def test_a_seat_is_touched_in_one_visit_a_session(sino6: Arm) -> None:
-    known = simulated(sino6, plan="seats", records=150).conditions
-    assert known.seat is not None
-    assert known.session is None
-    assert (known.seat[1:] != known.seat[:-1]).sum() == 9
 
 
 def test_temperature_stays_in_its_range(zero6: Arm) -> None:
@@ -393,32 +370,22 @@ def test_the_seed_is_told_as_far_as_it_can_be(sino6: Arm) -> None:
     assert source(np.random.Generator(legacy)).endswith("seed unknown")
 
 
-def test_seats_are_quick(warped: ErrorModel) -> None:
-    model = warped.with_effects(JointCompliance(joint=2, values=(2e-5,)))
-    start = time.process_time()  # other work on the machine does not count
-    simulated(model, plan="seats")
-    assert time.process_time() - start < 3.0
-
-
 # --- what cannot be done
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"plan": "seat"}, "unknown plan 'seat'; known: free, seats, ball-bar, single-point"),
     ({"plan": "free", "records": 0}, "records is 0, expected at least 1$"),
-    ({"plan": "seats", "records": 9}, "records is 9, expected at least 10"),
     ({"plan": "seats", "records": 19, "known": False}, "records is 19, expected at least 20"),
     ({"plan": "single-point", "records": 1}, "records is 1, expected at least 2"),
     ({"plan": "seats", "seats": 0}, "seats is 0, expected at least 1"),
     ({"plan": "ball-bar", "seats": 5, "bar_length": 0.4}, "seats is 5, expected an even number"),
     ({"plan": "ball-bar"}, "bar_length was not given"),
     ({"plan": "seats", "bar_length": 0.4}, "bar_length is 0.4 m for plan 'seats', expected none"),
-    ({"plan": "ball-bar", "bar_length": 0.01}, "bar_length is 0.01 m, expected at least 0.05 m"),
     ({"plan": "ball-bar", "bar_length": float("nan")}, "bar_length is nan m"),
     ({"plan": "ball-bar", "bar_length": 5.0}, "SINO6: 0 of 5 bars of 5000 mm"),
     ({"plan": "free", "above": float("inf")}, "above is inf m, expected a height"),
     ({"plan": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm or more"),
-    ({"plan": "seats", "above": 2.0}, "SINO6: 0 of 400000 random postures"),
     ({"plan": "free", "temperature_range": -1.0}, "temperature_range is -1 K"),
     ({"plan": "free", "noise": Noise.of(5)}, "noise is of 5 encoders, expected 6 for SINO6"),
 ]
@@ -446,26 +413,20 @@ def test_an_effect_too_large_for_the_limits(sino6: Arm) -> None:
         simulated(model, plan="seats")
 
 
-def test_two_joints_in_a_plane_have_two_postures(tmp_path: Path) -> None:
+def test_arms_of_two_joints(tmp_path: Path) -> None:
+    """With two postures at each point, without room for seats, and with a slide whose end nobody states."""
     arm = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
-    said = "0 of 2 seats found that can be touched in 10 different postures inside the limits, of 8 tried; the others in 2"
-    with pytest.raises(AacmmError, match=said):
+    with pytest.raises(AacmmError, match=r"0 of 2 seats found that can be touched in 10 .*, of 8 tried; the others in 2"):
         simulated(arm, plan="seats", records=20, seats=2)
     measurements = simulated(arm, plan="seats", records=4, seats=2, noise=quiet(2))
     np.testing.assert_allclose(tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0)
-
-
-def test_more_seats_than_there_is_room_for(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip")
-    with pytest.raises(AacmmError, match=r"made: room for [23] seats 50 mm or more apart, expected 10; ask for fewer"):
-        simulated(arm, plan="seats")
-
-
-def test_a_slide_without_end(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(written(tmp_path, ("prismatic", "1 0 0", 0.0, 1.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
-    arm.limits[0] = (0.0, np.inf)
-    with pytest.raises(UnsupportedArmError, match="joint 1 slides without limits; drawing postures needs them"):
-        simulated(arm, plan="free")
+    stiff = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip")
+    with pytest.raises(AacmmError, match=r"room for [23] seats 50 mm or more apart, expected 10"):
+        simulated(stiff, plan="seats")
+    slide = Arm.from_urdf(written(tmp_path, ("prismatic", "1 0 0", 0.0, 1.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
+    slide.limits[0] = (0.0, np.inf)
+    with pytest.raises(UnsupportedArmError, match="joint 1 slides without limits"):
+        simulated(slide, plan="free")
 
 
 def written(folder: Path, *joints: tuple[str, str, float, float]) -> Path:
