@@ -18,7 +18,6 @@ from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH
 from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
-from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.effects import Effect
@@ -85,40 +84,21 @@ def calibrate(
         prior = chosen != ["zero-offsets"]
     setup = Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise)
     problem = problem_of(model, measurements, chosen, setup)
-    require_scale(problem)
+    if of_arm := lengths_untold(problem):
+        raise AacmmError(
+            f"{measurements.source} has seats without coordinates and no bar between them, which tell nothing of the arm's "
+            f"size: {', '.join(of_arm[:4])} … cannot be found; add a bar of known length or coordinates, state the arm's "
+            "uncertainties, or estimate zero-offsets"
+        )
     after = first_fit(problem, robust=robust)
-    _require_noise(after)
-    found = Calibration(after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated))
-    held = left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
-    return replace(found, held_out=tuple(held))
-
-
-def _require_noise(after: Fit) -> None:
-    """Refuse a fit without redundancy whose noise is not stated.
-
-    Raises:
-        AacmmError: there are too few records.
-    """
     if not after.tells_noise:
         raise AacmmError(
             f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for {after.problem.scales.size} "
             "parameters and the seats' own; state the noise, measure more, or estimate less"
         )
-
-
-def require_scale(problem: Problem) -> None:
-    """Refuse records that tell nothing of the arm's size: the smallest arm would scatter least about its seats.
-
-    Raises:
-        AacmmError: no coordinates, no lengths between seats, and lengths of the arm that nobody stated are to be estimated.
-    """
-    records, of_arm = problem.measurements, lengths_untold(problem)
-    if of_arm:
-        raise AacmmError(
-            f"{records.source} has seats without coordinates and no bar between them, which tell nothing of the arm's size: "
-            f"{', '.join(of_arm[:4])} … cannot be found; add a bar of known length or coordinates, state the arm's "
-            "uncertainties, or estimate zero-offsets"
-        )
+    found = Calibration(after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated))
+    held = left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
+    return replace(found, held_out=tuple(held))
 
 
 def notes_of(after: Fit) -> list[str]:

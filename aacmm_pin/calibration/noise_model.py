@@ -84,25 +84,23 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
             stated [m].
     """
     known, contact = measurements.known, setup.probe_noise or 0.0
-    u = _reference_u(measurements, setup, scatter)
     seat, labels = _numbered(measurements)
-    at = _Seats.of(measurements, setup, u, seat, len(labels))
+    at, at_u, mixed = _of_seats(measurements, setup, _reference_u(measurements, setup, scatter), seat, len(labels))
     # A seat whose records state coordinates of their own is none.
-    kept = ~at.known | at.common
-    number = np.where(kept, np.cumsum(kept) - 1, -1)
+    number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
     seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
     alone = known & (seat < 0)
     # What is not stated is in the covariance of the tips already.
     own = np.where(alone[:, None], np.hypot(_reference_u(measurements, setup, 0.0), contact), contact)
-    chosen = [label for label, keeps in zip(labels, kept, strict=True) if keeps]
+    chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
     ends, length = _bars(measurements, {label: k for k, label in enumerate(chosen)})
     return Observations(
         reference=np.where(alone[:, None], measurements.reference, np.nan),
         seat=seat.astype(np.intp),
         covariance=own[:, :, None] ** 2 * np.eye(3),
         labels=tuple(chosen),
-        stated=at.reference[kept],
-        stated_u=at.u[kept],
+        stated=at[~mixed],
+        stated_u=at_u[~mixed],
         ends=ends,
         length=length,
         length_u=np.full(len(length), max(LENGTH if setup.length_noise is None else setup.length_noise, LEAST)),
@@ -124,37 +122,24 @@ def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
     return np.asarray(numbers, dtype=np.intp), [str(label) for label in found]
 
 
-@dataclass(frozen=True, eq=False)
-class _Seats:
-    """What the records of each seat state: whether any states coordinates (s,), whether these are the same (s,), their mean
-    (s, 3) [m], and its standard uncertainty (s, 3) [m].
-    """
+def _of_seats(
+    measurements: Measurements, setup: Setup, u: Array, seat: Index, count: int
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Coordinates that the records of each seat state and their u (s, 3) [m], NaN where none; where they differ (s,)."""
+    stating = measurements.known & (seat >= 0)
+    if not stating.any():
+        return np.full((count, 3), np.nan), np.full((count, 3), np.nan), np.zeros(count, dtype=bool)
 
-    known: NDArray[np.bool_]
-    common: NDArray[np.bool_]
-    reference: Array
-    u: Array
+    def of_each(values: Array, what: str) -> Array:
+        grouped = pd.DataFrame(values[stating]).groupby(seat[stating]).agg(what)
+        return grouped.reindex(range(count)).to_numpy(dtype=np.float64)
 
-    @staticmethod
-    def of(measurements: Measurements, setup: Setup, u: Array, seat: Index, count: int) -> _Seats:
-        stating = measurements.known & (seat >= 0)
-
-        def of_each(values: Array, what: str) -> Array:
-            """Statistic of the records of each seat that state coordinates (s, 3); NaN where none does."""
-            if not stating.any():
-                return np.full((count, 3), np.nan)
-            grouped = pd.DataFrame(values[stating]).groupby(seat[stating]).agg(what)
-            return grouped.reindex(range(count)).to_numpy(dtype=np.float64)
-
-        mean, spread = (of_each(measurements.reference, what) for what in ("mean", "max"))
-        spread = spread - of_each(measurements.reference, "min")
-        least = of_each(np.where(np.isfinite(measurements.reference_u), measurements.reference_u, np.inf), "min").min(axis=1)
-        least = np.where(np.isfinite(least), least, setup.reference_noise or 0.0)
-        known = np.asarray(np.isfinite(mean).all(axis=1))
-        same = np.maximum(SAME, least / 3)
-        common = np.asarray(known & (np.nan_to_num(spread, nan=np.inf).max(axis=1, initial=0.0) <= same))
-        stated = common[:, None]
-        return _Seats(known, common, np.where(stated, mean, np.nan), np.where(stated, of_each(u, "max"), np.nan))
+    mean, high, low = (of_each(measurements.reference, what) for what in ("mean", "max", "min"))
+    least = of_each(np.where(np.isfinite(measurements.reference_u), measurements.reference_u, np.inf), "min").min(axis=1)
+    least = np.where(np.isfinite(least), least, setup.reference_noise or 0.0)
+    mixed = np.asarray((high - low).max(axis=1) > np.maximum(SAME, least / 3))
+    stated = np.where(mixed, np.nan, 1.0)[:, None]
+    return mean * stated, of_each(u, "max") * stated, mixed
 
 
 def _bars(measurements: Measurements, number: dict[str, int]) -> tuple[Index, Array]:

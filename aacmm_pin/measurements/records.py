@@ -263,45 +263,12 @@ class Measurements(Shown):
         with whole_file(path, force) as temporary:
             table.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8", quoting=quoting, compression=None)
 
-    def summary(self) -> pd.DataFrame:
-        """What there is, as text for people: ``what`` and ``value``."""
-        table = self.to_frame()
-        seats, bars = self.seats(), self.bars()
-        per_seat = np.array([len(rows) for rows in seats.values()])
-        lengths = np.array([bar.length for bar in bars]) / MM
-        shown = {
-            "records": str(self.n),
-            "joints": str(self.nq),
-            "with reference": str(self.known.sum()),
-            "seats": f"{len(seats)}, records of each: {_range(per_seat)}" if seats else "none",
-            "bars": f"{len(bars)}, mm: {_range(lengths)}" if bars else "none",
-        }
-        for name in table.columns.drop(["seat", *names.BAR, *self.extra.columns], errors="ignore"):
-            values = table[name].to_numpy()
-            shown[name] = _distinct(values) if name in names.LABELS else _range(values)
-        if len(self.extra.columns):
-            shown["unknown columns"] = f"{', '.join(self.extra.columns)} (kept; candidates for 'depends on')"
-        return pd.DataFrame({"what": list(shown), "value": list(shown.values())})
-
     def __str__(self) -> str:
         unknown = f", unknown columns {', '.join(self.extra.columns)}" if len(self.extra.columns) else ""
         return (
             f"{self.source}: {self.n} records of {self.nq} joints, {self.known.sum()} with reference, "
             f"{len(self.seats())} seats, {len(self.bars())} bars{unknown}"
         )
-
-
-def _range(values: NDArray[Any]) -> str:
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return "none"
-    low, high = values.min(), values.max()
-    return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
-
-
-def _distinct(labels: NDArray[Any], most: int = 6) -> str:
-    found = [label for label in dict.fromkeys(labels) if label]
-    return f"{len(found)} ({', '.join(found[:most])}{', …' * (len(found) > most)})" if found else "none"
 
 
 # --- from a table

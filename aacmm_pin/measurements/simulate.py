@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -79,15 +79,16 @@ def simulate_measurements(
         if plan == "seats" and known and effect.corrects_seat and effect.place not in _seat_labels(seats):
             raise UnknownNameError(f"seat of {effect.cause}", str(effect.place), _seat_labels(seats))
     used, assumed = _noise(model.arm, noise)
-    source = f"simulated, {model.arm.name}, plan {plan}, {_seed(rng)}{assumed}"
+    seed = seed_of(rng)
+    source = f"simulated, {model.arm.name}, plan {plan}, seed {'unknown' if seed is None else seed}{assumed}"
     shop = _Workshop(model, used, temperature_range, rng, source)
     if plan == "free":
         return shop.free(Room(model.arm, above).postures(records, rng)[0])
     counts = np.bincount(np.arange(records) % points)
-    pool = Pool.draw(model, above, int(counts.max()), rng)
-    if bar_length is not None:
-        return shop.bars(bars_for(pool, points // 2, bar_length, int(counts.max()), rng), counts, bar_length)
-    return shop.seats(seats_for(pool, points, int(counts.max()), rng), counts, stated)
+    each = int(counts.max())
+    pool = Pool.draw(model, above, each, rng)
+    places = bars_for(pool, points // 2, bar_length, each, rng) if bar_length else seats_for(pool, points, each, rng)
+    return shop.touched(places, counts, stated, bar_length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,31 +108,16 @@ class _Workshop:
         stated = tips + self._normal(self.noise.probe, tips) + self._normal(self.noise.reference, tips)
         return self._recorded(q, conditions, stated)
 
-    def seats(self, places: list[Place], counts: Index, stated: bool) -> Measurements:
-        """Records at seats, ``counts`` (k,) at each."""
-        labels = np.array(_seat_labels(len(places)), dtype=object)
-        q, conditions, _, reference = self._touched(places, counts, labels, stated)
-        return self._recorded(q, conditions, reference)
-
-    def bars(self, places: list[Place], counts: Index, length: float) -> Measurements:
-        """Records at both ends of bars."""
-        names = [f"B{k}" for k in range(1, len(places) + 1)]
-        labels = np.array([name + end for name in names for end in "AB"], dtype=object)
-        q, conditions, point, _ = self._touched(places, counts, labels, stated=False)
-        lengths = length + self._normal(self.noise.reference, np.empty(len(names)))
-        bar, end = np.array(names, dtype=object)[point // 2], np.array(["A", "B"], dtype=object)[point % 2]
-        return self._recorded(q, conditions, None, bar, end, lengths[point // 2])
-
-    def _touched(
-        self, places: list[Place], counts: Index, labels: Labels, stated: bool
-    ) -> tuple[Array, Conditions, Index, Array | None]:
-        """Exact indications (n, nq), conditions, number of the point touched (n,) and stated coordinates (n, 3)."""
+    def touched(self, places: list[Place], counts: Index, stated: bool, length: float | None) -> Measurements:
+        """Records at seats, with ``stated`` coordinates or without, or at both ends of bars; ``counts`` (k,) at each."""
         points = np.concatenate([place.points for place in places])
+        ends = [f"B{k}{end}" for k in range(1, len(places) + 1) for end in "AB"]
+        names = _seat_labels(len(points)) if length is None else ends
         postures = [q for place in places for q in place.postures]
         session = sessions(int(counts.sum()))
         point, posture = visits(counts, session, self.rng)
         q = np.stack([postures[k][j] for k, j in zip(point, posture, strict=True)])
-        conditions = self._conditions(session, q, labels[point])
+        conditions = self._conditions(session, q, np.array(names, dtype=object)[point])
         q = self._exactly(q, points[point], conditions)
         reference = None
         if stated:
@@ -140,7 +126,12 @@ class _Workshop:
             reference = (seats + self._normal(self.noise.reference, seats))[point]
         if self.noise.probe > 0:
             q = self._exactly(q, points[point] + self._normal(self.noise.probe, points[point]), conditions)
-        return q, conditions, point, reference
+        bars: dict[str, Any] = {}
+        if length is not None:
+            lengths = length + self._normal(self.noise.reference, np.empty(len(places)))
+            bars = {"bar": [f"B{k // 2 + 1}" for k in point], "bar_end": ["AB"[k % 2] for k in point]}
+            bars["bar_length"] = lengths[point // 2]
+        return self._recorded(q, conditions, reference, **bars)
 
     def _exactly(self, q: Array, target: Array, conditions: Conditions) -> Array:
         """Postures near ``q`` in which the tip, with every error, is at ``target`` (n, 3) [m].
@@ -171,15 +162,7 @@ class _Workshop:
     def _normal(self, u: float, like: Array) -> Array:
         return np.asarray(u * self.rng.normal(size=like.shape))
 
-    def _recorded(
-        self,
-        q: Array,
-        conditions: Conditions,
-        reference: Array | None,
-        bar: Labels | None = None,
-        bar_end: Labels | None = None,
-        bar_length: Array | None = None,
-    ) -> Measurements:
+    def _recorded(self, q: Array, conditions: Conditions, reference: Array | None, **bars: Any) -> Measurements:
         """The records, with noisy readings; exact references state no uncertainty."""
         u = self.noise.reference
         return Measurements.of(
@@ -187,11 +170,9 @@ class _Workshop:
             reference,
             np.full((len(q), 3), u) if reference is not None and u > 0 else None,
             conditions,
-            bar=bar,
-            bar_end=bar_end,
-            bar_length=bar_length,
             record=np.array([str(k) for k in range(1, len(q) + 1)], dtype=object),
             source=self.source,
+            **bars,
         )
 
 
@@ -235,12 +216,10 @@ def _noise(arm: Arm, noise: Noise | None) -> tuple[Noise, str]:
     return noise, ""
 
 
-def _seed(rng: np.random.Generator) -> str:
-    """The seed of a generator, as far as it can be told."""
+def seed_of(rng: np.random.Generator) -> int | None:
+    """The seed of a generator that nothing was drawn from yet; None where it does not say."""
     bits = rng.bit_generator
     seed = getattr(bits, "seed_seq", None)
-    if not isinstance(seed, np.random.SeedSequence):
-        return "seed unknown"
-    fresh = repr(type(bits)(seed).state) == repr(bits.state)
-    spawned = f" spawn {seed.spawn_key}" if seed.spawn_key else ""
-    return f"seed {seed.entropy}{spawned}" + ("" if fresh else " (not fresh: numbers were drawn before)")
+    if not isinstance(seed, np.random.SeedSequence) or seed.spawn_key or not isinstance(seed.entropy, int):
+        return None
+    return seed.entropy if repr(type(bits)(seed).state) == repr(bits.state) else None

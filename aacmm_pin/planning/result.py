@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
@@ -185,10 +184,3 @@ def _power(power: Power | None) -> dict[str, Any] | None:
     if power is None:
         return None
     return {"T": [power.one, power.other], "alone": list(power.alone), "probability": power.probability}
-
-
-def seed_of(rng: np.random.Generator) -> int | None:
-    """The seed of a generator, where it says."""
-    sequence = getattr(rng.bit_generator, "seed_seq", None)
-    entropy = getattr(sequence, "entropy", None)
-    return entropy if isinstance(entropy, int) else None
