@@ -12,8 +12,8 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
-from aacmm_pin.calibration.duplicate_records import counted_once
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH
@@ -99,6 +99,29 @@ def calibrate(
     found = Calibration(after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated))
     held = left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
     return replace(found, held_out=tuple(held))
+
+
+def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
+    """The records without copies of others, and words for which these were and for postures that are too few.
+
+    See :meth:`Measurements.copies`; ``row`` still has the line of each record in the file.
+    """
+    of = measurements.copies()
+    copies = np.flatnonzero(of != np.arange(measurements.n))
+    kept = measurements.take(np.unique(of))
+    notes = []
+    if copies.size:
+        row = measurements.row[copies]
+        runs = np.split(row, np.flatnonzero(np.diff(row) != 1) + 1)
+        listed = ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+        notes.append(f"{copies.size} records are copies of others and count once: rows {listed}")
+    if not enough_postures(kept):
+        count = np.unique(kept.postures).size
+        notes.append(
+            f"only {count} posture{'s' * (count != 1)} in {kept.n} record{'s' * (kept.n != 1)}: nothing can be said of what "
+            "depends on posture, and no held-out validation is possible"
+        )
+    return kept, notes
 
 
 def notes_of(after: Fit) -> list[str]:

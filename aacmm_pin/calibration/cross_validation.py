@@ -135,35 +135,26 @@ def enough_postures(records: Measurements, used: Mask | slice = slice(None)) -> 
 def left_out_in_turn(
     part: Index, used: Mask, predict: Callable[[int, Mask], Sequence[Array]], what: str, progress: Progress
 ) -> Array:
-    """Distances of the records, each part predicted by the others (models, n) [m]; NaN where there is none.
+    """Distances of the ``used`` records, each ``part`` predicted by the others (models, n) [m]; NaN where there is none.
 
-    Args:
-        part: number of the part of each record (n,).
-        used: records that count (n,).
-        predict: distances by each model of the records of a part, from its number and these records (n,).
-        what: is left out, for the progress bar.
-        progress: whether to show a bar, or a function that wraps the parts.
+    ``predict`` gives the distances of a part by each model, from its number and its records (n,).
     """
-    found: Array | None = None
+    found: list[tuple[Mask, Sequence[Array]]] = []
     with watched(np.unique(part[used]).tolist(), progress, f"held-out {what}", "part") as numbers:
         for number in numbers:
             out = used & (part == number)
-            each = predict(number, out)
-            found = np.full((len(each), part.size), np.nan) if found is None else found
-            found[:, out] = each
-    assert found is not None
-    return found
+            found.append((out, predict(number, out)))
+    distance = np.full((len(found[0][1]), part.size), np.nan)
+    for out, each in found:
+        distance[:, out] = each
+    return distance
 
 
 def distances(records: Measurements, tips: Array, seats: Mapping[str, Array] | None = None) -> Array:
     """Distance of predicted tips (n, 3) from the reference, else from the seat where it is known, else from the mean there.
 
     The mean is of these records themselves, so their spread about it is widened by √(m/(m-1)); NaN for a single record.
-
-    Args:
-        records: what was measured.
-        tips: predicted (n, 3) [m].
-        seats: places of the seats that other records know (3,) [m].
+    ``seats`` are places that other records know (3,) [m].
     """
     distance = np.linalg.norm(tips - records.reference, axis=1)
     for label, members in records.seats().items():
@@ -177,15 +168,10 @@ def distances(records: Measurements, tips: Array, seats: Mapping[str, Array] | N
 
 
 def held_out(before: Fit, after: Fit, rng: np.random.Generator, progress: Progress = None) -> list[HeldOut]:
-    """Leave out postures at random, then by natural groups of records; excluded records are neither used nor predicted.
+    """Leave out postures at random, then natural groups, and predict them by the set-up alone and by everything.
 
-    Where there are fewer than three postures nothing is left out: the others would say nothing of them.
-
-    Args:
-        before: fit of the set-up alone.
-        after: fit of everything.
-        rng: for the choice of parts.
-        progress: whether to show a bar, or a function that wraps the parts.
+    Excluded records are neither used nor predicted. Where there are fewer than three postures nothing is left out: the
+    others would say nothing of them.
     """
     records, used = after.problem.measurements, after.used
     if not enough_postures(records, used):

@@ -65,28 +65,20 @@ class Columns:
         state = State(arm, q, conditions, arm.chain.tip)
         vector = ParameterVector(arm, tuple(effects))
         varying: list[_Varying] = []
-        places: list[int] = []
-        twists: list[Array] = [np.empty((0, 6))]
-        which: list[int] = []
-        of_reference: list[bool] = []
+        constant: list[tuple[int, Array, int, bool]] = []
         for effect, own in vector:
-            if effect.elastic:
-                continue
             straight = type(effect).exact is Effect.exact
-            for d in effect.displacements(state):
+            for d in () if effect.elastic else effect.displacements(state):
                 if len(d.columns) == 1 and straight:
-                    count = d.columns.shape[2]
-                    places += [d.place] * count
-                    twists.append(d.columns[0].T)
-                    which += range(own.start, own.stop)
-                    of_reference += [effect.of_reference] * count
+                    numbers = range(own.start, own.stop)
+                    constant += [(d.place, t, k, effect.of_reference) for t, k in zip(d.columns[0].T, numbers, strict=True)]
                 else:
                     varying.append(_Varying(d, own, effect.of_reference, straight))
         same = _Same(
-            np.array(places, dtype=np.intp),
-            np.vstack(twists),
-            np.array(which, dtype=np.intp),
-            np.array(of_reference, dtype=bool),
+            np.array([place for place, *_ in constant], dtype=np.intp),
+            np.array([twist for _, twist, *_ in constant]).reshape(-1, 6),
+            np.array([number for *_, number, _ in constant], dtype=np.intp),
+            np.array([of_reference for *_, of_reference in constant], dtype=bool),
         )
         return Columns(state, vector, same, tuple(varying))
 

@@ -53,12 +53,9 @@ class Setup:
     held: Effect | None = None
 
     def __post_init__(self) -> None:
-        for what, value, known in (
-            ("reference frame", self.reference_frame, get_args(ReferenceFrame)),
-            ("target", self.target, get_args(Target)),
-        ):
-            if value not in known:
-                raise UnknownNameError(what, value, list(known))
+        for name, choice in (("reference_frame", ReferenceFrame), ("target", Target)):
+            if getattr(self, name) not in get_args(choice):
+                raise UnknownNameError(name.replace("_", " "), getattr(self, name), list(get_args(choice)))
         for name in ("encoder", "reference", "probe", "length"):
             noise = getattr(self, f"{name}_noise")
             if noise is not None and not (np.isfinite(noise).all() and np.min(noise) >= 0):

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.calibrate import notes_of
+from aacmm_pin.calibration.calibrate import counted_once, notes_of
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
-from aacmm_pin.calibration.duplicate_records import counted_once
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameters import length_held, problem_of

@@ -10,8 +10,8 @@ import pytest
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
+from aacmm_pin.calibration.calibrate import counted_once
 from aacmm_pin.calibration.cross_validation import groups_of, parts_of, together
-from aacmm_pin.calibration.duplicate_records import counted_once
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel

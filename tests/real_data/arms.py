@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from math import pi
 
-import pinocchio as pin
-
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile
 
@@ -28,16 +26,6 @@ FANUC += [(0, -215, 0)]
 """Joints 3 to 6 turn against the base's axes: the rows before them point z the other way."""
 FANUC_OFFSETS = [0, -QUARTER, 0, 0, 0, 0]
 """The upper arm stands upright at zero; x of its row points along it."""
-
-FANUC_CHAIN = [  # place of each joint beyond the one before [m], and its axis there: Rz Ry Ry Rx Ry Rx, signs + + - - - -
-    ("0 0 0.670", "0 0 1"),
-    ("0.312 0 0", "0 1 0"),
-    ("0 0 1.075", "0 -1 0"),
-    ("1.280 0 0.225", "-1 0 0"),
-    ("0 0 0", "0 -1 0"),
-    ("0 0 0", "-1 0 0"),
-]
-FANUC_FLANGE = "0.215 0 0"
 
 
 def of_table(name: str, rows: list[Row], convention: str = "standard-dh", offsets: list[float] | None = None) -> Arm:
@@ -64,22 +52,6 @@ def iiwa14() -> Arm:
     return of_table("iiwa 14", IIWA14)
 
 
-def fanuc_table() -> Arm:
-    """Fanuc R-2000iC/165F by a DH table."""
-    return of_table("R-2000iC", FANUC, offsets=FANUC_OFFSETS)
-
-
 def fanuc() -> Arm:
-    """Fanuc R-2000iC/165F as a chain of joints."""
-    links = "".join(f'<link name="link{k}"/>' for k in range(len(FANUC_CHAIN) + 1))
-    limit = f'<limit lower="{LIMITS[0]}" upper="{LIMITS[1]}" effort="0" velocity="0"/>'
-    joints = "".join(
-        f'<joint name="joint{k}" type="revolute"><parent link="link{k - 1}"/><child link="link{k}"/>'
-        f'<origin xyz="{place}"/><axis xyz="{axis}"/>{limit}</joint>'
-        for k, (place, axis) in enumerate(FANUC_CHAIN, start=1)
-    )
-    last = (
-        f'<link name="flange"/><joint name="mount" type="fixed"><parent link="link{len(FANUC_CHAIN)}"/>'
-        f'<child link="flange"/><origin xyz="{FANUC_FLANGE}"/></joint>'
-    )
-    return Arm.from_model(pin.buildModelFromXML(f'<robot name="R-2000iC">{links}{joints}{last}</robot>'), "flange")
+    """Fanuc R-2000iC/165F."""
+    return of_table("R-2000iC", FANUC, offsets=FANUC_OFFSETS)

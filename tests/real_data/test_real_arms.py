@@ -186,15 +186,9 @@ def test_table_and_urdf_tell_the_same(
     assert list(found.fit.excluded) == list(usual.fit.excluded)
 
 
-def test_the_two_descriptions_of_the_fanuc(all_measured: dict[str, Measured]) -> None:
-    found = all_measured["fanuc"].calibrated(arms.fanuc_table(), target="tip")
-    assert held_out(found) == pytest.approx(held_out(all_measured["fanuc"].usual), rel=0.01)
-
-
 def test_where_the_search_starts(measured: Measured, rng: np.random.Generator) -> None:
     """Every value of the table is off by up to 2 mm or 0.5°."""
-    arm_of = measured.case.arm
-    file = (arms.fanuc_table if arm_of is arms.fanuc else arm_of)().file
+    file = measured.case.arm().file
     assert file is not None
     half_widths = {"a_mm": 2.0, "d_mm": 2.0, "alpha_rad": 0.5 * DEG, "theta_offset_rad": 0.5 * DEG}
     for _ in range(3):
