@@ -45,9 +45,7 @@ class Observability(Shown):
 def undetermined(problem: Problem, unknown: Array) -> list[str]:
     """Combinations of parameters that neither the data nor a stated uncertainty determine, one sentence each.
 
-    Args:
-        problem: what was asked.
-        unknown: directions in units of the scales (p, k).
+    They are of the ``unknown`` directions, in units of the scales (p, k).
     """
     if not unknown.size:
         return []

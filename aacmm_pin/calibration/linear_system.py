@@ -35,14 +35,7 @@ class System:
 
 
 def assemble(prediction: Prediction, noise: NoiseModel, points: Array, weights: Array) -> System:
-    """The system at a prediction.
-
-    Args:
-        prediction: tips and derivative.
-        noise: what the records say, and how uncertain it is.
-        points: of the seats (s, 3) [m].
-        weights: (n,) of the records, 1 for full.
-    """
+    """The system at a prediction, with the seats at ``points`` (s, 3) [m] and weights of the records (n,), 1 for full."""
     observations = noise.observations
     says, p = observations.says, prediction.jacobian.shape[2]
     deviation = prediction.tips - observations.targets(points)

@@ -38,13 +38,9 @@ class NoiseModel:
 
     @staticmethod
     def of(problem: Problem, frame: Frame, scatter: float, known: Observations | None = None) -> NoiseModel:
-        """The noise of a problem's records.
+        """The noise of a problem's records, the base being at ``frame`` in that of the references.
 
-        Args:
-            problem: the records, and what is stated of their noise.
-            frame: where the base is in the frame of the references.
-            scatter: see the attributes [m].
-            known: the observations, where they are worked out already and do not depend on the scatter.
+        ``known`` are the observations, where they are worked out already and do not depend on the scatter.
         """
         setup, n = problem.setup, problem.measurements.n
         observations = known or observations_of(problem.measurements, setup, scatter)
@@ -75,13 +71,8 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
 
     A seat whose records state the same coordinates, if they state any, was measured once, and a record of it without
     coordinates was there too; a seat without coordinates is an unknown point. A record whose coordinates are its own stands
-    for itself, even at a seat. Coordinates that differ by less than a third of their uncertainty are the same.
-
-    Args:
-        measurements: the records.
-        setup: the stated noise.
-        scatter: scatter of each coordinate that the stated noise does not explain; stands in for a noise that is not
-            stated [m].
+    for itself, even at a seat. Coordinates that differ by less than a third of their uncertainty are the same. The scatter
+    of each coordinate that the stated noise does not explain stands in for a noise that is not stated [m].
     """
     known, contact = measurements.known, setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)

@@ -104,11 +104,8 @@ def length_held(problem: Problem) -> Effect | None:
 def _correlation(arm: Arm, vector: ParameterVector, stated: Array) -> Array:
     """Correlation of what is known of the parameters (p, p), as the arm's file states it with their u.
 
-    Args:
-        arm: with its file's covariance.
-        vector: what is estimated.
-        stated: standard uncertainties with which the search starts (p,), NaN where none is stated; a parameter that is
-            given another one than the file's, such as a cause that may have changed, is known by itself.
+    The search starts with ``stated`` u (p,), NaN where there is none; a parameter that is given another one than the file's,
+    such as a cause that may have changed, is known by itself.
     """
     found = np.eye(stated.size)
     if arm.covariance is None:

@@ -43,15 +43,7 @@ def workshop_conditions(
     Time runs from switching the arm on. The temperature stays within ± ``temperature_range`` of the reference: a constant
     offset (4/10), a drift (3/10), the sine of the day (2/10) and noise (1/10), each drawn. The approach is the sign of the
     way from the record before, turned round for one joint in five, which overshot; the first record is approached from the
-    mean of all postures.
-
-    Args:
-        session: number of each record's session, ascending (n,).
-        q: indications (n, nq) [rad].
-        rng: for all that is drawn.
-        reference_temperature: of the arm [°C].
-        temperature_range: half of the range [K].
-        seat: label of each record's seat (n,).
+    mean of all postures. ``session`` is the number of each record's session, ascending (n,); q is (n, nq) [rad].
 
     Raises:
         AacmmError: the range is negative or not finite.

@@ -35,16 +35,10 @@ def for_two(
     rng: np.random.Generator,
     steps: Iterable[int],
 ) -> MeasurementPlan:
-    """The plan with the least effort that decides, or else the best.
+    """The plan with the least effort that decides, or else the best, of so many ``records`` at some of the ``postures``.
 
-    Args:
-        task: what the plan is for.
-        split: the two causes with their values; all zero stand for a typical size.
-        postures: to choose from.
-        records: how many.
-        as_it_stands: no load and no other mount.
-        rng: for the conditions of the records.
-        steps: the records, perhaps wrapped to show progress.
+    Values of the ``split`` that are all zero stand for a typical size. The generator is for the conditions of the records;
+    ``steps`` count these, perhaps wrapped to show progress.
     """
     tried: list[Tried] = []
     best: tuple[Situation, list[int], Power] | None = None

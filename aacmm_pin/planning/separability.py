@@ -33,14 +33,7 @@ def for_all(
     """The plan for every pair of causes, each of typical size: half of the records for all, the others for the worst told.
 
     Its ``pairs`` are all that show, worst first; ``told`` where T suffices. ``why_not``: the two do ``the same`` in every
-    posture, or what they do is ``too small`` for so many records; else "".
-
-    Args:
-        task: what the plan is for.
-        postures: to choose from.
-        records: how many.
-        rng: for the conditions of the records.
-        steps: the records, perhaps wrapped to show progress.
+    posture, or what they do is ``too small`` for so many records; else "". See :func:`cause_pair.for_two`.
 
     Raises:
         AacmmError: fewer than two causes would show at all.

@@ -130,13 +130,7 @@ class Situation:
 
 def rows_of(problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, ...] = ()) -> tuple[Array, Array]:
     """Whitened derivatives of each of the problem's records (n, 3, width), zero where it says nothing; and of what is stated
-    of seats and bars (t, width).
-
-    Args:
-        problem: arm, unknowns, records.
-        layout: the columns.
-        frame: the base in the frame of the references.
-        stated: seats whose coordinates count elsewhere already.
+    of seats and bars (t, width), but for seats whose coordinates are ``stated`` elsewhere; ``frame`` is the base's.
     """
     prediction, noise = problem.predict(problem.start, frame), NoiseModel.of(problem, frame, 0.0)
     known, count = noise.observations, len(layout.seats)
