@@ -59,6 +59,16 @@ def _check_folder(path: Path) -> None:
 
 
 @contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """A temporary folder beside ``path``; what the system refuses is an OutputError."""
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.absolute().parent) as folder:
+            yield Path(folder)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+@contextmanager
 def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
     """A temporary name beside ``path`` to write to; it takes the place of ``path`` when all went well, else it vanishes.
 
@@ -66,13 +76,9 @@ def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
         OutputError: see :func:`check_output`, or the system refuses to write.
     """
     path = check_output(path, force)
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-            temporary = Path(folder) / path.name
-            yield temporary
-            os.replace(temporary, path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    with _beside(path) as folder:
+        yield folder / path.name
+        os.replace(folder / path.name, path)
 
 
 @contextmanager
@@ -83,16 +89,13 @@ def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
         OutputError: see :func:`check_output_folder`, or the system refuses to write.
     """
     path = check_output_folder(path, force)
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.absolute().parent) as folder:
-            yield Path(folder)
-            path.mkdir(exist_ok=True)
-            for entry in sorted(Path(folder).iterdir()):
-                target = path / entry.name
-                if target.is_dir() and not target.is_symlink():
-                    shutil.rmtree(target)
-                elif entry.is_dir():
-                    target.unlink(missing_ok=True)
-                os.replace(entry, target)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    with _beside(path) as folder:
+        yield folder
+        path.mkdir(exist_ok=True)
+        for entry in sorted(folder.iterdir()):
+            target = path / entry.name
+            if target.is_dir() and not target.is_symlink():
+                shutil.rmtree(target)
+            elif entry.is_dir():
+                target.unlink(missing_ok=True)
+            os.replace(entry, target)
