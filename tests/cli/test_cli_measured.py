@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from shell import NOISE, POINT, done, found, refused
+from shell import NOISE, done, found, refused
 
 import aacmm_pin
 from aacmm_pin._support.units import MM
@@ -172,14 +172,6 @@ def test_what_cannot_be_simulated_is_one_message(tmp_path: Path) -> None:
 # calibrate --------------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_said_of_a_calibration(folder: Path, data: Path) -> None:
-    out, err = done("calibrate", "sino6", data, *NOISE)
-    assert err == ""
-    for word in ("SINO6", "χ² = ", "U (k = 2)", "theta_offset3", "µrad", " mm"):
-        assert word in out
-    assert "theta_offset3" in done("accuracy", folder / "cal.toml", *POINT, "--count", "12")[0]
-
-
 def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder: Path, data: Path, tmp_path: Path) -> None:
     text = (folder / "cal.toml").read_text(encoding="utf-8")
     head = text[: text.index("\nschema")]
@@ -275,20 +267,6 @@ def test_causes_of_error_are_estimated_too(extended: Path, folder: Path, tmp_pat
     assert 0 < expansion.u[0] < 1e-5
     out, _ = done("calibrate", tmp_path / "c.toml", folder / "warm.csv", *QUICK, *effects)  # from where it has them now
     assert re.search(r"thermal expansion of the arm +expansion -?\d+(\.\d+)? ± \d", out)
-
-
-def test_references_in_a_frame_that_nobody_knows(folder: Path, tmp_path: Path) -> None:
-    read = Measurements.read(folder / "data.csv")
-    table = read.to_frame()
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    table[REFERENCE] = table[REFERENCE].to_numpy() @ turn.T + [1000.0, -200.0, 30.0]
-    table.to_csv(tmp_path / "d.csv", index=False)
-    words = ["calibrate", "sino6", tmp_path / "d.csv", *QUICK, "--reference-frame", "external"]
-    summary = found(*words)
-    frame = summary["base_in_reference_frame"]
-    np.testing.assert_allclose(frame["rotation"], turn, atol=1e-4)
-    np.testing.assert_allclose(frame["origin_mm"], [1000.0, -200.0, 30.0], atol=0.1)
-    assert "The origin of the base is at (" in done(*words)[0]
 
 
 def test_records_that_cannot_belong_are_listed(folder: Path, tmp_path: Path) -> None:

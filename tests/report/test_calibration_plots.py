@@ -52,61 +52,41 @@ def labels(ax: Any) -> tuple[str, str]:
 # Residuals --------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("when", ["before", "after"])
-def test_vectors_are_as_long_as_the_title_says(at_seats: Calibration, when: str) -> None:
-    ax = plot_residual_vectors(at_seats, when, "xz")
-    drawn(ax.figure)
-    assert labels(ax) == ("x [mm]", "z [mm]")
-    assert ax.get_aspect() == 1.0
-    title = ax.get_title()
-    factor = float(title[title.index("magnified ") + 10 : -1])
-    (lines,) = (c for c in ax.collections if isinstance(c, LineCollection))
-    ends = np.array(lines.get_segments())
+def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibration) -> None:
     used = at_seats.fit.used
-    assert len(ends) == used.sum() == 118
     table = at_seats.residuals[used]
-    expected = table[[f"x_{when}_mm", f"z_{when}_mm"]].to_numpy()
-    np.testing.assert_allclose(ends[:, 1] - ends[:, 0], factor * expected, rtol=1e-6, atol=1e-6)
     tips = at_seats.fit.problem.model.predict(at_seats.fit.problem.measurements.q)[used] / MM
-    assert np.abs(ends[:, 0] - tips[:, [0, 2]]).max() < 0.5
-    low, high = ax.get_xlim()
-    assert low < ends[:, :, 0].min()
-    assert ends[:, :, 0].max() < high
+    for when in ("before", "after"):
+        ax = plot_residual_vectors(at_seats, when, "xz")
+        drawn(ax.figure)
+        assert labels(ax) == ("x [mm]", "z [mm]")
+        assert ax.get_aspect() == 1.0
+        factor = float(ax.get_title().rpartition("magnified ")[2][:-1])
+        (lines,) = (c for c in ax.collections if isinstance(c, LineCollection))
+        ends = np.array(lines.get_segments())
+        assert len(ends) == used.sum() == 118
+        expected = table[[f"x_{when}_mm", f"z_{when}_mm"]].to_numpy()
+        np.testing.assert_allclose(ends[:, 1] - ends[:, 0], factor * expected, rtol=1e-6, atol=1e-6)
+        assert np.abs(ends[:, 0] - tips[:, [0, 2]]).max() < 0.5
+        low, high = ax.get_xlim()
+        assert low < ends[:, :, 0].min() < ends[:, :, 0].max() < high
+        ((number, unit),) = (t.get_text().split() for t in ax.texts)
+        bar = next(line for line in ax.lines if line.get_marker() == "|")
+        assert np.ptp(bar.get_xdata()) == pytest.approx(factor * float(number) * {"mm": 1.0, "µm": 1e-3}[unit])
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["2 excluded"]
 
 
-def test_the_scale_bar_is_as_long_as_it_says(at_seats: Calibration) -> None:
-    ax = plot_residual_vectors(at_seats)
-    title = ax.get_title()
-    factor = float(title[title.index("magnified ") + 10 : -1])
-    ((number, unit),) = (t.get_text().split() for t in ax.texts)
-    bar = next(line for line in ax.lines if line.get_marker() == "|")
-    assert np.ptp(bar.get_xdata()) == pytest.approx(factor * float(number) * {"mm": 1.0, "µm": 1e-3}[unit])
-
-
-def test_excluded_records_are_crosses(at_seats: Calibration) -> None:
-    assert list(at_seats.excluded["row"]) == [5, 52]
-    ax = plot_residual_vectors(at_seats)
-    texts = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert texts == ["2 excluded"]
-    ax = plot_residuals_by_seat(at_seats)
-    drawn(ax.figure)
-    off = [line for line in ax.lines if line.get_marker() == "^" and len(line.get_xdata())]
-    assert sum(len(line.get_xdata()) for line in off) == 4  # before and after, off the scale of the others
-    top = ax.get_ylim()[1]
-    table = at_seats.residuals[at_seats.fit.used]
-    assert table["before_mm"].max() < top < 2 * table["before_mm"].max()
-
-
-def test_seats_stand_in_their_order(at_seats: Calibration) -> None:
+def test_seats_stand_in_their_order_and_excluded_records_are_marked(at_seats: Calibration, with_wave: Calibration) -> None:
     ax = plot_residuals_by_seat(at_seats)
     drawn(ax.figure)
     assert labels(ax) == ("seat", "distance of tip and target [mm]")
     assert [tick.get_text() for tick in ax.get_xticklabels()] == [f"S{k}" for k in range(1, 13)]
     dots = [line for line in ax.lines if line.get_marker() == "." and to_hex(line.get_color()) == BLUE]
     assert sum(len(line.get_xdata()) for line in dots) == 118
-
-
-def test_records_without_seats_have_no_strip(with_wave: Calibration) -> None:
+    off = [line for line in ax.lines if line.get_marker() == "^"]
+    assert sum(len(line.get_xdata()) for line in off) == 4  # two records, before and after, off the scale of the others
+    largest = at_seats.residuals["before_mm"][at_seats.fit.used].max()
+    assert largest < ax.get_ylim()[1] < 2 * largest
     with pytest.raises(AacmmError, match="no seat"):
         plot_residuals_by_seat(with_wave)
 

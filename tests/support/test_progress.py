@@ -6,14 +6,13 @@ import fcntl
 import os
 import pty
 import re
-import signal
 import struct
 import subprocess
 import sys
 import termios
 import textwrap
-import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +36,7 @@ print("done")
 """
 
 
-def on_a_terminal(code: str, interrupt_after: float | None = None) -> tuple[str, str, int]:
+def on_a_terminal(code: str) -> tuple[str, str, int]:
     """stdout, what stderr shows on a terminal of its own, and the exit status."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 100, 0, 0))  # rows, columns
@@ -45,21 +44,9 @@ def on_a_terminal(code: str, interrupt_after: float | None = None) -> tuple[str,
     child = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=theirs, text=True, start_new_session=True)
     os.close(theirs)
     shown = b""
-    started = time.monotonic()
-    interrupted = False
-    while True:
-        try:
-            part = os.read(ours, 4096)
-        except OSError:  # the child has closed its end
-            break
-        if not part:
-            break
-        shown += part
-        if interrupt_after is not None and not interrupted and b"counting" in shown:
-            time.sleep(interrupt_after)
-            child.send_signal(signal.SIGINT)
-            interrupted = True
-        assert time.monotonic() - started < 120
+    with suppress(OSError):  # the child has closed its end
+        while part := os.read(ours, 4096):
+            shown += part
     os.close(ours)
     out = child.communicate(timeout=60)[0]
     return out, shown.decode(), child.returncode
@@ -75,25 +62,6 @@ def test_a_terminal_shows_a_bar_on_stderr_that_is_gone_in_the_end() -> None:
     assert (done.stdout, done.stderr) == ("done\n", "")  # a pipe shows nothing
     out, err, _ = on_a_terminal(WORK.replace("DELAY = 0.0", "DELAY = 9.0"))
     assert (out, err) == ("done\n", "")  # nor does work that is shorter than the delay
-
-
-def test_an_interrupt_is_told_on_a_clean_line() -> None:
-    code = """
-    import sys, time
-    from aacmm_pin._support import progress
-    progress.DELAY = 0.0
-    try:
-        with progress.watched(range(500), True, "counting", "step") as steps:
-            for _ in steps:
-                time.sleep(0.05)
-    except KeyboardInterrupt:
-        sys.stderr.write("stopped\\n")
-        sys.exit(130)
-    """
-    _, err, status = on_a_terminal(code, interrupt_after=0.3)
-    assert status == 130
-    last = err.replace("\r\n", "\n").rstrip("\n").rpartition("\r")[2]
-    assert last == "stopped"
 
 
 class Recorder(tqdm):  # type: ignore[type-arg]
