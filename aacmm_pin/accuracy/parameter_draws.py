@@ -85,16 +85,13 @@ class _Drawn(Effect):
         return self.of.label
 
     def displacements(self, state: State) -> list[Displacement]:
-        """Those of the cause, times the values of each record."""
-        if type(self.of).exact is not Effect.exact:
-            return [Displacement(place, twist[:, :, None]) for place, twist in self._one_by_one(state)]
-        columns = [
-            (d.place, np.broadcast_to(d.columns, (state.n, *d.columns.shape[1:]))) for d in self.of.displacements(state)
-        ]
-        return [Displacement(place, np.einsum("nip,np->ni", c, self.drawn)[:, :, None]) for place, c in columns]
+        """Those of the cause."""
+        return self.of.displacements(state)
 
-    def _one_by_one(self, state: State) -> list[tuple[int, Array]]:
-        """Exact twists of a cause that is not linear in its values."""
+    def exact(self, state: State) -> list[tuple[int, Array]]:
+        """Twists (n, 6) at the values of each record; one by one for a cause that is not linear in them."""
+        if type(self.of).exact is Effect.exact:
+            return [(d.place, (d.columns @ self.drawn[:, :, None])[:, :, 0]) for d in self.displacements(state)]
         each = []
         for k, values in enumerate(self.drawn):
             twists = {p: t if len(t) == 1 else t[k : k + 1] for p, t in state.twists.items()}

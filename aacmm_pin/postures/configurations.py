@@ -96,10 +96,9 @@ class ConfigurationCircle(PosturesAtPoint):
         return drawn
 
     def _row(self, number: int) -> dict[str, Any]:
-        mine = self.component == number
-        row = super()._row(number)
+        row, mine = super()._row(number), self.branch[self.component == number]
         joints = row.pop("joints_outside_limits")
-        sides = {"shoulder_side": _sides(self.branch[mine, 0]), "elbow_side": _sides(self.branch[mine, 1])}
+        sides = {"shoulder_side": _sides(mine[:, 0]), "elbow_side": _sides(mine[:, 1])}
         return row | sides | {"joints_outside_limits": joints}
 
     def __str__(self) -> str:
