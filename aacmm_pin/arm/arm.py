@@ -232,7 +232,7 @@ class Arm(Shown):
 
     def _over_rows(self, of_joints: Array) -> Array:
         values = np.zeros((self.chain.rows, *of_joints.shape[1:]))
-        values[[place // 2 - 1 for place in self.chain.moving_axes()]] = of_joints
+        values[np.array(self.chain.moving_rows()) - 1] = of_joints
         return values
 
     def place(self, at: str | None = None) -> int:
