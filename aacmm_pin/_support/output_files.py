@@ -1,17 +1,34 @@
-"""Results are written whole or not at all, and never over what is there unless that was asked for."""
+"""Files of results are written whole, all together or none, and never over what is there unless that was asked for.
+
+Each is first written into a hidden folder beside its place, which its process holds locked. When all are complete they are
+put in their places; if that fails, what was there before is put back. Folders that a killed process left are removed by the
+next one that writes beside them.
+"""
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 import os
 import shutil
+import signal
+import stat
+import sys
 import tempfile
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from types import FrameType, TracebackType
+from typing import Any, Self
 
 from aacmm_pin.errors import OutputError
+
+HIDDEN = ".aacmm-pin-"
+"""How the hidden folders begin."""
+STDOUT = ("-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def json_text(content: dict[str, Any]) -> str:
@@ -19,39 +36,185 @@ def json_text(content: dict[str, Any]) -> str:
     return json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
 
 
-def check_output(path: str | Path, force: bool) -> Path:
-    """Look, before long work begins, whether ``path`` can be written.
+class OutputFiles:
+    """The files that one piece of work writes; a context, at whose end they take their places.
 
-    Raises:
-        OutputError: it exists and ``force`` is not given, its folder does not exist or cannot be written to, or it is a
-            folder where a file is meant.
+    Symbolic links are followed, a replaced file keeps its mode. What is written for a pipe, a terminal or ``-`` (standard
+    output) is passed on when all files are in place.
     """
-    path = Path(path)
-    if path.is_dir():
-        raise OutputError(f"{path}: is a folder, expected the name of a file")
-    if path.exists() and not force:
-        raise OutputError(f"{path}: exists already; --force replaces it")
-    _check_folder(path)
-    return path
+
+    def __init__(self, force: bool = False) -> None:
+        self._force = force
+        self._stack = ExitStack()
+        self._hidden: dict[Path, Path] = {}  # the hidden folder in each folder that is written to
+        self._files: dict[Path, Path] = {}  # temporary file by the regular file that it becomes
+        self._streams: list[tuple[Path, Path]] = []  # temporary file, and the pipe or device it is written to
+        self._folders: dict[Path, Path] = {}  # hidden folder by the folder that receives its files
+        self._last: Path | None = None
+
+    def check(self, *paths: str | Path) -> None:
+        """Look, before long work begins, whether files can be written.
+
+        Raises:
+            OutputError: one exists and ``force`` is not given, is neither a regular file nor a pipe, its folder does not
+                exist or cannot be written to, or two are the same.
+        """
+        targets = [self._target(path) for path in paths]
+        for path, target in zip(paths, targets, strict=True):
+            if targets.count(target) > 1:
+                raise OutputError(f"{path}: is to hold two results; expected a file for each")
+
+    def _target(self, path: str | Path) -> Path:
+        """The regular file that is meant, links followed; a pipe or device as it was named."""
+        path = Path(path)
+        with _told(path):
+            if _is_stream(path):
+                return path
+            if path.is_dir():
+                raise OutputError(f"{path}: is a folder, expected the name of a file")
+            if path.exists() and not path.is_file():
+                raise OutputError(f"{path}: is not a regular file and is left as it is")
+            if path.exists() and not self._force:
+                raise OutputError(f"{path}: exists already; --force replaces it")
+            target = Path(os.path.realpath(path))
+            if target.is_symlink():
+                raise OutputError(f"{path}: is a symbolic link that leads back to itself")
+            _check_folder(path, target.parent)
+            return target
+
+    def file(self, path: str | Path) -> Path:
+        """A temporary name to write to what shall stand in ``path``.
+
+        Raises:
+            OutputError: see :meth:`check`; or ``path`` was given before.
+        """
+        target = self._target(path)
+        self._last = Path(path)
+        if target in self._files:
+            raise OutputError(f"{path}: is to hold two results; expected a file for each")
+        with _told(path):
+            if _is_stream(target):
+                temporary = Path(self._stack.enter_context(tempfile.TemporaryDirectory())) / "stream"
+                self._streams.append((temporary, target))
+            else:
+                temporary = self._files[target] = self._hidden_in(target.parent) / target.name
+        return temporary
+
+    def folder(self, path: str | Path) -> Path:
+        """A temporary folder, whose files shall stand in ``path``; files of other names there stay.
+
+        Raises:
+            OutputError: it is not a folder, is not empty and ``force`` is not given, or cannot be written to.
+        """
+        path = Path(path)
+        self._last = path
+        with _told(path):
+            if path.exists() and not path.is_dir():
+                raise OutputError(f"{path}: is a file, expected the name of a folder")
+            if path.is_dir() and any(not entry.name.startswith(HIDDEN) for entry in path.iterdir()) and not self._force:
+                raise OutputError(f"{path}: exists already and is not empty; --force replaces its files of the same names")
+            target = Path(os.path.realpath(path))
+            _check_folder(path, target.parent)
+            if path.is_dir():
+                _check_folder(path / "…", target)
+            inner = Path(tempfile.mkdtemp(dir=self._hidden_in(target if target.is_dir() else target.parent)))
+        self._folders[target] = inner
+        return inner
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        with self._stack:  # the hidden folders go in any case
+            if kind is None:
+                with _told(self._last):
+                    self._put_in_place()
+            elif isinstance(error, OSError) and self._last is not None and self._is_ours(error):
+                raise _refusal(self._last, error) from None
+
+    def _is_ours(self, error: OSError) -> bool:
+        """Writing failed, and not the reading of something else."""
+        return error.filename is None or HIDDEN in str(error.filename)
+
+    def _hidden_in(self, folder: Path) -> Path:
+        if folder not in self._hidden:
+            _remove_what_dead_processes_left(folder)
+            self._hidden[folder] = self._stack.enter_context(_locked_folder(folder))
+        return self._hidden[folder]
+
+    def _put_in_place(self) -> None:
+        with ExitStack() as undo:
+            with _signals_wait():
+                for target, inner in self._folders.items():
+                    if not target.is_dir():
+                        target.mkdir()
+                        undo.callback(target.rmdir)
+                    self._files |= {target / entry.name: entry for entry in sorted(inner.iterdir())}
+                for target, temporary in self._files.items():
+                    self._last = target
+                    self._place(temporary, target, undo)
+            for temporary, target in self._streams:  # these may wait for a reader, who may be interrupted
+                self._last = target
+                _pass_on(temporary, target)
+            undo.pop_all()
+
+    def _place(self, temporary: Path, target: Path, undo: ExitStack) -> None:
+        """Put one file in its place; ``undo`` learns how to go back."""
+        if not self._force:
+            _move_where_nothing_is(temporary, target)
+            undo.callback(target.unlink)
+            return
+        if target.exists():
+            before = _kept(target, temporary.parent)
+            old = target.stat()
+            os.chmod(temporary, stat.S_IMODE(old.st_mode))
+            if os.geteuid() == 0:  # only root may give a file to its owner
+                os.chown(temporary, old.st_uid, old.st_gid)
+            undo.callback(os.replace, before, target)
+        else:
+            undo.callback(target.unlink, missing_ok=True)
+        os.replace(temporary, target)
 
 
-def check_output_folder(path: str | Path, force: bool) -> Path:
-    """The same for a folder of results: it may exist when it is empty or ``force`` is given.
-
-    Raises:
-        OutputError: see :func:`check_output`.
-    """
-    path = Path(path)
-    if path.exists() and not path.is_dir():
-        raise OutputError(f"{path}: is a file, expected the name of a folder")
-    if path.is_dir() and any(path.iterdir()) and not force:
-        raise OutputError(f"{path}: exists already and is not empty; --force replaces its files of the same names")
-    _check_folder(path.absolute())
-    return path
+@contextmanager
+def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
+    """One file alone: a temporary name to write to, see :class:`OutputFiles`."""
+    with OutputFiles(force) as files:
+        yield files.file(path)
 
 
-def _check_folder(path: Path) -> None:
-    folder = path.parent
+def _is_stream(path: Path) -> bool:
+    """Standard output, a pipe, a terminal: what is written to and cannot be replaced."""
+    if str(path) in STDOUT:
+        return True
+    mode = path.stat().st_mode if path.exists() else 0
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
+
+
+def _kept(target: Path, folder: Path) -> Path:
+    """A second name, or a copy, of what is to be replaced."""
+    before = Path(tempfile.mkdtemp(dir=folder)) / "before"
+    try:
+        os.link(target, before)
+    except OSError:  # a file system without links, or a file of somebody else
+        shutil.copy2(target, before)
+    return before
+
+
+def _refusal(path: str | Path | None, error: OSError) -> OutputError:
+    return OutputError(f"{path}: cannot be written: {error.strerror or error}")
+
+
+@contextmanager
+def _told(path: str | Path | None) -> Iterator[None]:
+    """Refusals of the system as our own."""
+    try:
+        yield
+    except OSError as error:
+        raise _refusal(path, error) from None
+
+
+def _check_folder(path: Path, folder: Path) -> None:
     if not folder.is_dir():
         raise OutputError(f"{path}: the folder {folder} does not exist")
     if not os.access(folder, os.W_OK):
@@ -59,43 +222,81 @@ def _check_folder(path: Path) -> None:
 
 
 @contextmanager
-def _beside(path: Path) -> Iterator[Path]:
-    """A temporary folder beside ``path``; what the system refuses is an OutputError."""
+def _locked_folder(parent: Path) -> Iterator[Path]:
+    """A hidden folder that is locked as long as this process lives; it is removed in the end."""
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=parent))
+        lock = os.open(folder, os.O_RDONLY)
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if folder.exists():  # else somebody took it for one that was left, before it was locked
+            break
+        os.close(lock)
     try:
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.absolute().parent) as folder:
-            yield Path(folder)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
-@contextmanager
-def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """A temporary name beside ``path`` to write to; it takes the place of ``path`` when all went well, else it vanishes.
-
-    Raises:
-        OutputError: see :func:`check_output`, or the system refuses to write.
-    """
-    path = check_output(path, force)
-    with _beside(path) as folder:
-        yield folder / path.name
-        os.replace(folder / path.name, path)
-
-
-@contextmanager
-def whole_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """A temporary folder beside ``path``; its files take their places in ``path`` when all went well.
-
-    Raises:
-        OutputError: see :func:`check_output_folder`, or the system refuses to write.
-    """
-    path = check_output_folder(path, force)
-    with _beside(path) as folder:
         yield folder
-        path.mkdir(exist_ok=True)
-        for entry in sorted(folder.iterdir()):
-            target = path / entry.name
-            if target.is_dir() and not target.is_symlink():
-                shutil.rmtree(target)
-            elif entry.is_dir():
-                target.unlink(missing_ok=True)
-            os.replace(entry, target)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+
+
+def _remove_what_dead_processes_left(parent: Path) -> None:
+    for folder in parent.glob(f"{HIDDEN}*"):
+        with suppress(OSError):  # locked: of a living process; or not ours to open
+            lock = os.open(folder, os.O_RDONLY)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(lock)
+
+
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Signals that would stop the process come when the block has ended; only the main thread receives any."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+
+    def remember(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+
+    before = {number: signal.signal(number, remember) for number in STOPPING}
+    try:
+        yield
+    finally:
+        for stopping, handler in before.items():
+            signal.signal(stopping, handler or signal.SIG_DFL)
+        for number in came:
+            signal.raise_signal(number)
+
+
+def _move_where_nothing_is(temporary: Path, target: Path) -> None:
+    """Put a file where none is, even if another process writes there at the same time."""
+    taken = f"{target}: another process wrote it meanwhile; --force replaces it"
+    try:
+        os.link(temporary, target)
+    except FileExistsError:
+        raise OutputError(taken) from None
+    except OSError:  # a file system without links
+        if not temporary.exists():
+            raise
+        try:
+            target.touch(exist_ok=False)
+        except FileExistsError:
+            raise OutputError(taken) from None
+        os.replace(temporary, target)
+
+
+def _pass_on(temporary: Path, target: Path) -> None:
+    if str(target) in STDOUT:
+        if sys.stdout is None:
+            raise OSError(errno.EBADF, "standard output is closed")
+        sys.stdout.flush()
+        if hasattr(sys.stdout, "buffer"):
+            sys.stdout.buffer.write(temporary.read_bytes())
+        else:  # a notebook, or a test, that collects text
+            sys.stdout.write(temporary.read_text(encoding="utf-8"))
+        sys.stdout.flush()
+        return
+    with open(temporary, "rb") as source, open(target, "wb", buffering=0) as sink:
+        shutil.copyfileobj(source, sink)

@@ -8,19 +8,17 @@ import inspect
 import os
 import signal
 import sys
-import tempfile
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import MISSING, fields, is_dataclass
 from importlib.metadata import entry_points, version
 from pathlib import Path
-from types import FrameType, ModuleType, TracebackType
-from typing import Annotated, Any, Self, get_type_hints
+from types import FrameType, ModuleType
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from aacmm_pin._support.output_files import check_output, json_text, whole_file
+from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin.errors import AacmmError
 
 app = typer.Typer(
@@ -112,11 +110,8 @@ def note(text: str) -> None:
     typer.echo(text, err=True)
 
 
-class Results:
-    """The files of one command and what it prints in their stead: all of it in the end, or nothing.
-
-    Used as a context: files are written beside their places and move there when the block ends without an error.
-    """
+class Results(OutputFiles):
+    """The files of one command and what it prints in their stead: all of it in the end, or nothing."""
 
     def __init__(self, force: bool, *paths: Path | None, plot: Path | None = None, json_: str | None = None) -> None:
         """Look, before long work begins, whether everything can be written.
@@ -130,50 +125,24 @@ class Results:
         Raises:
             AacmmError: a file cannot be written, is there already, or is asked for twice.
         """
-        self._force, self._stack, self._printed = force, ExitStack(), list[Path | str]()
-        asked = [path for path in (*paths, plot, None if json_ in (None, "-") else Path(str(json_))) if path is not None]
-        for path in asked:
-            check_output(path, force)
-        places = [path.resolve() for path in asked]
-        for path, place in zip(asked, places, strict=True):
-            if places.count(place) > 1:
-                raise AacmmError(f"{path}: is to hold two results; expected a file for each")
+        super().__init__(force)
+        self.check(*[path for path in (*paths, plot, json_) if path is not None])
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}")
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        printed = [] if kind else [p if isinstance(p, str) else p.read_text(encoding="utf-8") for p in self._printed]
-        self._stack.__exit__(kind, error, trace)
-        for text in printed:
-            sys.stdout.write(text)
-
-    def file(self, path: Path | None) -> Path:
-        """Where to write what shall stand in ``path``; what shall be printed where that is None."""
-        if path is not None:
-            return self._stack.enter_context(whole_file(path, self._force))
-        place = Path(self._stack.enter_context(tempfile.TemporaryDirectory())) / "printed"
-        self._printed.append(place)
-        return place
-
-    def text(self, text: str, path: Path | None) -> None:
+    def text(self, text: str, path: str | Path | None) -> None:
         """Write ``text`` to a file, or print it where ``path`` is None."""
-        if path is None:
-            self._printed.append(text)
-        else:
-            self.file(path).write_text(text, encoding="utf-8", newline="")
+        self.file("-" if path is None else path).write_text(text, encoding="utf-8", newline="")
 
     def json(self, content: dict[str, Any], target: str | None) -> None:
         """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing where it is None."""
         if target is not None:
-            self.text(json_text(content), None if target == "-" else Path(target))
+            self.text(json_text(content), target)
 
     def picture(self, drawn: Callable[[], Any], path: Path | None) -> None:
         """Write the matplotlib figure that ``drawn`` gives; nothing where ``path`` is None."""
         if path is not None:
-            drawn().savefig(self.file(path), dpi=150, bbox_inches="tight")
+            drawn().savefig(self.file(path), dpi=150, bbox_inches="tight", format=path.suffix[1:])
 
 
 def _version(wanted: bool) -> None:

@@ -62,7 +62,7 @@ def simulate(
         )
         encoder = ", ".join(f"{u:g}" for u in dict.fromkeys(noise.encoder))
         words = f"noise: readings {encoder} rad, references {noise.reference / MM:g} mm, contacts {noise.probe / MM:g} mm"
-        data.save(results.file(output))
+        data.save(results.file(output or "-"))
         if truth is not None:
             model.save(results.file(truth), comment=f"The arm behind: {data.source}; {words}.")
     note(f"{data}; {words}")

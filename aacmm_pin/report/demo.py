@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Drawing
 
-from aacmm_pin._support.output_files import json_text, whole_folder
+from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
@@ -226,7 +226,8 @@ def run_demo(
         AacmmError: the arm states no uncertainty, or cannot reach the point within its limits.
     """
     started, folder, when = time.perf_counter(), Path(folder), f"{datetime.now(UTC):%Y-%m-%d}"
-    with whole_folder(folder, force) as out:
+    with OutputFiles(force) as outputs:
+        out = outputs.folder(folder)
         arm_file = load_arm_file(arm_name)
         arm = Arm.from_file(arm_file)
         circle = configuration_circle(arm, printed_points()[0])

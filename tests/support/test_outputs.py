@@ -1,13 +1,18 @@
-"""Outputs are whole or absent: failures, interruptions, existing files, and places that cannot be written to."""
+"""Outputs are whole or absent, together, and replace nothing but regular files, and these only when that was asked for."""
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from aacmm_pin._support.output_files import check_output, check_output_folder, whole_file, whole_folder
+from aacmm_pin._support.output_files import HIDDEN, OutputFiles, whole_file
 from aacmm_pin.errors import OutputError
 
 
@@ -15,105 +20,184 @@ def listing(folder: Path) -> dict[str, str]:
     return {str(p.relative_to(folder)): p.read_text() if p.is_file() else "" for p in sorted(folder.rglob("*"))}
 
 
-def stop_half_way(output: AbstractContextManager[Path], failure: type[BaseException]) -> None:
-    def work() -> None:
-        with output as temporary:
-            (temporary / "index.html" if temporary.is_dir() else temporary).write_text("half of")
-            raise failure("stop")
-
-    with pytest.raises(failure):
-        work()
+def write(*paths: str | Path, text: str = "new", force: bool = False) -> None:
+    with OutputFiles(force) as files:
+        for path in paths:
+            files.file(path).write_text(text)
 
 
-def refused(output: AbstractContextManager[Path], words: str) -> None:
-    with pytest.raises(OutputError, match=words), output:
-        pytest.fail("work began")
-
-
-def test_a_file_and_a_folder_appear_when_all_went_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_and_a_folder_appear_together_when_all_went_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert check_output("out.csv", force=False) == Path("out.csv")
-    assert check_output_folder(str(tmp_path / "report"), force=False) == tmp_path / "report"
-    assert listing(tmp_path) == {}
-    with whole_file("out.csv") as temporary:
+    Path("plain").write_text("")
+    Path("folder").mkdir()
+    with OutputFiles() as files:
+        files.check("out.csv", tmp_path / "b.csv")
+        temporary = files.file("out.csv")
         temporary.write_text("all of it")
         assert temporary.name == "out.csv"  # the suffix decides the format for some writers
+        (files.folder("report") / "index.html").write_text("page")
         assert not Path("out.csv").exists()
-    with whole_folder("report") as folder:
-        (folder / "index.html").write_text("page")
-        (folder / "data").mkdir()
-        (folder / "data" / "a.csv").write_text("1")
         assert not Path("report").exists()
-    report = {"report": "", "report/data": "", "report/data/a.csv": "1", "report/index.html": "page"}
-    assert listing(tmp_path) == {"out.csv": "all of it"} | report
-    Path("plain").write_text("")  # others may read them: the private mode of the temporary folder does not stick
-    Path("folder").mkdir()
+    expected = {"folder": "", "plain": "", "out.csv": "all of it", "report": "", "report/index.html": "page"}
+    assert listing(tmp_path) == expected
+    # others may read them: the private mode of the hidden folder does not stick
     assert Path("out.csv").stat().st_mode == Path("plain").stat().st_mode
     assert Path("report").stat().st_mode == Path("folder").stat().st_mode
 
 
 def test_a_failure_inside_leaves_all_as_it_was(tmp_path: Path) -> None:
-    for failure in (RuntimeError, ValueError, KeyboardInterrupt, SystemExit, GeneratorExit):
-        stop_half_way(whole_file(tmp_path / "out.csv"), failure)
-        stop_half_way(whole_folder(tmp_path / "report"), failure)
-    assert listing(tmp_path) == {}
-    (tmp_path / "out.csv").write_text("old")
-    stop_half_way(whole_file(tmp_path / "out.csv", force=True), KeyboardInterrupt)
-    assert listing(tmp_path) == {"out.csv": "old"}
+    (tmp_path / "old.csv").write_text("old")
+
+    def work(failure: BaseException) -> None:
+        with OutputFiles(force=True) as files:
+            files.file(tmp_path / "old.csv").write_text("half of")
+            files.file(tmp_path / "new.csv").write_text("half of")
+            (files.folder(tmp_path / "report") / "index.html").write_text("half of")
+            raise failure
+
+    for failure in (RuntimeError(), KeyboardInterrupt(), SystemExit(), OSError(28, "No space left on device")):
+        with pytest.raises(OutputError if isinstance(failure, OSError) else type(failure)):
+            work(failure)
+        assert listing(tmp_path) == {"old.csv": "old"}
     with pytest.raises(OutputError, match=r"none\.csv"), whole_file(tmp_path / "none.csv"):
         pass  # nothing was written
-    with pytest.raises(OutputError, match=r"full\.csv.*No space left"), whole_file(tmp_path / "full.csv"):
-        raise OSError(28, "No space left on device")
-    assert listing(tmp_path) == {"out.csv": "old"}
 
 
 def test_what_is_there_is_replaced_only_by_force(tmp_path: Path) -> None:
     path, report = tmp_path / "out.csv", tmp_path / "report"
     path.write_text("old")
-    refused(whole_file(path), r"exists already.*--force")
-    with whole_file(path, force=True) as temporary:
-        temporary.write_text("new")
+    path.chmod(0o600)
+    with pytest.raises(OutputError, match=r"out\.csv.*exists already.*--force"):
+        write(tmp_path / "other", path)
+    assert listing(tmp_path) == {"out.csv": "old"}
+    write(path, force=True)
     assert path.read_text() == "new"
+    assert path.stat().st_mode & 0o777 == 0o600
     report.mkdir()
-    with whole_folder(report) as folder:  # an empty folder may be used
-        (folder / "index.html").write_text("old")
-    (report / "mine.txt").write_text("keep")
-    refused(whole_folder(report), r"not empty.*--force")
-    stop_half_way(whole_folder(report, force=True), RuntimeError)
-    assert listing(report) == {"index.html": "old", "mine.txt": "keep"}
-    with whole_folder(report, force=True) as folder:
-        (folder / "index.html").write_text("new")
-    assert listing(report) == {"index.html": "new", "mine.txt": "keep"}  # replaces files of the same names, no others
-    (tmp_path / "link").symlink_to(tmp_path / "nowhere")  # a link that dangles is not there
-    with whole_file(tmp_path / "link") as temporary:
-        temporary.write_text("new")
-    assert (tmp_path / "link").read_text() == "new"
+    for force, text in ((False, "old"), (True, "new")):  # an empty folder may be used
+        with OutputFiles(force) as files:
+            (files.folder(report) / "index.html").write_text(text)
+        (report / "mine.txt").write_text("keep")
+    assert listing(report) == {"index.html": "new", "mine.txt": "keep"}  # files of the same names, no others
+    with pytest.raises(OutputError, match=r"not empty.*--force"), OutputFiles() as files:
+        files.folder(report)
+    with pytest.raises(OutputError, match="two results"):
+        write(path, tmp_path / "report" / ".." / "out.csv", force=True)
+    with pytest.raises(OutputError, match="two results"):
+        OutputFiles(force=True).check(path, path)
 
 
-def test_folders_and_files_within_a_folder_are_replaced_whole(tmp_path: Path) -> None:
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "old.csv").write_text("old")
-    (tmp_path / "was file").write_text("old")
-    (tmp_path / "was folder").mkdir()
-    (tmp_path / "was folder" / "a.csv").write_text("old")
-    with whole_folder(tmp_path, force=True) as folder:
-        for name in ("data", "was file"):
-            (folder / name).mkdir()
-            (folder / name / "new.csv").write_text("new")
-        (folder / "was folder").write_text("new")
-    new = {"data": "", "data/new.csv": "new", "was file": "", "was file/new.csv": "new", "was folder": "new"}
-    assert listing(tmp_path) == new
+def test_links_are_followed(tmp_path: Path) -> None:
+    (tmp_path / "dangling").symlink_to("target")
+    write(tmp_path / "dangling")
+    assert (tmp_path / "dangling").is_symlink()
+    assert (tmp_path / "target").read_text() == "new"
+    with pytest.raises(OutputError, match="exists already"):
+        write(tmp_path / "dangling")
+    write(tmp_path / "dangling", text="newer", force=True)
+    assert listing(tmp_path) == {"dangling": "newer", "target": "newer"}
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(OutputError, match="loop"):
+        write(tmp_path / "loop", force=True)
+
+
+def test_pipes_and_devices_are_written_to_and_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    read: list[str] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
+    reader.start()
+    write(pipe, tmp_path / "beside", "-", "/dev/null", force=True)
+    reader.join()
+    assert read == ["new"]
+    assert pipe.is_fifo()
+    assert Path("/dev/null").is_char_device()
+    assert capsys.readouterr().out == "new"
+    assert (tmp_path / "beside").read_text() == "new"
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    with pytest.raises(OutputError, match=r"/dev/full.*No space left"):
+        write(tmp_path / "beside", tmp_path / "more", "/dev/full", text="newer", force=True)
+    assert listing(tmp_path) == {"beside": "new", "pipe": ""}  # the rest was put back
+
+
+def test_if_one_cannot_be_put_in_place_none_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a").write_text("old")
+    (tmp_path / "c").write_text("old")
+    replace = os.replace
+
+    def refuse(source: Path, target: Path) -> None:
+        if target.name == "c" and source.name == "c":
+            raise PermissionError(1, "Operation not permitted")
+        replace(source, target)
+
+    for link in (os.link, _no_links):
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "replace", refuse)
+            patched.setattr(os, "link", link)
+            with pytest.raises(OutputError, match=r"/c: cannot be written: Operation not permitted"):
+                write(*(tmp_path / name for name in "abc"), force=True)
+        assert listing(tmp_path) == {"a": "old", "c": "old"}
+
+
+def _no_links(source: Path, target: Path) -> None:
+    raise PermissionError(1, "Operation not permitted")
+
+
+def test_signals_wait_while_files_are_put_in_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a").write_text("old")
+    replace = os.replace
+
+    def interrupted(source: Path, target: Path) -> None:
+        replace(source, target)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "a", tmp_path / "b", force=True)
+    assert listing(tmp_path) == {"a": "old"}
+
+
+@pytest.mark.parametrize("link", [os.link, _no_links])
+def test_a_file_that_another_process_writes_meanwhile_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, link: Callable[[Path, Path], None]
+) -> None:
+    def work() -> None:
+        with OutputFiles() as files:
+            for name in ("a", "out"):
+                files.file(tmp_path / name).write_text("ours")
+            (tmp_path / "out").write_text("theirs")
+
+    monkeypatch.setattr(os, "link", link)
+    with pytest.raises(OutputError, match="another process"):
+        work()
+    assert listing(tmp_path) == {"out": "theirs"}
+    write(tmp_path / "b")
+    assert (tmp_path / "b").read_text() == "new"
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path) -> None:
+    work = "import os, sys; from aacmm_pin._support.output_files import OutputFiles; f = OutputFiles(); f.__enter__(); "
+    work += "f.file(sys.argv[1]).write_text('half of'); os.kill(os.getpid(), 9)"
+    subprocess.run([sys.executable, "-c", work, str(tmp_path / "out")], check=False)
+    assert len(list(tmp_path.glob(f"{HIDDEN}*"))) == 1
+    with OutputFiles() as other:
+        other.file(tmp_path / "living").write_text("ours")
+        assert len(list(tmp_path.glob(f"{HIDDEN}*"))) == 1
+        write(tmp_path / "out")
+        assert len(list(tmp_path.glob(f"{HIDDEN}*"))) == 1
+    assert listing(tmp_path) == {"living": "ours", "out": "new"}
 
 
 def test_places_that_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("old")
     (tmp_path / "folder").mkdir()
+    places = {"none/out": "does not exist", "file/out": "out", "x" * 300: "too long", "/proc/aacmm-out": "/proc"}
     for force in (False, True):
-        refused(whole_file(tmp_path / "folder", force=force), "is a folder")
-        refused(whole_folder(tmp_path / "file", force=force), "is a file")
-    for open_output in (whole_file, whole_folder):
-        refused(open_output(tmp_path / "none" / "out"), "does not exist")
-        refused(open_output(tmp_path / "file" / "out"), "out")
-        if Path("/proc/self").is_dir():
-            refused(open_output(Path("/proc/aacmm-out")), "/proc")
+        for name, words in ({"folder": "is a folder"} | places).items():
+            with pytest.raises(OutputError, match=words):
+                write(tmp_path / name, force=force)
+        for name, words in ({"file": "is a file"} | places).items():
+            with pytest.raises(OutputError, match=words), OutputFiles(force) as files:
+                files.folder(tmp_path / name)
     assert listing(tmp_path) == {"file": "old", "folder": ""}
