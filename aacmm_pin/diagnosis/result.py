@@ -213,8 +213,8 @@ class Diagnosis(Shown):
         Args:
             what: something else: a finding, or its number from 0; a name in ``unexplained.shapes``; or ``rms``, ``groups``
                 (residuals by all that is known of the records), ``arm`` (the arm with its residuals), ``held_out``.
-            ax: axes; without them a new pyplot figure is made. ``groups`` and ``arm`` divide the place of the axes, or take
-                an array of them, and return an array of axes.
+            ax: axes; without them a new pyplot figure is made. ``groups`` and ``arm`` divide the place of the axes, and
+                return their figure.
 
         Raises:
             UnknownNameError, AacmmError: see :func:`aacmm_pin.report.plots.plot_diagnosis`.
