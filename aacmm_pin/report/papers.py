@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from aacmm_pin.papers.sino6 import Table2
-from aacmm_pin.papers.sino6_table3 import Table3, Table3Diagnosis
+from aacmm_pin.papers.sino6_table3 import Table3Diagnosis
 from aacmm_pin.report.document import Bullets, Document, Paragraph, Table, document_of
-from aacmm_pin.report.numbers import percent
 from aacmm_pin.report.papers_page import in_words
 
 
@@ -16,16 +15,6 @@ def table2_document(result: Table2) -> Document:
     distance = ", ".join(f"{value:.4f} {name}" for name, value in result.total_variation.items())
     words = f"mean flexibility {flexibility}; total variation from the print {distance}"
     return Document("Table 2", [Paragraph(words, head="Table 2:"), Table(result.counts)])
-
-
-@document_of.register
-def table3_document(result: Table3) -> Document:
-    """Table 3 beside what is predicted."""
-    words = (
-        f"printed coordinates read as those of the {result.reading}. Seat 6 spreads {result.measured_ratio:.2f} times as "
-        f"much as seat 5, which {percent(result.ratio_probability, 1)} of the arms within the half-widths do."
-    )
-    return Document("Table 3", [Paragraph(words, head="Table 3:"), Table(result.points)])
 
 
 @document_of.register

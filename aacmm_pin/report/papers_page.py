@@ -5,7 +5,6 @@ Every number is computed when the page is made; the sentences around them are fi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,17 +14,12 @@ import pandas as pd
 from aacmm_pin._support.units import ARCSEC, MM, UM
 from aacmm_pin.papers import zero_offset
 from aacmm_pin.papers.sino6 import Table2, misprints, reproduce_table2
-from aacmm_pin.papers.sino6_table3 import (
-    Table3,
-    Table3Diagnosis,
-    diagnose_table3,
-    expected_of_records,
-    implied_counts,
-    predict_table3,
-)
-from aacmm_pin.papers.sino6_table3.causes import DH, ECCENTRICITY, GRAVITY, NOISE, ODD, OF_SEATS
+from aacmm_pin.papers.sino6_table3 import Table3Diagnosis, diagnose_table3, implied_counts
+from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY
+from aacmm_pin.papers.sino6_table3.patterns import DH, ECCENTRICITY, GRAVITY, NOISE, ODD, OF_SEATS
 from aacmm_pin.report import plots
-from aacmm_pin.report.document import Block, Document, Figure, Heading, Paragraph, Table, blank_axes
+from aacmm_pin.report.document import Block, Document, Figure, Format, Heading, Paragraph, Table, blank_axes
+from aacmm_pin.report.numbers import percent
 
 PAPER = "Xu You et al., Chinese Journal of Scientific Instrument 40 (2019), doi:10.19650/j.cnki.cjsi.J1905059"
 NEAR = 10.0
@@ -45,14 +39,22 @@ SYMBOLS = (
     ("Dq, Rq", "what (13) takes for Uk; horizontal distance C to P"),
 )
 """What the printed equations call things."""
+MISPRINTS = {
+    "corrected": "right",
+    "median_angle_error_deg": "angle off by [°]",
+    "median_length_error_mm": "length off by [mm]",
+    "affected_share": "wrong or missing",
+    "no_answer_share": "no real answer",
+    "false_share": "impossible but accepted",
+}
 SPREADS = {
-    "point": "seat",
+    "seat": "seat",
     "measured_mm": "measured [mm]",
     "dh_p05_mm": "DH errors, 5 % [mm]",
     "dh_median_mm": "median [mm]",
     "dh_p95_mm": "95 % [mm]",
     "measured_quantile": "share of arms below measured",
-    "angle_noise_mm": "angle noise 5″ [mm]",
+    "noise_mm": "encoder noise, size by seats 1–5 [mm]",
 }
 EVIDENCE = {
     "cause": "description",
@@ -82,46 +84,37 @@ HELD_OUT = {
 
 @dataclass(frozen=True, eq=False)
 class PaperStudy:
-    """What is computed for the page: both tables of the SINO6 paper, and what its Table 3 and its records would tell.
+    """What is computed for the page.
 
     Attributes:
-        table2: flexibility.
-        table3, table3_tip: predicted spreads, the wrist or the tip at the printed coordinates.
-        diagnosed: the diagnosis of Table 3.
-        of_records: what the records behind it would tell.
+        table2: flexibility, Table 2 of the SINO6 paper.
+        table3: the diagnosis of its Table 3.
         seed: of all that is drawn.
     """
 
     table2: Table2
-    table3: Table3
-    table3_tip: Table3
-    diagnosed: Table3Diagnosis
-    of_records: pd.DataFrame
+    table3: Table3Diagnosis
     seed: int
 
     @staticmethod
     def of(seed: int, progress: bool = True) -> PaperStudy:
         """Compute everything."""
-        table2 = reproduce_table2(progress=progress)
-        wrist, tip = (predict_table3(np.random.default_rng(seed), reading=r) for r in ("wrist", "stylus down"))
-        found = diagnose_table3(np.random.default_rng(seed), progress=progress)
-        of_records = expected_of_records(found.seats, found.tau, np.random.default_rng(seed))
-        return PaperStudy(table2, wrist, tip, found, of_records, seed)
+        return PaperStudy(reproduce_table2(progress=progress), diagnose_table3(np.random.default_rng(seed)), seed)
 
     def findings(self) -> list[str]:
         """What the shell says."""
-        mean, points, found = self.table2.mean_flexibility, self.table3.points, self.diagnosed
-        low, middle, high = found.noise / ARCSEC
-        ratio = found.contrast.summary["mean_ratio"].to_dict()
+        mean, found = self.table2.mean_flexibility, self.table3
+        seats, (low, middle, high) = found.shown, found.noise / ARCSEC
+        ratio = found.contrast.summary["mean_ratio"]
         return [
             f"Table 2 of the paper: histogram reproduced to a total variation distance of "
             f"{100 * self.table2.total_variation['reproduced']:.1f} %; mean flexibility {mean['paper']:.3f} printed, "
             f"{mean['exact']:.3f} by exact geometry on the same cells",
-            f"Table 3 of the paper: spreads of {points['measured_mm'].min():.4f} to {points['measured_mm'].max():.4f} mm "
-            f"measured, {points['dh_p05_mm'].min():.3f} to {points['dh_p95_mm'].max():.3f} mm by DH errors alone (5–95 %), "
-            f"but {_ratio_text(self.table3)} spreads as much more at seat 6 than at seat 5 as measured",
+            f"Table 3 of the paper: spreads of {seats['measured_mm'].min():.4f} to {seats['measured_mm'].max():.4f} mm "
+            f"measured, {seats['dh_p05_mm'].min():.3f} to {seats['dh_p95_mm'].max():.3f} mm by DH errors alone (5–95 %); "
+            f"{often(_of(found, DH)['ratio_probability'])} does seat 6 spread as much more than seat 5 as measured",
             f"Table 3 diagnosed: encoder noise of {middle:.1f}″ ({low:.1f}″ to {high:.1f}″) gives seats 1 to 5 within "
-            f"{found.fit_percent:.1f} %, other small random errors as well; seat 6 needs "
+            f"{found.fit[0]:.1f} %, other small random errors as well; seat 6 needs "
             f"{found.local_noise / UM:.0f} µm in each coordinate of its own",
             f"marked part of Table 3: {found.contrast.measured_mean_ratio:.2f} times the spread of the rest; the smallest "
             f"deviations picked after measuring give {ratio['after_noise']:.2f}, the smallest predicted volume "
@@ -140,15 +133,7 @@ def papers_document(study: PaperStudy) -> Document:
             f"uncertainties and a diagnosis give. Seed {study.seed}.",
             *_about_misprints(study.seed),
             *_about_table2(study.table2),
-            *_about_table3(study),
-            *_diagnosed(study.diagnosed),
-            Paragraph(f"What would settle it. {of_records_in_words(study.of_records)}", finding=True),
-            Figure(
-                lambda: plots.plot_expected_of_records(study.of_records, blank_axes(7.8, 5.2)),
-                "Table of the expected logarithm of the Bayes factor between causes from the records themselves",
-                "Expected logarithm of the Bayes factor of the true cause against the one assumed, from angles and "
-                "touched seat of all records; places of the seats unknown, level of the scatter refitted.",
-            ),
+            *_about_table3(study.table3),
             *_about_zero_offsets(),
         ],
         "Xu You et al. 2019 (SINO6) and the zero-offset calibration of 2010",
@@ -157,41 +142,20 @@ def papers_document(study: PaperStudy) -> Document:
 
 def _about_misprints(seed: int) -> list[Block]:
     table = misprints(np.random.default_rng(seed))
-    shown = pd.DataFrame(
-        {"equation": "(" + table["equation"] + ")", "printed": table["printed"], "right": table["corrected"]}
-    )
-    shown["effect of this slip alone"] = [_effect(row) for row in table.to_dict("records")]
+    table["equation"] = "(" + table["equation"] + ")"
+    formats: dict[str, Format] = {"cosine": ".2f", "median_angle_error_deg": ".1f", "median_length_error_mm": ".1f"}
+    formats |= dict.fromkeys([name for name in MISPRINTS if name.endswith("share")], lambda share: percent(share, 2))
     return [
         Heading("The equations of the SINO6 paper"),
         "Some printed equations do not give the configurations that they are meant to give. Each row is one slip, with "
-        "everything else right, on the same 20 000 random configurations within the limits.",
-        Table(shown, "Equations (3) to (13) as printed and as they should read"),
+        "everything else right, on the same 20 000 random configurations within the limits. A cosine beyond 1 is of no "
+        "angle; errors are medians over the configurations with a wrong answer.",
+        Table(table, "Equations (3) to (13) as printed and as they should read", formats, MISPRINTS),
         Table(pd.DataFrame(SYMBOLS, columns=["symbol", "meaning"]), "The paper's symbols in this table"),
         "With the sign of ken or of Vk as printed the paper's own Table 2 does not come out, so these two are slips of the "
         "print and not of the authors' program. The condition of (7), l2 in (11), |Uk| in (12) and the condition of (13) "
         "hardly change its counts; (3), (5) and (9) have no part in them.",
     ]
-
-
-def _effect(row: dict[Any, Any]) -> str:
-    """The measured size of a misprint in words."""
-    known = {name: float(value) for name, value in row.items() if isinstance(value, float) and np.isfinite(value)}
-    if "cosine" in known:
-        return f"the cosine would be {known['cosine']:.2f}: no angle"
-    if known.get("affected_share", 1.0) == 0.0 and not known.get("false_share"):
-        return "no case among these configurations"
-    parts = []
-    if "median_angle_error_deg" in known:
-        parts.append(f"median error {known['median_angle_error_deg']:.1f}° where wrong")
-    if "median_length_error_mm" in known:
-        parts.append(f"median error {known['median_length_error_mm']:.1f} mm")
-    share = known["affected_share"]
-    parts.append(f"{'all' if share == 1 else f'{100 * share:.1f} % of'} configurations wrong or missing")
-    if known.get("no_answer_share"):
-        parts.append(f"{100 * known['no_answer_share']:.2g} % without a real answer")
-    if known.get("false_share"):
-        parts.append(f"{100 * known['false_share']:.0f} % of impossible cases accepted")
-    return "; ".join(parts)
 
 
 def _about_table2(result: Table2) -> list[Block]:
@@ -234,63 +198,25 @@ def _range(numbers: pd.Series[Any]) -> str:
     return f"{int(numbers.min())} to {int(numbers.max())}"
 
 
-def _about_table3(study: PaperStudy) -> list[Block]:
-    result, tip = study.table3, study.table3_tip
-    quantile = result.points["measured_quantile"]
-    together = [float(each.correlation[np.triu_indices(6, 1)].min()) for each in (result, tip)]
-    noise = [(each.points["angle_noise_mm"] / each.points["measured_mm"] - 1).abs() * 100 for each in (result, tip)]
-    formats = dict.fromkeys(list(SPREADS)[1:], ".4f") | {"measured_quantile": ".2f"}
+def _about_table3(found: Table3Diagnosis) -> list[Block]:
+    say = in_words(found)
+    of_causes = found.evidences.sort_values("five_tau_0.15", ascending=False)[list(EVIDENCE)]
+    numbers = list(EVIDENCE)[1:]
+    of_causes[numbers] = (of_causes[numbers] - of_causes[numbers].max()).round(1) + 0.0  # + 0.0: no minus zero
     bad = implied_counts().query("not whole")
     odd = ", ".join(f"seat {r.point} ({r.marked_count_low:.2f} to {r.marked_count_high:.2f})" for r in bad.itertuples())
     return [
-        Heading("Measurements (Table 3), predicted"),
+        Heading("Measurements (Table 3)"),
         "The paper measured six seats in fifty postures each and prints how far the fifty positions spread about their own "
-        "mean; the true position does not enter. The printed coordinates are read as those of the wrist. Beside the printed "
-        f"spreads stand those of {len(result.spreads)} drawn arms whose DH values lie within the half-widths of Table 1, "
-        "and those of white noise of 5″ on every joint, a round number that was tried.",
-        Table(result.points, "Spread of fifty positions about their mean at each seat (eq. 16)", formats, SPREADS),
-        Figure(
-            lambda: plots.plot_table3(result, blank_axes(6.8, 4.4)),
-            "Measured spread of six seats over the band that DH errors predict",
-            "Measured spreads, the band of DH errors alone, and white angle noise.",
-        ),
-        Paragraph(
-            "Seat by seat, errors of the DH values alone would do: each measured spread is above that of "
-            f"{100 * quantile.min():.0f} % to {100 * quantile.max():.0f} % of the drawn arms. Together they do not: one arm "
-            f"has one set of errors, so the seats rise and fall together (correlation at least {together[0]:.2f}), and "
-            f"{_ratio_text(result)} spreads {result.measured_ratio:.2f} times as much at seat 6 as at seat 5, which is what "
-            f"was measured. Angle noise of 5″ comes within {noise[0][:5].max():.0f} % of seats 1 to 5 and misses seat 6 by "
-            f"{noise[0][5]:.0f} %.",
-            finding=True,
-        ),
-        "With the tip in the seat and the stylus straight down, the other reading of the coordinates, the conclusions stay: "
-        f"correlation at least {together[1]:.2f}, {_ratio_text(tip)} spreads as much more at seat 6, and 5″ comes within "
-        f"{noise[1][:5].max():.0f} % of seats 1 to 5.",
-        "The three printed spreads of a seat share one sum of squares, so they imply how many of the fifty records are in "
-        f"the marked part. That number is whole within the printed digits for all seats but {odd}: there the three printed "
-        "numbers cannot all be right, if there are fifty records.",
-    ]
-
-
-def _ratio_text(result: Table3) -> str:
-    share, draws = result.ratio_probability, len(result.spreads)
-    return f"none of the {draws} drawn arms" if share == 0 else f"only {100 * share:.2g} % of the drawn arms"
-
-
-def _diagnosed(found: Table3Diagnosis) -> list[Block]:
-    say = in_words(found)
-    table = found.evidences.sort_values("five_tau_0.15", ascending=False)[list(EVIDENCE)]
-    numbers = list(EVIDENCE)[1:]
-    table[numbers] = (table[numbers] - table[numbers].max()).round(1) + 0.0  # + 0.0: no minus zero
-    four = dict.fromkeys(["predicted_mm", "predicted_p975_mm", "ratio_probability", "as_large_probability"], ".4f")
-    return [
-        Heading("Measurements (Table 3), diagnosed"),
-        "Each cause gives a pattern over the seats; its size is free, within a factor of ten of what is usual, but for DH "
-        "errors, which keep the half-widths of Table 1. The tip is taken to be in the seat with the stylus straight down "
-        f"and the elbow evenly round its circle. A prediction is taken to be right to {100 * found.tau:.0f} % (model "
-        "discrepancy), for neither postures nor contact are known, beside the sampling error of a spread of fifty records; "
-        "the answers for 30 % stand beside. Masses are assumed.",
+        "mean; the true position does not enter. Each cause gives a pattern over the seats; its size is free, within a "
+        "factor of ten of what is usual, but for DH errors, which keep the half-widths of Table 1. The tip is taken to "
+        "be in the seat with the stylus straight down and the elbow evenly round its circle. A prediction is taken to be "
+        f"right to {100 * DISCREPANCY:.0f} % (model discrepancy), for neither postures nor contact are known, beside "
+        "the sampling error of a spread of fifty records; the answers for 30 % stand beside. Masses are assumed.",
         Paragraph(f"What the simulation gets wrong. {say['wrong']}", finding=True),
+        _table(
+            found.shown, SPREADS, "Spread of fifty positions about their mean at each seat (eq. 16)", measured_quantile=".2f"
+        ),
         Figure(
             lambda: plots.plot_spreads(found, blank_axes(7.2, 4.4)),
             "Measured spread of six seats and what each of five causes predicts",
@@ -298,24 +224,22 @@ def _diagnosed(found: Table3Diagnosis) -> list[Block]:
             "seats give them.",
         ),
         Paragraph(f"The cause. {say['cause']} {say['limits']}", finding=True),
-        Table(
-            table,
-            "Natural logarithm of the Bayes factor against the best of the column",
-            dict.fromkeys(numbers, ".1f"),
-            EVIDENCE,
-        ),
+        _table(of_causes, EVIDENCE, "Natural logarithm of the Bayes factor against the best of the column", ".1f"),
         Figure(
             lambda: plots.plot_bayes_factors(found, blank_axes(7.6, 5.4)),
             "Bars of the logarithm of the Bayes factor of each description",
             "The same as bars. Left of the dotted line a description is ten times less probable than the best.",
         ),
         Paragraph(say["seat 6"], finding=True),
-        Table(
-            found.seat6[list(SEAT6)],
-            "Seat 6 by each description, before any measurement and when seats 1 to 5 are known",
-            four | {"ratio_median": ".2f"},
+        _table(
+            found.seat6,
             SEAT6,
+            "Seat 6 by each description, before any measurement and when seats 1 to 5 are known",
+            ratio_median=".2f",
         ),
+        "The three printed spreads of a seat share one sum of squares, so they imply how many of the fifty records are in "
+        f"the marked part. That number is whole within the printed digits for all seats but {odd}: there the three printed "
+        "numbers cannot all be right, if there are fifty records.",
         Paragraph(say["contrast"], finding=True),
         Figure(
             lambda: plots.plot_part_and_rest(found, blank_axes(7.2, 4.2)),
@@ -325,13 +249,17 @@ def _diagnosed(found: Table3Diagnosis) -> list[Block]:
         Paragraph(say["strict pick"], finding=True),
         Paragraph(f"The extended model. {say['extended']}", finding=True),
         Paragraph(f"The gain. {say['gain']}", finding=True),
-        Table(
-            found.held_out_five.seats[list(HELD_OUT)],
-            "Seats 1 to 5, each predicted from the other four",
-            dict.fromkeys(list(HELD_OUT)[1:], ".4f"),
-            HELD_OUT,
-        ),
+        _table(found.held_out_five.seats, HELD_OUT, "Seats 1 to 5, each predicted from the other four"),
+        "The records themselves, angles and touched seat, would settle it: by them causes are told apart that leave the "
+        "same spreads. A column that says from which side each joint came would tell hysteresis from noise, and the time "
+        "of each record a drift.",
     ]
+
+
+def _table(frame: pd.DataFrame, heads: dict[str, str], caption: str, form: str = ".4f", **forms: str) -> Table:
+    """The columns with ``heads``; numbers with a fraction are written with ``form``, but for those with one of their own."""
+    fractions = [name for name in heads if pd.api.types.is_float_dtype(frame[name])]
+    return Table(frame[list(heads)], caption, dict.fromkeys(fractions, form) | forms, heads)
 
 
 def _about_zero_offsets() -> list[Block]:
@@ -359,95 +287,78 @@ def _about_zero_offsets() -> list[Block]:
 
 def in_words(found: Table3Diagnosis) -> dict[str, str]:
     """What was found, one text for each duty of a diagnosis, and one for what stays open."""
-    return dict(_texts(found))
-
-
-def _texts(found: Table3Diagnosis) -> Iterator[tuple[str, str]]:
-    sampling, quantile = found.shown["sampling_percent"], found.shown["measured_quantile"]
-    seat6 = found.seat6.set_index("cause").to_dict("index")
-    yield (
-        "wrong",
-        f"DH errors within the half-widths of Table 1 would spread each seat as much as measured (above "
+    sampling, quantile, table = found.shown["sampling_percent"], found.shown["measured_quantile"], found.evidences
+    low, middle, high = found.noise / ARCSEC
+    likely = table.sort_values("five_probability", ascending=False)
+    others = likely.loc[
+        (likely["five_probability"] > table["five_probability"].max() / 3) & (likely["cause"] != NOISE), "cause"
+    ]
+    columns = [table[name] for name in list(EVIDENCE)[1:]]
+    five, _, six, doubtful = (int((column > column.max() - np.log(NEAR)).sum()) for column in columns)
+    pick, share = found.strict_pick.causes.set_index("cause"), found.strict_pick.least_random_share
+    lower, extended, upper = found.noise_beside_dh / ARCSEC
+    return {
+        "wrong": f"DH errors within the half-widths of Table 1 would spread each seat as much as measured (above "
         f"{100 * quantile.min():.0f} % to {100 * quantile.max():.0f} % of the drawn arms), but the six spreads of one arm "
         f"are worth {found.effective_numbers:.2f} numbers: they rise and fall together, and "
-        f"{often(seat6[DH]['ratio_probability'])} does seat 6 spread as much more than seat 5 as it did.",
-    )
-    low, middle, high = found.noise / ARCSEC
-    rest = found.evidences.sort_values("five_probability", ascending=False)
-    near = rest.loc[rest["five_probability"] > rest["five_probability"].max() / 3, "cause"]
-    others = [str(cause) for cause in near if cause != NOISE]
-    yield (
-        "cause",
-        f"Equal noise of {middle:.1f}″ ({low:.1f}″ to {high:.1f}″) on every encoder gives seats 1 to 5 within "
-        f"{found.fit_percent:.1f} %, closer than the sampling error of {sampling.min():.0f} % to {sampling.max():.0f} % "
-        f"lets expect (chance {100 * found.fit_p_value:.1g} %), so the closeness is luck in part; {len(others)} other "
+        f"{often(_of(found, DH)['ratio_probability'])} does seat 6 spread as much more than seat 5 as it did.",
+        "cause": f"Equal noise of {middle:.1f}″ ({low:.1f}″ to {high:.1f}″) on every encoder gives seats 1 to 5 within "
+        f"{found.fit[0]:.1f} %, closer than the sampling error of {sampling.min():.0f} % to {sampling.max():.0f} % "
+        f"lets expect (chance {100 * found.fit[1]:.1g} %), so the closeness is luck in part; {len(others)} other "
         f"descriptions are at least a third as probable: {', '.join(others)}.",
-    )
-    near_by = {}
-    for key in (f"five_tau_{found.tau:.2f}", f"six_tau_{found.tau:.2f}", "six_tau_0.30"):
-        near_by[key] = int((found.evidences[key] > found.evidences[key].max() - np.log(NEAR)).sum())
-    five, six, doubtful = near_by.values()
-    yield (
-        "limits",
-        f"Of {len(found.evidences)} descriptions {five} are within a Bayes factor of {NEAR:.0f} of the best by "
+        "limits": f"Of {len(table)} descriptions {five} are within a Bayes factor of {NEAR:.0f} of the best by "
         f"seats 1 to 5, {six} by all six, and {doubtful} by all six if predictions are right to 30 % only: six "
-        f"aggregate numbers say that seat 6 is special, and hardly more.",
-    )
-    yield "seat 6", _of_seat6(found)
-    yield "contrast", _of_contrast(found)
-    pick = found.strict_pick.causes.set_index("cause").to_dict("index")
-    share = found.strict_pick.least_random_share
-    yield (
-        "strict pick",
-        f"However the part was chosen, it cannot spread less than the records nearest the mean. If the postures went round "
-        f"the full circle, DH errors alone would spread these {pick[DH]['ratio_median']:.2f} times as much as the rest, "
-        f"and as little as printed {often(pick[DH]['reached'])}; beside them at least {100 * share:.0f} % of the "
-        f"variance of seats 1 to 5 has to scatter, {np.sqrt(share) * middle:.1f}″ if that is encoder noise. Eccentricity of "
-        f"all encoders reaches the printed contrast {often(pick[ECCENTRICITY]['reached'])}, gravity "
-        f"{often(pick[GRAVITY]['reached'])}.",
-    )
-    low, middle, high = found.noise_beside_dh / ARCSEC
-    yield (
-        "extended",
-        f"The extended arm states encoder_noise_rad = {found.noise_beside_dh[1]:.3g}, that is {middle:.1f}″ ({low:.1f}″ to "
-        f"{high:.1f}″) with DH errors within their half-widths beside it, by spreads and contrasts of seats 1 to 5; the "
-        f"spreads alone would only say below {found.noise_by_spreads_alone[2] / ARCSEC:.1f}″. What happened at seat 6 is "
-        "not the arm's and is not in it.",
-    )
-    yield "gain", _of_gain(found)
+        "aggregate numbers say that seat 6 is special, and hardly more.",
+        "seat 6": _of_seat6(found),
+        "contrast": _of_contrast(found),
+        "strict pick": "However the part was chosen, it cannot spread less than the records nearest the mean. If the "
+        f"postures went round the full circle, DH errors alone would spread these {pick['ratio_median'][DH]:.2f} times as "
+        f"much as the rest, and as little as printed {often(pick['reached'][DH])}; beside them at least {100 * share:.0f} % "
+        f"of the variance of seats 1 to 5 has to scatter, {np.sqrt(share) * middle:.1f}″ if that is encoder noise. "
+        f"Eccentricity of all encoders reaches the printed contrast {often(pick['reached'][ECCENTRICITY])}, gravity "
+        f"{often(pick['reached'][GRAVITY])}.",
+        "extended": f"The extended arm states encoder_noise_rad = {found.noise_beside_dh[1]:.3g}, that is {extended:.1f}″ "
+        f"({lower:.1f}″ to {upper:.1f}″) with DH errors within their half-widths beside it, by spreads and contrasts of "
+        f"seats 1 to 5; the spreads alone would only say below {found.noise_by_spreads_alone[2] / ARCSEC:.1f}″. What "
+        "happened at seat 6 is not the arm's and is not in it.",
+        "gain": _of_gain(found),
+    }
 
 
 def _of_gain(found: Table3Diagnosis) -> str:
-    sampling = found.shown["sampling_percent"]
     held, whole = found.held_out_five, found.held_out_six
     gains = {name: f"{held.gain[name]:.2f} ({_between(held.interval[name])})" for name in held.gain}
     return (
         f"Predicted from the other four, a seat of the first five is off by {held.rms_percent['recalibrated']:.0f} % by DH "
         f"errors alone and by {held.rms_percent['extended']:.0f} % with encoder noise beside them: gain "
         f"{gains['extended']}; {gains['by_spreads']} if the contrasts of the four are not used, and {gains['noise_alone']} "
-        f"by noise without DH errors. The intervals rest on five numbers, each itself uncertain by {sampling.mean():.0f} %. "
-        f"With seat 6 among them the gain is {whole.gain['extended']:.2f} ({_between(whole.interval['extended'])}): neither "
-        "model has it."
+        "by noise without DH errors. The intervals rest on five numbers, each itself uncertain by "
+        f"{found.shown['sampling_percent'].mean():.0f} %. With seat 6 among them the gain is {whole.gain['extended']:.2f} "
+        f"({_between(whole.interval['extended'])}): neither model has it."
     )
 
 
 def _of_seat6(found: Table3Diagnosis) -> str:
-    seat6 = found.seat6.set_index("cause").to_dict("index")
     can = found.seat6.loc[found.seat6["possible"], "cause"].tolist()
     of_the_arm = found.evidences[~found.evidences["cause"].isin(OF_SEATS)]
     best = str(of_the_arm.sort_values("six_probability").iloc[-1]["cause"])
-    factor, worse = (found.log_bayes_factor(ODD, best, "six", tau) for tau in (found.tau, 0.30))
-    noise, stand = seat6[NOISE], found.stand
+    factor, worse = (found.log_bayes_factor(ODD, best, "six", tau) for tau in (DISCREPANCY, 0.30))
+    noise, stand = _of(found, NOISE), found.stand
     return (
         f"Seat 6 needs a cause of its own: encoder noise that fits the others predicts {noise['predicted_mm']:.4f} mm "
         f"(97.5 % below {noise['predicted_p975_mm']:.4f} mm) against {found.shown['measured_mm'].iloc[-1]:.4f} mm; of the "
         f"causes weighed {'only ' + ' and '.join(can) if can else 'none'} could have made it, with "
         f"{found.local_noise / MM:.3f} mm in each coordinate added there. Against it the best cause of the arm, {best}, has "
-        f"a Bayes factor of 1 : {bayes_factor(factor)} if predictions are right to {100 * found.tau:.0f} %, and of 1 : "
+        f"a Bayes factor of 1 : {bayes_factor(factor)} if predictions are right to {100 * DISCREPANCY:.0f} %, and of 1 : "
         f"{bayes_factor(worse)} if only to 30 %. A stand soft enough for seat 6 would have given seat 5, which is nearly as "
         f"high, {stand['seat5_mm'].min():.3f} mm to {stand['seat5_mm'].max():.3f} mm against "
         f"{stand['seat5_measured_mm'].iloc[0]:.4f} mm measured."
     )
+
+
+def _of(found: Table3Diagnosis, cause: str) -> dict[Any, Any]:
+    """Seat 6 by this cause."""
+    return found.seat6.set_index("cause").loc[cause].to_dict()
 
 
 def _of_contrast(found: Table3Diagnosis) -> str:
@@ -455,28 +366,14 @@ def _of_contrast(found: Table3Diagnosis) -> str:
     milder = [str(seat) for seat in seats.loc[seats["measured_ratio"] > seats["after_noise_p95"], "seat"]]
     above = f", those of {', '.join(milder)} above it, milder than a strict pick" if milder else ""
     before = float(table.loc[["before_dh", "before_noise"], "mean_as_small"].max())
-    mean, inside = table["mean_ratio"], table["inside"].to_dict()["after_noise"]
+    mean = table["mean_ratio"]
     return (
         f"The marked part spreads {found.contrast.measured_mean_ratio:.2f} times as much as the rest (geometric mean). "
         f"Postures with the smallest predicted volume would give {mean['before_dh']:.2f} under DH errors and "
         f"{mean['before_noise']:.2f} under encoder noise, as little as printed {often(before)}; the smallest deviations "
-        f"picked after measuring give {mean['after_noise']:.2f}, and {inside} of the 6 printed "
+        f"picked after measuring give {mean['after_noise']:.2f}, and {table['inside']['after_noise']} of the 6 printed "
         f"ratios are in its 5–95 % band{above}. A contrast of this size is what picking after measuring makes; it is no "
         "evidence that a predicted volume told the postures apart."
-    )
-
-
-def of_records_in_words(table: pd.DataFrame) -> str:
-    """What the records themselves would tell, by :func:`aacmm_pin.papers.sino6_table3.expected_of_records`."""
-    values = table.to_numpy(copy=True)
-    np.fill_diagonal(values, np.nan)
-    true, taken = divmod(int(np.nanargmin(values)), values.shape[1])
-    return (
-        f"The records themselves, angles and touched seat, would settle it: {len(table)} causes of the sizes that Table 3 "
-        f"gives them would be told apart by an expected logarithm of the Bayes factor of {values[true, taken]:.0f} in the "
-        f"closest pair ({table.index[true]}, taken for {table.columns[taken]}) and of {np.nanmedian(values):.0f} in the "
-        "median pair. A column that says from which side each joint came would tell hysteresis from noise, and the time of "
-        "each record a drift."
     )
 
 

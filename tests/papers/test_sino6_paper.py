@@ -6,16 +6,16 @@ from matplotlib.figure import Figure
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import table
-from aacmm_pin.errors import ShapeError, UnsupportedArmError
+from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.papers.sino6 import (
     NominalArm,
-    equations,
     misprints,
     printed_table1,
     printed_table2,
     reproduce_table2,
     sino6_nominal,
 )
+from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations
 from aacmm_pin.papers.sino6.misprints import draw_sample
 from aacmm_pin.report import plots
 
@@ -52,11 +52,6 @@ def angle_error(found, true):
     return np.abs(np.angle(np.exp(1j * (found - true)))).max(axis=-1)
 
 
-@pytest.fixture(scope="module")
-def slips():
-    return misprints(np.random.default_rng(3), 20_000).set_index(["equation", "printed"])
-
-
 def test_table_1_is_the_bundled_arm(sino6: Arm):
     printed = printed_table1()
     values = printed[["a_mm", "d_mm", "alpha_rad", "theta_offset_rad"]].to_numpy() * [MM, MM, 1, 1]
@@ -66,7 +61,7 @@ def test_table_1_is_the_bundled_arm(sino6: Arm):
     np.testing.assert_array_equal(stated, widths * [MM, MM, 1, 1])
     assert sino6_nominal() == ARM
     np.testing.assert_array_equal(sino6_nominal().dh.values(), TRUTH.values())
-    with pytest.raises(UnsupportedArmError, match="l2, d5 not positive"):
+    with pytest.raises(UnsupportedArmError, match="not positive"):
         NominalArm(-L2, L3, D3, -D5)
 
 
@@ -79,8 +74,9 @@ def test_highest_configuration_is_the_one_that_made_the_point():
     elbow_angle = np.arctan2(L3 - L2, D3)  # where |θ4| passes π - this, the mirror image about OP is the answer instead
     applies = looks_towards(q, p) & (q[:, 3] > -np.pi - elbow_angle)
     assert applies.mean() > 0.8
-    found = equations.highest_configuration(ARM, p[applies])
-    assert angle_error(found, q[applies, :4]).max() < 1e-10
+    assert angle_error(PlanarConfigurations(ARM, p[applies]).highest, q[applies, :4]).max() < 1e-10
+    printed = np.arctan(p[:, 1] / p[:, 0]) + np.where(p[:, 0] >= 0, 0.0, np.pi)  # the case distinction of (2)
+    assert angle_error(PlanarConfigurations(ARM, p).azimuth[:, None], printed[:, None]).max() < 1e-14
 
 
 def test_lowest_configuration_is_the_one_that_made_the_point():
@@ -91,10 +87,10 @@ def test_lowest_configuration_is_the_one_that_made_the_point():
     towards = looks_towards(q, p)
     applies = towards & first & reachable
     assert applies.mean() > 0.6
-    assert angle_error(equations.lowest_configuration(ARM, p[applies]), q[applies, :4]).max() < 1e-10
-    second = equations.lowest_theta4(ARM, p[~first])[:, 1]
-    assert np.abs(second - q[~first, 3]).max() < 1e-10
-    assert np.isnan(equations.lowest_theta2(ARM, p[towards & ~reachable])).all()
+    found = PlanarConfigurations(ARM, p)
+    assert angle_error(found.lowest[applies], q[applies, :4]).max() < 1e-10
+    assert np.abs(found.theta4_min[~first, 1] - q[~first, 3]).max() < 1e-10
+    assert np.isnan(found.lowest[towards & ~reachable, 1]).all()
 
 
 def test_highest_means_below_the_line_to_the_point_in_the_dh_frame():
@@ -102,8 +98,7 @@ def test_highest_means_below_the_line_to_the_point_in_the_dh_frame():
     p = TRUTH.positions(q)
     both = looks_towards(q, p) & (q[:, 3] > -3.1) & (np.linalg.norm(p, axis=1) > np.hypot(L2 + L3, D3) - D5)
     q, p = q[both], p[both]
-    lowest = np.zeros_like(q)
-    lowest[:, :4] = equations.lowest_configuration(ARM, p)
+    lowest = np.column_stack([PlanarConfigurations(ARM, p).lowest, np.zeros(len(p))])
     np.testing.assert_allclose(TRUTH.positions(lowest), p, atol=1e-12)
     slope = p[:, 2] / np.hypot(p[:, 0], p[:, 1])
     for configuration, side in ((q, -1.0), (lowest, 1.0)):
@@ -115,13 +110,12 @@ def test_highest_means_below_the_line_to_the_point_in_the_dh_frame():
 def test_all_configurations_at_a_theta2_contain_the_one_that_made_the_point():
     q = random_configurations(5, 20_000)
     p = TRUTH.positions(q)
-    found = equations.configurations_at_theta2(ARM, p, q[:, 1])
-    error = angle_error(found, q[:, None, None, :4])
+    at = ConfigurationsAtTheta2(ARM, p, q[:, 1])
+    error = angle_error(at.all(), q[:, None, None, :4])
     best = np.nanmin(error.reshape(len(q), 4), axis=1)
     # Inverse cosines near ±1 lose half the digits, whatever the code: such points are counted, not judged to 1e-10.
-    cosine4 = equations.cosine_theta42(ARM, p, q[:, 1])
     cosine1 = np.cos(q[:, 0] - np.arctan2(p[:, 1], p[:, 0]))
-    sound = (np.abs(cosine4) < 1 - 1e-5) & (np.abs(cosine1) < 1 - 1e-5)
+    sound = (np.abs(at.cosine_theta42(L3)) < 1 - 1e-5) & (np.abs(cosine1) < 1 - 1e-5)
     assert sound.mean() > 0.99
     assert best[sound].max() < 1e-10
     assert best.max() < 1e-6
@@ -133,7 +127,7 @@ def test_every_configuration_at_a_theta2_reaches_the_point():
     rng = np.random.default_rng(6)
     p = TRUTH.positions(random_configurations(6, 5_000))
     theta2 = rng.uniform(-np.pi, 0, len(p))  # another θ2 than the one that made the point
-    found = equations.configurations_at_theta2(ARM, p, theta2)
+    found = ConfigurationsAtTheta2(ARM, p, theta2).all()
     exists = np.isfinite(found).all(axis=-1)
     number = np.nonzero(exists)[0]
     q = np.column_stack([found[exists], np.zeros(exists.sum())])
@@ -144,36 +138,23 @@ def test_every_configuration_at_a_theta2_reaches_the_point():
     np.testing.assert_array_equal(q[:, 1], theta2[number])
 
 
-def test_printed_case_distinction_of_equation_2_is_the_azimuth():
-    p = TRUTH.positions(random_configurations(7, 1_000))
-    printed = np.arctan(p[:, 1] / p[:, 0]) + np.where(p[:, 0] >= 0, 0.0, np.pi)
-    assert angle_error(equations.azimuth(p)[:, None], printed[:, None]).max() < 1e-14
-    with pytest.raises(ShapeError, match=r"pass point\[None, :\]"):
-        equations.azimuth(np.array([0.5, 0.0, 0.1]))
-
-
 # Misprints --------------------------------------------------------------------------------------------------------------
 
 
-def test_misprints_have_the_sizes_of_their_geometry(slips):
+def test_misprints_have_the_sizes_of_their_geometry():
+    slips = misprints(np.random.default_rng(3), 20_000).set_index(["equation", "printed"])
     assert slips.loc[("3", "the1 with √(l3² + d5²)"), "cosine"] == pytest.approx(5.81, abs=0.005)
     assert slips.loc[("3", "the1 with (l3² + d5²), the square alone restored"), "cosine"] == pytest.approx(2.84, abs=0.005)
     row = slips.loc[("5", "θ4max = -(2π - ∠k - ∠q)")]  # a right angle
     assert row["median_angle_error_deg"] == pytest.approx(90.0, abs=1e-9)
     assert row["affected_share"] == 1.0
-    t4 = -draw_sample(np.random.default_rng(3), 20_000).highest[:, 3]  # the sample behind the fixture
+    t4 = -draw_sample(np.random.default_rng(3), 20_000).highest[:, 3]  # the same sample
     squares, double = L3**2 + D5**2, 2 * L3 * D5 * np.sin(t4)
     difference = np.sqrt(squares + double) - np.sqrt(squares - double)
     measured = slips.loc[("7", "ken with cos(π/2 + θ4max)"), "median_length_error_mm"]
     assert measured == pytest.approx(np.median(difference) / MM, rel=1e-9)
     harmless = slips.index[slips["affected_share"] == 0.0].tolist()
     assert harmless == [("7", "exists if den + |d5| >= gen")]  # points of the workspace never violate the missing half
-
-
-def test_misprints_depend_on_the_generator_only():
-    one, two = (misprints(np.random.default_rng(8), 500) for _ in range(2))
-    assert one.equals(two)
-    assert not one.equals(misprints(np.random.default_rng(9), 500))
 
 
 def test_table_2_is_reproduced_within_one_percent_and_exact_geometry_gives_more():

@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.papers.sino6 import NominalArm, equations, sino6_nominal
+from aacmm_pin.papers.sino6 import NominalArm, sino6_nominal
+from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2
 from aacmm_pin.papers.sino6.table2 import exact_sectors, generating_grid
 
 SAMPLES, HALVINGS = 180, 50
@@ -124,7 +125,7 @@ def test_equations_10_to_13_agree() -> None:
     theta2 = -np.pi * (1 - np.cos(np.linspace(0, np.pi, 6_002)[1:-1])) / 2
     walked = np.zeros_like(searched)
     for number, point in enumerate(points):
-        found = equations.configurations_at_theta2(ARM, np.tile(point, (len(theta2), 1)), theta2).reshape(-1, 4)
+        found = ConfigurationsAtTheta2(ARM, np.tile(point, (len(theta2), 1)), theta2).all().reshape(-1, 4)
         found = found[np.isfinite(found).all(axis=1) & (found[:, 3] <= 0)]
         near = np.abs(swivel_of(np.tile(point, (len(found), 1)), found)[:, None] - swivels).min(axis=0)
         walked[:, number] = near < np.radians(1)

@@ -42,7 +42,7 @@ from aacmm_pin.effects.labels import values_in_words
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.papers import sino6
-from aacmm_pin.papers.sino6_table3 import Table3Diagnosis, predict_table3
+from aacmm_pin.papers.sino6_table3 import Table3Diagnosis
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.numbers import lengths, percent
@@ -118,7 +118,6 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "Tried": plan.tried[-1],
         "Power": plan.after,
         "Table2": table2,
-        "Table3": predict_table3(rng, 20),
     }
 
 
@@ -231,7 +230,6 @@ def drawings(values: dict[str, Any]) -> list[tuple[str, Callable[..., Any]]]:
         ("a cause", lambda ax=None: found.plot(found.findings[0], ax)),
         *((f"diagnosis {w}", lambda ax=None, w=w: found.plot(w, ax)) for w in ("rms", "groups", "arm", "held_out")),
         ("Table 2", values["Table2"].plot),
-        ("Table 3", values["Table3"].plot),
     ]
     return [*single, ("circle", circle.plot), ("circle, accuracy", lambda ax=None: circle.plot(accuracy, 3, ax))]
 

@@ -3,10 +3,6 @@
 Xu You, Gao Qun, Yu Limin, Xu Wei, Zheng Zhenxing, "Position accuracy forecast of different configuration based on the
 inverse kinematics algorithm of offset orthogonal AACMM", Chinese Journal of Scientific Instrument 40 (2019),
 doi:10.19650/j.cnki.cjsi.J1905059.
-
-- ``tables``: Tables 1 to 3 as printed, and the nominal arm.
-- ``equations``: (2) to (13), corrected; ``misprints``: what was corrected and how large each slip is.
-- ``table2``: the printed counts made again, and the exact ones.
 """
 
 from aacmm_pin.papers.sino6.misprints import misprints

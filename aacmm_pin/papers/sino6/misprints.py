@@ -17,15 +17,22 @@ from numpy.typing import NDArray
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.papers.sino6 import equations as eq
+from aacmm_pin.papers.sino6.equations import (
+    ConfigurationsAtTheta2,
+    PlanarConfigurations,
+    angle_in_triangle,
+    arccos_or_nan,
+    cosine_in_triangle,
+    tube_end_to_point,
+)
 from aacmm_pin.papers.sino6.tables import NominalArm, sino6_nominal
 
 WRONG = 1e-9
 """A difference above this counts as wrong [m or rad]; rounding stays far below it for nearly all configurations."""
-SIZES = ("cosine", "median_angle_error_deg", "median_length_error_mm", "affected_share", "no_answer_share", "false_share")
+COLUMNS = ["equation", "printed", "corrected", "cosine", "median_angle_error_deg", "median_length_error_mm"]
+SHARES = ["affected_share", "no_answer_share", "false_share"]
 Row = tuple[str, str, str, dict[str, float]]
 """Number of the equation, what is printed, what is right, and the sizes that have a meaning."""
-NO_ANGLE = {"affected_share": 1.0, "no_answer_share": 1.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +65,11 @@ def misprints(rng: np.random.Generator, samples: int = 20_000) -> pd.DataFrame:
     for which it is not real; false_share, of wrongly accepted cases among those without a configuration, for printed
     conditions. NaN where a size has no meaning.
     """
-    sample = draw_sample(rng, samples)
-    rows = [*_of_highest(sample), *_of_lowest(sample), *_of_theta4(sample), *_of_theta1(sample)]
-    table = pd.DataFrame([(equation, printed, right) for equation, printed, right, _ in rows])
-    sizes = pd.DataFrame([size for *_, size in rows], columns=SIZES)
-    return table.set_axis(["equation", "printed", "corrected"], axis=1).join(sizes)
+    s = draw_sample(rng, samples)
+    rows = [*_of_highest(s), *_of_lowest(s), *_of_theta4(s), *_of_theta1(s)]
+    return pd.DataFrame(
+        [dict(zip(COLUMNS[:3], texts, strict=True)) | sizes for *texts, sizes in rows], columns=COLUMNS + SHARES
+    )
 
 
 def draw_sample(rng: np.random.Generator, samples: int) -> Sample:
@@ -71,16 +78,14 @@ def draw_sample(rng: np.random.Generator, samples: int) -> Sample:
     upper = np.array([2.0 * np.pi, 0.0, 2.0 * np.pi, 0.0])
     q = rng.uniform(upper - np.array([2.0, 1.0, 2.0, 1.0]) * np.pi, upper, (samples, 4))
     highest, highest_p = _planar(arm, q, 0.0)
-    unfolded = -highest[:, 3] < 1.5 * np.pi - eq.angles_at_elbow(arm, highest_p, eq.highest_elbow_span(arm))[0]
-    lowest, lowest_p = _planar(arm, q, np.pi)
+    unfolded = -highest[:, 3] < 1.5 * np.pi - PlanarConfigurations(arm, highest_p).k
     other = rng.uniform(-np.pi, 0.0, samples)
-    return Sample(arm, q, _points(arm, q), highest[unfolded], highest_p[unfolded], lowest, lowest_p, other)
+    return Sample(arm, q, _points(arm, q), highest[unfolded], highest_p[unfolded], *_planar(arm, q, np.pi), other)
 
 
 def _planar(arm: NominalArm, q: Array, theta3: float) -> tuple[Array, Array]:
     """The configurations with this θ3 whose base looks towards P, and their points."""
-    q = q.copy()
-    q[:, 2] = theta3
+    q = np.column_stack([q[:, :2], np.full(len(q), theta3), q[:, 3]])
     p = _points(arm, q)
     towards = np.cos(q[:, 0]) * p[:, 0] + np.sin(q[:, 0]) * p[:, 1] > 0.0
     return q[towards], p[towards]
@@ -88,6 +93,11 @@ def _planar(arm: NominalArm, q: Array, theta3: float) -> tuple[Array, Array]:
 
 def _points(arm: NominalArm, q: Array) -> Array:
     return arm.dh.positions(np.column_stack([q, np.zeros(len(q))]))
+
+
+def _cosine(value: float) -> dict[str, float]:
+    """Sizes of a cosine that none is [1]."""
+    return {"cosine": value, "affected_share": 1.0, "no_answer_share": 1.0}
 
 
 def _angle(printed: Array, true: Array) -> dict[str, float]:
@@ -107,93 +117,76 @@ def _length(printed: Array | float, true: Array | float) -> dict[str, float]:
     return {"median_length_error_mm": float(np.median(error)) / MM, "affected_share": float((error > WRONG).mean())}
 
 
-def _printed_theta4(s: Sample) -> Array:
-    return eq.highest_theta4(s.arm, s.highest_p) - np.pi / 2
-
-
 def _of_highest(s: Sample) -> Iterator[Row]:
     """Of (3) and (5)."""
-    arm, p, theta2, theta4 = s.arm, s.highest_p, s.highest[:, 1], s.highest[:, 3]
-    span = eq.highest_elbow_span(arm)
-    l2, qd, bracket = arm.l2 / MM, span / MM, np.hypot(arm.l3, arm.d5) / MM
-    right = "the1 with (l3² + d3²)"
-    yield "3", "the1 with √(l3² + d5²)", right, {"cosine": (l2**2 + qd**2 - bracket) / (2.0 * l2 * qd)} | NO_ANGLE
-    restored = {"cosine": float(eq.cosine_in_triangle(l2, qd, bracket))} | NO_ANGLE
-    yield "3", "the1 with (l3² + d5²), the square alone restored", right, restored
-    signed = _length(np.hypot(arm.l3 + arm.l2, arm.d3), span)
-    yield "3", "QD with the signs of Table 1", "QD with magnitudes", signed
-    turned = _angle(eq.highest_theta2(arm, p) + np.pi, theta2)
+    arm, right, theta2, theta4 = s.arm, PlanarConfigurations(s.arm, s.highest_p), s.highest[:, 1], s.highest[:, 3]
+    l2, qd, bracket = arm.l2 / MM, right.qd / MM, np.hypot(arm.l3, arm.d5) / MM
+    corrected = "the1 with (l3² + d3²)"
+    yield "3", "the1 with √(l3² + d5²)", corrected, _cosine((l2**2 + qd**2 - bracket) / (2.0 * l2 * qd))
+    restored = _cosine(float(cosine_in_triangle(l2, qd, bracket)))
+    yield "3", "the1 with (l3² + d5²), the square alone restored", corrected, restored
+    yield "3", "QD with the signs of Table 1", "QD with magnitudes", _length(right.gen, right.qd)
+    turned = _angle(right.theta2_max + np.pi, theta2)
     yield "3", "θ2max = the1 + the2 + the3", "θ2max = the1 + the2 + the3 - π", turned
-    yield "5", "θ4max = -(2π - ∠k - ∠q)", "θ4max = -(3π/2 - ∠k - ∠q)", _angle(_printed_theta4(s), theta4)
-    k, q = eq.angles_at_elbow(arm, p, span)
-    yield "5", "d5 with the sign of Table 1", "|d5|", _angle(-(1.5 * np.pi - k - (np.pi - q)), theta4)
+    printed = -(2.0 * np.pi - right.k - right.q)
+    yield "5", "θ4max = -(2π - ∠k - ∠q)", "θ4max = -(3π/2 - ∠k - ∠q)", _angle(printed, theta4)
+    signed = -(1.5 * np.pi - right.k - (np.pi - right.q))
+    yield "5", "d5 with the sign of Table 1", "|d5|", _angle(signed, theta4)
 
 
 def _of_lowest(s: Sample) -> Iterator[Row]:
     """Of (7) and (9)."""
-
-    def printed_ken(theta4: Array) -> Array:
-        return eq.tube_end_to_point(s.arm, -theta4)
-
-    arm, theta4 = s.arm, s.highest[:, 3]
-    ken = eq.tube_end_to_point(arm, theta4)
-    yield "7", "ken with cos(π/2 + θ4max)", "ken with cos(π/2 - θ4max)", _length(printed_ken(theta4), ken)
-    yield "7", "ken and θ4max both as printed", "both corrected", _length(printed_ken(_printed_theta4(s)), ken)
-    closes = eq.lowest_exists(arm, s.highest_p)
-    sweeps = [
-        eq.theta2_sweep_parts(arm, s.highest_p[closes], each[closes]).sum(axis=1) for each in (printed_ken(theta4), ken)
-    ]
+    arm, right, theta4 = s.arm, PlanarConfigurations(s.arm, s.highest_p), s.highest[:, 3]
+    ken, printed = tube_end_to_point(arm, theta4), tube_end_to_point(arm, -theta4)
+    yield "7", "ken with cos(π/2 + θ4max)", "ken with cos(π/2 - θ4max)", _length(printed, ken)
+    both = tube_end_to_point(arm, np.pi / 2 - right.theta4_max)
+    yield "7", "ken and θ4max both as printed", "both corrected", _length(both, ken)
+    sweeps = [right.sweep_parts(each).sum(axis=1)[right.lowest_exists] for each in (printed, ken)]
     yield "7", "thek by the printed ken", "thek by the corrected ken", _angle(*sweeps)
-    p = s.lowest_p[np.isfinite(eq.highest_theta2(arm, s.lowest_p))]
-    yield "7", "thek as the last line", "θ2min = θ2max - thek", _angle(eq.theta2_sweep(arm, p), eq.lowest_theta2(arm, p))
-    exists, printed = eq.lowest_exists(arm, s.p), eq.distance(s.p) + arm.d5 >= eq.lowest_elbow_span(arm)
-    shares = {"affected_share": float((printed != exists).mean()), "false_share": float(printed[~exists].mean())}
+    lowest = PlanarConfigurations(arm, s.lowest_p)
+    reached = np.isfinite(lowest.theta2_max)
+    as_last_line = _angle(lowest.thek[reached], lowest.lowest[reached, 1])
+    yield "7", "thek as the last line", "θ2min = θ2max - thek", as_last_line
+    every = PlanarConfigurations(arm, s.p)
+    exists, accepted = every.lowest_exists, every.den + arm.d5 >= every.gen
+    shares = {"affected_share": float((accepted != exists).mean()), "false_share": float(accepted[~exists].mean())}
     yield "7", "exists if den + |d5| >= gen", "exists if |gen - |d5|| <= den <= gen + |d5|", shares
-    one_root = _angle(eq.lowest_theta4(arm, s.lowest_p)[:, 0], s.lowest[:, 3])
+    one_root = _angle(lowest.theta4_min[:, 0], s.lowest[:, 3])
     yield "9", "one root", "its mirror image θ4 = π/2 + ∠k - ∠q as well", one_root
 
 
 def _of_theta4(s: Sample) -> Iterator[Row]:
     """Of (10) and (11)."""
-    arm, theta2, theta4 = s.arm, s.q[:, 1], s.q[:, 3]
-    reachable = np.isfinite(eq.highest_theta2(arm, s.p)) & eq.lowest_exists(arm, s.p)
-    p, own = s.p[reachable], theta2[reachable]
-    inside = (own <= eq.highest_theta2(arm, p) + WRONG) & (own >= eq.lowest_theta2(arm, p) - WRONG)
-    outside = {"affected_share": float((~inside).mean())}
+    theta2, theta4, planar = s.q[:, 1], s.q[:, 3], PlanarConfigurations(s.arm, s.p)
+    ends = np.isfinite(planar.theta2_max) & planar.lowest_exists
+    inside = (theta2 <= planar.theta2_max + WRONG) & (theta2 >= planar.lowest[:, 1] - WRONG)
+    outside = {"affected_share": float((~inside[ends]).mean())}
     yield "10", "every θ2 lies in (θ2min, θ2max)", "also θ2 of the base turned round", outside
-    along = eq.crossing_to_tube_end(arm, theta2)
-    theta41 = eq.angle_in_triangle(arm.l3, np.hypot(along, arm.l2), along)
-    printed = -1.5 * np.pi + theta41 + eq.arccos_or_nan(eq.cosine_theta42(arm, s.p, theta2, arm.l2))
-    roots = eq.theta4_roots(arm, s.p, theta2)
-    off = np.abs(wrapped(roots - theta4[:, None]))
-    first = off[:, 0] <= off[:, 1]
+    at = ConfigurationsAtTheta2(s.arm, s.p, theta2)
+    theta41 = angle_in_triangle(s.arm.l3, np.hypot(at.dk, s.arm.l2), at.dk)
+    printed = -1.5 * np.pi + theta41 + arccos_or_nan(at.cosine_theta42(s.arm.l2))
+    first = np.abs(wrapped(at.theta4 - theta4[:, None])).argmin(axis=1) == 0
     yield "11", "qdk = √(dk² + l2²)", "qdk = √(dk² + l3²)", _angle(printed[first], theta4[first])
-    yield "11", "one root, θ41 + θ42", "θ41 - θ42 as well", _angle(roots[:, 0], theta4)
+    yield "11", "one root, θ41 + θ42", "θ41 - θ42 as well", _angle(at.theta4[:, 0], theta4)
 
 
 def _of_theta1(s: Sample) -> Iterator[Row]:
     """Of (12) and (13)."""
-    arm, theta2, theta4 = s.arm, s.q[:, 1], s.q[:, 3]
-    uk, vk = eq.tube_end(arm, theta2)
-    true = np.abs(wrapped(s.q[:, 0] - eq.azimuth(s.p)))
+    at, theta4 = ConfigurationsAtTheta2(s.arm, s.p, s.q[:, 1]), s.q[:, 3]
+    true = np.abs(wrapped(s.q[:, 0] - at.azimuth))
 
-    def turn(uk: Array, vk: Array) -> Array:
-        """θ1 counted from the azimuth by (12) and (13), at the true θ4."""
-        rq = eq.root_or_nan(eq.tube_end_to_point(arm, theta4) ** 2 - (vk - eq.height(s.p)) ** 2)
-        return eq.arccos_or_nan(eq.cosine_in_triangle(eq.radius(s.p), uk, rq))
-
-    def guard(theta2: Array, theta4: Array) -> NDArray[np.bool_]:
+    def guard(at: ConfigurationsAtTheta2, theta4: Array) -> NDArray[np.bool_]:
         """Qk + Dq - Rq > 1 mm, false where Rq is not real: (n,)."""
-        uk, vk = eq.tube_end(arm, theta2)
-        rq = eq.root_or_nan(eq.tube_end_to_point(arm, theta4) ** 2 - (vk - eq.height(s.p)) ** 2)
-        return np.asarray(eq.radius(s.p) + np.abs(uk) - rq > 1.0 * MM)
+        return np.asarray(at.qk + np.abs(at.uk) - at.rq(theta4, at.vk) > 1.0 * MM)
 
-    yield "12", "Vk = -len sin(π - uck) with Z upwards", "Vk = len sin(π - uck)", _angle(turn(uk, -vk), true)
-    yield "12", "Dq = |Uk|", "Dq = Uk with its sign", _angle(turn(np.abs(uk), vk), true)
-    other = eq.theta4_roots(arm, s.p, s.other_theta2)[:, 0]
-    missing = ~(np.abs(eq.cosine_theta1(arm, s.p, s.other_theta2, other)) <= 1.0)
+    downwards = angle_in_triangle(at.qk, at.uk, at.rq(theta4, -at.vk))
+    yield "12", "Vk = -len sin(π - uck) with Z upwards", "Vk = len sin(π - uck)", _angle(downwards, true)
+    unsigned = angle_in_triangle(at.qk, np.abs(at.uk), at.rq(theta4, at.vk))
+    yield "12", "Dq = |Uk|", "Dq = Uk with its sign", _angle(unsigned, true)
+    other = ConfigurationsAtTheta2(s.arm, s.p, s.other_theta2)
+    missing = ~(np.abs(other.cosine_theta1(other.theta4[:, 0])) <= 1.0)
     shares = {
-        "affected_share": float((~guard(theta2, theta4)).mean()),
-        "false_share": float(guard(s.other_theta2, other)[missing].mean()),
+        "affected_share": float((~guard(at, theta4)).mean()),
+        "false_share": float(guard(other, other.theta4[:, 0])[missing].mean()),
     }
     yield "13", "exists if Qk + Dq - Rq > 1 mm", "exists if |cos θ1| <= 1 and Rq is real", shares

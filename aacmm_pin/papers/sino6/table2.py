@@ -26,7 +26,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.progress import watched
 from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.papers.sino6 import equations as eq
+from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations, tube_end_to_point
 from aacmm_pin.papers.sino6.tables import NominalArm, printed_table2, sino6_nominal
 from aacmm_pin.postures.curve_sampling import Components, Sectors
 from aacmm_pin.postures.elbow_swivel import Swivel
@@ -53,7 +53,7 @@ class Table2(Shown):
         counts: working_sectors (0 to 12) and the number of cells: paper_cells, reproduced_cells, exact_cells.
         cells: one row a cell: theta2_deg, theta4_deg, x_mm, z_mm (DH base frame), reproduced_sectors, exact_sectors,
             behind_axis (the point, as seen from the elbow of the cell's own posture), steps_past_limit and
-            steps_without_configuration (of the seven), lowest_closes.
+            steps_without_configuration (of the seven).
     """
 
     counts: pd.DataFrame
@@ -62,17 +62,15 @@ class Table2(Shown):
     @property
     def total_variation(self) -> dict[str, float]:
         """Half the summed differences from the printed shares of cells, ``reproduced`` and ``exact``: 0 alike, 1 apart."""
-        shares = {name: self.counts[f"{name}_cells"] / len(self.cells) for name in ("paper", "reproduced", "exact")}
-        return {name: float(0.5 * (shares["paper"] - shares[name]).abs().sum()) for name in ("reproduced", "exact")}
+        names = ("reproduced", "exact")
+        apart = {name: (self.counts[f"{name}_cells"] - self.counts["paper_cells"]).abs().sum() for name in names}
+        return {name: float(0.5 * cells / len(self.cells)) for name, cells in apart.items()}
 
     @property
     def mean_flexibility(self) -> dict[str, float]:
         """Mean of ζ over the cells, by the names ``paper``, ``reproduced``, ``exact``."""
-        sectors = self.counts["working_sectors"] / SECTORS
-        return {
-            name: float(np.average(sectors, weights=self.counts[f"{name}_cells"]))
-            for name in ("paper", "reproduced", "exact")
-        }
+        zeta, names = self.counts["working_sectors"] / SECTORS, ("paper", "reproduced", "exact")
+        return {name: float(np.average(zeta, weights=self.counts[f"{name}_cells"])) for name in names}
 
     @property
     def classes(self) -> pd.DataFrame:
@@ -130,27 +128,20 @@ def generating_grid(arm: NominalArm, grid: int = GRID) -> tuple[Array, Array, Ar
 
 def _walk_in_theta2(arm: NominalArm, points: Array, theta2: Array, theta4: Array) -> dict[str, NDArray[np.generic]]:
     """The paper's walk over the circle: columns of :attr:`Table2.cells`, (n,) each."""
-    parts = eq.theta2_sweep_parts(arm, points, eq.tube_end_to_point(arm, theta4))
-    lowest_closes = eq.lowest_exists(arm, points)
-    sweep = np.where(lowest_closes[:, None], parts, np.nan_to_num(parts)).sum(axis=1)
+    planar = PlanarConfigurations(arm, points)
+    sweep = np.nansum(planar.sweep_parts(tube_end_to_point(arm, theta4)), axis=1)
     steps = theta2 - np.linspace(0.0, 1.0, 1 + SECTORS // 2)[:, None] * sweep
     within = steps >= -np.pi
-    exists = np.stack([_pair_exists(arm, points, step) for step in steps])
-    exists[0], exists[-1] = True, lowest_closes
+    at = [ConfigurationsAtTheta2(arm, points, step) for step in steps]
+    exists = np.abs([each.cosine_theta1(each.theta4[:, 0]) for each in at]) <= 1.0  # on the printed root
+    exists[0], exists[-1] = True, planar.lowest_exists
     sectors = np.full(len(steps), 2)
     sectors[[0, -1]] = 1
     return {
         "reproduced_sectors": sectors @ (within & exists),
         "steps_past_limit": (~within).sum(axis=0),
         "steps_without_configuration": (~exists).sum(axis=0),
-        "lowest_closes": lowest_closes,
     }
-
-
-def _pair_exists(arm: NominalArm, points: Array, theta2: Array) -> NDArray[np.bool_]:
-    """Whether (11) and (13) have a real answer for this θ2 on the printed root: (n,)."""
-    theta4 = eq.theta4_roots(arm, points, theta2)[:, 0]
-    return np.asarray(np.abs(eq.cosine_theta1(arm, points, theta2, theta4)) <= 1.0)
 
 
 def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:

@@ -1,8 +1,4 @@
-"""The printed Tables 1 to 3 as data frames, unchanged, and the nominal arm of Table 1.
-
-Source: Xu You, Gao Qun, Yu Limin, Xu Wei, Zheng Zhenxing, Chinese Journal of Scientific Instrument 40 (2019),
-doi:10.19650/j.cnki.cjsi.J1905059.
-"""
+"""The printed Tables 1 to 3 as data frames, unchanged, and the nominal arm of Table 1."""
 
 from __future__ import annotations
 
@@ -57,9 +53,8 @@ class NominalArm:
     d5: float
 
     def __post_init__(self) -> None:
-        bad = [name for name, value in zip(("l2", "l3", "d3", "d5"), astuple(self), strict=True) if not value > 0]
-        if bad:
-            raise UnsupportedArmError(f"{', '.join(bad)} not positive in {self}; expected magnitudes [m]")
+        if min(astuple(self)) <= 0:
+            raise UnsupportedArmError(f"a length is not positive in {self}; expected magnitudes [m]")
 
     @property
     def dh(self) -> DHTable:

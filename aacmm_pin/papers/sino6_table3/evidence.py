@@ -8,24 +8,23 @@ integrated in closed form; draws of the pattern are averaged.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
-from scipy.special import logsumexp, softmax
+from scipy.special import logsumexp
 from scipy.stats import norm, truncnorm
 
-from aacmm_pin._support.checks import Array, Index, vector
-from aacmm_pin._support.units import MM
-from aacmm_pin.errors import AacmmError
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.papers.sino6_table3.patterns import Pattern
 
 DISCREPANCY = 0.15
-"""Model discrepancy τ of the logarithm of a spread where nothing is stated."""
+"""Model discrepancy τ of the logarithm of a spread."""
 PREDICTED = 4000
 """Draws of a prediction."""
+INTERVAL = (0.025, 0.5, 0.975)
+"""Quantiles of a median with its 95 % interval."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,34 +56,21 @@ class Evidence:
 
     def size(self, rng: np.random.Generator) -> Array:
         """Posterior 2.5 %, 50 % and 97.5 % of the size (3,)."""
-        return np.asarray(np.exp(np.quantile(self.sampled(rng)[1], [0.025, 0.5, 0.975])))
+        return np.asarray(np.exp(np.quantile(self.sampled(rng)[1], INTERVAL)))
 
-    def predictive(self, pattern: Pattern, tau: float, rng: np.random.Generator) -> Array:
+    def predictive(self, pattern: Pattern, rng: np.random.Generator) -> Array:
         """Spreads to be expected by ``pattern``, the same cause at other seats, draw by draw: (PREDICTED, seats) [m]."""
         which, u = self.sampled(rng)
-        sd = np.sqrt(pattern.log_sd[which] ** 2 + tau**2)
+        sd = np.sqrt(pattern.log_sd[which] ** 2 + DISCREPANCY**2)
         return np.asarray(np.exp(u[:, None] + pattern.log_spread[which] + sd * rng.normal(size=sd.shape)))
 
 
 def evidence(pattern: Pattern, observed: ArrayLike, tau: float = DISCREPANCY, prior: Array | None = None) -> Evidence:
     """``pattern`` in the light of the spreads ``observed`` (seats,) [m].
 
-    Args:
-        pattern: the pattern.
-        observed: one spread a seat.
-        tau: model discrepancy.
-        prior: relative weight of each draw by what else is known of it (draws,); default all alike.
-
-    Raises:
-        ShapeError, AacmmError: a spread is not a number above zero, there are not as many as seats, or the pattern does not
-            spread at some seat.
+    ``prior`` is the relative weight of each draw by what else is known of it (draws,); by default all alike.
     """
-    spreads = vector(observed, pattern.second.shape[1], "observed spreads", "m")
-    if (spreads <= 0).any():
-        raise AacmmError(f"observed spreads are {spreads} m, expected numbers above zero")
-    if not (pattern.second > 0).all():
-        raise AacmmError(f"{pattern.name}: does not spread at every seat; mix it with a cause that does")
-    residual, variance = np.log(spreads) - pattern.log_spread, pattern.log_sd**2 + tau**2
+    residual, variance = np.log(observed) - pattern.log_spread, pattern.log_sd**2 + tau**2
     total = (1.0 / variance).sum(axis=1)
     centre, width = (residual / variance).sum(axis=1) / total, 1.0 / np.sqrt(total)
     low, high = np.log(pattern.sizes)
@@ -100,26 +86,16 @@ def evidence(pattern: Pattern, observed: ArrayLike, tau: float = DISCREPANCY, pr
     return Evidence(pattern, float(whole - np.log(weight.sum())), weight * np.exp(log - whole), centre, width)
 
 
-def probabilities(found: Sequence[Evidence]) -> Array:
-    """Posterior probability of each pattern among these, equally probable before: (patterns,)."""
-    return np.asarray(softmax([one.log_evidence for one in found]))
-
-
 def left_out(
-    pattern: Pattern,
-    observed: Array,
-    rng: np.random.Generator,
-    tau: float = DISCREPANCY,
-    prior: Callable[[list[int]], Array] | None = None,
-) -> pd.DataFrame:
-    """Each seat predicted from the others, one row a seat: observed_mm, predicted_mm (median), p025_mm, p975_mm.
+    pattern: Pattern, observed: Array, rng: np.random.Generator, prior: Callable[[list[int]], Array] | None = None
+) -> Array:
+    """Each seat predicted from the others: 2.5 %, 50 % and 97.5 % of its spread (seats, 3) [m].
 
     ``prior`` gives the weight of each draw by what else is known of the seats (numbered from 0) that are not left out.
     """
     rows = []
-    for k, spread in enumerate(observed):
+    for k in range(len(observed)):
         others = [j for j in range(len(observed)) if j != k]
-        known = evidence(pattern.take(others), observed[others], tau, prior and prior(others))
-        low, middle, high = np.quantile(known.predictive(pattern.take([k]), tau, rng)[:, 0], [0.025, 0.5, 0.975]) / MM
-        rows.append((spread / MM, middle, low, high))
-    return pd.DataFrame(rows, columns=["observed_mm", "predicted_mm", "p025_mm", "p975_mm"])
+        known = evidence(pattern.take(others), observed[others], prior=prior and prior(others))
+        rows.append(np.quantile(known.predictive(pattern.take([k]), rng)[:, 0], INTERVAL))
+    return np.array(rows)

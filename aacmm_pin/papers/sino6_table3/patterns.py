@@ -17,19 +17,53 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.arm.dh import chunks
-from aacmm_pin.effects import Effect
+from aacmm_pin.effects import (
+    BaseCompliance,
+    BearingTilt,
+    Effect,
+    EncoderEccentricity,
+    EncoderEllipticity,
+    JointCompliance,
+    JointHysteresis,
+    LinkBending,
+    ThermalExpansion,
+    ZeroDrift,
+)
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.gravity import GravityEffect
-from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.noise import ENCODER
+from aacmm_pin.measurements.schedule import workshop_conditions
+from aacmm_pin.papers.sino6 import printed_points
 from aacmm_pin.papers.sino6_table3.seats import TouchedSeats
 
+DH, NOISE, CONTACT, BOTH = "DH errors", "encoder noise", "contact noise", "DH errors + encoder noise"
+ODD, STAND = "encoder noise + one odd seat", "encoder noise + stand that yields with height"
+ECCENTRICITY, GRAVITY, THERMAL = "encoder eccentricity", "gravity (bearings, tubes, stand)", "thermal expansion"
+OF_SEATS = (ODD, STAND, CONTACT)
+"""Causes that are not the arm's."""
 DECADE = (0.1, 10.0)
 """Sizes that are thought possible, in units of the typical one."""
+NOISE_SIZES = np.geomspace(DECADE[0] * ENCODER, DECADE[1] * ENCODER, 21)
+"""Encoder noise that is tried beside DH errors [rad]."""
 LOCAL = 1e-5
 """Typical local noise of one coordinate [m]."""
-AT_ONCE = 200
-"""Draws evaluated together."""
+RATIOS = np.geomspace(0.1, 10.0, 61)
+"""Spread by the second cause of a mixture over that of the first."""
+HEIGHT = printed_points()[:, 2] - printed_points()[:, 2].min()
+"""Of each seat above the lowest (6,) [m]."""
+POWERS = (0.5, 1.0, 2.0, 3.0)
+"""Powers of the height with which a stand yields: a column tilts with the first, bends with the third."""
+UNEQUAL = 0.5
+"""Standard deviation of the logarithm of each joint's noise, where the joints are not equal."""
+FEW = 200
+"""Draws of causes that need new conditions in each."""
+TEMPERATURE_RANGE = 3.0
+"""Temperatures stay within ± this of the reference [K]."""
+WARMTH = (0.1, 2.0)
+"""Sizes of thermal expansion thought possible, in 20 µm/(m K): the metal is known, and the room not warmer by more."""
+WARM_UP = 1800.0
+"""Time constant of a warm-up [s]."""
+JOINTS, TUBES = range(1, 7), (3, 5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +71,12 @@ class Pattern:
     """Spreads at the seats by one cause of size 1, for every way in which it may act.
 
     Attributes:
-        name: of the cause.
         second: mean squared distance from the mean, m₂ (draws, seats) [m²].
         fourth: mean fourth power of the distance, m₄ (draws, seats) [m⁴].
         records: number of records of each seat.
         sizes: smallest and largest size that is thought possible, equal where the size is known; log-uniform between.
     """
 
-    name: str
     second: Array
     fourth: Array
     records: int
@@ -52,19 +84,60 @@ class Pattern:
 
     @property
     def log_spread(self) -> Array:
-        """Logarithm of the spread at size 1 (draws, seats) [ln m]; -inf where the cause does not spread."""
-        with np.errstate(divide="ignore"):
-            return np.asarray(0.5 * np.log(self.second))
+        """Logarithm of the spread at size 1 (draws, seats) [ln m]."""
+        return np.asarray(0.5 * np.log(self.second))
 
     @property
     def log_sd(self) -> Array:
         """Standard deviation of the logarithm of an observed spread (draws, seats), as if postures were drawn at random."""
-        excess = np.divide(self.fourth, self.second**2, out=np.ones_like(self.second), where=self.second > 0) - 1.0
-        return np.asarray(0.5 * np.sqrt(np.maximum(excess, 0.0) / self.records))
+        return np.asarray(0.5 * np.sqrt(np.maximum(self.fourth / self.second**2 - 1.0, 0.0) / self.records))
 
     def take(self, seats: Sequence[int]) -> Pattern:
         """The same of some of the seats."""
         return replace(self, second=self.second[:, list(seats)], fourth=self.fourth[:, list(seats)])
+
+
+def patterns(seats: TouchedSeats, rng: np.random.Generator, draws: int) -> dict[str, Pattern]:
+    """Every cause that is weighed, by its name."""
+
+    def workshop(rng: np.random.Generator) -> Conditions:
+        """Conditions of an ordinary session: seat after seat, the postures of each in random order."""
+        order = np.lexsort((rng.random(len(seats.all_q)), np.repeat(np.arange(len(seats.q)), seats.q.shape[1])))
+        taken = workshop_conditions(
+            np.zeros(len(order), dtype=np.intp),
+            seats.all_q[order],
+            rng=rng,
+            reference_temperature=seats.model.arm.reference_temperature,
+            temperature_range=TEMPERATURE_RANGE,
+        )
+        return taken.take(np.argsort(order))
+
+    noise, dh = of_encoder_noise(seats), of_stated_uncertainty(seats, rng, draws)
+    unequal = np.exp(UNEQUAL * rng.normal(size=(FEW, len(JOINTS))))
+    found = {DH: dh, NOISE: noise, "unequal encoder noise": of_encoder_noise(seats, unequal)}
+    found[BOTH] = mixed(dh, noise, NOISE_SIZES)
+    for name, effects in systematic().items():
+        found[name] = of_effects(seats, effects, rng, draws)
+    found["hysteresis"] = of_effects(seats, [JointHysteresis(joint=j) for j in JOINTS], rng, FEW, workshop)
+    found["encoders that drift"] = of_effects(seats, [ZeroDrift(j, WARM_UP) for j in JOINTS], rng, FEW, workshop)
+    found[THERMAL] = replace(of_effects(seats, [ThermalExpansion()], rng, FEW, workshop), sizes=WARMTH)
+    found[CONTACT] = of_local_noise(seats, np.ones(len(seats.q)))
+    alike = float(np.sqrt(noise.second.mean() / 3.0))  # spreads on average as much as encoder noise of size 1
+    yielding = np.power.outer(HEIGHT / HEIGHT.max(), POWERS).T
+    found[STAND] = mixed(noise, of_local_noise(seats, yielding, alike), RATIOS)
+    found[ODD] = mixed(noise, of_local_noise(seats, np.eye(len(seats.q)), alike), RATIOS)
+    return found
+
+
+def systematic() -> dict[str, list[Effect]]:
+    """Effects that depend on the posture alone."""
+    gravity: list[Effect] = [BaseCompliance(), JointCompliance(joint=2), *(LinkBending(link=k) for k in TUBES)]
+    return {
+        ECCENTRICITY: [EncoderEccentricity(joint=j) for j in JOINTS],
+        "encoder ellipticity": [EncoderEllipticity(joint=j) for j in JOINTS],
+        GRAVITY: [*gravity, *(BearingTilt(joint=j) for j in JOINTS)],
+        "stand tilts under the arm": [BaseCompliance()],
+    }
 
 
 def drawn_values(effects: Sequence[Effect], rng: np.random.Generator, draws: int) -> Array:
@@ -77,12 +150,10 @@ def drawn_values(effects: Sequence[Effect], rng: np.random.Generator, draws: int
 
 def of_effects(
     seats: TouchedSeats,
-    name: str,
     effects: Sequence[Effect],
     rng: np.random.Generator,
     draws: int = 1000,
     conditions: Callable[[np.random.Generator], Conditions] | None = None,
-    sizes: tuple[float, float] = DECADE,
 ) -> Pattern:
     """Effects of one kind, such as the eccentricities of all encoders, with one common size.
 
@@ -96,22 +167,22 @@ def of_effects(
         sensitivity = seats.sensitivity(effects)
         single = sensitivity.shape[-1] == 1
         values = np.array([[effects[0].terms[0].typical]]) if single else drawn_values(effects, rng, draws)
-        return _of_displacements(name, sensitivity, values, sizes)
-    found = []
+        return _of_displacements(sensitivity, values)
+    moments = []
     for _ in range(draws):
         values = drawn_values(effects, rng, 1)
-        found.append(_of_displacements(name, seats.sensitivity(effects, conditions(rng)), values, sizes))
-    second, fourth = (np.concatenate([getattr(one, power) for one in found]) for power in ("second", "fourth"))
-    return replace(found[0], second=second, fourth=fourth)
+        one = _of_displacements(seats.sensitivity(effects, conditions(rng)), values)
+        moments.append((one.second[0], one.fourth[0]))
+    second, fourth = np.array(moments).swapaxes(0, 1)
+    return replace(one, second=second, fourth=fourth)
 
 
-def of_stated_uncertainty(seats: TouchedSeats, name: str, rng: np.random.Generator, draws: int = 1000) -> Pattern:
+def of_stated_uncertainty(seats: TouchedSeats, rng: np.random.Generator, draws: int) -> Pattern:
     """What is uncertain in the arm by its own file: DH values within their half-widths. The size is 1 and known."""
-    values = parameter_errors(seats.model, rng, draws)
-    return _of_displacements(name, seats.sensitivity(), values, (1.0, 1.0))
+    return replace(_of_displacements(seats.sensitivity(), parameter_errors(seats.model, rng, draws)), sizes=(1.0, 1.0))
 
 
-def of_encoder_noise(seats: TouchedSeats, name: str = "encoder noise", weights: Array | None = None) -> Pattern:
+def of_encoder_noise(seats: TouchedSeats, weights: Array | None = None) -> Pattern:
     """Independent normal noise of every encoder in every record; size 1 is one radian, thought possible 0.8 µrad to 80 µrad.
 
     ``weights`` is the noise of each joint relative to the size, (draws, nq) for several possibilities; by default all 1.
@@ -121,11 +192,12 @@ def of_encoder_noise(seats: TouchedSeats, name: str = "encoder noise", weights: 
     products = np.einsum("snij,snik->snjk", levers, levers)
     each = np.einsum("snjj,dj->dsn", products, weight**2)
     twice = np.einsum("snjk,dj,dk->dsn", products**2, weight**2, weight**2)  # trace of Σ²
-    fourth = (each**2 + 2.0 * twice).mean(axis=2)
-    return Pattern(name, each.mean(axis=2), fourth, seats.q.shape[1], (DECADE[0] * ENCODER, DECADE[1] * ENCODER))
+    return Pattern(
+        each.mean(axis=2), (each**2 + 2.0 * twice).mean(axis=2), seats.q.shape[1], (NOISE_SIZES[0], NOISE_SIZES[-1])
+    )
 
 
-def of_local_noise(seats: TouchedSeats, name: str, relative: ArrayLike, typical: float = LOCAL) -> Pattern:
+def of_local_noise(seats: TouchedSeats, relative: ArrayLike, typical: float = LOCAL) -> Pattern:
     """Noise of the contact or the seat, alike in all directions.
 
     ``relative``, (seats,) or (draws, seats), is the standard deviation of each coordinate at each seat as a multiple of
@@ -133,33 +205,28 @@ def of_local_noise(seats: TouchedSeats, name: str, relative: ArrayLike, typical:
     a loose one.
     """
     size = np.atleast_2d(np.asarray(relative, dtype=np.float64)) * typical
-    return Pattern(name, 3.0 * size**2, 15.0 * size**4, seats.q.shape[1])
+    return Pattern(3.0 * size**2, 15.0 * size**4, seats.q.shape[1])
 
 
-def _of_displacements(name: str, sensitivity: Array, values: Array, sizes: tuple[float, float]) -> Pattern:
+def _of_displacements(sensitivity: Array, values: Array) -> Pattern:
     """For ``sensitivity`` (seats, n, 3, p) and ``values`` (draws, p)."""
     seats, records = sensitivity.shape[:2]
     centred = sensitivity - sensitivity.mean(axis=1, keepdims=True)
     second, fourth = np.empty((2, len(values), seats))
-    for rows in chunks(len(values), AT_ONCE):
+    for rows in chunks(len(values), 200):
         squares = np.square(np.einsum("snip,dp->dsni", centred, values[rows], optimize=True)).sum(axis=3)
         second[rows], fourth[rows] = squares.sum(axis=2) / (records - 1), np.square(squares).mean(axis=2)
-    return Pattern(name, second, fourth, records, sizes)
+    return Pattern(second, fourth, records)
 
 
-def mixed(name: str, first: Pattern, second: Pattern, ratios: Array) -> Pattern:
+def mixed(first: Pattern, second: Pattern, ratios: Array) -> Pattern:
     """Two independent causes at once: the size of the second is each of ``ratios`` (r,) times that of the first.
 
     Draws of both are paired: as many of each, or one of either, times all ratios. Sizes are those of ``first``. The squares
     add; fourth powers as those of two displacements without common direction, ``m₄ + m₄' + (10/3) m₂ m₂'``.
-
-    Raises:
-        AacmmError: other numbers of draws.
     """
-    if len({len(first.second), len(second.second)} - {1}) > 1:
-        raise AacmmError(f"{name}: {len(first.second)} and {len(second.second)} draws, expected as many, or one")
     ratio = np.asarray(ratios, dtype=np.float64)[:, None, None]
     one, other = first.second[None], ratio**2 * second.second[None]
     fourth = first.fourth[None] + ratio**4 * second.fourth[None] + 10.0 / 3.0 * one * other
     seats = first.second.shape[1]
-    return replace(first, name=name, second=(one + other).reshape(-1, seats), fourth=fourth.reshape(-1, seats))
+    return replace(first, second=(one + other).reshape(-1, seats), fourth=fourth.reshape(-1, seats))

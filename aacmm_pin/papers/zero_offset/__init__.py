@@ -2,9 +2,6 @@
 
 六自由度关节式坐标测量机关节零位偏差的标定算法 (calibration of the joint zero offsets of a six-joint measuring arm), 2010;
 the arm is the bundled ``zero6``.
-
-- ``gauss_newton``: Tables 1 and 2 as printed; the paper's least squares, and what rounding to 1 mrad leaves.
-- ``comparison``: every number of Table 2, printed against computed.
 """
 
 from aacmm_pin.papers.zero_offset.comparison import comparison

@@ -6,15 +6,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.papers.zero_offset.gauss_newton import (
-    MRAD,
-    OFFSETS_DEG,
-    RUNS,
-    iterations,
-    printed_postures,
-    printed_table2,
-    simulated_run,
-)
+from aacmm_pin.papers.zero_offset.gauss_newton import MRAD, RUNS, iterations, printed_postures, printed_table2, simulated_run
 
 HALF_DIGIT = 0.0005 + 1e-9
 """Half of the last printed digit [mm or deg]."""
@@ -29,10 +21,11 @@ NOTES = {
 """Remarks by run, iteration and quantity."""
 
 
-def comparison(*, keying_slip: bool = True) -> pd.DataFrame:
+def comparison() -> pd.DataFrame:
     """Every number of Table 2 as printed and as computed with increments rounded to 1 mrad, one row a number.
 
-    Iteration 0 holds the reference coordinates and the position errors before the first iteration.
+    Iteration 0 holds the reference coordinates and the position errors before the first iteration. Run 1 has the keying
+    slip of :func:`aacmm_pin.papers.zero_offset.iterations`.
 
     Columns:
         run, iteration; kind: ``coordinate``, ``first error``, ``error`` or ``offset``; quantity: ``x1_mm`` (of point 1),
@@ -41,33 +34,30 @@ def comparison(*, keying_slip: bool = True) -> pd.DataFrame:
         verdict: ``reproduced`` where all printed digits agree; ``not derivable`` for offsets that are no whole number of
         milliradians and for errors beside such offsets; ``not reproduced`` elsewhere;
         note: a remark, or "".
-
-    Args:
-        keying_slip: see :func:`aacmm_pin.papers.zero_offset.iterations`.
     """
     runs = []
     for run in RUNS:
-        rows = iterations(run, MRAD, keying_slip=keying_slip).assign(run=run).drop(columns="condition_number")
-        places = simulated_run(run).references / MM
-        rows.loc[0, [f"{axis}{point}_mm" for point in (1, 2, 3) for axis in "xyz"]] = places.ravel()
+        rows = iterations(run, MRAD, keying_slip=True).assign(run=run).drop(columns="condition_number")
+        rows.loc[0, [f"{axis}{point}_mm" for point in (1, 2, 3) for axis in "xyz"]] = (
+            simulated_run(run).references.ravel() / MM
+        )
         runs.append(rows)
     names = {"x_mm": "x", "y_mm": "y", "z_mm": "z", "position_error_mm": "error"}
     start = printed_postures().rename(columns=names).pivot(index="run", columns="point", values=list(names.values()))
     start.columns = start.columns.map("{0[0]}{0[1]}_mm".format)
     printed = _long(pd.concat([printed_table2(), start.reset_index().assign(iteration=0)]), "printed")
     table = printed.merge(_long(pd.concat(runs), "reproduced"), how="left", on=[*KEYS, "quantity"], validate="1:1")
+    offset, error = (table["quantity"].str.startswith(name) for name in ("theta_offset", "error"))
+    kinds = np.select([offset, error & (table["iteration"] == 0), error], ["offset", "first error", "error"], "coordinate")
+    table.insert(2, "kind", kinds)
+    table.insert(4, "unit", table["quantity"].str.rpartition("_")[2])
     table["difference"] = table["reproduced"] - table["printed"]
-    offset, error = table["quantity"].isin(OFFSETS_DEG), table["quantity"].str.startswith("error")
     whole = (table["printed"] * DEG / MRAD).round() * MRAD / DEG
     broken = offset & ((table["printed"] - whole).abs() > HALF_DIGIT)
-    beside_broken = broken.groupby([table[key] for key in KEYS]).transform("any")
+    underivable = broken | ~offset & broken.groupby([table[key] for key in KEYS]).transform("any")
     agrees = table["difference"].abs() <= HALF_DIGIT
-    underivable = broken | (beside_broken & ~offset)
     table["verdict"] = np.select([agrees, underivable], ["reproduced", "not derivable"], "not reproduced")
-    table["note"] = [NOTES.get(key, "") for key in zip(*(table[name] for name in [*KEYS, "quantity"]), strict=True)]
-    table.insert(3, "unit", table["quantity"].str.rpartition("_")[2])
-    first = error & (table["iteration"] == 0)
-    table.insert(2, "kind", np.select([offset, first, error], ["offset", "first error", "error"], "coordinate"))
+    table["note"] = [NOTES.get(key, "") for key in table[[*KEYS, "quantity"]].itertuples(index=False, name=None)]
     return table
 
 

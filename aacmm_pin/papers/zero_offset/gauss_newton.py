@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -24,19 +23,14 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import load_arm_file
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.papers.read_table import read_table
 
 RUNS = range(1, 4)
 OFFSETS_DEG = [f"theta_offset{joint}_deg" for joint in range(1, 7)]
 ERRORS_MM = [f"error{point}_mm" for point in range(1, 4)]
-
 MRAD = 1e-3
 """What the paper rounded its increments to [rad]."""
-SLIP = {"run": 1, "iteration": 2, "joint": 5, "increment": -1 * MRAD}
-"""Table 2 has 1.776° → 1.719°, an increment of -0.001 rad, where (8) gives -0.010; what follows obeys (8) again."""
-
-References = Literal["simulated", "printed"]
 
 
 def printed_table1() -> pd.DataFrame:
@@ -88,34 +82,18 @@ class Run:
         """Δδ of (8): (6,) [rad]. Solved by singular values; the normal equations would square the condition number."""
         return np.asarray(np.linalg.lstsq(self.matrix(offsets), self.misses(offsets).ravel(), rcond=None)[0])
 
-    def row(self, offsets: Array) -> dict[str, float]:
-        """What :func:`iterations` says of these offsets."""
-        errors = np.linalg.norm(self.misses(offsets), axis=1) / MM
-        values = [*(offsets / DEG), *errors, np.linalg.cond(self.matrix(offsets))]
-        return dict(zip([*OFFSETS_DEG, *ERRORS_MM, "condition_number"], map(float, values), strict=True))
 
-
-def simulated_run(run: int, references: References = "simulated") -> Run:
-    """Run 1, 2 or 3 of the paper with the bundled arm ``zero6``.
-
-    Args:
-        run: number of the run.
-        references: ``simulated``: the arm's own positions, as the paper's program had them; ``printed``: the same rounded
-            to 0.001 mm, as Table 2 shows them.
+def simulated_run(run: int) -> Run:
+    """Run 1, 2 or 3 of the paper with the bundled arm ``zero6``; the references are the arm's own positions, unrounded.
 
     Raises:
-        UnknownNameError: no such run or kind of references.
+        UnknownNameError: no such run.
     """
-    if references not in get_args(References):
-        raise UnknownNameError("references", references, list(get_args(References)))
     if run not in RUNS:
         raise UnknownNameError("run", str(run), [str(known) for known in RUNS])
-    postures = printed_postures().query("run == @run")
-    q = postures.filter(like="theta").to_numpy(dtype=np.float64) * DEG
-    printed = postures[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=np.float64) * MM
+    q = printed_postures().query("run == @run").filter(like="theta").to_numpy(dtype=np.float64) * DEG
     dh = load_arm_file("zero6").dh
-    nominal = replace(dh, theta_offset=np.zeros(dh.rows))
-    return Run(nominal, dh.theta_offset[dh.moving], q, dh.positions(q) if references == "simulated" else printed)
+    return Run(replace(dh, theta_offset=np.zeros(dh.rows)), dh.theta_offset[dh.moving], q, dh.positions(q))
 
 
 def assembled_arm() -> Arm:
@@ -125,14 +103,7 @@ def assembled_arm() -> Arm:
     return Arm.from_file(file.model_copy(update={"joints": rows, "name": "zero6 as assembled"}))
 
 
-def iterations(
-    run: int,
-    rounding: float | None = None,
-    *,
-    keying_slip: bool = False,
-    count: int = 4,
-    references: References = "simulated",
-) -> pd.DataFrame:
+def iterations(run: int, rounding: float | None = None, *, keying_slip: bool = False, count: int = 4) -> pd.DataFrame:
     """The paper's iterations (7), (8) of one run from zero offsets on, one row an iteration; row 0 is the start.
 
     Columns: iteration, theta_offset1_deg … theta_offset6_deg, error1_mm … error3_mm (distance of the computed from the
@@ -141,28 +112,25 @@ def iterations(
     Args:
         run: number of the run, 1 to 3.
         rounding: increments are rounded to whole multiples of this [rad]; None leaves them as they are.
-        keying_slip: make the slip of Table 2, :data:`SLIP`; it touches run 1 only.
+        keying_slip: make the slip of Table 2, run 1, iteration 2: it has 1.776° → 1.719° for joint 5, an increment of
+            -0.001 rad, where (8) gives -0.010; what follows obeys (8) again.
         count: number of iterations. There is no stopping rule here; the paper stops when all errors are below 0.3 mm.
-        references: see :func:`simulated_run`.
 
     Raises:
-        UnknownNameError: no such run or kind of references.
-        AacmmError: the rounding is not a positive number.
+        UnknownNameError: no such run.
     """
-    if rounding is not None and not (np.isfinite(rounding) and rounding > 0):
-        raise AacmmError(f"rounding is {rounding}, expected a positive number [rad], or None")
-    simulation = simulated_run(run, references)
-    offsets = np.zeros(simulation.nominal.nq)
-    rows = [simulation.row(offsets)]
-    for iteration in range(1, count + 1):
+    simulation = simulated_run(run)
+    offsets, rows = np.zeros(simulation.nominal.nq), []
+    for iteration in range(count + 1):
+        errors = np.linalg.norm(simulation.misses(offsets), axis=1) / MM
+        rows.append([iteration, *(offsets / DEG), *errors, np.linalg.cond(simulation.matrix(offsets))])
         increment = simulation.increment(offsets)
         if rounding is not None:
             increment = np.round(increment / rounding) * rounding
-        if keying_slip and (SLIP["run"], SLIP["iteration"]) == (run, iteration):
-            increment[int(SLIP["joint"]) - 1] = SLIP["increment"]
+        if keying_slip and (run, iteration) == (1, 1):
+            increment[4] = -1 * MRAD
         offsets = offsets + increment
-        rows.append(simulation.row(offsets))
-    return pd.DataFrame(rows).rename_axis("iteration").reset_index()
+    return pd.DataFrame(rows, columns=["iteration", *OFFSETS_DEG, *ERRORS_MM, "condition_number"])
 
 
 def rounding_residuals(roundings: Sequence[float | None] = (1e-3, 1e-4, 1e-5, None)) -> pd.DataFrame:
@@ -171,9 +139,6 @@ def rounding_residuals(roundings: Sequence[float | None] = (1e-3, 1e-4, 1e-5, No
     Columns: rounding_mrad (0 for none), run, error1_mm … error3_mm, rms_error_mm (of the three), expected_rms_error_mm,
     largest_offset_error_deg. Expected is the root mean square over all arms, each joint's rest being uniform within ± half
     the rounding: ``rounding/√12 · ‖G‖/√3`` with the Frobenius norm. The one arm here stays below it, by up to three times.
-
-    Raises:
-        AacmmError: see :func:`iterations`.
     """
     rows = []
     for rounding in roundings:

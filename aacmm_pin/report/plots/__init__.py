@@ -30,13 +30,11 @@ from aacmm_pin.report.plots.groups import plot_groups, plot_held_out
 from aacmm_pin.report.plots.maps import QUANTITIES, plot_comprehensive, plot_flexibility, plot_map, plot_uncertainty
 from aacmm_pin.report.plots.papers import (
     plot_bayes_factors,
-    plot_expected_of_records,
     plot_iterations,
     plot_part_and_rest,
     plot_rounding,
     plot_spreads,
     plot_table2,
-    plot_table3,
 )
 from aacmm_pin.report.plots.parameter_changes import plot_geometry, plot_parameter_changes
 from aacmm_pin.report.plots.residual_vectors import plot_residual_vectors, plot_residual_views
@@ -58,7 +56,6 @@ __all__ = [
     "plot_comprehensive",
     "plot_correlation",
     "plot_diagnosis",
-    "plot_expected_of_records",
     "plot_flexibility",
     "plot_geometry",
     "plot_groups",
@@ -80,7 +77,6 @@ __all__ = [
     "plot_seat_error",
     "plot_spreads",
     "plot_table2",
-    "plot_table3",
     "plot_uncertainty",
     "plot_unexplained",
 ]

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 
-from aacmm_pin._support.units import MM
 from aacmm_pin.papers.sino6 import Table2
-from aacmm_pin.papers.sino6_table3 import Table3, Table3Diagnosis
-from aacmm_pin.papers.sino6_table3.causes import CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE
+from aacmm_pin.papers.sino6_table3 import Table3Diagnosis
+from aacmm_pin.papers.sino6_table3.patterns import CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE
 from aacmm_pin.papers.zero_offset import MRAD, iterations, printed_postures, printed_table2, rounding_residuals
 from aacmm_pin.papers.zero_offset.gauss_newton import ERRORS_MM, RUNS
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of
@@ -61,27 +59,6 @@ def plot_table2(result: Table2, ax: Axes | None = None) -> Axes:
     distance = 100 * result.total_variation["reproduced"]
     ax.set_title(f"Table 2: total variation distance of printed and reproduced counts {distance:.1f} %", fontsize=10)
     ax.legend(frameon=False, fontsize=8, loc="upper left", ncols=3)
-    return ax
-
-
-def plot_table3(result: Table3, ax: Axes | None = None) -> Axes:
-    """Measured spread of each seat over the 5–95 % band that errors of the DH values predict, and the angle-noise law."""
-    ax = axes_of(ax, (6.4, 4.2))
-    points = result.points
-    place = points["point"].to_numpy()
-    means = result.spreads.mean(axis=1)
-    for one in result.spreads[np.isin(means, np.quantile(means, np.linspace(0.05, 0.95, 10), method="nearest"))]:
-        ax.plot(place, one / MM, color=SKY, lw=0.7, zorder=1)
-    ax.plot([], [], color=SKY, lw=0.7, label="ten of these arms")
-    low, median, high = (points[f"dh_{name}_mm"].to_numpy() for name in ("p05", "median", "p95"))
-    ax.bar(place, high - low, 0.5, bottom=low, color=SKY, alpha=0.25, label="DH errors within Table 1, 5–95 % of arms")
-    ax.hlines(median, place - 0.25, place + 0.25, color=SKY, lw=2.5, label="their median")
-    ax.plot(place, points["angle_noise_mm"], "D", color=VERMILLION, mfc="none", ms=8, label="angle noise, 5″ on each joint")
-    ax.plot(place, points["measured_mm"], "o", color=INK, ms=5, label="measured (printed)")
-    ax.set_xticks(place)
-    ax.set(ylim=(0.0, 1.45 * float(np.max(high))), xlabel="seat", ylabel="spread of 50 records about their mean [mm]")
-    ax.set_title("Table 3: the bands of the six seats move together: each arm is a flat line", fontsize=10)
-    ax.legend(frameon=False, fontsize=8, loc="upper left", ncols=2)
     return ax
 
 
@@ -186,20 +163,4 @@ def plot_bayes_factors(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     ax.set(xlabel="ln Bayes factor against the best [1]", xlim=(WORST, 0.0), ylim=(-0.6, len(table) + 0.1))
     ax.legend(fontsize=8, frameon=False, loc="upper left")
     ax.set_title("Evidence of each description of Table 3", fontsize=10)
-    return ax
-
-
-def plot_expected_of_records(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
-    """Expected logarithm of the Bayes factor of the true cause (row) against another (column), from all records."""
-    ax = axes_of(ax, (7.8, 5.2))
-    values = table.to_numpy()
-    ax.imshow(np.log10(np.maximum(values, 1.0)), cmap="Blues", vmin=0.0, vmax=5.0, aspect="auto")
-    for (i, k), value in np.ndenumerate(values):
-        same = table.index[i] == table.columns[k]
-        dark = value > 1e3
-        ax.text(k, i, "–" if same else f"{value:.0f}", ha="center", va="center", fontsize=8, color="white" if dark else INK)
-    ax.set_xticks(range(values.shape[1]), list(table.columns), rotation=35, ha="right", fontsize=8)
-    ax.set_yticks(range(values.shape[0]), list(table.index), fontsize=8)
-    ax.set(xlabel="assumed instead", ylabel="true cause")
-    ax.set_title("Expected ln Bayes factor [1] from the 300 records themselves", fontsize=10)
     return ax
