@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect
@@ -20,6 +21,8 @@ from aacmm_pin.postures.configurations import WRIST, ConfigurationCircle, config
 Reading = Literal["stylus down", "stylus up", "wrist"]
 """The tip is in the seat with the stylus along -z or +z of the DH base; or the wrist is at the printed coordinates."""
 AXES = {"stylus down": np.array([0.0, 0.0, -1.0]), "stylus up": np.array([0.0, 0.0, 1.0]), "wrist": None}
+DENSE = 2000
+"""Postures round a circle, of which those nearest to even θ3 are taken."""
 RECORDS = 50
 """Records at each seat (section 2.4 of the paper)."""
 SIXTH = 5
@@ -63,15 +66,16 @@ class TouchedSeats:
 
 
 def touched_seats(reading: Reading = "stylus down", *, arc: float = 1.0, start: float = 0.0) -> TouchedSeats:
-    """The seats with the bundled SINO6, the elbow evenly round its circle.
+    """The seats with the bundled SINO6.
 
-    Of the closed curves of postures that one is taken which has most within limits. The print does not say that the
-    postures went all round; ``arc`` tries it otherwise.
+    With the tip in the seat the elbow goes evenly round its circle; with the wrist at the printed coordinates θ3 goes evenly
+    round. Of the closed curves of postures that one is taken which has most within limits. The print does not say that
+    the postures went all round; ``arc`` tries it otherwise.
 
     Args:
         reading: what is at the printed coordinates.
         arc: part of the circle that the fifty postures cover, above 0 and at most 1.
-        start: where an arc starts, as a part of the circle from θ3 = 0 on.
+        start: where it starts, as a part of the circle; with the wrist at the coordinates 0 is θ3 = 0.
 
     Raises:
         UnknownNameError: no such reading.
@@ -82,11 +86,15 @@ def touched_seats(reading: Reading = "stylus down", *, arc: float = 1.0, start: 
     if not 0.0 < arc <= 1.0:
         raise AacmmError(f"arc is {arc:g}, expected a part of the circle, above 0 and at most 1")
     model, count, axis = ErrorModel.load("sino6"), round(RECORDS / arc), AXES[reading]
-    circles = configuration_circles(model.arm, printed_points(), tip=axis is not None, axis=axis, count=count)
-    q = np.stack([_most_usable(circle) for circle in circles])
-    if arc < 1.0:
-        by_theta3 = np.take_along_axis(q, np.argsort(q[..., 2:3], axis=1), axis=1)
-        q = np.roll(by_theta3, -round(start * count), axis=1)[:, :RECORDS]
+    if axis is None:
+        circles = configuration_circles(model.arm, printed_points(), count=DENSE)
+        q = np.stack([_most_usable(circle) for circle in circles])
+        apart = np.abs(wrapped(q[:, :, None, 2] - np.arange(count) * 2.0 * np.pi / count))
+        q = np.take_along_axis(q, apart.argmin(axis=1)[:, :, None], axis=1)
+    else:
+        circles = configuration_circles(model.arm, printed_points(), tip=True, axis=axis, count=count)
+        q = np.stack([_most_usable(circle) for circle in circles])
+    q = np.roll(q, -round(start * count), axis=1)[:, :RECORDS]
     return TouchedSeats(model, q, WRIST if axis is None else None)
 
 
