@@ -93,11 +93,9 @@ def plan_measurements(
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)
     present = () if existing is None else existing.conditions.present
-    if split is None:
-        causes, usable, left_out = _of_records(usual_causes(model.arm), model, existing)
-    else:
-        named = tuple(cause_of(c, model, present) if isinstance(c, str) else c for c in split)
-        causes, usable, left_out = _usable(named, existing)
+    wanted = usual_causes(model) if split is None else split
+    named = tuple(cause_of(c, model, present) if isinstance(c, str) else c for c in wanted)
+    causes, usable, left_out = _usable(named, existing, split is not None)
     require_separable(causes, model.arm)
     if reference == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
         raise AacmmError(
@@ -173,29 +171,21 @@ def _complete(setup: Setup, arm: Arm) -> tuple[Setup, tuple[str, ...]]:
 Usable = tuple[tuple[Effect, ...], Measurements | None, tuple[str, ...]]
 
 
-def _usable(causes: tuple[Effect, ...], existing: Measurements | None) -> Usable:
-    """The causes, the existing records if they state what these depend on, and words for why not."""
-    if existing is None:
-        return causes, None, ()
-    needs = {f"{need} ({effect.label})" for effect in causes for need in effect.needs if need not in _stated(existing)}
-    if not needs:
-        return causes, existing, ()
-    why = f"{existing.source} does not state {', '.join(sorted(needs))}, so its records do not count here"
-    return causes, None, (why,)
+def _usable(causes: tuple[Effect, ...], existing: Measurements | None, named: bool) -> Usable:
+    """The causes and the existing records that go together, and words for why not all.
 
-
-def _of_records(causes: tuple[Effect, ...], model: ErrorModel, existing: Measurements | None) -> Usable:
-    """The causes that are no part of the model already and that existing records could show, and words for the others."""
-    known = {effect.identity for effect in model.effects}
-    causes = tuple(effect for effect in causes if effect.identity not in known)
-    silent = [] if existing is None else [effect for effect in causes if not set(effect.needs) <= _stated(existing)]
-    if existing is None or not silent:
+    Records that do not state what a cause depends on do not count where the causes were ``named``; else such causes do not.
+    """
+    stated = set() if existing is None else set(existing.conditions.present)
+    if "link_temperature" in stated:
+        stated.add("temperature")
+    lacking = [(effect, need) for effect in causes for need in effect.needs if need not in stated]
+    if existing is None or not lacking:
         return causes, existing, ()
-    needs = ", ".join(sorted({need for effect in silent for need in effect.needs}))
-    words = f"{existing.source} does not state {needs}: left out {', '.join(effect.label for effect in silent)}"
+    if named:
+        needs = sorted({f"{need} ({effect.label})" for effect, need in lacking})
+        return causes, None, (f"{existing.source} does not state {', '.join(needs)}, so its records do not count here",)
+    needs, silent = sorted({need for _, need in lacking}), [effect for effect, _ in lacking]
+    left_out = ", ".join(dict.fromkeys(effect.label for effect in silent))
+    words = f"{existing.source} does not state {', '.join(needs)}: left out {left_out}"
     return tuple(effect for effect in causes if effect not in silent), existing, (words,)
-
-
-def _stated(existing: Measurements) -> set[str]:
-    present = set(existing.conditions.present)
-    return present | {"temperature"} if "link_temperature" in present else present

@@ -78,6 +78,8 @@ def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
         raise AacmmError(f"{effects[0].key} is there twice, expected two different causes")
 
 
-def usual_causes(arm: Arm) -> tuple[Effect, ...]:
-    """Every cause that the arm can have, typical in size; but for those with an order or time of their own."""
-    return tuple(effect for effect, *others in all_candidates(arm) if not (others or effect.inner))
+def usual_causes(model: ErrorModel) -> tuple[Effect, ...]:
+    """Every further cause that the arm can have, typical in size; but for those with an order or time of their own."""
+    known = {effect.identity for effect in model.effects}
+    usual = (effect for effect, *others in all_candidates(model.arm) if not (others or effect.inner))
+    return tuple(effect for effect in usual if effect.identity not in known)
