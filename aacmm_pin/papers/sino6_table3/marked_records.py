@@ -10,7 +10,7 @@ volume, or those that came out nearest the mean. Sizes cancel in the ratio of pa
 systematic cause moves along a closed curve are nearly all as far from their mean, and even the nearest spread nearly as much
 as the rest; records that scatter have near ones. So a printed part that spreads little says that records scatter; as long as
 the postures go round the circle. On an arc of it a systematic cause may have near records too: by the half about θ3 = π DH
-errors alone reach what is printed in nine arms of ten. ``touched_seats(arc=…, start=…)`` tries it.
+errors alone reach what is printed in most arms. ``touched_seats(arc=…, start=…)`` tries it.
 """
 
 from __future__ import annotations
