@@ -86,7 +86,7 @@ def test_accuracy_in_numbers(tmp_path: Path) -> None:
 def test_accuracy_in_words_names_the_best_posture_and_the_budget(tmp_path: Path) -> None:
     picture, path = tmp_path / "a.png", tmp_path / "mine.toml"
     out, _ = done("accuracy", "sino6", *POINT, "--count", "12", "--plot", picture)
-    for word in ("smallest volume", "largest u", "theta_offset3", "alpha4", "mm³"):
+    for word in ("smallest volume", "largest U", "theta_offset3", "alpha4", "mm³"):
         assert word in out
     assert picture.read_bytes().startswith(b"\x89PNG")
     lines = BUNDLED.read_text(encoding="utf-8").splitlines()
