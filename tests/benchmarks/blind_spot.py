@@ -11,8 +11,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from blind import chains
 from blind.conditions import Conditions
-from blind.kinematics import Array, placements, read_arm
+from blind.kinematics import Array
 from blind.machine import Machine
 from blind.truth import Hidden
 
@@ -53,13 +54,13 @@ class BlindSpot:
     def of(seed: int, eccentricity: float = ECCENTRICITY, compliance: float = COMPLIANCE) -> BlindSpot:
         """A machine drawn from the seed; a fault of size zero is none."""
         rng = np.random.default_rng(seed)
-        arm = read_arm(ARM)
+        arm = chains.read(ARM)
         rows = range(1, arm.rows + 1)
         phases = rng.uniform(-np.pi, np.pi, arm.rows)
         discs = [{"amplitude_rad": eccentricity, "phase_rad": float(phase)} for phase in phases]
         faults = [Hidden("encoder_eccentricity", row, p) for row, p in zip(rows, discs, strict=True) if eccentricity]
         faults += [Hidden("joint_compliance", row, {"compliance_rad_per_nm": compliance}) for row in rows if compliance]
-        machine = Machine(arm, arm.values + rng.normal(size=arm.values.shape) * ERRORS, tuple(faults))
+        machine = Machine(arm, rng.normal(size=arm.exact.shape) * ERRORS, tuple(faults))
         q, held_out = (rng.uniform(*arm.limits.T, (n, arm.rows)) for n in (RECORDS, HELD_OUT))
         seen, truth = tips(machine, q), tips(machine, held_out)
         return BlindSpot(machine, q, held_out, seen + rng.normal(size=seen.shape) * NOISE, truth)
@@ -67,7 +68,7 @@ class BlindSpot:
     @property
     def nominal(self) -> Array:
         """Tips of the arm file at the poses held out (n, 3) [m]."""
-        return placements(self.machine.arm.values, self.held_out)[:, -1, :3, 3]
+        return self.machine.arm.tips(self.held_out)
 
     @property
     def faults(self) -> dict[str, Hidden]:
@@ -141,10 +142,7 @@ class BlindSpot:
 
 def tips(machine: Machine, q: Array) -> Array:
     """Where the machine's tip is at indications q (n, 6) [rad]: (n, 3) [m]."""
-    n, rows = q.shape
-    zero, none = np.zeros(n), np.full(n, -1)
-    nothing_else = Conditions(zero, zero, zero, np.zeros((n, rows)), none, none, none, zero)
-    return machine.observed(q, nothing_else)
+    return machine.observed(q, Conditions.still(*q.shape))
 
 
 def _stepped(fault: Hidden) -> list[Hidden]:

@@ -10,6 +10,6 @@ if __name__ != "blind":  # ``python -m tests.blind.study`` from the repository's
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from blind.plant import Draw, Sample, draw
-from blind.truth import Hidden, Truth
+from blind.truth import Hidden
 
-__all__ = ["Draw", "Hidden", "Sample", "Truth", "draw"]
+__all__ = ["Draw", "Hidden", "Sample", "draw"]

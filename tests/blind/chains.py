@@ -1,22 +1,25 @@
 """Any serial arm as a chain of constant transforms and turning joints: DH tables of both conventions, and URDF.
 
-A chain has all that the other modules ask of :class:`blind.kinematics.Arm`, so encoders, conditions, postures and faults
-are those of the one plant. Row i is ``before[i] Rz(angle i) after[i]``.
+Row i is ``before[i] Rz(angle i) after[i]``. Nothing here knows of errors or loads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yourdfpy
 from numpy.typing import NDArray
 
-from blind.kinematics import Arm, Array, arm_of, identity, read_arm, rotation, shift_x, turn_x, turn_z_shift
+from blind.kinematics import Array, identity, rotation, shift_x, turn_x, turn_z_shift
 
+SINO6 = Path(__file__).parents[2] / "aacmm_pin" / "arm" / "bundled" / "sino6.toml"
+KINDS = ("a", "d", "alpha", "theta_offset")
 Pieces = tuple[Array, Array]
 TUBE_M = 0.3
 
@@ -81,6 +84,10 @@ class Chain:
             frame = axes[-1] @ after[i]
         return np.stack(axes, axis=1), frame
 
+    def tips(self, q: Array) -> Array:
+        """Places of the tip (n, 3) [m]."""
+        return self.walk(q)[1][:, :3, 3]
+
     def jacobian(self, q: Array, deviations: Array | None = None) -> Array:
         """Velocity of the tip per joint rate, (n, 3, nq) [m/rad]."""
         axes, last = self.walk(q, deviations)
@@ -108,18 +115,38 @@ def dh_pieces(values: Array, standard: bool) -> Callable[[Array], Pieces]:
     return pieces
 
 
-def of_dh(name: str, arm: Arm) -> Chain:
-    """From a DH table; its centres of mass are in the frames of the rows, as in an arm file."""
-    pieces = dh_pieces(arm.values, arm.standard)
-    after = pieces(np.zeros_like(arm.values))[1]
-    com = np.einsum("rij,rj->ri", after[:, :3, :3], arm.com) + after[:, :3, 3] if arm.standard else arm.com
-    of_table = {f: getattr(arm, f) for f in ("half_width", "typical", "moving", "limits", "mass", "stylus", "gravity")}
-    return Chain(name, pieces, com=com, **of_table)
+def of_table(table: Mapping[str, Any]) -> Chain:
+    """From the contents of an arm file; its centres of mass are in the frames of the rows."""
+    rows, standard = table["joints"], table["convention"] == "standard-dh"
+    values = np.array([_row(row) for row in rows])
+    pieces = dh_pieces(values, standard)
+    after = pieces(np.zeros_like(values))[1]
+    com = 1e-3 * np.array([row.get("com_mm", [0.0, 0.0, 0.0]) for row in rows])
+    moving = np.array([not row.get("fixed", False) for row in rows])
+    stylus = np.array(table.get("stylus", {}).get("axis", [1.0, 0.0, 0.0]))
+    return Chain(
+        name=table["name"],
+        pieces=pieces,
+        half_width=np.array([_row(row.get("uncertainty", {})) for row in rows]),
+        typical=np.tile([2e-4, 2e-4, 5e-4, 5e-4], (len(rows), 1)),
+        moving=moving,
+        limits=np.array([row.get("limits_rad", [-np.pi, np.pi]) for row, m in zip(rows, moving, strict=True) if m]),
+        mass=np.array([row.get("mass_kg", 0.0) for row in rows]),
+        com=np.einsum("rij,rj->ri", after[:, :3, :3], com) + after[:, :3, 3] if standard else com,
+        stylus=stylus / np.linalg.norm(stylus),
+        gravity=np.array(table["gravity_m_s2"]),
+        reference_temperature=float(table.get("reference_temperature_c", 20.0)),
+    )
 
 
-def sino6() -> Chain:
-    """The bundled arm."""
-    return of_dh("sino6", read_arm())
+def _row(row: Mapping[str, Any]) -> list[float]:
+    units = {"a_mm": 1e-3, "d_mm": 1e-3, "alpha_rad": 1.0, "theta_offset_rad": 1.0}
+    return [unit * float(row.get(name, 0.0)) for name, unit in units.items()]
+
+
+def read(path: Path = SINO6) -> Chain:
+    """The arm of an arm file; the bundled one."""
+    return of_table(tomllib.loads(path.read_text(encoding="utf-8")))
 
 
 # a [mm], d [mm], alpha [rad], theta offset [rad], mass [kg], centre of mass [mm], limits [rad]
@@ -151,7 +178,7 @@ BOUNDS = (3e-5, 3e-5, 5e-5, 8e-5)
 
 def seven(convention: str, stated: bool) -> Chain:
     """An arm of seven joints by its table."""
-    return of_dh("seven", arm_of(seven_text(convention, stated, masses=True)))
+    return of_table(tomllib.loads(seven_text(convention, stated, masses=True)))
 
 
 def seven_text(convention: str, stated: bool, masses: bool) -> str:

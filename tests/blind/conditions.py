@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blind.kinematics import Arm, Array
+from blind.chains import Chain
+from blind.kinematics import Array
 
 INTERVAL_S = (20.0, 40.0)
 SESSIONS = 3
@@ -19,7 +20,7 @@ READING_ERROR_K = 0.2
 @dataclass(frozen=True, eq=False)
 class Conditions:
     """n records: clock [s], temperature of the arm and its reading [°C], approach (n, R) of each row, index of the seat
-    (-1: none), session, operator and relative humidity [%].
+    (-1: none), session, operator, relative humidity [%], payload at the tip [kg], number of the marker on the last body.
     """
 
     time: Array
@@ -30,13 +31,21 @@ class Conditions:
     session: NDArray[np.int_]
     operator: NDArray[np.int_]
     humidity: Array
+    payload: Array
+    marker: NDArray[np.int_]
+
+    @staticmethod
+    def still(n: int, rows: int) -> Conditions:
+        """That leave a sound arm of R rows as it is."""
+        zero, none = np.zeros(n), np.zeros(n, dtype=int)
+        return Conditions(zero, zero + 20.0, zero + 20.0, np.ones((n, rows)), none - 1, none, none, zero, zero, none)
 
     def take(self, rows: NDArray[np.int_]) -> Conditions:
-        return type(self)(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+        return Conditions(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
 
 def run(
-    rng: np.random.Generator, arm: Arm, seat: NDArray[np.int_], session: NDArray[np.int_], pace: float, reading_error: bool
+    rng: np.random.Generator, arm: Chain, seat: NDArray[np.int_], session: NDArray[np.int_], pace: float, reading_error: bool
 ) -> Conditions:
     """Conditions of a run over the given seats and sessions (n,); ``pace`` stretches the clock."""
     n = len(seat)
@@ -52,7 +61,18 @@ def run(
     moved = np.where(arm.moving, rng.choice([-1.0, 1.0], (n, arm.rows)), 0.0)
     humidity = 48.0 + 7.0 * _wave(rng, time, 13000.0) + 3.0 * _wave(rng, time, 2500.0) + rng.normal(0.0, 0.3, n)
     operator = (np.arange(n) // max(5, n // 20) + rng.integers(2)) % 2
-    return Conditions(time, temperature, temperature + error, moved, seat, session, operator, humidity)
+    nothing = Conditions.still(n, arm.rows)
+    return replace(
+        nothing,
+        time=time,
+        temperature=temperature,
+        temperature_reading=temperature + error,
+        approach=moved,
+        seat=seat,
+        session=session,
+        operator=operator,
+        humidity=humidity,
+    )
 
 
 def _wave(rng: np.random.Generator, time: Array, period: float) -> Array:

@@ -8,21 +8,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blind import outside
+from blind.chains import Chain
 from blind.conditions import Conditions
 from blind.encoders import ENCODER, Parameters
-from blind.kinematics import Arm, Array
-from blind.statics import Elastic, Rest, settle
+from blind.kinematics import Array
+from blind.statics import Elastic, Load, Rest, settle
 from blind.truth import Hidden
 
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """An arm whose DH values are really ``values`` (R, 4), with ``faults`` and, where not None, small terms."""
+    """An arm whose geometry deviates by ``values`` (R, P) from its file, with ``faults``.
 
-    arm: Arm
+    Attributes:
+        small: what every real arm has beside its faults; None for none.
+        targets: of markers on the last body, in its axes (M, 3) [m]; None where the tip itself is measured.
+    """
+
+    arm: Chain
     values: Array
     faults: tuple[Hidden, ...] = ()
     small: outside.SmallTerms | None = None
+    targets: Array | None = None
 
     def with_faults(self, faults: Sequence[Hidden]) -> Machine:
         return replace(self, faults=tuple(faults))
@@ -64,7 +71,7 @@ class Machine:
 
     def lengths(self) -> Array:
         """Of the tubes (R,) [m]."""
-        return np.asarray(np.abs(self.values[:, :2]).max(axis=1))
+        return np.asarray(np.abs(self.arm.spans()).max(axis=1))
 
     def elastic(self) -> Elastic:
         """The flexibilities among the faults."""
@@ -83,13 +90,19 @@ class Machine:
 
     def rest(self, q: Array, conditions: Conditions) -> Rest:
         """The arm at rest."""
-        values = np.repeat(self.geometry()[None], len(q), axis=0)
-        values[:, :, :2] *= 1.0 + self.growth(conditions)[:, :, None]
-        return settle(self.arm, values, self.joint_angles(q, conditions), self.elastic())
+        pieces, growth = self.arm.pieces(self.geometry()), self.growth(conditions)
+        return settle(self.arm, pieces, self.joint_angles(q, conditions), growth, self.elastic(), conditions.payload)
+
+    def torque(self, q: Array, conditions: Conditions) -> Array:
+        """What the drives hold (n, nq) [N·m]."""
+        rest = self.rest(q, conditions)
+        load = Load.of(self.arm, rest, conditions.payload)
+        moments = np.stack([load.beyond(i, rest.axes[:, i, :3, 3]) for i in range(self.arm.rows)], axis=1)
+        return -np.einsum("nri,nri->nr", rest.axes[:, :, :3, 2], moments)[:, self.arm.moving]
 
     def observed(self, q: Array, conditions: Conditions) -> Array:
         """Coordinates of the tip (n, 3) [m] that a perfect reference in the base frame states."""
-        last = self.rest(q, conditions).frames[:, -1]
+        last = self.rest(q, conditions).last
         tip = last[:, :3, 3].copy()
         for fault in self.faults:
             p = fault.parameters
@@ -101,6 +114,8 @@ class Machine:
                 tip -= 1e-3 * np.where(conditions.seat[:, None] == int(p["seat"][1:]) - 1, _vector(p), 0.0)
             elif fault.cause == "unexplained":
                 tip += outside.shift(p, last[:, :3, 3], conditions)
+        if self.targets is not None:
+            tip += np.einsum("nij,nj->ni", last[:, :3, :3], self.targets[conditions.marker])
         return tip
 
     def _down_across_stylus(self, last: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What could be known at best: by one who knows the noise, the library of causes and the plant, but neither arm nor fault.
+"""Whether a named cause is the same as a hidden one in a file, and how much of the hidden one its records show.
 
 Residuals ``r = Z η + G β + ε`` are whitened by ``Σ = u² I + s² J Jᵀ``. Z holds what is fitted anyway: geometry (with its
 bounds as prior where they are stated), the frame and the targets where they are unknown, and seats that are not exactly
@@ -9,20 +9,17 @@ the plant.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from blind import plans, workshop
+from blind import workshop
 from blind.kinematics import Array
 from blind.machine import GEOMETRY
+from blind.regimes import RegimeFile
 from blind.truth import Hidden
-
-if TYPE_CHECKING:
-    from blind.plant import Draw
-    from blind.regimes import RegimeFile
 
 STEP = 1e-2
 """Of finite differences, in typical sizes of the parameter."""
@@ -35,7 +32,7 @@ ALIKE = 0.95
 class Oracle:
     """Of one file; records that are outliers are left out, as one who knows would."""
 
-    def __init__(self, file: Draw | RegimeFile) -> None:
+    def __init__(self, file: RegimeFile) -> None:
         good = np.setdiff1d(np.arange(len(file.read)), file.outliers)
         self.file, self.good, self.real = file, good, file.machine
         self.q, self.conditions = file.read[good], file.conditions.take(good)
@@ -70,44 +67,6 @@ class Oracle:
         basis = u[:, s > 1e-8 * max(s[0], 1e-30)]
         return float(np.linalg.norm(basis.T @ left) / max(float(np.linalg.norm(left)), 1e-30))
 
-    def residual(self) -> Array:
-        """M times the whitened residuals of the bare table, for files of :func:`blind.draw`."""
-        return self.projected(self.file.reference[self.good] - self.plain)
-
-    def probabilities(self) -> dict[str, float]:
-        """Of ``none`` and of each cause alone, the likeliest first, for files of :func:`blind.draw`. Beforehand ``none`` is
-        as likely as all causes together, all causes are alike and their sizes are normal with those of workshops.
-        """
-        log: dict[str, list[float]] = {}
-        residual = self.residual()
-        for key, faults in self._library():
-            g = np.stack([self.projected(c) for c in self._effects(faults)], axis=1)
-            precision, b = np.eye(g.shape[1]) + g.T @ g, g.T @ residual
-            evidence = 0.5 * (b @ np.linalg.solve(precision, b) - np.linalg.slogdet(precision)[1])
-            log.setdefault(key, []).append(float(evidence))
-        of_cause = {key: float(np.logaddexp.reduce(values) - np.log(len(values))) for key, values in log.items()}
-        of_cause["none"] = float(np.log(len(of_cause)))
-        total = np.logaddexp.reduce(list(of_cause.values()))
-        return {key: float(np.exp(value - total)) for key, value in sorted(of_cause.items(), key=lambda kv: -kv[1])}
-
-    def _library(self) -> Iterator[tuple[str, list[Hidden]]]:
-        """Every cause at every place, with grids of what is not linear in it; a small fault for each of its columns."""
-        arm, last = self.nominal.arm, float(self.conditions.time[-1])
-        inner: dict[str, list[dict[str, Any]]] = {
-            "joint_periodic_error": [{"order": k} for k in workshop.ORDERS],
-            "encoder_slip": [{"time_s": t} for t in np.linspace(0.2, 0.8, 25) * last],
-            "zero_drift": [{"time_constant_s": t} for t in np.geomspace(600.0, 5400.0, 6)],
-        }
-        whole = ("base_compliance", "thermal_expansion", "stylus_bending")
-        for cause in (*workshop.PER_JOINT, *workshop.PER_TUBE, *workshop.SHOULDER, *whole):
-            rows = workshop.rows_for(cause, arm)
-            for row in [*rows, *arm.tubes()] if cause == "thermal_expansion" else rows:
-                for at in inner.get(cause, [{}]):
-                    yield Hidden(cause, row, {}).key, _small_faults(cause, row, at)
-        for s in range(1, plans.SEATS + 1) if self.file.plan == "seats" else ():
-            unit = [dict(zip(("x_mm", "y_mm", "z_mm"), v, strict=True)) for v in 0.12 * STEP * np.eye(3)]
-            yield f"seat_error:P{s}", [Hidden("seat_error", None, {"seat": f"P{s}", **p}) for p in unit]
-
     def _effects(self, faults: list[Hidden]) -> list[Array]:
         """What each moves the records by, in typical sizes of its parameter."""
         moved = [self.nominal.with_faults([fault]).observed(self.q, self.conditions) for fault in faults]
@@ -132,7 +91,7 @@ class Oracle:
         return self._effects(_small_faults(cause, row, finding))
 
     def _along_last_frame(self) -> list[Array]:
-        return list(np.moveaxis(self.nominal.rest(self.q, self.conditions).frames[:, -1, :3, :3], 2, 0))
+        return list(np.moveaxis(self.nominal.rest(self.q, self.conditions).last[:, :3, :3], 2, 0))
 
     def _frame(self) -> list[Array]:
         shifts = [np.broadcast_to(axis, (len(self.q), 3)) for axis in np.eye(3)]

@@ -9,7 +9,7 @@ import numpy as np
 from blind.chains import Chain
 from blind.conditions import Conditions
 from blind.encoders import Parameters, bumps
-from blind.kinematics import Arm, Array
+from blind.kinematics import Array
 
 DEPENDS_ON = {
     "joint_product": ("theta{j}", "theta{k}"),
@@ -59,7 +59,7 @@ class SmallTerms:
     ripple: Array
 
     @staticmethod
-    def of(rng: np.random.Generator, arm: Arm | Chain) -> SmallTerms:
+    def of(rng: np.random.Generator, arm: Chain) -> SmallTerms:
         total, rows = rng.uniform(1.0e-6, 2.0e-6), arm.rows
         levers = arm.jacobian(rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (200, len(arm.limits))))
         lever = float(np.sqrt((levers**2).sum(axis=(1, 2)).mean()))

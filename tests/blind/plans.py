@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from blind.chains import Chain
 from blind.conditions import SESSIONS
-from blind.kinematics import Arm, Array, jacobian, placements
+from blind.kinematics import Array
 
 PLANS = ("free", "seats", "unknown-seats")
 MARGIN = 0.02
@@ -32,21 +33,21 @@ class Seats:
         return np.asarray(np.linalg.norm(self.points[self.bars[:, 0]] - self.points[self.bars[:, 1]], axis=1))
 
 
-def free_postures(rng: np.random.Generator, arm: Arm, n: int) -> Array:
+def free_postures(rng: np.random.Generator, arm: Chain, n: int) -> Array:
     """(n, nq) [rad]: a Latin hypercube within the limits."""
     low, high = arm.limits[:, 0] + MARGIN, arm.limits[:, 1] - MARGIN
     strata = np.stack([rng.permutation(n) for _ in low], axis=1)
     return low + (high - low) * (strata + rng.uniform(size=strata.shape)) / n
 
 
-def random_postures(rng: np.random.Generator, arm: Arm, n: int) -> Array:
+def random_postures(rng: np.random.Generator, arm: Chain, n: int) -> Array:
     return rng.uniform(arm.limits[:, 0] + MARGIN, arm.limits[:, 1] - MARGIN, (n, len(arm.limits)))
 
 
-def choose_seats(rng: np.random.Generator, arm: Arm) -> Seats:
+def choose_seats(rng: np.random.Generator, arm: Chain) -> Seats:
     """Seats on and over a table beside the arm: 0.3 to 0.9 m from its axis, within 0.5 m of its height, some way apart."""
     points: list[Array] = []
-    tips = _tips(arm, random_postures(rng, arm, 3000))
+    tips = arm.tips(random_postures(rng, arm, 3000))
     out = np.hypot(tips[:, 0], tips[:, 1])
     for point in tips[(out > 0.3) & (out < 0.9) & (np.abs(tips[:, 2]) < 0.5)]:
         if len(points) < SEATS and all(np.linalg.norm(point - other) > APART for other in points):
@@ -72,7 +73,7 @@ def round_trips(session: NDArray[np.int_], seats: int) -> NDArray[np.int_]:
     return seat
 
 
-def seat_postures(rng: np.random.Generator, arm: Arm, seats: Seats, seat: NDArray[np.int_]) -> Array:
+def seat_postures(rng: np.random.Generator, arm: Chain, seats: Seats, seat: NDArray[np.int_]) -> Array:
     """One posture for each visit of ``seat`` (n,), (n, nq) [rad], with the tip in the seat by the bare table.
 
     Random postures are turned about the first axis towards a seat; those that end near it are brought into it.
@@ -90,10 +91,10 @@ def seat_postures(rng: np.random.Generator, arm: Arm, seats: Seats, seat: NDArra
     raise ValueError("no postures found for a seat")
 
 
-def _near(rng: np.random.Generator, arm: Arm, seats: Seats, wanted: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
+def _near(rng: np.random.Generator, arm: Chain, seats: Seats, wanted: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
     """Random postures whose tip comes near a seat after a turn about the first axis, and which seat."""
     pool = random_postures(rng, arm, 3000 + 10 * len(wanted))
-    tips = _tips(arm, pool)
+    tips = arm.tips(pool)
     out, target = np.hypot(tips[:, 0], tips[:, 1]), np.hypot(seats.points[:, 0], seats.points[:, 1])
     postures, of = [], []
     for s, count in enumerate(np.bincount(wanted, minlength=SEATS)):
@@ -107,25 +108,20 @@ def _near(rng: np.random.Generator, arm: Arm, seats: Seats, wanted: NDArray[np.i
     return np.concatenate(postures), np.concatenate(of)
 
 
-def _into(arm: Arm, seats: Seats, q: Array, of: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
+def _into(arm: Chain, seats: Seats, q: Array, of: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
     """Postures brought into their seats; only those within the limits whose stylus enters the seat from above."""
     for _ in range(8):
-        frames = placements(arm.values, arm.all_angles(q))
-        j = jacobian(frames, arm.moving)
+        j = arm.jacobian(q)
         square = j @ j.transpose(0, 2, 1) + 1e-9 * np.eye(3)
-        step = np.linalg.solve(square, (seats.points[of] - frames[:, -1, :3, 3])[..., None])
+        step = np.linalg.solve(square, (seats.points[of] - arm.tips(q))[..., None])
         q = q + np.clip(np.einsum("nkj,nk->nj", j, step[..., 0]), -0.5, 0.5)
     low = arm.limits[:, 0]
     whole = arm.limits[:, 1] - low > 6.28
     q = np.where(whole, low + np.mod(q - low, 2.0 * np.pi), q)
-    frames = placements(arm.values, arm.all_angles(q))
-    there = np.abs(frames[:, -1, :3, 3] - seats.points[of]).max(axis=1) < 1e-6
+    last = arm.walk(q)[1]
+    there = np.abs(last[:, :3, 3] - seats.points[of]).max(axis=1) < 1e-6
     inside = ((q > low + MARGIN) & (q < arm.limits[:, 1] - MARGIN)).all(axis=1)
-    stylus = frames[:, -1, :3, :3] @ arm.stylus
+    stylus = last[:, :3, :3] @ arm.stylus
     enters = np.einsum("ni,ni->n", stylus, -seats.axes[of]) > np.cos(CONE)
     good = there & inside & enters
     return q[good], of[good]
-
-
-def _tips(arm: Arm, q: Array) -> Array:
-    return placements(arm.values, arm.all_angles(q))[:, -1, :3, 3]

@@ -10,18 +10,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from blind import plans, table, workshop
+from blind import chains, plans, table, workshop
+from blind.chains import Chain
 from blind.conditions import SESSIONS, Conditions, run
-from blind.kinematics import KINDS, Arm, Array, read_arm, rotation
+from blind.kinematics import Array, rotation
 from blind.machine import Machine
 from blind.outside import SmallTerms
-from blind.truth import Hidden, Truth
+from blind.truth import Hidden
 
 ENCODER_NOISE = 8e-6
 REFERENCE_NOISE = 12e-6
 OUTLIER_M = (0.2e-3, 50e-3)
-BAR_U = 1e-6
-"""How exactly the length of a bar is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,45 +157,13 @@ class Jumps:
 
 @dataclass(frozen=True, eq=False)
 class Draw(Sample):
-    """The first run of a plant, with what is hidden in it, and what its records leave unknown (see :mod:`blind.oracle`)."""
+    """The first run of a plant: its faults, the largest first, and the deviations of the DH values (R, 4) [m, m, rad, rad]
+    from the arm file; ``plant.sample(1, n)`` is another run, of new postures and noise.
+    """
 
     plant: Plant
-    truth: Truth
-    encoder_u = ENCODER_NOISE
-    seat_u = np.inf
-    bar_u = BAR_U
-    targets = 0
-
-    @property
-    def machine(self) -> Machine:
-        return self.plant.machine
-
-    @property
-    def hidden(self) -> tuple[Hidden, ...]:
-        return self.truth.hidden
-
-    @property
-    def reference_u(self) -> Array:
-        return np.full(len(self.read), REFERENCE_NOISE)
-
-    @property
-    def external(self) -> bool:
-        return bool(np.any(self.plant.frame[1]))
-
-    @property
-    def fitted_seats(self) -> Array:
-        """Seats whose places are not known (S, 3) [m]."""
-        return self.seats.points if self.seats is not None and self.plan == "unknown-seats" else np.zeros((0, 3))
-
-    @property
-    def bars(self) -> NDArray[np.int_]:
-        return self.seats.bars if self.seats is not None and self.plan == "unknown-seats" else np.zeros((0, 2), dtype=int)
-
-    def fresh(self, n: int, index: int = 1) -> Sample:
-        """Another run of the same plant: new postures, noise and weather, the same clock; no outliers."""
-        if index < 1:
-            raise ValueError(f"index {index}, expected 1 or more: 0 is the first run")
-        return self.plant.sample(index, n)
+    hidden: tuple[Hidden, ...]
+    geometry: Array
 
 
 def draw(
@@ -234,11 +201,11 @@ def draw(
     """
     if plan not in plans.PLANS:
         raise ValueError(f"plan {plan!r}, expected one of {', '.join(plans.PLANS)}")
-    arm = read_arm()
+    arm = chains.read()
     geometry = _geometry(np.random.default_rng([seed, 1]), arm, shifts or {})
     seats = None if plan == "free" else plans.choose_seats(np.random.default_rng([seed, 2]), arm)
     small = SmallTerms.of(np.random.default_rng([seed, 3]), arm) if small_terms else None
-    machine = Machine(arm, arm.values + geometry, (), small)
+    machine = Machine(arm, geometry, (), small)
     frame = _frame(np.random.default_rng([seed, 4])) if external else (np.eye(3), np.zeros(3))
     plant = Plant(seed, machine, plan, records, seats, frame, small_terms)
     if cause is not None and not twin:
@@ -248,18 +215,18 @@ def draw(
             raise ValueError(f"{cause} is felt nowhere on this arm")
         plant = replace(plant, machine=machine.with_faults(hidden))
     sample = plant.sample(0, records, outliers)
-    truth = Truth(plant.machine.sized(sample.read, sample.conditions), sample.outliers, geometry)
-    return Draw(**vars(sample), plant=plant, truth=truth)
+    hidden = plant.machine.sized(sample.read, sample.conditions)
+    return Draw(**vars(sample), plant=plant, hidden=hidden, geometry=geometry)
 
 
 def _others(hidden: set[str]) -> list[str]:
     return [cause for cause in workshop.ANY if cause not in hidden]
 
 
-def _geometry(rng: np.random.Generator, arm: Arm, shifts: Mapping[tuple[int, str], float]) -> Array:
+def _geometry(rng: np.random.Generator, arm: Chain, shifts: Mapping[tuple[int, str], float]) -> Array:
     geometry = arm.half_width * rng.uniform(-1.0, 1.0, arm.half_width.shape)
     for (row, kind), multiple in shifts.items():
-        column = KINDS.index(kind)
+        column = chains.KINDS.index(kind)
         geometry[row - 1, column] += multiple * arm.half_width[row - 1, column] / np.sqrt(3.0)
     return geometry
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from blind import chains, plans, table, workshop
 from blind.chains import Chain
-from blind.conditions import SESSIONS, run
+from blind.conditions import SESSIONS, Conditions, run
 from blind.kinematics import Array, rotation
+from blind.machine import Machine
 from blind.outside import SmallTerms
 from blind.plant import Jumps
-from blind.rig import Loaded, Rig
 from blind.truth import Hidden
 
 ARMS = ("sino6", "standard-dh", "modified-dh", "ur5", "panda")
@@ -91,7 +91,7 @@ class Regime:
     def chain(self) -> Chain:
         """The arm."""
         if self.arm == "sino6":
-            return chains.sino6()
+            return chains.read()
         if self.arm in chains.SEVEN:
             return chains.seven(self.arm, self.stated)
         return chains.robot(self.arm, *(ROBOT_BOUNDS if self.stated else (0.0, 0.0)))
@@ -118,9 +118,9 @@ class RegimeFile:
 
     regime: Regime
     files: dict[str, str]
-    machine: Rig
+    machine: Machine
     read: Array
-    conditions: Loaded
+    conditions: Conditions
     outliers: tuple[int, ...]
     reference_u: Array
     seats: Array
@@ -234,7 +234,7 @@ def regime_file(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
     arm = regime.chain()
     bounds = np.where(arm.half_width.any(), arm.half_width, arm.typical)
     geometry = bounds * rng("geometry").uniform(-1.0, 1.0, bounds.shape)
-    rig = Rig(arm, geometry, (), SmallTerms.of(rng("small"), arm), _targets(rng("targets"), regime))
+    rig = Machine(arm, geometry, (), SmallTerms.of(rng("small"), arm), _targets(rng("targets"), regime))
     q, conditions, seats = _route(rng("route"), rng("weather"), regime, rig)
     wanted = workshop.Wanted(regime.cause, regime.joint, regime.size, regime.faults, regime.value, regime.seats)
     rig = rig.with_faults(workshop.hide_all(rng("faults"), rig, q, conditions, wanted, lambda _: causes_of(regime)))
@@ -242,7 +242,9 @@ def regime_file(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
     return _measured(rng("noise"), jumps, regime, rig, q, conditions, seats)
 
 
-def _route(rng: np.random.Generator, weather: np.random.Generator, regime: Regime, rig: Rig) -> tuple[Array, Loaded, Array]:
+def _route(
+    rng: np.random.Generator, weather: np.random.Generator, regime: Regime, rig: Machine
+) -> tuple[Array, Conditions, Array]:
     """Postures (n, nq) [rad], their conditions, and the places of the seats (S, 3) [m]."""
     n, arm = regime.records, rig.arm
     session, seats, seat = np.arange(n) * SESSIONS // n, np.zeros((0, 3)), np.full(n, -1)
@@ -253,11 +255,11 @@ def _route(rng: np.random.Generator, weather: np.random.Generator, regime: Regim
         q = plans.free_postures(rng, arm, n)
     payload = rng.choice(PAYLOADS_KG, n) if regime.torque else np.zeros(n)
     marker = rng.integers(0, 1 if rig.targets is None else len(rig.targets), n)
-    return q, Loaded(**vars(run(weather, arm, seat, session, 1.0, True)), payload=payload, marker=marker), seats
+    return q, replace(run(weather, arm, seat, session, 1.0, True), payload=payload, marker=marker), seats
 
 
 def _measured(
-    noise: np.random.Generator, jumps: Jumps, regime: Regime, rig: Rig, q: Array, conditions: Loaded, seats: Array
+    noise: np.random.Generator, jumps: Jumps, regime: Regime, rig: Machine, q: Array, conditions: Conditions, seats: Array
 ) -> RegimeFile:
     n = len(q)
     u = regime.reference_u * (np.exp(noise.uniform(-0.7, 0.9, n)) if regime.own_u else np.ones(n))
@@ -294,7 +296,7 @@ def _targets(rng: np.random.Generator, regime: Regime) -> Array | None:
 
 def _seats(rng: np.random.Generator, arm: Chain, regime: Regime) -> Array:
     """Places within easy reach, some way apart (S, 3) [m]."""
-    tips = arm.walk(plans.random_postures(rng, arm, 4000))[1][:, :3, 3]
+    tips = arm.tips(plans.random_postures(rng, arm, 4000))
     reach = np.linalg.norm(tips - tips.mean(axis=0), axis=1)
     found: list[Array] = []
     for point in tips[reach < np.quantile(reach, 0.6)]:
@@ -314,10 +316,10 @@ def _at_seats(rng: np.random.Generator, arm: Chain, places: Array) -> Array:
         tried = plans.random_postures(rng, arm, len(missing))
         for _ in range(12):
             j = arm.jacobian(tried)
-            gap = places[missing] - arm.walk(tried)[1][:, :3, 3]
+            gap = places[missing] - arm.tips(tried)
             step = np.linalg.solve(j @ j.transpose(0, 2, 1) + 1e-6 * np.eye(3), gap[..., None])
             tried = tried + np.clip(np.einsum("nkj,nk->nj", j, step[..., 0]), -0.5, 0.5)
-        gap = places[missing] - arm.walk(tried)[1][:, :3, 3]
+        gap = places[missing] - arm.tips(tried)
         good = (np.abs(gap).max(axis=1) < 1e-5) & ((tried > low) & (tried < high)).all(axis=1)
         good &= np.linalg.svd(arm.jacobian(tried), compute_uv=False)[:, -1] > LEAST_LEVER_M  # gross errors can be reached
         q[missing[good]] = tried[good]

@@ -1,8 +1,9 @@
-"""Where an elastic arm comes to rest under its own weight: equilibrium in the deflected pose, iterated until it stands.
+"""Where an elastic chain comes to rest under its own weight: equilibrium in the deflected pose, iterated until it stands.
 
 All loads are weights, so the moment of what hangs beyond a point P is ``Σ (r_k - P) × m_k g``, and everything elastic turns
 the way that moment pulls. A tube is a Bernoulli beam: its section at s turns relative to its neighbour by ``M(s) ds / EI``
-across the tube and ``M(s) ds / GJ`` along it. Its weight is spread; see :func:`share_of_tube`.
+across the tube and ``M(s) ds / GJ`` along it; its sections lie where the straight tube has them. The tube of a body runs
+along its axis or across it, whichever is longer. Its weight is spread, see :func:`_share`.
 """
 
 from __future__ import annotations
@@ -10,14 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from blind.kinematics import Arm, Array, identity, moved, rotation, shift_x, turn_x, turn_z_shift
+from blind.chains import Chain, Pieces
+from blind.kinematics import Array, identity, moved, rotation, turn_z_shift
 
 STOP = 1e-14
 """[m] and [rad]: the arm stands when no frame moves by more."""
 MOST_ROUNDS = 60
 NODES = 8
+STRUT = 0.05
+"""Lever of a strut on its body over the height of its anchor above the axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,126 +45,123 @@ class Elastic:
         return bool(np.any([self.joint, self.tilt, self.bend, self.twist, self.spring])) or self.base != 0.0
 
 
-@dataclass(eq=False)
-class Shape:
-    """Deflections as rotation vectors and shifts in the base: of the base (n, 3), of each joint (R, n, 3), of the end of
-    each tube (R, n, 3), and turns of its sections (R, n, NODES, 3).
-    """
-
-    base: Array
-    joint: Array
-    slope: Array
-    sag: Array
-    sections: Array
-
-    @staticmethod
-    def straight(rows: int, n: int) -> Shape:
-        joint, slope, sag = np.zeros((3, rows, n, 3))
-        return Shape(np.zeros((n, 3)), joint, slope, sag, np.zeros((rows, n, NODES, 3)))
-
-    def change(self, other: Shape) -> float:
-        pairs = [(getattr(self, name), getattr(other, name)) for name in ("base", "joint", "slope", "sag")]
-        return float(max(np.abs(a - b).max() for a, b in pairs))
-
-
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """An arm at rest: frames 0..R (n, R + 1, 4, 4), clamps of the tubes (R, n, 4, 4), its shape, and the rounds it took."""
+    """A chain at rest: frames on the axes (n, R, 4, 4), the last frame (n, 4, 4), and by how much each joint has yielded, as
+    rotation vectors in the base (R, n, 3).
+    """
 
-    frames: Array
-    clamps: Array
-    shape: Shape
-    rounds: int
+    axes: Array
+    last: Array
+    yielded: Array
 
 
-def settle(arm: Arm, values: Array, angles: Array, elastic: Elastic) -> Rest:
-    """Equilibrium for DH ``values`` (n, R, 4) [m, m, rad, rad] and joint ``angles`` (n, R) [rad]."""
-    n, rows = angles.shape
-    shape = Shape.straight(rows, n)
-    for rounds in range(MOST_ROUNDS):
-        frames, clamps = _frames(values, angles, shape)
+def settle(arm: Chain, pieces: Pieces, angles: Array, growth: Array, elastic: Elastic, payload: Array) -> Rest:
+    """Equilibrium of ``pieces`` (R, 4, 4) whose shifts have grown by ``growth`` (n, R), for joint ``angles`` (n, R) [rad],
+    with a ``payload`` (n,) [kg] at the tip.
+    """
+    (before, after), (n, rows) = pieces, angles.shape
+    base, joint, slope, sag = np.zeros((n, 3)), *np.zeros((3, rows, n, 3))
+    spans, clamps = _tubes(arm)
+    for _ in range(MOST_ROUNDS):
+        frame, axes = moved(identity(n), base), []
+        for i in range(rows):
+            turned = moved(frame @ _grown(before[i], growth[:, i]), joint[i])
+            axes.append(turned @ turn_z_shift(angles[:, i], np.zeros(n)))
+            frame = axes[-1] @ _grown(after[i], growth[:, i])
+            if elastic.bend[i] or elastic.twist[i]:
+                end = axes[-1][:, :3, 3] + axes[-1][:, :3, :3] @ (clamps[i] + spans[i])
+                beyond = frame[:, :3, 3] - end
+                shift = sag[i] + np.einsum("nij,nj->ni", rotation(slope[i]), beyond) - beyond
+                frame = moved(frame, slope[i], shift)
+        rest = Rest(np.stack(axes, axis=1), frame, joint)
         if not elastic.any:
-            return Rest(frames, clamps, shape, 0)
-        new = _deflections(arm, values, frames, clamps, shape, elastic)
-        if new.change(shape) < STOP:
-            return Rest(frames, clamps, shape, rounds)
-        shape = new
+            return rest
+        load, old = Load.of(arm, rest, payload), (base, joint, slope, sag)
+        base, joint = elastic.base * load.beyond(0, np.zeros(3)), np.zeros_like(joint)
+        slope, sag = np.zeros_like(slope), np.zeros_like(sag)
+        for i in range(rows):
+            if elastic.joint[i] or elastic.tilt[i]:
+                axis, moment = rest.axes[:, i, :3, 2], load.beyond(i, rest.axes[:, i, :3, 3])
+                about = axis * np.einsum("nk,nk->n", axis, moment)[:, None]
+                joint[i] = elastic.joint[i] * about + elastic.tilt[i] * (moment - about)
+            if elastic.spring[i]:
+                joint[i] += elastic.spring[i] * _strut(arm, i, rest, after[i] @ before[i + 1])
+            if elastic.bend[i] or elastic.twist[i]:
+                slope[i], sag[i] = _beam(arm, i, rest, load, spans[i], clamps[i], elastic)
+        if max(np.abs(a - b).max() for a, b in zip(old, (base, joint, slope, sag), strict=True)) < STOP:
+            return rest
     raise RuntimeError(f"no equilibrium after {MOST_ROUNDS} rounds: the arm is too soft")
 
 
-def along_x(values: Array) -> NDArray[np.bool_]:
-    """(R,) True where the row is a tube along x (a), False where along z (d)."""
-    return np.asarray(np.abs(values[..., 0]) > np.abs(values[..., 1])) if values.ndim == 2 else along_x(values[0])
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Weights: centres of mass in the base (n, R, 3) [m], and a payload (n,) [kg] at the tip (n, 3) [m]."""
+
+    arm: Chain
+    centres: Array
+    payload: Array
+    tip: Array
+
+    @staticmethod
+    def of(arm: Chain, rest: Rest, payload: Array) -> Load:
+        centres = rest.axes[..., :3, 3] + np.einsum("nrij,rj->nri", rest.axes[..., :3, :3], arm.com)
+        return Load(arm, centres, payload, rest.last[:, :3, 3])
+
+    def first(self, row: int, points: Array) -> Array:
+        """First moment about points (n, k, 3) of the bodies from index ``row`` on, and the payload [kg·m]."""
+        mass = self.arm.mass[row:]
+        first = np.einsum("r,nri->ni", mass, self.centres[:, row:])[:, None] - mass.sum() * points
+        return np.asarray(first + self.payload[:, None, None] * (self.tip[:, None] - points))
+
+    def beyond(self, row: int, point: Array) -> Array:
+        """Moment about a point (n, 3) or (3,) of the same, (n, 3) [N·m]."""
+        points = np.broadcast_to(point, self.tip.shape)[:, None]
+        return np.asarray(np.cross(self.first(row, points)[:, 0], self.arm.gravity))
 
 
-def _frames(values: Array, angles: Array, shape: Shape) -> tuple[Array, Array]:
-    n, rows = angles.shape
-    lies_along_x = along_x(values)
-    frames = [moved(identity(n), shape.base)]
-    clamps = []
-    for i in range(rows):
-        a, d, alpha, offset = values[:, i].T
-        start = moved(frames[-1], shape.joint[i]) @ turn_z_shift(angles[:, i] + offset, np.zeros(n))
-        end_of_d = start @ turn_z_shift(np.zeros(n), d)
-        clamps.append(end_of_d if lies_along_x[i] else start)
-        if lies_along_x[i]:
-            end = moved(end_of_d @ shift_x(a), shape.slope[i], shape.sag[i])
-        else:
-            end = moved(end_of_d, shape.slope[i], shape.sag[i]) @ shift_x(a)
-        frames.append(end @ turn_x(alpha))
-    return np.stack(frames, axis=1), np.stack(clamps)
+def _grown(transform: Array, growth: Array) -> Array:
+    """A constant transform with its shift (1 + growth) as long, (n, 4, 4)."""
+    out = np.repeat(transform[None], len(growth), axis=0)
+    out[:, :3, 3] *= 1.0 + growth[:, None]
+    return out
 
 
-def _deflections(arm: Arm, values: Array, frames: Array, clamps: Array, shape: Shape, elastic: Elastic) -> Shape:
-    centres = centres_of_mass(arm, frames)
-    new = Shape.straight(arm.rows, len(frames))
-    new.base = elastic.base * moment_beyond(arm, centres, 0, np.zeros(3))
-    for i in range(arm.rows):
-        if elastic.joint[i] or elastic.tilt[i]:
-            axis, origin = frames[:, i, :3, 2], frames[:, i, :3, 3]
-            moment = moment_beyond(arm, centres, i, origin)
-            about = axis * np.einsum("nk,nk->n", axis, moment)[:, None]
-            new.joint[i] = elastic.joint[i] * about + elastic.tilt[i] * (moment - about)
-        if elastic.spring[i]:
-            new.joint[i] += elastic.spring[i] * _strut(arm, i, frames)
-        if elastic.bend[i] or elastic.twist[i]:
-            new.slope[i], new.sag[i], new.sections[i] = _beam(arm, values, i, frames, clamps[i], centres, shape, elastic)
-    return new
-
-
-STRUT = 0.05
-"""Lever of the strut on the body over the height of its anchor above the axis."""
-
-
-def _strut(arm: Arm, i: int, frames: Array) -> Array:
+def _strut(arm: Chain, i: int, rest: Rest, following: Array) -> Array:
     """Missing moment of a gas strut (n, 3), one where the body is level.
 
     A strut of constant force from an anchor h above the axis to a point r along the body pulls with the moment
     ``F h r (horizontal part of the body) / length``; too little of it lets the body fall. The turn counts positive about
-    ``u × down``, u being the next joint's axis if that stands across this one; the tube lies along it, one way or the other.
+    ``u × down``, u being the next joint's axis if that stands across this one, else the body's direction.
     """
-    axis, following = frames[:, i, :3, 2], frames[:, i + 1, :3, 2]
-    across = np.abs(np.einsum("nk,nk->n", axis, following)).max() < 0.1
-    u, along = (following, arm.values[i + 1, 1]) if across else (frames[:, i + 1, :3, 0], arm.values[i, 0])
+    axis, frame, span = rest.axes[:, i, :3, 2], rest.axes[:, i, :3, :3], arm.spans()[i]
+    across = abs(following[2, 2]) < 0.1
+    u = frame @ (following[:3, 2] if across else span / np.linalg.norm(span))
     up = -arm.gravity / np.linalg.norm(arm.gravity)
-    length = np.linalg.norm(up - STRUT * np.sign(along) * u, axis=1) / np.hypot(1.0, STRUT)
-    turn = np.einsum("nk,nk->n", axis, np.cross(u, -up)) / length
-    return np.asarray(axis * turn[:, None])
-
-
-def centres_of_mass(arm: Arm, frames: Array) -> Array:
-    """Of each body in the base, (n, R, 3) [m]."""
-    return np.asarray(frames[:, 1:, :3, 3] + np.einsum("nrij,rj->nri", frames[:, 1:, :3, :3], arm.com))
-
-
-def moment_beyond(arm: Arm, centres: Array, row: int, point: Array) -> Array:
-    """Moment about ``point`` (..., 3) of the bodies from index ``row`` on, (n, 3) [N·m]."""
-    mass = arm.mass[row:]
-    first = np.einsum("r,nri->ni", mass, centres[:, row:]) - mass.sum() * point
-    return np.asarray(np.cross(first, arm.gravity))
+    length = np.linalg.norm(up - STRUT * u, axis=1) / np.hypot(1.0, STRUT)
+    return np.asarray(axis * (np.einsum("nk,nk->n", axis, np.cross(u, -up)) / length)[:, None])
 
 
 # --- one tube
+
+
+def _tubes(arm: Chain) -> tuple[Array, Array]:
+    """The tube in each body along or across its axis, whichever is longer, and where it is clamped (R, 3) [m]."""
+    spans = arm.spans()
+    along = spans * [0.0, 0.0, 1.0]
+    lengthwise = (np.linalg.norm(along, axis=1) >= np.linalg.norm(spans - along, axis=1))[:, None]
+    return np.where(lengthwise, along, spans - along), np.where(lengthwise, 0.0, along)
+
+
+def _share(arm: Chain, i: int, span: Array, clamp: Array) -> tuple[float, Array | None]:
+    """Share of the body that is its uniform tube, and where a lump at its end sits (3,) [m]; None: it is at the clamp.
+
+    Tube and lump together have the centre of mass of the body.
+    """
+    place = float((arm.com[i] - clamp) @ span / (span @ span))
+    share = float(np.clip(2.0 * min(place, 1.0 - place), 0.0, 1.0 - 1e-9))
+    lump = (arm.com[i] - share * (clamp + 0.5 * span)) / (1.0 - share)
+    return share, lump if place > 0.5 else None
 
 
 def _cumulative() -> tuple[Array, Array, Array]:
@@ -176,54 +176,22 @@ def _cumulative() -> tuple[Array, Array, Array]:
 X, W, INTEGRAL = _cumulative()
 
 
-def place_on_tube(arm: Arm, row: int) -> tuple[float, Array, Array]:
-    """Where along the tube of index ``row`` its body has its centre of mass (0: at the clamp, 1: at the end), the end of the
-    tube in frame ``row`` and the vector from clamp to end there (3,) [m].
-    """
-    a, d, alpha, _ = arm.values[row]
-    if along_x(arm.values)[row]:
-        end, tube = np.zeros(3), np.array([a, 0.0, 0.0])
-    else:
-        end, tube = np.array([-a, 0.0, 0.0]), d * np.array([0.0, np.sin(alpha), np.cos(alpha)])
-    return float(1.0 + (arm.com[row] - end) @ tube / (tube @ tube)), end, tube
-
-
-def share_of_tube(arm: Arm, row: int) -> tuple[float, Array]:
-    """How much of the body of index ``row`` is its uniform tube, and where the rest sits in frame ``row`` (3,) [m].
-
-    The rest is a lump at the end of the tube (or at its start), such that the centre of mass is the stated one.
-    """
-    place, end, tube = place_on_tube(arm, row)
-    share = float(np.clip(2.0 * min(place, 1.0 - place), 0.0, 1.0 - 1e-9))
-    return share, (arm.com[row] - share * (end - 0.5 * tube)) / (1.0 - share)
-
-
-def _beam(
-    arm: Arm, values: Array, i: int, frames: Array, clamp: Array, centres: Array, shape: Shape, elastic: Elastic
-) -> tuple[Array, Array, Array]:
-    """Slope and sag of the end (n, 3), turns of the sections (n, NODES, 3)."""
-    column = 0 if along_x(values)[i] else 1
-    length = np.abs(values[:, i, column])[:, None]
-    straight = clamp[:, :3, 2 if column else 0] * np.sign(values[:, i, column])[:, None]
-    tangent = np.einsum("nkij,nj->nki", rotation(shape.sections[i]), straight)
-    points = clamp[:, None, :3, 3] + length[:, None] * np.einsum("jk,nki->nji", INTEGRAL, tangent)
-    moment = _moment_in_tube(arm, i, frames, centres, points, length)
-    along = tangent * np.einsum("nki,nki->nk", tangent, moment)[..., None]
-    curvature = elastic.bend[i] * (moment - along) + elastic.twist[i] * along
-    sections = length[:, None] * np.einsum("jk,nki->nji", INTEGRAL, curvature)
+def _beam(arm: Chain, i: int, rest: Rest, load: Load, span: Array, clamp: Array, elastic: Elastic) -> tuple[Array, Array]:
+    """Slope and sag of the end of a tube (n, 3)."""
+    frame, length = rest.axes[:, i], float(np.linalg.norm(span))
+    start = frame[:, :3, 3] + frame[:, :3, :3] @ clamp
+    tube = np.broadcast_to(frame[:, :3, :3] @ span, start.shape)
+    points = start[:, None] + X[:, None] * tube[:, None]
+    share, lump = _share(arm, i, span, clamp)
+    mass, along = arm.mass[i], tube / length
+    first = load.first(i + 1, points)
+    if lump is not None:
+        at = frame[:, :3, 3] + frame[:, :3, :3] @ lump
+        first = first + (1.0 - share) * mass * (at[:, None] - points)
+    first = first + share * mass * 0.5 * ((1.0 - X) ** 2)[:, None] * tube[:, None]
+    moment = np.cross(first, arm.gravity)
+    axial = along[:, None] * np.einsum("nki,ni->nk", moment, along)[..., None]
+    curvature = elastic.bend[i] * (moment - axial) + elastic.twist[i] * axial
+    turned = length * np.einsum("jk,nki->nji", INTEGRAL, curvature)
     slope = length * np.einsum("k,nki->ni", W, curvature)
-    sag = length * np.einsum("k,nki->ni", W, tangent - straight[:, None])
-    return slope, sag, sections
-
-
-def _moment_in_tube(arm: Arm, i: int, frames: Array, centres: Array, points: Array, length: Array) -> Array:
-    """Moment of what lies beyond each section, (n, NODES, 3) [N·m]."""
-    share, place = share_of_tube(arm, i)
-    lump = frames[:, i + 1, :3, 3] + frames[:, i + 1, :3, :3] @ place
-    beyond = arm.mass[i + 1 :]
-    first = np.einsum("r,nri->ni", beyond, centres[:, i + 1 :])[:, None] - beyond.sum() * points
-    if place_on_tube(arm, i)[0] > 0.5:
-        first = first + (1.0 - share) * arm.mass[i] * (lump[:, None] - points)
-    whole = np.einsum("k,nki->ni", W, points)[:, None]
-    rest_of_tube = whole - np.einsum("jk,nki->nji", INTEGRAL, points) - (1.0 - X)[:, None] * points
-    return np.cross(first + share * arm.mass[i] * rest_of_tube, arm.gravity)
+    return slope, np.einsum("k,nki->ni", W, np.cross(turned, np.broadcast_to(tube[:, None], (len(tube), NODES, 3))))

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 
 from blind.study import runs
-from blind.study.experiments import Experiment
 from blind.study.outcomes import outcome
 
 Row = dict[str, Any]
@@ -89,17 +88,14 @@ RIGHT |= {"no_masses": 1, "curves": 1, "gross": 1}
 @pytest.fixture(scope="module")
 def outcomes() -> dict[str, list[Row]]:
     """What came of each file, by group."""
-    tasks = [
-        runs.Task(Experiment(group, case["seed"], {k: v for k, v in case.items() if k != "seed"}, regime=True), 0)
-        for group, cases in CASES.items()
-        for case in cases
-    ]
+    files = [(group, case) for group, cases in CASES.items() for case in cases]
+    tasks = [runs.Task(case["seed"], {name: v for name, v in case.items() if name != "seed"}) for _, case in files]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(2, context, initializer=runs.start_worker) as pool:
         rows = list(pool.map(runs.perform, tasks))
     found: dict[str, list[Row]] = {group: [] for group in CASES}
-    for row in rows:
-        found[row["experiment"]].append(outcome(row))
+    for (group, _), row in zip(files, rows, strict=True):
+        found[group].append(outcome(row))
     return found
 
 

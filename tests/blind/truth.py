@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from blind.kinematics import Array
-
 
 @dataclass(frozen=True, eq=False)
 class Hidden:
@@ -31,30 +29,3 @@ class Hidden:
     def key(self) -> str:
         """``cause`` or ``cause:joint``."""
         return self.cause if self.joint is None else f"{self.cause}:{self.joint}"
-
-
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """What a file hides: its faults, the largest first; the records (from 0) that are outliers; the deviations of the DH
-    values (R, 4) [m, m, rad, rad] from the arm file.
-    """
-
-    hidden: tuple[Hidden, ...]
-    outliers: tuple[int, ...]
-    geometry: Array
-
-    @property
-    def cause(self) -> str | None:
-        return self.hidden[0].cause if self.hidden else None
-
-    @property
-    def joint(self) -> int | None:
-        return self.hidden[0].joint if self.hidden else None
-
-    @property
-    def parameters(self) -> Mapping[str, Any]:
-        return self.hidden[0].parameters if self.hidden else {}
-
-    @property
-    def size_um(self) -> float:
-        return self.hidden[0].size_um if self.hidden else 0.0

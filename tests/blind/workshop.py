@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from blind.chains import Chain
 from blind.conditions import Conditions
-from blind.kinematics import Arm, Array
+from blind.kinematics import Array
 from blind.machine import Machine
 from blind.outside import DEPENDS_ON
 from blind.plans import SEATS
@@ -58,7 +59,7 @@ EITHER_SIGN = {"encoder_gain", "encoder_slip", "joint_hysteresis", "zero_drift",
 ORDERS = (3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24, 32)
 
 
-def rows_for(cause: str, arm: Arm) -> list[int | None]:
+def rows_for(cause: str, arm: Chain) -> list[int | None]:
     """Rows (from 1) at which the cause can sit; [None] for causes of the whole arm."""
     if cause in PER_JOINT:
         return [int(i) + 1 for i in np.flatnonzero(arm.moving)]
@@ -72,7 +73,7 @@ def rows_for(cause: str, arm: Arm) -> list[int | None]:
 
 
 def hide(
-    rng: np.random.Generator, arm: Arm, cause: str, joint: int | None, size: float, clock: tuple[float, float]
+    rng: np.random.Generator, arm: Chain, cause: str, joint: int | None, size: float, clock: tuple[float, float]
 ) -> Hidden:
     """A fault of the cause; ``clock`` is the first and last time of the run [s].
 
@@ -174,7 +175,7 @@ def _direction(rng: np.random.Generator) -> np.ndarray:
     return np.asarray(v / np.linalg.norm(v))
 
 
-def _outside(rng: np.random.Generator, arm: Arm, kind: str, size: float, clock: tuple[float, float]) -> Hidden:
+def _outside(rng: np.random.Generator, arm: Chain, kind: str, size: float, clock: tuple[float, float]) -> Hidden:
     p: dict[str, Any] = {}
     depends_on = DEPENDS_ON[kind]
     if kind == "joint_product":
@@ -191,7 +192,7 @@ def _outside(rng: np.random.Generator, arm: Arm, kind: str, size: float, clock: 
         p = {"knots_s": np.linspace(0.0, clock[1], 60), "walk_m": size * rng.uniform(5e-5, 1e-4) * walk / walk.std()}
     elif kind == "tip_field":
         azimuth = float(rng.uniform(arm.limits[:, 0], arm.limits[:, 1])[0])
-        reach = np.abs(arm.values[:, :2]).sum() / 2.0
+        reach = np.abs(arm.spans()).sum() / 2.0
         centre = reach * 0.6 * np.array([np.cos(azimuth), np.sin(azimuth), rng.uniform(-0.4, 0.4)])
         p = {"centre_m": centre, "width_m": 0.3, "shift_m": size * _direction(rng) * rng.uniform(2.0e-4, 4.0e-4)}
     return Hidden("unexplained", None, {"kind": kind, **p}, depends_on=depends_on)

@@ -39,8 +39,8 @@ def off(found: dict[str, Any], hidden: Draw) -> dict[str, float]:
     """How many u each parameter of the strongest finding is from the truth, for those that the truth states too."""
     away = {}
     for name, stated in found["findings"][0]["parameters"].items():
-        if name in hidden.truth.parameters:
-            error = stated["value"] - hidden.truth.parameters[name]
+        if name in hidden.hidden[0].parameters:
+            error = stated["value"] - hidden.hidden[0].parameters[name]
             error = (error + np.pi) % (2 * np.pi) - np.pi if name == "phase_rad" else error
             away[name] = abs(error) / stated["u"]
     return away
@@ -69,8 +69,8 @@ CAUSES = [
 @pytest.mark.parametrize(("cause", "plan", "seed"), CAUSES)
 def test_a_hidden_cause_is_named_and_measured(tmp_path: Path, cause: str, plan: str, seed: int) -> None:
     found, drawn = diagnosis(tmp_path, seed=seed, cause=cause, plan=plan)
-    (hidden,) = drawn.truth.hidden
-    joint = drawn.truth.parameters.get("seat", hidden.joint)
+    (hidden,) = drawn.hidden
+    joint = drawn.hidden[0].parameters.get("seat", hidden.joint)
     assert named(found) == [(hidden.cause, joint)]
     assert found["verdict"] in ("explained", "ambiguous")
     assert found["findings"][0]["probability"] > 0.5
@@ -97,7 +97,7 @@ def test_look_alikes_are_said(tmp_path: Path) -> None:
 def test_two_causes_are_both_named(tmp_path: Path, plan: str, seed: int) -> None:
     found, drawn = diagnosis(tmp_path, seed=seed, cause="any", count=2, plan=plan)
     told = {*named(found), *((a["cause"], a["joint"]) for f in found["findings"] for a in f["aliases"][:1])}
-    assert {(h.cause, h.joint) for h in drawn.truth.hidden} <= told
+    assert {(h.cause, h.joint) for h in drawn.hidden} <= told
     assert len(found["findings"]) == 2
 
 
@@ -114,7 +114,7 @@ OUTSIDE = {
 def test_what_no_cause_explains_is_said_to_be_that(tmp_path: Path, kind: str) -> None:
     found, drawn = diagnosis(tmp_path, seed=2, cause=f"unexplained:{kind}")
     assert found["verdict"] == "unexplained"
-    wanted = OUTSIDE[kind] or {name.replace("theta", "joint ") for name in drawn.truth.hidden[0].depends_on}
+    wanted = OUTSIDE[kind] or {name.replace("theta", "joint ") for name in drawn.hidden[0].depends_on}
     assert wanted <= set(found["unexplained"]["depends_on"])
     assert found["unexplained"]["smooth_correction_gain"] > 0.2
     assert found["findings"] == []
@@ -131,7 +131,7 @@ def test_nothing_hidden_is_said_to_be_nothing(tmp_path: Path, seed: int, options
     found, drawn = diagnosis(tmp_path, *extra, seed=seed, cause=None, **options)
     assert found["verdict"] == "no-discrepancy"
     assert found["findings"] == []
-    assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.truth.outliers)
+    assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
 @pytest.mark.parametrize(("cause", "seed"), [("encoder_eccentricity", 3), ("joint_compliance", 1), ("encoder_slip", 7)])
@@ -150,14 +150,14 @@ def test_a_zero_offset_beyond_what_is_stated_is_a_finding(tmp_path: Path) -> Non
 def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path: Path) -> None:
     """A moved seat looks like thirty gross errors; nine real ones are beside it."""
     found, drawn = diagnosis(tmp_path, seed=3, cause="seat_error", plan="seats", outliers=0.03)
-    assert named(found) == [("seat_error", drawn.truth.parameters["seat"])]
-    assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.truth.outliers)
+    assert named(found) == [("seat_error", drawn.hidden[0].parameters["seat"])]
+    assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
 @pytest.mark.parametrize("records", [100, 3000])
 def test_few_and_many_records(tmp_path: Path, records: int) -> None:
     found, drawn = diagnosis(tmp_path, seed=3, cause="encoder_eccentricity", records=records)
-    assert named(found) == [("encoder_eccentricity", drawn.truth.joint)]
+    assert named(found) == [("encoder_eccentricity", drawn.hidden[0].joint)]
 
 
 def test_a_plan_that_nobody_filled_in_is_refused(tmp_path: Path) -> None:
@@ -183,7 +183,7 @@ def test_the_extended_arm_is_written_and_used(tmp_path: Path) -> None:
     extended = tmp_path / "extended.toml"
     found, drawn = diagnosis(tmp_path, "--extended-arm", str(extended), seed=3, cause="encoder_eccentricity")
     fresh = tmp_path / "fresh.csv"
-    sample = drawn.fresh(200)
+    sample = drawn.plant.sample(1, 200)
     sample.write(fresh)
     out = tmp_path / "corrected.csv"
     done = CliRunner().invoke(app, ["correct", str(extended), str(fresh), "-o", str(out)])

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blind import draw
-from blind.kinematics import SINO6, jacobian, placements, read_arm
+from blind import chains, draw
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth, subspace_angles
 from scipy.stats import chi2, f, kstest, multivariate_normal
@@ -104,8 +103,7 @@ def free_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 def covariance_of_records(records: Measurements) -> Array:
     """Readings, references and contacts (n, n, 3, 3): a seat with coordinates has its error in common [m²]."""
-    arm = read_arm(SINO6)
-    by_reading = jacobian(placements(arm.values, arm.all_angles(records.q)), arm.moving)
+    by_reading = chains.read().jacobian(records.q)
     found = np.zeros((records.n, records.n, 3, 3))
     own = ENCODER**2 * by_reading @ by_reading.transpose(0, 2, 1) + 1e-24 * np.eye(3)
     seat = records.conditions.seat

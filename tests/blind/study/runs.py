@@ -10,91 +10,61 @@ import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import compress
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from typer.testing import CliRunner
 
 from aacmm_pin.cli import app
-from blind import Draw, draw
 from blind.oracle import ALIKE, Oracle
 from blind.regimes import RegimeFile, regime_file
-from blind.study.experiments import Experiment
 from blind.study.outcomes import key_of
 
 Row = dict[str, Any]
-FRESH_RECORDS = 300
 TRIES, FAR_AWAY = 10, 10_000_000
-
-
-class CommandError(Exception):
-    """A command that did not end well."""
-
-
-class TimeLimitError(Exception):
-    """A command that takes longer than a study waits for."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """Run number ``run`` of an experiment; ``fresh`` measures the gain on fresh data as well, ``limit`` is the CPU time that
-    a command may take [s].
+    """The file of a seed, with fields of :class:`~blind.regimes.Regime` that are not drawn; ``limit`` is the CPU time that
+    the command may take [s].
     """
 
-    experiment: Experiment
-    run: int
-    fresh: bool = False
+    seed: int
+    given: Mapping[str, Any] = field(default_factory=dict)
     limit: float = 60.0
-
-    @property
-    def key(self) -> tuple[str, int]:
-        return self.experiment.name, self.experiment.first + self.run
 
 
 def perform(task: Task) -> Row:
     """The row of a task; what goes wrong stands under ``error``."""
-    experiment, arguments = task.experiment, task.experiment.arguments(task.run)
-    fresh_too = task.fresh and experiment.fresh
-    row: Row = {"experiment": experiment.name, "seed": arguments["seed"], "arguments": arguments}
-    row |= {"error": None, "said": None, "seconds": None, "fresh": None}
+    file = _file(task)
+    row: Row = {"seed": task.seed, "regime": vars(file.regime), "error": None, "said": None}
     with TemporaryDirectory() as name:
         folder = Path(name)
-        if experiment.regime:
-            file: Draw | RegimeFile = _regime_file(arguments)
-            file.write(folder)
-            words = file.words(folder)
-            row["regime"] = vars(file.regime)
-        else:
-            file = draw(**arguments)
-            words = ["sino6", str(file.write(folder / "data.csv")), *experiment.options]
-        words += ["--extended-arm", str(folder / "extended.toml")] if fresh_too else []
+        file.write(folder)
         start = time.process_time()
         try:
             with _limited(task.limit):
-                row["said"] = json.loads(_command("diagnose", *words, "--json", "-"))
+                result = CliRunner().invoke(app, ["diagnose", *file.words(folder), "--json", "-"])
+            if result.exit_code == 0:
+                row["said"] = json.loads(result.stdout)
+            else:
+                row["error"] = f"exit status {result.exit_code}: {result.exception!r} {result.output.strip()[-500:]}"
         except Exception as error:  # whatever breaks inside is what the study is about
             row["error"] = str(error) or repr(error)
         row["seconds"] = round(time.process_time() - start, 3)
-        if fresh_too and isinstance(file, Draw) and row["error"] is None:
-            try:
-                with _limited(task.limit):
-                    row["fresh"] = _fresh_gain(folder, file, experiment.options)
-            except CommandError as error:
-                row["fresh"] = {"error": str(error)}
-    as_json: Row = plain(row | {"truth": _truth(file, row["said"], experiment.likely)})
-    return as_json
+    made: Row = plain(row | {"truth": _truth(file, row["said"])})
+    return made
 
 
-def _regime_file(arguments: Row) -> RegimeFile:
+def _file(task: Task) -> RegimeFile:
     """The file of a seed; of another far away where the arm finds too few postures at the seats that this one draws."""
     for tried in range(TRIES):
         try:
-            return regime_file(**(arguments | {"seed": arguments["seed"] + tried * FAR_AWAY}))
+            return regime_file(task.seed + tried * FAR_AWAY, **task.given)
         except ValueError:
             if tried == TRIES - 1:
                 raise
@@ -103,10 +73,10 @@ def _regime_file(arguments: Row) -> RegimeFile:
 
 @contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Raises :class:`TimeLimitError` inside when the process has worked that long."""
+    """Raises :class:`TimeoutError` inside when the process has worked that long."""
 
     def stop(*_: object) -> None:
-        raise TimeLimitError(f"more than {seconds:g} s of CPU time")
+        raise TimeoutError(f"more than {seconds:g} s of CPU time")
 
     before = signal.signal(signal.SIGPROF, stop)
     signal.setitimer(signal.ITIMER_PROF, seconds)
@@ -130,60 +100,20 @@ def start_worker() -> None:
     threading.Thread(target=leave, daemon=True).start()
 
 
-def _command(*words: str) -> str:
-    """Standard output of ``aacmm-pin``.
-
-    Raises:
-        CommandError: exit status other than 0.
-    """
-    result = CliRunner().invoke(app, list(words))
-    if result.exit_code != 0:
-        broke = "" if isinstance(result.exception, SystemExit) else f" {result.exception!r}"
-        raise CommandError(f"{words[0]}: exit status {result.exit_code}:{broke} {result.output.strip()[-500:]}")
-    return result.stdout
-
-
-def _fresh_gain(folder: Path, drawn: Draw, options: list[str]) -> Row:
-    """Gain on another run of the same arm, by the corrected tips of the extended and of the recalibrated arm.
-
-    In free space a reference is the tip at the posture with noise; on seats it is the seat, and the contact's noise is in
-    the indications: in both the distance from reference to corrected tip is what is left of the fault, and the noise.
-    Records beyond the angles of the first run are left out: a curve is known as far as it was measured.
-    """
-    fresh = drawn.fresh(FRESH_RECORDS)
-    measured = ((fresh.read >= drawn.read.min(axis=0)) & (fresh.read <= drawn.read.max(axis=0))).all(axis=1)
-    header, *lines = fresh.csv_text.splitlines(keepends=True)
-    (folder / "fresh.csv").write_text(header + "".join(compress(lines, measured)), encoding="utf-8")
-    recalibrated = ["--no-held-out", "-o", str(folder / "recalibrated.toml")]
-    _command("calibrate", "sino6", str(folder / "data.csv"), *options, *recalibrated)
-    rms = {}
-    for arm in ("recalibrated", "extended"):
-        out = folder / f"{arm}.csv"
-        _command("correct", str(folder / f"{arm}.toml"), str(folder / "fresh.csv"), "-o", str(out))
-        off = 1e-3 * pd.read_csv(out)[[f"corrected_{axis}_mm" for axis in "xyz"]].to_numpy() - fresh.reference[measured]
-        rms[arm] = float(np.sqrt((off**2).sum(axis=1).mean()))
-    in_mm = {name: 1e3 * value for name, value in rms.items()} | {"noise": 1e3 * fresh.oracle_rms}
-    return {"rms_mm": in_mm, "records": int(measured.sum()), "gain": 1.0 - rms["extended"] / rms["recalibrated"]}
-
-
-def _truth(file: Draw | RegimeFile, said: Row | None, likely: bool) -> Row:
-    """What was hidden, which of the named causes nobody could tell from it, and the oracle's five likeliest causes."""
-    oracle = Oracle(file) if file.hidden or likely else None
+def _truth(file: RegimeFile, said: Row | None) -> Row:
+    """What was hidden, and which of the named causes nobody could tell from it."""
+    oracle = Oracle(file) if file.hidden else None
     named = {key_of(finding): finding for finding in (said or {}).get("findings", [])}
     hidden = []
     for fault in file.hidden:
         assert oracle is not None
         seat = fault.parameters.get("seat")
-        row: Row = {"cause": fault.cause, "joint": fault.joint, "parameters": dict(fault.parameters)}
-        row |= {"key": fault.key if seat is None else f"{fault.cause}:{seat}", "size_um": fault.size_um}
-        row |= {"lambda": oracle.visible(fault), "depends_on": fault.depends_on}
-        cosines = {key: oracle.cosine(fault, finding) for key, finding in named.items() if key != row["key"]}
-        hidden.append(row | {"aliases": {key: c for key, c in cosines.items() if c > ALIKE}, "cosines": cosines})
-    probabilities = oracle.probabilities() if oracle is not None and likely else None
-    if probabilities is not None:
-        kept = {*list(probabilities)[:5], *(h["key"] for h in hidden), "none"}
-        probabilities = {key: p for key, p in probabilities.items() if key in kept}
-    return {"hidden": hidden, "outliers": file.outliers, "probabilities": probabilities}
+        key = fault.key if seat is None else f"{fault.cause}:{seat}"
+        cosines = {name: oracle.cosine(fault, finding) for name, finding in named.items() if name != key}
+        row: Row = {"key": key, "parameters": dict(fault.parameters), "size_um": fault.size_um}
+        row |= {"lambda": oracle.visible(fault), "aliases": {name: c for name, c in cosines.items() if c > ALIKE}}
+        hidden.append(row)
+    return {"hidden": hidden, "outliers": file.outliers}
 
 
 def plain(value: Any) -> Any:
