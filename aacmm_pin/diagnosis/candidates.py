@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.parameter_vector import OF_KIND
@@ -13,31 +12,13 @@ from aacmm_pin.effects.error_model import ErrorModel, require_row
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A cause that may be there, with the inner parameters that are tried.
-
-    Attributes:
-        variants: the same cause with each value of its inner parameter (order, time, …), all parameters zero.
-    """
-
-    variants: tuple[Effect, ...]
-
-    @property
-    def label(self) -> str:
-        """Cause and place."""
-        return self.variants[0].label
-
-    @property
-    def cause(self) -> str:
-        """Name of the cause."""
-        return self.variants[0].cause
+Variants = tuple[Effect, ...]
+"""A candidate: one cause at one place with each value of its inner parameter (order, time, …), all parameters zero."""
 
 
 def candidates(
     model: ErrorModel, measurements: Measurements, problem: Problem, extra: Sequence[Effect] = ()
-) -> list[Candidate]:
+) -> list[Variants]:
     """Every registered cause that these records could show, one for each place where it can sit.
 
     Args:
@@ -59,7 +40,7 @@ def candidates(
             raise UnknownNameError("cause", effect.cause, list(CAUSES), "aacmm_pin.effects.register adds one of your own")
         label = require_row(effect, arm).label
         of_label[label] = tuple(dict.fromkeys((*of_label.get(label, ()), effect.at(()))))
-    return [Candidate(variants) for label, variants in of_label.items() if label not in known]
+    return [variants for label, variants in of_label.items() if label not in known]
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Index
 from aacmm_pin._support.distributions import f_sf
 from aacmm_pin._support.shown import Shown
+from aacmm_pin.diagnosis.covariates import FEWEST
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.measurements.records import Measurements
 
-FEWEST = 3
-"""With fewer groups than this nobody can say which one is the odd one out."""
 ODD = 1e-4
 """Family-wise level at which a group counts as odd."""
 

@@ -13,7 +13,7 @@ from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.parameter_vector import ParameterVector
-from aacmm_pin.diagnosis.candidates import Candidate
+from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Effect, JointZeroOffset
 from aacmm_pin.effects.state import State
@@ -83,7 +83,7 @@ class Design:
     taken_out: int
 
 
-def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate], taken_out: int = 0) -> Design:
+def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate], taken_out: int = 0) -> Design:
     """The columns of every candidate in the arm as calibrated.
 
     Args:
@@ -102,12 +102,12 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
     within = stays + np.flatnonzero(arm_u[stays:] > 0.0)
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
     tips = point.prediction.tips - own[:, :, stays:width] @ point.x[stays:width]
-    variants = [variant for candidate in library for variant in candidate.variants]
+    variants = [variant for variants in library for variant in variants]
     carried = [way for covariate in others for way in covariate.variants]
     typical = [ParameterVector(problem.model.arm, (variant,)).typical for variant in variants]
     left = np.sqrt(np.square(fit.solution.system.deviation[fit.used]).mean())
     typical += [np.full(way.functions.shape[1] * len(way.quantities), _typical(way, left)) for way in carried]
-    counts = [*(len(candidate.variants) for candidate in library), *(len(covariate.variants) for covariate in others)]
+    counts = [*(len(variants) for variants in library), *(len(covariate.variants) for covariate in others)]
     owners = [(number, which) for number, count in enumerate(counts) for which in range(count)]
     ends = kept.size + np.cumsum([0, *(t.size for t in typical)])
     blocks = [Block(*owner, slice(int(ends[k]), int(ends[k + 1]))) for k, owner in enumerate(owners)]
@@ -119,7 +119,7 @@ def design_of(fit: Fit, library: Sequence[Candidate], others: Sequence[Covariate
         last = first + columns.shape[2]
         np.multiply(columns, scales[first:last], out=jacobian[:, :, first:last], casting="same_kind")
         first = last
-    names = (*(candidate.label for candidate in library), *(covariate.name for covariate in others))
+    names = (*(variants[0].label for variants in library), *(covariate.name for covariate in others))
     prior = np.zeros((width + within.size, kept.size + 1))
     prior[:width, :stays] = problem.prior[:, :stays]
     prior[:width, -1] = problem.prior[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]

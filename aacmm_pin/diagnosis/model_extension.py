@@ -16,7 +16,7 @@ from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.diagnosis.candidates import Candidate
+from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, design_of
 from aacmm_pin.diagnosis.evidence import Conditional
@@ -63,7 +63,7 @@ class Choice:
     question: Question
     gram: Gram
     admitted: tuple[int, ...]
-    library: tuple[Candidate, ...]
+    library: tuple[Variants, ...]
     others: tuple[Covariate, ...]
     parts: Index
     held: Gram
@@ -98,13 +98,13 @@ class Choice:
     def variant(self, block: int) -> Effect:
         """The effect of a block."""
         b = self.design.blocks[block]
-        return self.library[b.candidate].variants[b.variant]
+        return self.library[b.candidate][b.variant]
 
 
 def choose(
     problem_of: ProblemOf,
     first: Fit,
-    library: Sequence[Candidate],
+    library: Sequence[Variants],
     others: Sequence[Covariate],
     parts: Index,
     progress: bool = False,
@@ -147,7 +147,7 @@ def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:
 def _standing(
     problem_of: ProblemOf,
     first: Fit,
-    library: tuple[Candidate, ...],
+    library: tuple[Variants, ...],
     others: tuple[Covariate, ...],
     parts: Index,
     progress: bool,
@@ -179,7 +179,7 @@ def free(effect: Effect) -> Effect:
 
 def _chosen(
     at: Fit,
-    library: tuple[Candidate, ...],
+    library: tuple[Variants, ...],
     others: tuple[Covariate, ...],
     parts: Index,
     effects: list[Effect],
@@ -200,38 +200,37 @@ def _torn(at: Fit, parts: Index) -> bool:
     return len(np.unique(pairs, axis=0)) > len(np.unique(pairs[:, 0]))
 
 
-def question_of(design: Design, library: Sequence[Candidate], stated: bool) -> Question:
+def question_of(design: Design, library: Sequence[Variants], stated: bool) -> Question:
     """The search's question with the prior probabilities of the candidates."""
-    usual = np.array([candidate.variants[0].usual for candidate in library])
+    usual = np.array([candidate[0].usual for candidate in library])
     rest = len(design.names) - len(library)
     prior = np.concatenate([LIBRARY * usual / usual.sum(), np.full(rest, (1 - LIBRARY) / max(rest, 1))])
     contained: dict[int, set[int]] = {}
-    number = {(candidate.cause, candidate.variants[0].place): k for k, candidate in enumerate(library)}
-    for k, candidate in enumerate(library):
-        for freer in candidate.variants[0].contained_in:
-            if (owner := number.get((freer, candidate.variants[0].place))) is not None:
+    number = {(effect.cause, effect.place): k for k, (effect, *_) in enumerate(library)}
+    for k, (effect, *_) in enumerate(library):
+        for freer in effect.contained_in:
+            if (owner := number.get((freer, effect.place))) is not None:
                 contained.setdefault(owner, set()).add(k)
     inside = {owner: frozenset(causes) for owner, causes in contained.items()}
     return Question(design, np.log(prior), stated, inside)
 
 
-def _block_of(design: Design, library: tuple[Candidate, ...], effect: Effect) -> int:
+def _block_of(design: Design, library: tuple[Variants, ...], effect: Effect) -> int:
     for number, block in enumerate(design.blocks):
-        if block.candidate < len(library) and library[block.candidate].variants[block.variant].identity == effect.identity:
+        if block.candidate < len(library) and library[block.candidate][block.variant].identity == effect.identity:
             return number
     raise LookupError(effect.label)
 
 
-def _with_variants(library: Sequence[Candidate], effects: list[Effect]) -> tuple[Candidate, ...]:
+def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[Variants, ...]:
     """The library with the refined variants among those that are tried."""
     refined = {e.label: e.at(()) for e in effects}
     found = []
-    for candidate in library:
-        effect = refined.get(candidate.label)
-        if effect is None or effect.identity in {v.identity for v in candidate.variants}:
-            found.append(candidate)
-        else:
-            found.append(Candidate((*candidate.variants, effect)))
+    for variants in library:
+        effect = refined.get(variants[0].label)
+        if effect is not None and effect.identity not in {v.identity for v in variants}:
+            variants = (*variants, effect)
+        found.append(variants)
     return tuple(found)
 
 
@@ -269,7 +268,7 @@ def _between(tried: list[Effect], evidences: Array, best: int) -> Effect:
 def _evidences(choice: Choice, block: int, tried: list[Effect]) -> Array:
     """Log evidence of each effect in the place of a block, the others held."""
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
-    library = [Candidate(tuple(tried)), *(Candidate((e,)) for e in rest)]
+    library = [tuple(tried), *((e,) for e in rest)]
     design = design_of(choice.fit, library, [], choice.design.taken_out)
     gram = Gram(products_of(design, np.zeros(len(choice.parts), dtype=np.intp)))
     others = tuple(range(len(tried), len(tried) + len(rest)))

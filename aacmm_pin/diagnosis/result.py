@@ -123,7 +123,7 @@ class Diagnosis(Shown):
 
     def cause(self, label: str) -> Effect | None:
         """The cause that a label of this result names, as it was tried first; None for a covariate."""
-        return next((c.variants[0] for c in self.choice.library if c.label == label), None)
+        return next((variants[0] for variants in self.choice.library if variants[0].label == label), None)
 
     @cached_property
     def next_measurements(self) -> str:

@@ -206,7 +206,7 @@ def aliases_of(choice: Choice, place: Place, k: int) -> list[Alias]:
             continue
         correlation = canonical(left, question.blocks[k], question.blocks[block])
         if shares[candidate] > WORTH_LISTING or correlation > SAME:
-            effect = library[candidate].variants[0] if candidate < len(library) else None
+            effect = library[candidate][0] if candidate < len(library) else None
             found.append(Alias(names[candidate], correlation, float(shares[candidate]), block, effect))
     found.sort(key=lambda alias: (-alias.probability, -alias.correlation))
     return found[:ALIASES]

@@ -9,13 +9,12 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, about_axis, twist
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.tube import SHORT, Tube
+from aacmm_pin.effects.tube import Tube, length_of
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 
@@ -118,7 +117,27 @@ class BearingTilt(GravityEffect):
 
 
 @dataclass(frozen=True)
-class TorsionalWindup(Effect):
+class _OfTube(Effect):
+    """A tube that yields under what it carries: the end of its body is shifted and turned."""
+
+    link: int
+    place_words: ClassVar[str] = "tube"
+    elastic: ClassVar[bool] = True
+
+    def _yielded(self, tube: Tube) -> tuple[Array, Array]:
+        """Shift and turn of the end of the tube per unit of the parameter, in the base (n, 3) [m/unit, rad/unit]."""
+        raise NotImplementedError
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """Of the end of the body, which is rigid behind the tube."""
+        tube, place = Tube.of(state, self.link, self.label), end(self.link)
+        shift, turn = self._yielded(tube)
+        local = [state.in_axes_of(place, part)[:, :, None] for part in (shift + np.cross(turn, tube.rest), turn)]
+        return [Displacement(place, twist(*local))]
+
+
+@dataclass(frozen=True)
+class TorsionalWindup(_OfTube):
     """A tube twists about its own length: ``δφ = c (u · m) u``, m the moment about the tube's end of all beyond.
 
     Unit rad/(N·m); typical 2e-6 to 2e-5 (length over torsional rigidity G J). Source: Saint-Venant torsion. Needs no
@@ -126,24 +145,19 @@ class TorsionalWindup(Effect):
     SINO6): nearly the same columns.
     """
 
-    link: int
     cause: ClassVar[str] = "torsional_windup"
     words: ClassVar[str] = "torsional wind-up"
-    place_words: ClassVar[str] = "tube"
     load: ClassVar[str] = "moment of the weight about the tube"
     usual: ClassVar[float] = 0.2
-    elastic: ClassVar[bool] = True
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True),)
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """A turn at the end of the tube."""
-        tube = Tube.of(state, self.link, self.label)
+    def _yielded(self, tube: Tube) -> tuple[Array, Array]:
         turn = np.einsum("ni,ni->n", tube.along, tube.moment)[:, None] * tube.along
-        return [_at_end(state, self.link, np.cross(turn, tube.rest), turn)]
+        return np.zeros_like(turn), turn
 
 
 @dataclass(frozen=True)
-class LinkBending(Effect):
+class LinkBending(_OfTube):
     """A tube bends under its own weight and all that hangs beyond: slope and sag of its end.
 
     Euler–Bernoulli cantilever of length L along u, with the weight W and moment M of all beyond at its end, and the weight
@@ -153,28 +167,16 @@ class LinkBending(Effect):
     (Timoshenko). Needs no column, but masses. Confused with: ``bearing_tilt`` and ``joint_compliance`` of the joint before.
     """
 
-    link: int
     cause: ClassVar[str] = "link_bending"
     words: ClassVar[str] = "bending"
-    place_words: ClassVar[str] = "tube"
     load: ClassVar[str] = "bending load of the tube"
-    elastic: ClassVar[bool] = True
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True),)
 
-    def displacements(self, state: State) -> list[Displacement]:
-        """Slope and sag at the end of the tube."""
-        tube = Tube.of(state, self.link, self.label)
+    def _yielded(self, tube: Tube) -> tuple[Array, Array]:
         u, length = tube.along, tube.length
         slope = length**2 * np.cross(u, tube.weight / 2 + tube.own / 6) + length * tube.moment
         sag = length**3 * (tube.weight / 3 + tube.own / 8) + length**2 / 2 * np.cross(tube.moment, u)
-        slope, sag = tube.across(slope), tube.across(sag)
-        return [_at_end(state, self.link, sag + np.cross(slope, tube.rest), slope)]
-
-
-def _at_end(state: State, row: int, shift: Array, turn: Array) -> Displacement:
-    """Of the end of body ``row``, from vectors of the base (n, 3)."""
-    local = [state.in_axes_of(end(row), part)[:, :, None] for part in (shift, turn)]
-    return Displacement(end(row), twist(*local))
+        return tube.across(sag), tube.across(slope)
 
 
 @dataclass(frozen=True)
@@ -214,13 +216,5 @@ class Counterbalance(Effect):
             following = constant[axis(self.joint + 1)][:3, 2]
             if abs(constant[end(self.joint)][2, :3] @ following) < 0.5:
                 return np.asarray(state.rotation[end(self.joint)] @ following)
-        return _direction(state, self.joint, self.label)
-
-
-def _direction(state: State, row: int, label: str) -> Array:
-    """Unit vector along body ``row`` (n, 3)."""
-    span = state.span(state.known_row(row))
-    length = np.linalg.norm(span, axis=1, keepdims=True)
-    if (length < SHORT).any():
-        raise AacmmError(f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, expected a tube")
-    return np.asarray(span / length)
+        span = state.span(self.joint)
+        return np.asarray(span / length_of(span, state, self.joint, self.label))

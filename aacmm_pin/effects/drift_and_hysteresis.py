@@ -11,7 +11,6 @@ import numpy as np
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, about_axis
 from aacmm_pin.effects.state import State
-from aacmm_pin.errors import AacmmError
 
 WARM_UPS = (600.0, 1800.0, 5400.0)
 """Time constants of a warm-up that are tried [s]."""
@@ -34,12 +33,6 @@ class ZeroDrift(Effect):
     needs: ClassVar[tuple[str, ...]] = ("time",)
     inner: ClassVar[tuple[str, ...]] = ("time_constant_s",)
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "drift_rad"),)
-
-    def __post_init__(self) -> None:
-        """Check the time constant."""
-        super().__post_init__()
-        if not (np.isfinite(self.time_constant_s) and self.time_constant_s > 0):
-            raise AacmmError(f"{self.label}: time_constant_s is {self.time_constant_s}, expected seconds above zero")
 
     def inner_in_words(self) -> list[str]:
         """The time constant."""

@@ -138,6 +138,8 @@ class Effect(Shown, ABC):
     """Names of the freer causes that can be this one too, at the same place; the two do not stand beside each other."""
     inner: ClassVar[tuple[str, ...]] = ()
     """Fields that records tell (order, time, …): a candidate tries several values of them, and a key has them."""
+    least_inner: ClassVar[float] = 0.0
+    """What is beyond this is a value of such a field."""
     scope: ClassVar[Scope] = "arm"
 
     values: tuple[float, ...] = ()
@@ -160,6 +162,10 @@ class Effect(Shown, ABC):
             if len(numbers) != len(self.terms) or not np.isfinite(numbers).all():
                 raise AacmmError(f"{self.label}: {name} is {numbers}, expected {len(self.terms)} finite numbers")
             object.__setattr__(self, name, numbers)
+        for name in self.inner:
+            if not self.least_inner < getattr(self, name) < np.inf:
+                expected = "a finite number" + (" above zero" if self.least_inner == 0 else "")
+                raise AacmmError(f"{self.label}: {name} is {getattr(self, name)}, expected {expected}")
         if any(u < 0 for u in self.u):
             raise AacmmError(f"{self.label}: u is {self.u}, expected numbers that are not negative")
 

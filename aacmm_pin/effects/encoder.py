@@ -164,12 +164,6 @@ class JointPeriodicError(_Periodic):
     words: ClassVar[str] = "periodic error"
     inner: ClassVar[tuple[str, ...]] = ("order",)
 
-    def __post_init__(self) -> None:
-        """Check the order."""
-        super().__post_init__()
-        if not (np.isfinite(self.order) and self.order > 0):
-            raise AacmmError(f"{self.label}: order is {self.order}, expected a number of periods per turn above zero")
-
     def inner_in_words(self) -> list[str]:
         """The order."""
         return [f"{self.order:.4g} periods per turn"]
@@ -338,13 +332,8 @@ class EncoderSlip(Effect):
     cause: ClassVar[str] = "encoder_slip"
     needs: ClassVar[tuple[str, ...]] = ("time",)
     inner: ClassVar[tuple[str, ...]] = ("time_s",)
+    least_inner: ClassVar[float] = -np.inf
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "step_rad"),)
-
-    def __post_init__(self) -> None:
-        """Check the time."""
-        super().__post_init__()
-        if not np.isfinite(self.time_s):
-            raise AacmmError(f"{self.label}: time_s is {self.time_s}, expected seconds")
 
     def inner_in_words(self) -> list[str]:
         """The time."""

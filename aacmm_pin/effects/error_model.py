@@ -62,9 +62,7 @@ class ErrorModel(Shown):
         """
         if isinstance(model, ErrorModel):
             return model
-        model = require_arm(model, "model")
-        entries = [] if model.file is None else model.file.effects
-        return ErrorModel(model, tuple(_effect(entry, model.name, n) for n, entry in enumerate(entries, start=1)))
+        return _extended(require_arm(model, "model"), model.name)
 
     @staticmethod
     def arm_of(model: Arm | ErrorModel) -> Arm:
@@ -82,25 +80,7 @@ class ErrorModel(Shown):
         Raises:
             UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.load_arm_file`; an effect that is none.
         """
-        file = load_arm_file(name_or_path)
-        effects = tuple(_effect(entry, str(name_or_path), n) for n, entry in enumerate(file.effects, start=1))
-        arm = Arm.from_file(file)
-        try:
-            model = ErrorModel(arm, effects)
-        except UnknownNameError as error:
-            raise ArmFileError(str(name_or_path), "covariance.parameters", str(error)) from None
-        except AacmmError as error:
-            raise ArmFileError(str(name_or_path), "effects", str(error)) from None
-        for number, effect in enumerate(effects, start=1):
-            model.check(effect, f"effects[{number}]", str(name_or_path))
-        return model
-
-    def check(self, effect: Effect, key: str, path: str) -> None:
-        """Refuse an effect on a row that the arm does not have."""
-        try:
-            require_row(effect, self.arm)
-        except AacmmError as error:
-            raise ArmFileError(path, key, str(error)) from None
+        return _extended(Arm.from_file(load_arm_file(name_or_path)), str(name_or_path))
 
     def file(self) -> ArmFile:
         """The arm file of this model.
@@ -261,13 +241,24 @@ def entry_of(effect: Effect) -> EffectEntry:
     return EffectEntry.model_validate({"cause": effect.cause, **fields, "parameters": effect.described(), "uncertainty": u})
 
 
-def _effect(entry: EffectEntry, path: str, number: int) -> Effect:
-    key = f"effects[{number}]"
+def _extended(arm: Arm, path: str) -> ErrorModel:
+    """An arm with the effects of its file; ``path`` is what errors call this."""
+    entries = [] if arm.file is None else arm.file.effects
+    effects = tuple(_effect(entry, arm, path, f"effects[{number}]") for number, entry in enumerate(entries, start=1))
+    try:
+        return ErrorModel(arm, effects)
+    except UnknownNameError as error:
+        raise ArmFileError(path, "covariance.parameters", str(error)) from None
+    except AacmmError as error:
+        raise ArmFileError(path, "effects", str(error)) from None
+
+
+def _effect(entry: EffectEntry, arm: Arm, path: str, key: str) -> Effect:
     try:
         kind = cause_named(entry.cause)
     except UnknownNameError as error:
         raise ArmFileError(path, f"{key}.cause", str(error)) from None
     try:
-        return kind.from_description(entry.structure, entry.parameters, entry.uncertainty)
+        return require_row(kind.from_description(entry.structure, entry.parameters, entry.uncertainty), arm)
     except (AacmmError, TypeError, ValueError) as error:
         raise ArmFileError(path, key, str(error)) from None

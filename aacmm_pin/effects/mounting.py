@@ -33,7 +33,7 @@ class BaseCompliance(GravityEffect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment about the foot."""
-        moments = self.moments(state, 1) if self.bodies else state.moment_at_base()[:, :, None]
+        moments = self.moments(state, 1) if self.bodies else state.moment(1, np.zeros((state.n, 3)))[:, :, None]
         return [Displacement(BASE, twist(angular=moments))]
 
 

@@ -109,23 +109,16 @@ class State:
         Raises:
             UnsupportedArmError: the arm states no masses.
         """
-        return self._moment(row, self.origin[axis(row)])
-
-    def moment_at_end(self, row: int) -> Array:
-        """Moment of the weight of all bodies beyond ``row`` about the origin of ``end row``, in the base (n, 3) [N·m]."""
-        return self._moment(row + 1, self.origin[end(row)])
+        return self.moment(row, self.origin[axis(row)])
 
     def weight_beyond(self, row: int) -> Array:
         """Weight of all bodies beyond ``row``, in the base (3,) [N]."""
-        return np.asarray(self._masses[row:].sum() * self.arm.gravity)
+        return np.asarray(self.masses[row:].sum() * self.arm.gravity)
 
-    def own_weight(self, row: int) -> Array:
-        """Weight of body ``row``, in the base (3,) [N]."""
-        return np.asarray(self._masses[row - 1] * self.arm.gravity)
-
-    def moment_at_base(self) -> Array:
-        """Moment of the weight of all bodies about the base origin, in the base (n, 3) [N·m]."""
-        return self._moment(1, np.zeros((self.n, 3)))
+    def moment(self, row: int, about: Array) -> Array:
+        """The same about points of the base (n, 3) [m]."""
+        lever = self._first_moments[row - 1] - self.masses[row - 1 :].sum() * about
+        return np.asarray(np.cross(lever, self.arm.gravity))
 
     def unit_moments(self, row: int) -> Array:
         """The same moment for unknown masses: columns of the unknown first moments of body ``row`` and each beyond.
@@ -145,7 +138,12 @@ class State:
         return np.cross(np.concatenate(columns, axis=2), self.down[None, :, None], axis=1)
 
     @property
-    def _masses(self) -> Array:
+    def masses(self) -> Array:
+        """Masses of the bodies (rows,) [kg].
+
+        Raises:
+            UnsupportedArmError: the arm states none.
+        """
         if self.arm.masses is None:
             raise UnsupportedArmError(f"{self.arm.name}: gravity needs masses (mass_kg); the arm states none")
         return self.arm.masses
@@ -156,9 +154,5 @@ class State:
         axes = slice(2, 2 * self.arm.chain.rows + 1, 2)
         centres = self.origin[axes] + np.einsum("rnij,rj->rni", self.rotation[axes], self.arm.centres_of_mass)
         moments = np.zeros((len(centres) + 1, self.n, 3))
-        moments[:-1] = np.cumsum((self._masses[:, None, None] * centres)[::-1], axis=0)[::-1]
+        moments[:-1] = np.cumsum((self.masses[:, None, None] * centres)[::-1], axis=0)[::-1]
         return moments
-
-    def _moment(self, row: int, about: Array) -> Array:
-        lever = self._first_moments[row - 1] - self._masses[row - 1 :].sum() * about
-        return np.asarray(np.cross(lever, self.arm.gravity))

@@ -62,14 +62,12 @@ class Tube:
         outward = span - upward
         lengthwise = np.linalg.norm(upward) >= np.linalg.norm(outward)
         tube, clamp = (upward, np.zeros_like(upward)) if lengthwise else (outward, upward)
-        length = np.linalg.norm(tube, axis=1, keepdims=True)
-        if (length < SHORT).any():
-            raise AacmmError(f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, expected a tube")
+        length = length_of(tube, state, row, label)
         rest = span - clamp - tube
         centre = state.rotation[axis(row)] @ state.arm.centres_of_mass[row - 1] - clamp
         place = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
         share = np.clip(2 * np.minimum(place, 1 - place), 0.0, 1.0)
-        body, beyond = state.own_weight(row), state.weight_beyond(row)
+        body, beyond = state.masses[row - 1] * state.arm.gravity, state.weight_beyond(row)
         # The first moment of the lump about the end is the body's less that of the tube, whose middle is half a length back.
         lump = np.where(place > 0.5, 1.0, 0.0)
         off = lump * (centre - (1 - share / 2) * tube)
@@ -78,10 +76,22 @@ class Tube:
             length=length,
             rest=rest,
             weight=beyond + lump * (1 - share) * body,
-            moment=state.moment_at_end(row) + np.cross(rest, beyond) + np.cross(off, body),
+            moment=state.moment(row + 1, state.origin[end(row)]) + np.cross(rest, beyond) + np.cross(off, body),
             own=share * body,
         )
 
     def across(self, vectors: Array) -> Array:
         """Vectors (n, 3) without their part along the tube."""
         return np.asarray(vectors - np.einsum("ni,ni->n", vectors, self.along)[:, None] * self.along)
+
+
+def length_of(vectors: Array, state: State, row: int, label: str) -> Array:
+    """Lengths (n, 1) [m] of vectors along body ``row``.
+
+    Raises:
+        AacmmError: too short for a tube.
+    """
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if (length < SHORT).any():
+        raise AacmmError(f"{label}: body {row} of {state.arm.name} is {length.min() / MM:.3f} mm long, expected a tube")
+    return np.asarray(length)
