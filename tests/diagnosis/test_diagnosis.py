@@ -124,21 +124,22 @@ def test_what_no_cause_explains_is_said_to_be_that(tmp_path: Path, kind: str) ->
 
 @pytest.mark.parametrize(
     ("seed", "options"),
-    [(11, {}), (12, {"plan": "seats"}), (13, {"outliers": 0.1}), (14, {"plan": "unknown-seats"}), (15, {"external": True})],
+    [
+        (11, {}),
+        (12, {"plan": "seats"}),
+        (13, {"outliers": 0.1}),
+        (14, {"plan": "unknown-seats"}),
+        (15, {"external": True}),
+        (7, {"cause": "encoder_slip", "twin": True}),
+    ],
 )
 def test_nothing_hidden_is_said_to_be_nothing(tmp_path: Path, seed: int, options: dict[str, Any]) -> None:
+    options = {"cause": None} | options
     extra = ["--reference-frame", "external"] if options.get("external") else []
-    found, drawn = diagnosis(tmp_path, *extra, seed=seed, cause=None, **options)
+    found, drawn = diagnosis(tmp_path, *extra, seed=seed, **options)
     assert found["verdict"] == "no-discrepancy"
     assert found["findings"] == []
     assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
-
-
-@pytest.mark.parametrize(("cause", "seed"), [("encoder_eccentricity", 3), ("joint_compliance", 1), ("encoder_slip", 7)])
-def test_the_same_arm_without_its_fault_is_silent(tmp_path: Path, cause: str, seed: int) -> None:
-    found, _ = diagnosis(tmp_path, seed=seed, cause=cause, twin=True)
-    assert found["verdict"] == "no-discrepancy"
-    assert found["findings"] == []
 
 
 def test_a_zero_offset_beyond_what_is_stated_is_a_finding(tmp_path: Path) -> None:
@@ -154,9 +155,8 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path: Path) -> None:
     assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
-@pytest.mark.parametrize("records", [100, 3000])
-def test_few_and_many_records(tmp_path: Path, records: int) -> None:
-    found, drawn = diagnosis(tmp_path, seed=3, cause="encoder_eccentricity", records=records)
+def test_many_records(tmp_path: Path) -> None:
+    found, drawn = diagnosis(tmp_path, seed=3, cause="encoder_eccentricity", records=3000)
     assert named(found) == [("encoder_eccentricity", drawn.hidden[0].joint)]
 
 
