@@ -48,23 +48,18 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     found = []
     for what, names, part in _groupings(choice.fit.problem.measurements, choice):
         gram = Gram(products_of(choice.design, part))
-        chi2, dof = _misfit(choice, gram)
+        whole = Projection(gram, choice.admitted)
         for number, name in enumerate(names):
-            others, left = _misfit(choice, gram.without(number))
-            more = dof - left
-            if more < 1.0 or left < 1.0 or others <= 0.0:
+            others = Projection(gram.without(number), choice.admitted)
+            more = whole.dof - others.dof
+            if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
                 continue
-            ratio = max((chi2 - others) / more, 0.0) / (others / left)
-            p_value = min(1.0, len(names) * float(f_sf(ratio, more, left)))
+            ratio = max((whole.chi2 - others.chi2) / more, 0.0) / (others.chi2 / others.dof)
+            p_value = min(1.0, len(names) * float(f_sf(ratio, more, others.dof)))
             if p_value < ODD:
                 records = int(np.sum(choice.fit.used & (part == number)))
                 found.append(OddGroup(f"{what} {name}", records, float(np.sqrt(ratio)), p_value))
     return sorted(found, key=lambda group: group.p_value)
-
-
-def _misfit(choice: Choice, gram: Gram) -> tuple[float, float]:
-    left = Projection(gram, choice.admitted)
-    return left.chi2, left.dof
 
 
 def _groupings(records: Measurements, choice: Choice) -> Iterator[tuple[str, list[str], Index]]:

@@ -95,7 +95,7 @@ class Conditional:
         found = np.full(len(products.design.blocks), -np.inf)
         for size, own in products.of_size.items():
             information = informations(size) / self.variance
-            found[own] = evidence_of(information, gradient[products.columns_of_size(size)], self.scatter(chi2))
+            found[own] = evidence_of(information, gradient[products.columns[size]], self.scatter(chi2))
         found[list(admitted)] = -np.inf
         return found
 

@@ -8,7 +8,6 @@ observations are projected out of the rows.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -17,6 +16,11 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.measurements.observations import Elimination
+
+CHUNK = 400
+"""Rows of which products are taken at once."""
+STRIP = 64
+"""Columns that are whitened at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +68,8 @@ class Products:
 
     Attributes:
         of_size: numbers of the blocks of each size.
+        columns: of these blocks, for each size q (blocks, q).
+        place: size of a block, by its id, and its number among those of that size.
         steps: columns refitted, and their best steps, without some parts and with some blocks, as far as they are known:
             the same sets are predicted when a cause has to survive, and when it is said what it brings.
     """
@@ -75,13 +81,10 @@ class Products:
         prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
         self.prior = Part(prior, 0)
         self._strips: dict[tuple[int | None, int, int], Array] = {}
-        by_size: dict[int, list[Block]] = defaultdict(list)
-        for block in design.blocks:
-            by_size[block.size].append(block)
-        sizes = np.array([block.size for block in design.blocks])
-        self.of_size = {q: np.flatnonzero(sizes == q) for q in by_size}
-        self._columns = {q: np.array([b.columns.start for b in some])[:, None] + np.arange(q) for q, some in by_size.items()}
-        self._place = {id(b): (q, k) for q, some in by_size.items() for k, b in enumerate(some)}
+        sizes, starts = (np.array(each) for each in zip(*((b.size, b.columns.start) for b in design.blocks), strict=True))
+        self.of_size = {int(q): np.flatnonzero(sizes == q) for q in np.unique(sizes)}
+        self.columns = {q: starts[own][:, None] + np.arange(q) for q, own in self.of_size.items()}
+        self.place = {id(design.blocks[b]): (q, k) for q, own in self.of_size.items() for k, b in enumerate(own)}
         self._insides: dict[int | None, dict[int, Array]] = {}
 
     def strip(self, part: int | None, columns: slice) -> Array:
@@ -100,26 +103,16 @@ class Products:
     def insides(self, part: int | None) -> dict[int, Array]:
         """Products of the columns of each block with one another: size -> (blocks of that size, q, q)."""
         if part not in self._insides:
-            each = [self.insides(k) for k in range(len(self.parts))] if part is None else []
-            found = {}
-            for size, columns in self._columns.items():
-                found[size] = (
-                    np.sum([one[size] for one in each], axis=0) if part is None else self.parts[part].insides(columns)
-                )
-            self._insides[part] = found
+            if part is None:
+                each = [self.insides(k) for k in range(len(self.parts))]
+                self._insides[part] = {size: np.sum([one[size] for one in each], axis=0) for size in self.columns}
+            else:
+                self._insides[part] = {size: self.parts[part].insides(own) for size, own in self.columns.items()}
         return self._insides[part]
 
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
         """Products of all columns with residuals that are noise alone (columns, draws)."""
         return np.asarray(sum(part.drawn(draws, rng) for part in (self.prior, *self.parts)))
-
-    def columns_of_size(self, size: int) -> Index:
-        """Columns of each block of a size (blocks, q)."""
-        return self._columns[size]
-
-    def place(self, block: Block) -> tuple[int, int]:
-        """Size of a block, and its number among those of that size."""
-        return self._place[id(block)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +163,7 @@ class Gram:
 
     def inside(self, block: Block) -> Array:
         """Products inside one block (q, q)."""
-        size, number = self.products.place(block)
+        size, number = self.products.place[id(block)]
         return np.asarray(self.insides(size)[number])
 
 
@@ -190,48 +183,17 @@ def products_of(design: Design, part: Index) -> Products:
     elimination = Elimination(observations, points, whiten)
     off = np.where(used[:, None], design.tips - observations.targets(points), 0.0)[:, :, None]
     of_bar = of_seat[observations.ends[:, 0]]
-    numbers = range(int(part.max(initial=0)) + 1)
-    rows = [_Rows.of(k, part, np.where(observations.known, of_seat, -1), of_bar) for k in numbers]
+    owners = (part, np.where(observations.known, of_seat, -1), of_bar)
+    own = [[np.flatnonzero(owner == k) for owner in owners] for k in range(int(part.max(initial=0)) + 1)]
+    counts = [3 * records.size + 3 * seats.size + bars.size for records, seats, bars in own]
     width = design.jacobian.shape[2]
-    found = [np.empty((each.count, width + 1), dtype=design.jacobian.dtype) for each in rows]
+    found = [np.empty((count, width + 1), dtype=design.jacobian.dtype) for count in counts]
     for first in range(0, width + 1, STRIP):
-        own = slice(first, min(first + STRIP, width))
         last = (off,) if first + STRIP > width else ()
-        strip = whiten @ np.concatenate([design.jacobian[:, :, own], *last], axis=2)
+        strip = whiten @ np.concatenate([design.jacobian[:, :, first : min(first + STRIP, width)], *last], axis=2)
         _, *whole = elimination.eliminated(strip, residual=bool(last))
-        for into, each in zip(found, rows, strict=True):
-            into[:, first : first + strip.shape[2]] = each.taken(*whole)
-    seats = np.bincount(of_seat[of_seat >= 0], minlength=len(rows))
-    return Products(
-        design, [Part(r, max(each.count - 3 * int(s), 0)) for r, each, s in zip(found, rows, seats, strict=True)]
-    )
-
-
-CHUNK = 400
-"""Rows of which products are taken at once."""
-STRIP = 64
-"""Columns that are whitened at once."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Numbers of the records, of the seats with stated coordinates and of the bars in one part."""
-
-    records: Index
-    seats: Index
-    bars: Index
-
-    @staticmethod
-    def of(number: int, *parts: Index) -> _Rows:
-        """Those of which the part has this number."""
-        return _Rows(*(np.flatnonzero(part == number) for part in parts))
-
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return 3 * self.records.size + 3 * self.seats.size + self.bars.size
-
-    def taken(self, records: Array, seats: Array, bars: Array) -> Array:
-        """The part's rows (rows, c) of all records (n, 3, c), seats (s, 3, c) and bars (b, c)."""
-        c = records.shape[2]
-        return np.concatenate([records[self.records].reshape(-1, c), seats[self.seats].reshape(-1, c), bars[self.bars]])
+        for into, chosen in zip(found, own, strict=True):
+            rows = [each[some].reshape(-1, strip.shape[2]) for each, some in zip(whole, chosen, strict=True)]
+            into[:, first : first + strip.shape[2]] = np.concatenate(rows)
+    seats = np.bincount(of_seat[of_seat >= 0], minlength=len(own))
+    return Products(design, [Part(r, max(n - 3 * int(s), 0)) for r, n, s in zip(found, counts, seats, strict=True)])

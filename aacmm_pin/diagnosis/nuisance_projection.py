@@ -173,7 +173,7 @@ class Projection:
 
     def _squares(self, rows: Array, size: int) -> Array:
         """``Rᵀ R`` of the columns of every block of a size."""
-        each = rows[:, self.gram.products.columns_of_size(size)].transpose(1, 0, 2)  # (blocks, rows, q)
+        each = rows[:, self.gram.products.columns[size]].transpose(1, 0, 2)  # (blocks, rows, q)
         return np.asarray(each.transpose(0, 2, 1) @ each)
 
     def one_by_one(self) -> list[tuple[Array, Array, float]]:
