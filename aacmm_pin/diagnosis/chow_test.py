@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Index
 from aacmm_pin._support.distributions import f_sf
 from aacmm_pin._support.shown import Shown
-from aacmm_pin.diagnosis.covariates import FEWEST
+from aacmm_pin.diagnosis.covariates import FEWEST_GROUPS, FEWEST_RECORDS
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.nuisance_projection import Projection
@@ -76,5 +76,5 @@ def _groupings(records: Measurements, choice: Choice) -> Iterator[tuple[str, lis
             continue
         names, part = np.unique(known, return_inverse=True)
         used = np.bincount(part, weights=choice.fit.used)
-        if len(names) >= FEWEST and used.min() > FEWEST:
+        if len(names) >= FEWEST_GROUPS and used.min() > FEWEST_RECORDS:
             yield what, [str(name) for name in names], part.astype(np.intp)

@@ -19,8 +19,10 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.encoder import LEAST_SPREAD
 from aacmm_pin.measurements.records import Measurements
 
-FEWEST = 3
+FEWEST_GROUPS = 3
 """With fewer groups than this nobody can say which one is the odd one out."""
+FEWEST_RECORDS = 3
+"""A group has more records than this, or its own shift explains them whatever they are."""
 MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
 SMOOTH = (5, 20)
@@ -196,8 +198,8 @@ def _groups(measurements: Measurements) -> list[Covariate]:
     what = "bar" if measurements.bar is not None else "seat"
     if labels is None or measurements.known.any():
         return []
-    names = [name for name in dict.fromkeys(labels) if name and np.sum(labels == name) > FEWEST]
-    if len(names) < FEWEST:
+    names = [name for name in dict.fromkeys(labels) if name and np.sum(labels == name) > FEWEST_RECORDS]
+    if len(names) < FEWEST_GROUPS:
         return []
     inside = [(f"{what} {name}", (labels == name).astype(np.float64)[:, None]) for name in names]
     column = pd.DataFrame({what: labels})

@@ -20,6 +20,7 @@ from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.nuisance_projection import Projection
 
 RESAMPLES = 2000
+"""Draws of parts with which the 95 % interval of the gain is found."""
 SURVIVES = 1.64
 """Standard errors by which a cause has to help, or may at most harm, on held-out parts."""
 

@@ -14,7 +14,7 @@ from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.gram_matrix import Gram
 
-MOST = 24
+MOST_CAUSES = 24
 """No more than so many causes are admitted; a set of records that seems to need more is not explained."""
 SURE = np.log(0.99 / 0.01)
 """Log odds that something is there at all which every admission needs, and every exchange of one cause for two."""
@@ -115,7 +115,7 @@ class _Search:
     def run(self, start: tuple[int, ...]) -> tuple[int, ...]:
         """Admit and look back, exchange one for two, until neither changes anything."""
         admitted = self.grown(self.settled(_ordered(start)))
-        for _ in range(MOST):
+        for _ in range(MOST_CAUSES):
             exchanged = self.exchanged(admitted)
             if exchanged == admitted:
                 break
@@ -126,7 +126,7 @@ class _Search:
         """One cause after the other, all looked back at each time, until none is sure enough."""
         seen = {admitted}
         pairs_tried = False
-        while len(admitted) < MOST:
+        while len(admitted) < MOST_CAUSES:
             odds, blocks = self.odds(admitted)
             if not np.isfinite(odds).any() or logsumexp(odds) < SURE:
                 break
@@ -199,7 +199,7 @@ class _Search:
         for k in self.by_strength(admitted)[: -WEAKEST - 1 : -1]:
             rest = _without(admitted, k)
             pairs = [pair for pair in self.pairs(rest, INSTEAD) if k not in pair]
-            if pairs and len(rest) + 2 <= MOST:
+            if pairs and len(rest) + 2 <= MOST_CAUSES:
                 found, best = max((self.log_evidence(_ordered((*rest, *pair))), pair) for pair in pairs)
                 if found > value + SURE:
                     return _ordered((*rest, *best))

@@ -29,7 +29,7 @@ MOST_ROUNDS = 10
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
 LIBRARY = 0.9
 """Probability, if anything is there, that it is a cause of the library."""
-FEWEST = 3
+FEWEST_BACK = 3
 """So many records have to make sense at once before they are more than gross errors."""
 A_FEW = 0.005
 """A smaller part of the records than this is left out without asking whether they make sense together."""
@@ -117,10 +117,10 @@ def choose(
     """
     nearer = _put_back(first)
     found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
-    if nearer.sum() - first.used.sum() >= max(FEWEST, A_FEW * len(nearer)):
+    if nearer.sum() - first.used.sum() >= max(FEWEST_BACK, A_FEW * len(nearer)):
         wider = fit(problem_of([]), used=nearer)
         again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress)
-        found = again if _doubtful(again, first) <= _doubtful(found, first) - FEWEST else found
+        found = again if _doubtful(again, first) <= _doubtful(found, first) - FEWEST_BACK else found
     return replace(found, held=Gram(products_of(found.design, parts))) if _torn(found.design.fit, parts) else found
 
 

@@ -13,6 +13,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.fit import Fit
 
 BINS = 4
+"""Ranges into which joints, time and temperature are divided, with as many records in each."""
 
 
 def residuals_by_group(before: Fit, covariance: Array) -> pd.DataFrame:

@@ -9,10 +9,8 @@ from aacmm_pin.diagnosis.result import SETTLED, Finding, Verdict
 
 RIVAL = 0.05
 """A look-alike at least this probable cannot be excluded."""
-MOST = 0.5
+SHOWN = 0.5
 """Records that would show more than this part of all causes of usual size would show most of them."""
-
-
 LEFT = 1e-3
 """Structure over some covariate with less chance than this, even if nothing is sure about it, makes a name doubtful …"""
 LEFT_ALONE = 1e-6
@@ -42,7 +40,7 @@ def verdict_of(
     if structure:
         return "unexplained"
     if not findings:
-        return "no-discrepancy" if visible[0] > MOST * visible[1] and p_left >= LEFT_ALONE else "inconclusive"
+        return "no-discrepancy" if visible[0] > SHOWN * visible[1] and p_left >= LEFT_ALONE else "inconclusive"
     doubtful = [finding for finding in findings if finding.probability < SETTLED]
     if doubtful:
         rivals = all(any(alias.probability >= RIVAL for alias in finding.aliases) for finding in doubtful)
