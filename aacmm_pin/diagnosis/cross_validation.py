@@ -23,6 +23,7 @@ RESAMPLES = 2000
 """Draws of parts with which the 95 % interval of the gain is found."""
 SURVIVES = 1.64
 """Standard errors by which a cause has to help, or may at most harm, on held-out parts."""
+# One-sided 95 %; 19 blind files of tests/blind: the same verdicts and names with 0.8 and with 3.3.
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ LEAST_SHARE = 0.5
 """A geometric value is judged only if the data could move it by this part of its stated uncertainty."""
 UNLIKELY = 0.2
 """A cause less probable than this, beside what did not survive its held-out test, is not named."""
+# 19 blind files of tests/blind: the same verdicts and names with 0.1 and with 0.4.
 
 
 def findings_of(model: ErrorModel, choice: Choice, strong: list[Strength]) -> list[Finding]:
