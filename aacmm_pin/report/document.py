@@ -151,7 +151,7 @@ class Figure:
         drawn = self.drawn()
         figure: Any = drawn if hasattr(drawn, "savefig") else drawn.figure
         buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=DPI, bbox_inches="tight", facecolor="white", metadata={"Software": None})
+        figure.savefig(buffer, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
         return buffer.getvalue()
 
 
