@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.checks import Array, batch, unit_vector
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
@@ -77,7 +77,7 @@ class Arm(Shown):
         """The arm of a validated arm file: DH table to URDF to Pinocchio."""
         model = pin.buildModelFromXML(urdf_text(arm))
         model.gravity.linear = np.array(arm.gravity_m_s2)
-        axis = None if arm.stylus is None else np.array(arm.stylus.axis) / np.linalg.norm(arm.stylus.axis)
+        axis = None if arm.stylus is None else unit_vector(arm.stylus.axis, "the axis of the stylus")
         return Arm(
             name=arm.name,
             model=model,

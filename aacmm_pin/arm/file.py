@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import importlib.resources
 import math
+import re
+import reprlib
 import tomllib
 from collections.abc import Iterable
 from dataclasses import replace
@@ -18,6 +20,21 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.plausible import (
+    MOST_JOINTS,
+    MOST_ROWS,
+    SMALLEST_ARM,
+    Acceleration,
+    AngleHalfWidth,
+    EncoderNoise,
+    LengthMm,
+    Mass,
+    Name,
+    NonNegative,
+    StandardUncertainty,
+    TemperatureC,
+    Text,
+)
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.dh import KINDS, DHTable, table
 from aacmm_pin.arm.parameter import Parameter
@@ -29,7 +46,11 @@ MOST_TURNS = 5
 COVERAGE_FACTOR = 2.0
 """A calibrated parameter counts as within ± U, U = k u with this k (JCGM 100:2008, 6.2)."""
 
-NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
+MOST_BYTES = 32_000_000
+"""Size of a file: one with a covariance of a thousand parameters has half of it."""
+DEEPEST = 20
+"""Tables inside one another; those of an arm file are three."""
+
 _FROM_ARRAY = Field(strict=False)  # TOML has arrays only; strict validation would refuse them where a tuple is meant
 Pair = Annotated[tuple[FiniteFloat, FiniteFloat], _FROM_ARRAY]
 Vector3 = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], _FROM_ARRAY]
@@ -44,23 +65,23 @@ class Uncertainty(_Part):
 
     a_mm: NonNegative
     d_mm: NonNegative
-    alpha_rad: NonNegative
-    theta_offset_rad: NonNegative
+    alpha_rad: AngleHalfWidth
+    theta_offset_rad: AngleHalfWidth
 
 
 class Row(_Part):
     """One DH row: a joint, or with ``fixed = true`` a rigid piece such as a stylus."""
 
-    a_mm: FiniteFloat
-    d_mm: FiniteFloat
+    a_mm: LengthMm
+    d_mm: LengthMm
     alpha_rad: FiniteFloat
     theta_offset_rad: FiniteFloat
     fixed: bool = False
     limits_rad: Pair | None = None
     uncertainty: Uncertainty | None = None
-    encoder_noise_rad: NonNegative | None = None
-    mass_kg: NonNegative | None = None
-    com_mm: Vector3 | None = None
+    encoder_noise_rad: EncoderNoise | None = None
+    mass_kg: Mass | None = None
+    com_mm: Annotated[tuple[LengthMm, LengthMm, LengthMm], _FROM_ARRAY] | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Row:
@@ -102,7 +123,7 @@ class EffectEntry(_Part):
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
 
-    cause: Annotated[str, Field(min_length=1)]
+    cause: Name
     parameters: dict[str, FiniteFloat] = Field(default_factory=dict)
     uncertainty: dict[str, FiniteFloat] = Field(default_factory=dict)
 
@@ -116,7 +137,7 @@ class Covariance(_Part):
     """What a calibration knows of parameters together; it overrides the half-widths of the parameters that it names."""
 
     parameters: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
-    standard_uncertainty_si: Annotated[tuple[NonNegative, ...], _FROM_ARRAY]
+    standard_uncertainty_si: Annotated[tuple[StandardUncertainty, ...], _FROM_ARRAY]
     correlation: Annotated[tuple[Annotated[tuple[FiniteFloat, ...], _FROM_ARRAY], ...], _FROM_ARRAY]
 
     @model_validator(mode="after")
@@ -158,12 +179,12 @@ class ArmFile(_Part):
     """A validated arm file."""
 
     schema_: Literal["aacmm-pin/arm/1"] = Field(alias="schema")
-    name: Annotated[str, Field(min_length=1)]
-    source: str = ""
+    name: Name
+    source: Text = ""
     convention: Literal["standard-dh", "modified-dh"]
-    reference_temperature_c: FiniteFloat = 20.0
-    gravity_m_s2: Vector3 = (0.0, 0.0, -9.81)
-    joints: Annotated[list[Row], Field(min_length=1)]
+    reference_temperature_c: TemperatureC = 20.0
+    gravity_m_s2: Annotated[tuple[Acceleration, Acceleration, Acceleration], _FROM_ARRAY] = (0.0, 0.0, -9.81)
+    joints: Annotated[list[Row], Field(min_length=1, max_length=MOST_ROWS)]
     stylus: Stylus | None = None
     effects: list[EffectEntry] = Field(default_factory=list)
     covariance: Covariance | None = None
@@ -172,6 +193,20 @@ class ArmFile(_Part):
     def _has_a_joint(self) -> ArmFile:
         if all(row.fixed for row in self.joints):
             raise ValueError("every row is fixed, expected at least one joint")
+        if len(self.moving_rows) > MOST_JOINTS:
+            raise ValueError(f"{len(self.moving_rows)} rows have a joint, expected at most {MOST_JOINTS}")
+        return self
+
+    @model_validator(mode="after")
+    def _has_a_size(self) -> ArmFile:
+        size = sum(abs(row.a_mm) + abs(row.d_mm) for row in self.joints)
+        if size * MM < SMALLEST_ARM:
+            raise ValueError(f"all lengths a_mm and d_mm add up to {size:g} mm, expected at least {SMALLEST_ARM / MM:g} mm")
+        for number, row in enumerate(self.joints, start=1):
+            for key in ("a_mm", "d_mm"):
+                if row.uncertainty is not None and (half := getattr(row.uncertainty, key)) > size:
+                    expected = f"expected at most {size:g} mm, all lengths of the arm together"
+                    raise ValueError(f"joints[{number}].uncertainty.{key} is {half:g}, {expected}")
         return self
 
     @property
@@ -240,25 +275,39 @@ def load_arm_file(name_or_path: str | Path) -> ArmFile:
             raise ArmFileError(name, "", "no such file")
         raise UnknownNameError("arm", name, bundled_arms(), "or the path of an arm file, *.toml")
     try:
-        return parse_arm_file(path.read_bytes(), name)
+        with path.open("rb") as file:
+            return parse_arm_file(file.read(MOST_BYTES + 1), name)
     except OSError as error:
         raise ArmFileError(name, "", f"cannot be read: {error.strerror}") from None
 
 
 def parse_arm_file(content: bytes, path: str) -> ArmFile:
     """Validate the content of an arm file; ``path`` is only for messages."""
+    if len(content) > MOST_BYTES:
+        raise ArmFileError(path, "", f"is larger than {MOST_BYTES / 1e6:g} MB, the most that an arm file may have")
     try:
         data = tomllib.loads(content.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise ArmFileError(path, "", f"not UTF-8 text (byte {error.start})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ArmFileError(path, "", f"not TOML: {error}") from None
     except RecursionError:
         raise ArmFileError(path, "", "not TOML: nested too deep") from None
+    except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits, which the message then says
+        raise ArmFileError(path, "", f"not TOML: {error}") from None
+    _check_depth(data, path)
     try:
         return ArmFile.model_validate(data)
     except ValidationError as error:
         raise _explained(error, path) from None
+
+
+def _check_depth(data: dict[str, Any], path: str) -> None:
+    """Refuse tables and arrays inside one another that no arm file has, before anything walks them by recursion."""
+    level: list[tuple[str, Any]] = list(data.items())
+    for _ in range(DEEPEST):
+        inside = [(key, list(value.values()) if isinstance(value, dict) else value) for key, value in level]
+        level = [(key, item) for key, value in inside if isinstance(value, list) for item in value]
+    if level:
+        raise ArmFileError(path, level[0][0], f"more than {DEEPEST} tables or arrays inside one another")
 
 
 def _explained(error: ValidationError, path: str) -> ArmFileError:
@@ -285,7 +334,8 @@ def _problem(item: Any) -> tuple[str, str]:
         case "value_error":
             return key, str(item["ctx"]["error"])
         case _:
-            return key, f"is {item['input']!r}, expected {item['msg'].removeprefix('Input should be ')}"
+            expected = re.sub("^(Input|List|String) should (be|have) ", "", item["msg"])
+            return key, f"is {reprlib.repr(item['input'])}, expected {expected}"
 
 
 def arm_text(arm: ArmFile, comment: str = "") -> str:

@@ -71,7 +71,7 @@ def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:
         arm: the arm file; its other effects have no part.
         with_stylus_offset: shift ``tip`` by the arm's ``stylus_offset``, if it has one of the tip itself.
     """
-    robot = ET.Element("robot", name=arm.name)
+    robot = ET.Element("robot", name=_printable(arm.name))
     robot.append(ET.Comment(f" made by aacmm-pin urdf from: {_comment(arm.source or arm.name)} "))
     for name, rgba in _COLORS.items():
         ET.SubElement(ET.SubElement(robot, "material", name=name), "color", rgba=rgba)
@@ -165,5 +165,9 @@ def _text(*values: float) -> str:
 
 def _comment(text: str) -> str:
     """``text`` without what an XML comment cannot hold: a double hyphen, control characters."""
-    printable = "".join(c if c.isprintable() else " " for c in text)
-    return printable.replace("--", "- -").replace("--", "- -")
+    return _printable(text).replace("--", "- -").replace("--", "- -")
+
+
+def _printable(text: str) -> str:
+    """``text`` with spaces for control characters, which XML cannot hold."""
+    return "".join(c if c.isprintable() else " " for c in text)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.plausible import LARGEST_ENCODER_NOISE
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
@@ -18,9 +19,6 @@ from aacmm_pin.measurements.records import Measurements
 
 ReferenceFrame = Literal["base", "external"]
 Target = Literal["tip", "unknown"]
-
-LARGEST_ENCODER_NOISE = 5e-3
-"""Noise of an angle that no encoder has, and no robot's joint: it was stated in another unit [rad]."""
 
 
 @dataclass(frozen=True, eq=False)

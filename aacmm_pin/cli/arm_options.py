@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
+from aacmm_pin._support.plausible import LARGEST_ENCODER_NOISE
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import bundled_arms
-from aacmm_pin.calibration.setup import LARGEST_ENCODER_NOISE
 from aacmm_pin.cli.common import note
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError

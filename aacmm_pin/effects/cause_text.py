@@ -68,12 +68,10 @@ def stated_cause(text: str, model: ErrorModel) -> Effect:
         UnknownNameError, AacmmError: see :func:`cause_of`; a negative value of a parameter that nature has above zero only.
     """
     effect = cause_of(text, model)
-    if effect in model.effects:
-        return effect
-    for term, value in zip(effect.terms, effect.values, strict=True):
-        if term.positive and value < 0:
-            raise AacmmError(f"{text!r}: {term.key} is {value / term.scale:g}, expected a number that is not negative")
-    return effect
+    try:
+        return effect if effect in model.effects else effect.require_sign()
+    except AacmmError as error:
+        raise AacmmError(f"{text!r}: {error}") from None
 
 
 def text_of(effect: Effect) -> str:

@@ -32,6 +32,7 @@ class ZeroDrift(Effect):
     words: ClassVar[str] = "drift of the zero"
     needs: ClassVar[tuple[str, ...]] = ("time",)
     inner: ClassVar[tuple[str, ...]] = ("time_constant_s",)
+    least_inner: ClassVar[float] = 1e-3
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "drift_rad"),)
 
     def inner_in_words(self) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import reprlib
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.plausible import LATEST, MOST_ROWS, MOST_TYPICAL
 from aacmm_pin._support.shown import Shown
 from aacmm_pin._support.units import DEG, MM, prefixed
 from aacmm_pin.arm.arm import Arm
@@ -155,16 +157,17 @@ class Effect(Shown, ABC):
             where = getattr(self, field.name)
             if field.name not in ("joint", "link") or where is field.default:
                 continue
-            if isinstance(where, bool) or not isinstance(where, Integral) or where < 1:
-                raise AacmmError(f"{self.cause}: {field.name} is {where!r}, expected the number of a row, from 1")
+            if isinstance(where, bool) or not isinstance(where, Integral) or not 1 <= int(where) <= MOST_ROWS:
+                expected = f"expected the number of a row, from 1 to {MOST_ROWS} at most"
+                raise AacmmError(f"{self.cause}: {field.name} is {reprlib.repr(where)}, {expected}")
         for name in ("values", "u"):
             numbers = tuple(float(value) for value in getattr(self, name)) or (0.0,) * len(self.terms)
             if len(numbers) != len(self.terms) or not np.isfinite(numbers).all():
                 raise AacmmError(f"{self.label}: {name} is {numbers}, expected {len(self.terms)} finite numbers")
             object.__setattr__(self, name, numbers)
         for name in self.inner:
-            if not self.least_inner < getattr(self, name) < np.inf:
-                expected = "a finite number" + (" above zero" if self.least_inner == 0 else "")
+            if not self.least_inner < getattr(self, name) <= LATEST:
+                expected = f"a number above {self.least_inner:g} and not above {LATEST:g}"
                 raise AacmmError(f"{self.label}: {name} is {getattr(self, name)}, expected {expected}")
         if any(u < 0 for u in self.u):
             raise AacmmError(f"{self.label}: u is {self.u}, expected numbers that are not negative")
@@ -395,8 +398,27 @@ class Effect(Shown, ABC):
         if missing:
             raise AacmmError(f"{cls.cause}: missing {', '.join(missing)}")
         bare = cls(**{name: cls._checked(name, value) for name, value in structure.items()})
-        values = bare.values_from(parameters)
-        return bare.at(values, bare._by_key(uncertainty or {}))
+        effect = bare.at(bare.values_from(parameters), bare._by_key(uncertainty or {}))
+        for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
+            most = MOST_TYPICAL * term.typical / term.scale
+            for what, number in (("", value / term.scale), ("u of ", u / term.scale)):
+                if abs(number) > most:
+                    raise AacmmError(f"{effect.label}: {what}{term.key} is {number:g}, expected at most {most:g}")
+        return effect
+
+    def require_sign(self) -> Self:
+        """The cause itself, if no value is stated below zero that nature has above zero only.
+
+        A value with a standard uncertainty is an estimate: that may have either sign, as one of zero has every other time.
+
+        Raises:
+            AacmmError: one is.
+        """
+        for term, value, u in zip(self.terms, self.values, self.u, strict=True):
+            if term.positive and value < 0 and u == 0:
+                number = f"{value / term.scale:g}"
+                raise AacmmError(f"{self.label}: {term.key} is {number}, expected a number that is not negative")
+        return self
 
     @classmethod
     def _checked(cls, name: str, value: Any) -> Any:
@@ -406,7 +428,7 @@ class Effect(Shown, ABC):
             return adapter.validate_python(tuple(value) if isinstance(value, list) else value)
         except ValidationError as error:
             expected = error.errors()[0]["msg"].removeprefix("Input should be ")
-            raise AacmmError(f"{cls.cause}: {name} is {value!r}, expected {expected}") from None
+            raise AacmmError(f"{cls.cause}: {name} is {reprlib.repr(value)}, expected {expected}") from None
 
     def values_from(self, parameters: Mapping[str, float]) -> tuple[float, ...]:
         """Values from what a file says; what it leaves out is zero."""

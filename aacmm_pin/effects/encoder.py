@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.plausible import LARGEST_ANGLE, LATEST
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import joint_bounds
@@ -111,6 +112,8 @@ class _Periodic(_OfAngle):
             if key not in ("amplitude_rad", "phase_rad"):
                 raise UnknownNameError(f"parameter of {self.label}", key, ["amplitude_rad", "phase_rad"])
         amplitude, phase = parameters.get("amplitude_rad", 0.0), parameters.get("phase_rad", 0.0)
+        if abs(phase) > LARGEST_ANGLE:
+            raise AacmmError(f"{self.label}: phase_rad is {phase:g}, expected at most {LARGEST_ANGLE:g}")
         return (amplitude * np.cos(phase), amplitude * np.sin(phase))
 
 
@@ -220,7 +223,8 @@ class JointErrorCurve(Effect):
 
     def __post_init__(self) -> None:
         """Check the range."""
-        if not (-np.inf < self.lower_rad < self.upper_rad < np.inf and 4 <= self.coefficients <= MOST_COEFFICIENTS):
+        in_order = -LARGEST_ANGLE <= self.lower_rad < self.upper_rad <= LARGEST_ANGLE
+        if not (in_order and 4 <= self.coefficients <= MOST_COEFFICIENTS):
             raise AacmmError(
                 f"{self.label}: expected lower_rad < upper_rad and 4 to {MOST_COEFFICIENTS} coefficients, "
                 f"not {self.lower_rad}, {self.upper_rad}, {self.coefficients}"
@@ -332,7 +336,7 @@ class EncoderSlip(Effect):
     cause: ClassVar[str] = "encoder_slip"
     needs: ClassVar[tuple[str, ...]] = ("time",)
     inner: ClassVar[tuple[str, ...]] = ("time_s",)
-    least_inner: ClassVar[float] = -np.inf
+    least_inner: ClassVar[float] = -LATEST
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "step_rad"),)
 
     def inner_in_words(self) -> list[str]:

@@ -259,6 +259,7 @@ def _effect(entry: EffectEntry, arm: Arm, path: str, key: str) -> Effect:
     except UnknownNameError as error:
         raise ArmFileError(path, f"{key}.cause", str(error)) from None
     try:
-        return require_row(kind.from_description(entry.structure, entry.parameters, entry.uncertainty), arm)
+        effect = kind.from_description(entry.structure, entry.parameters, entry.uncertainty)
+        return require_row(effect.require_sign(), arm)
     except (AacmmError, TypeError, ValueError) as error:
         raise ArmFileError(path, key, str(error)) from None

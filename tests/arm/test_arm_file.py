@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, arm_text, bundled_arms, load_arm_file, parse_arm_file
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import ArmFileError, UnknownNameError
 
 GOOD = """\
@@ -80,6 +82,7 @@ def test_every_key_is_read_in_its_unit(tmp_path: Path) -> None:
     assert arm.stylus.axis == (0, 0, 1)
 
 
+ROWS = "[[joints]]\na_mm = 0\nd_mm = 0\nalpha_rad = 0\ntheta_offset_rad = 0\nfixed = true\n"
 JOINTS = GOOD[GOOD.index("[[joints]]") :]
 # what is replaced, by what, the key that the answer names, and a word or number of it
 MISTAKES = [
@@ -113,6 +116,25 @@ MISTAKES = [
     ("[[joints]]", "[[joints", "", "line 5"),
     ("name =", 'name = "a"\nname =', "", "line 3"),
     ("name =", f"x = {'[' * 9000}\nname =", "", "not TOML"),
+    # what no arm has
+    ("a_mm = 100", "a_mm = 1e160", "joints[1].a_mm", "1e+160"),
+    ("d_mm = 20.0", "d_mm = -1e6", "joints[1].d_mm", "-100000"),
+    ("a_mm = 100", f"a_mm = {'1' * 4000}", "joints[1].a_mm", "111..."),
+    ("a_mm = 100", f"a_mm = {'1' * 5000}", "", "5000 digits"),
+    ("a_mm = 0.01", "a_mm = 1e308", "", "joints[1].uncertainty.a_mm is 1e+308"),
+    ("d_mm = 0.02", "d_mm = 171", "", "at most 170 mm"),
+    ("alpha_rad = 1e-5", "alpha_rad = 4", "joints[1].uncertainty.alpha_rad", "3.14"),
+    ("encoder_noise_rad = 1e-5", "encoder_noise_rad = 1.65", "joints[1].encoder_noise_rad", "0.005"),
+    ("mass_kg = 0.5", "mass_kg = 1e6", "joints[1].mass_kg", "100000"),
+    ("com_mm = [1,", "com_mm = [1e300,", "joints[1].com_mm[1]", "1e+300"),
+    ("name =", "reference_temperature_c = -300\nname =", "reference_temperature_c", "-100"),
+    ("name =", "gravity_m_s2 = [0, 1e200, 0]\nname =", "gravity_m_s2[2]", "1e+200"),
+    ('"two rows"', '"two\\u0000rows"', "name", "NUL at place 4"),
+    ('"two rows"', f'"{"x" * 100_000}"', "name", "200"),
+    ("name =", f"{'a.' * 5000}a = 1\nname =", "a", "inside one another"),
+    ("a_mm = 100", f"a_mm.{'a.' * 5000}a = 1", "joints", "inside one another"),
+    ("[stylus]", ROWS * 1000 + "[stylus]", "joints", "200"),
+    ("[stylus]", ROWS.replace("fixed = true", "limits_rad = [-1, 1]") * 64 + "[stylus]", "", "65 rows have a joint"),
 ]
 
 
@@ -125,6 +147,43 @@ def test_each_mistake_is_named(tmp_path: Path) -> None:
             load_arm_file(path)
         assert (caught.value.path, caught.value.key) == (str(path), key)
         assert all(part in str(caught.value) for part in (str(path), key, word))
+
+
+EFFECT = '\n[[effects]]\ncause = "{}"\n{}\nparameters = {{ {} }}\n'
+# cause, its fields, its parameters, and what the answer names
+EFFECTS = [
+    ("encoder_gain", "joint = 1", "gain = 1e300", "gain is 1e+300"),
+    ("encoder_gain", "joint = 1\nuncertainty = { gain = 1e300 }", "gain = 1e-4", "u of gain is 1e+300"),
+    ("encoder_gain", f"joint = {'1' * 4000}", "gain = 1e-4", "joint is 111"),
+    ("encoder_eccentricity", "joint = 1", "amplitude_rad = 1e-4, phase_rad = 1e300", "phase_rad is 1e+300"),
+    ("encoder_eccentricity", "joint = 1", "amplitude_rad = 1e300", "1e+300"),
+    ("joint_periodic_error", "joint = 1\norder = 1e300", "amplitude_rad = 1e-4", "order is 1e+300"),
+    ("encoder_slip", "joint = 1\ntime_s = 1e300", "step_rad = 1e-4", "time_s is 1e+300"),
+    ("zero_drift", "joint = 1\ntime_constant_s = 1e-300", "drift_rad = 1e-4", "time_constant_s is 1e-300"),
+    ("joint_error_curve", "joint = 1\nlower_rad = 0\nupper_rad = 1e300\ncoefficients = 5", "c1_rad = 1e-4", "1e+300"),
+    ("thermal_expansion", "", "expansion_per_k = 1e9", "1e+09"),
+    ("thermal_expansion", "", "expansion_per_k = -2e-5", "-2e-05"),
+    ("link_bending", "link = 1", "flexibility_rad_per_nm2 = -2e-5", "-2e-05"),
+]
+
+
+def test_implausible_effects_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    for cause, fields, parameters, word in EFFECTS:
+        path.write_text(GOOD + EFFECT.format(cause, fields, parameters), encoding="utf-8")
+        with pytest.raises(ArmFileError) as caught:
+            ErrorModel.load(path)
+        assert (caught.value.key, word in str(caught.value)) == ("effects[1]", True), str(caught.value)
+    estimate = "uncertainty = { expansion_per_k = 1e-6 }"  # of zero: negative every other time
+    path.write_text(GOOD + EFFECT.format("thermal_expansion", estimate, "expansion_per_k = -1e-6"), encoding="utf-8")
+    assert ErrorModel.load(path).effects[0].values == (-1e-6,)
+
+
+def test_a_direction_has_any_length(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    for axis in ("[0, 0, 1e-300]", "[0, 0, 1e300]", "[0, 0, 5e-324]"):
+        path.write_text(GOOD.replace("[0, 0.0, 1.0]", axis), encoding="utf-8")
+        np.testing.assert_array_equal(Arm.load(path).stylus_axis, [0, 0, 1])
 
 
 def test_every_mistake_is_listed() -> None:
@@ -164,7 +223,7 @@ def test_arms_come_back(arm_file: ArmFile) -> None:
 
 def test_every_bit_comes_back(rng: np.random.Generator) -> None:
     arm = load_arm_file("sino6")
-    for value in map(float, [5e-324, -0.0, 0.1 + 0.2, 1e300, np.nextafter(1.0, 2.0), *rng.normal(size=9)]):
+    for value in map(float, [5e-324, -0.0, 0.1 + 0.2, 1e5 - 0.1, np.nextafter(1.0, 2.0), *rng.normal(size=9)]):
         rows = [row.model_copy(update={"a_mm": value, "com_mm": (value, -value, 1.0)}) for row in arm.joints]
         back = read(arm_text(arm.model_copy(update={"joints": rows})))
         assert {row.a_mm.hex() for row in back.joints} == {value.hex()}
