@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pandas as pd
@@ -25,6 +25,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SCHEMA = "aacmm-pin/calibration/1"
 MENTIONED = 0.02
@@ -203,22 +204,13 @@ class Calibration(Shown):
             text += f"; {h.rms_after / MM:.4f} mm on held-out {h.kind}"
         return text
 
-    def plot(self, what: str = "sizes", ax: Axes | Any = None) -> Any:
-        """How far off the records are, before and after; or another picture of the calibration.
+    def plot(self, ax: Axes | None = None) -> Figure:
+        """Residuals in space, before and after, in plan and from the side; the figure of the four panels.
 
         Args:
-            what: ``sizes`` of the residuals, their ``vectors`` in space, along the motion of ``joints``, by ``seats``,
-                against the ``noise``; the ``parameters``, their ``correlation``; or ``all`` that matters in one picture.
-            ax: axes; without them a new pyplot figure is made. ``joints`` and ``all`` divide the place of the axes.
-
-        Returns:
-            The axes; of ``joints`` and ``all``, which have several panels, their figure.
-
-        Raises:
-            UnknownNameError: no such picture.
-            AacmmError: by seats, and the records name none.
+            ax: axes, whose place is divided; without them a new pyplot figure is made.
         """
-        return report().plots.plot_of_calibration(self, what, ax)
+        return cast("Figure", report().plots.plot_residual_views(self, ax))
 
 
 def _rms(fit: Fit, judge: Fit) -> float:

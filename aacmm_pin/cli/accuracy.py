@@ -13,7 +13,6 @@ from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm
 from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Point
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.general_ik import ReachingPostures
 from aacmm_pin.postures.solution_set import PosturesAtPoint
 from aacmm_pin.report import terminal
 from aacmm_pin.report.accuracy import accuracy_document
@@ -61,6 +60,4 @@ def accuracy(
 def _drawn(circle: PosturesAtPoint, result: AccuracyVolume) -> Any:
     from aacmm_pin.report import plots
 
-    if isinstance(circle, ReachingPostures):
-        return plots.plot_accuracy_of_postures(circle, result).figure
-    return plots.plot_accuracy_over_swivel(circle, result).figure
+    return plots.plot_accuracy_of_postures(circle, result).figure

@@ -55,7 +55,7 @@ def calibrate_(
             results.file(urdf_out).write_bytes(_urdf(model, result))
         if residuals is not None:
             results.text(result.residuals.to_csv(index=False), residuals)
-        results.picture(lambda: result.plot("all"), plot)
+        results.picture(result.plot, plot)
         if report is not None:
             results.text(html.page(calibration_document(result, summary, when)), report)
         results.json(summary, json_)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -35,9 +35,6 @@ def show(
         str | None,
         typer.Option(metavar='"θ1 θ2 …"', help="One posture, in degrees (slides in mm); default all 0, or amid the limits."),
     ] = None,
-    shape: Annotated[
-        str, typer.Option(help="Accuracy drawn at the point: ellipsoid (95 %), or zonotope (all within the half-widths).")
-    ] = "ellipsoid",
     noise: EncoderNoise,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the browser.")] = True,
     output: Output = None,
@@ -65,7 +62,7 @@ def show(
                 accuracy = circle_accuracy(circle, model, encoder_noise=noise.encoder_noise_rad)
             except AacmmError as error:
                 note(f"note: shown without accuracy: {error}")
-            scene = scenes.circle_scene(circle, accuracy, shape=cast(Any, shape))
+            scene = scenes.circle_scene(circle, accuracy)
         if output is not None:
             results.text(scene.html(), output)
             return

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 import pandas as pd
@@ -206,20 +206,18 @@ class Diagnosis(Shown):
             "notes": list(self.notes),
         }
 
-    def plot(self, what: Finding | int | str | None = None, ax: Axes | Any = None) -> Any:
+    def plot(self, finding: int = 0, ax: Axes | None = None) -> Axes:
         """The strongest cause through what the records say of it; where none was found, what the residuals depend on; where
         they depend on nothing, their size by the three models.
 
         Args:
-            what: something else: a finding, or its number from 0; a name in ``unexplained.shapes``; or ``rms``, ``groups``
-                (residuals by all that is known of the records), ``arm`` (the arm with its residuals), ``held_out``.
-            ax: axes; without them a new pyplot figure is made. ``groups`` and ``arm`` divide the place of the axes, and
-                return their figure.
+            finding: number of another finding, from 0.
+            ax: axes; without them a new pyplot figure is made.
 
         Raises:
-            UnknownNameError, AacmmError: see :func:`aacmm_pin.report.plots.plot_diagnosis`.
+            AacmmError: there is no such finding.
         """
-        return report().plots.plot_diagnosis(self, what, ax)
+        return cast("Axes", report().plots.plot_diagnosis(self, finding, ax))
 
 
 def _finding(finding: Finding) -> dict[str, Any]:

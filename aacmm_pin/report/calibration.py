@@ -199,7 +199,7 @@ def _result(result: Calibration) -> list[Block]:
 
 
 def _residuals(result: Calibration) -> list[Block]:
-    from aacmm_pin.report.scenes import calibration_scene  # loads meshcat
+    from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
     seats = Figure(
         lambda: plots.plot_residuals_by_seat(result, blank_axes(8.0, 3.4)),
@@ -209,11 +209,6 @@ def _residuals(result: Calibration) -> list[Block]:
     return [
         Heading("Residuals"),
         Figure(
-            lambda: plots.plot_residual_sizes(result, blank_axes(6.4, 3.4)),
-            "Histogram of residuals before and after",
-            "Size of the residuals of the records used, before and after calibration; the scale is logarithmic.",
-        ),
-        Figure(
             lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
             "Residual vectors in space, before and after",
             "Residuals from each target towards the tip: left before calibration, right after; above in plan, below from "
@@ -221,7 +216,7 @@ def _residuals(result: Calibration) -> list[Block]:
             "same way show what the model still lacks.",
         ),
         SceneView(
-            lambda: calibration_scene(result),
+            lambda: residual_scene(result),
             "Residuals after calibration, to turn: drag to look from elsewhere; the slider goes from the largest residual "
             "to the smallest, with the arm in its posture.",
         ),

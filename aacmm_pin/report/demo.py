@@ -170,8 +170,8 @@ def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list
 def _maps(map_: WorkspaceMap, circle: ConfigurationCircle) -> Drawing:
     figure = Drawing(figsize=(10.0, 6.0), layout="constrained")
     x, y, z = circle.point / MM
-    for axes, draw in zip(figure.subplots(1, 2), (plots.plot_uncertainty, plots.plot_flexibility), strict=True):
-        draw(map_, axes).plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
+    for axes, quantity in zip(figure.subplots(1, 2), ("smallest_u_mm", "flexibility"), strict=True):
+        plots.plot_map(map_, quantity, axes).plot(np.hypot(x, y), z, "*", ms=13, mfc=plots.VERMILLION, mec="white")
     return figure
 
 

@@ -372,7 +372,7 @@ def causes_drawn(result: Diagnosis) -> list[Block]:
 
 
 def _on_the_arm(result: Diagnosis) -> list[Block]:
-    from aacmm_pin.report.scenes import diagnosis_scene  # loads meshcat
+    from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
     left, right = two_models(result)
     return [
@@ -385,7 +385,7 @@ def _on_the_arm(result: Diagnosis) -> list[Block]:
             "a model lacks.",
         ),
         SceneView(
-            lambda: diagnosis_scene(result, left),
+            lambda: residual_scene(result, left),
             f"The residuals of the {left} arm to turn: drag to look from elsewhere; the slider goes from the largest to the "
             "smallest, with the arm in its posture.",
         ),
@@ -396,7 +396,7 @@ def _held_out(result: Diagnosis) -> list[Block]:
     held, title = result.held_out, Heading("Held-out validation")
     if held is None:
         return [title, Paragraph(gain_in_words(result), detail=True)]
-    table = held_out_parts(result).rename(columns={"part": "left out"})
+    table = held_out_parts(result)[["part", "records", "gain", "chosen"]].rename(columns={"part": "left out"})
     table["chosen without it"] = [labels_in_words(result, chosen) or "nothing" for chosen in table.pop("chosen")]
     seats = " A seat is judged by its stated coordinates with all their noise, which makes the gain less." * (
         held.kind == "seats"

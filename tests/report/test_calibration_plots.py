@@ -22,17 +22,15 @@ from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.report.numbers import length
 from aacmm_pin.report.parameters import parameter_table, readable_parameters
 from aacmm_pin.report.plots import (
     BLUE,
     VERMILLION,
-    plot_calibration,
     plot_correlation,
     plot_normalised_residuals,
     plot_parameter_changes,
-    plot_residual_sizes,
     plot_residual_vectors,
+    plot_residual_views,
     plot_residuals_by_seat,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
@@ -107,16 +105,6 @@ def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave: Calibration)
     assert heights[2] > 3 * np.median(heights)
 
 
-def test_residuals_along_a_joint_are_those_of_its_angle(with_wave: Calibration) -> None:
-    ax = plot_residuals_over_joint(with_wave, 2)
-    (dots,) = (line for line in ax.lines if line.get_marker() == ".")
-    records, fit = with_wave.fit.problem.measurements, with_wave.fit
-    motion = with_wave.model.arm.jacobian(records.q)[:, :, 1]
-    along = np.einsum("ni,ni->n", fit.solution.system.deviation, motion) / np.linalg.norm(motion, axis=1)
-    np.testing.assert_allclose(dots.get_ydata(), along[fit.used] * 1e6, rtol=1e-9)
-    np.testing.assert_allclose(dots.get_xdata(), np.rad2deg(records.q[fit.used, 1]), rtol=1e-12)
-
-
 def test_a_turned_reference_frame_makes_no_difference_to_a_joint(sino6: Arm) -> None:
     data = simulate_measurements(
         ErrorModel(sino6, (EncoderEccentricity(3, values=(2e-4, 0.0)),)), "free", 100, rng=np.random.default_rng(2)
@@ -151,16 +139,6 @@ def test_normalised_residuals_follow_chi(at_seats: Calibration) -> None:
     assert area == pytest.approx(1.0)
 
 
-def test_sizes_hold_every_record(at_seats: Calibration) -> None:
-    ax = plot_residual_sizes(at_seats)
-    drawn(ax.figure)
-    assert labels(ax) == ("distance of tip and target [mm]", "records [1]")
-    for container in ax.containers:
-        assert sum(p.get_height() for p in container) == 118
-    texts = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert texts == [f"before, RMS {length(at_seats.rms_before)}", f"after, RMS {length(at_seats.rms)}"]
-
-
 # Parameters -------------------------------------------------------------------------------------------------------------
 
 
@@ -188,15 +166,6 @@ def test_without_stated_uncertainties_changes_stand_in_small_units(of_robot: Cal
     assert open_ == list(of_robot.parameters["known"] == "in combination")
 
 
-def test_parameters_without_a_stated_uncertainty_are_counted(sino6: Arm) -> None:
-    data = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(2))
-    result = calibrate(sino6, data, ["geometry", EncoderEccentricity(3)], encoder_noise=READINGS, hold_out=False)
-    ax = plot_parameter_changes(result)
-    assert "2 without a stated uncertainty are not shown" in ax.get_title()
-    (points,) = (c for c in ax.collections if isinstance(c, PathCollection))
-    assert len(points.get_offsets()) == 21
-
-
 def test_correlation_hides_what_is_not_told(of_robot: Calibration, at_seats: Calibration) -> None:
     ax = plot_correlation(of_robot)
     drawn(ax.figure)
@@ -212,15 +181,6 @@ def test_correlation_hides_what_is_not_told(of_robot: Calibration, at_seats: Cal
 
 
 def test_several_panels_take_the_place_of_axes(at_seats: Calibration) -> None:
-    figure = plot_calibration(at_seats)
-    drawn(figure)
-    assert sorted(ax.get_xlabel() for ax in figure.axes) == [
-        "change / stated ± [1]; bars: U (k = 2)",
-        "distance of tip and target [mm]",
-        "normalised residual [1]",
-        "x [mm]",
-        "x [mm]",
-    ]
     plt.close("all")
     own = Figure(layout="constrained")
     left, right = own.subplots(1, 2)
@@ -232,7 +192,7 @@ def test_several_panels_take_the_place_of_axes(at_seats: Calibration) -> None:
     assert min(ax.get_position().x0 for ax in panels) > left.get_position().x1  # in its place, and nowhere else
     assert {ax.get_ylim() for ax in panels} == {panels[0].get_ylim()}  # one scale
     with pytest.raises(AacmmError, match="no place in a grid"):
-        plot_calibration(at_seats, Figure().add_axes((0.1, 0.1, 0.8, 0.8)))
+        plot_residual_views(at_seats, Figure().add_axes((0.1, 0.1, 0.8, 0.8)))
     assert plt.get_fignums() == []
 
 

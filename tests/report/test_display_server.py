@@ -166,8 +166,8 @@ def target(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 def test_a_page_without_a_server(target: Path) -> None:
     words = ["sino6", *POINT, "--count", "12"]
-    assert run(*words, "--shape", "zonotope", "-o", target)[:2] == (0, "")
-    assert "within their half-widths" in target.read_text(encoding="utf-8")
+    assert run(*words, "-o", target)[:2] == (0, "")
+    assert "the 95 % ellipsoid" in target.read_text(encoding="utf-8")
     status, _, said = run(*words, "-o", target)
     assert (status, "exists already" in said) == (1, True)
     assert run(*words, "--tip", "--axis", "0", "0", "-1", "--force", "-o", target)[0] == 0
@@ -200,7 +200,6 @@ def test_wrong_words() -> None:
         (["sino6", "--point", "0", "5000", "0"], 1, "no configuration"),
         (["sino6", "--theta-deg", "1 2 3"], 1, "--theta-deg has 3 numbers, expected 6"),
         (["sino6", "--theta-deg", "1 2 3 a 5 6"], 1, "expected 6 numbers"),
-        (["sino6", *POINT, "--count", "6", "--shape", "cube"], 1, "unknown shape 'cube'; known: ellipsoid, zonotope"),
         (["sino6", *POINT, "--theta-deg", "0 0 0 0 0 0"], 2, "exclude each other"),
         (["sino6", "--tip"], 2, "go with --point"),
         (["sino6", *POINT, "--tip"], 2, "--tip goes with --axis"),

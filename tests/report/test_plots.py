@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
-from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
+from aacmm_pin.accuracy.workspace import map_workspace
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.errors import AacmmError, ShapeError
@@ -23,12 +21,9 @@ from aacmm_pin.postures.configurations import ConfigurationCircle, configuration
 from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.report.plots import (
     plot_accuracy_of_postures,
-    plot_accuracy_over_swivel,
     plot_budget,
     plot_circle,
-    plot_comprehensive,
-    plot_flexibility,
-    plot_uncertainty,
+    plot_map,
 )
 
 mpl.use("Agg")
@@ -46,11 +41,6 @@ def circle(sino6: Arm) -> ConfigurationCircle:
 @pytest.fixture(scope="module")
 def accuracy(circle: ConfigurationCircle) -> AccuracyVolume:
     return judged(circle)
-
-
-@pytest.fixture(scope="module")
-def map_(sino6: Arm) -> WorkspaceMap:
-    return map_workspace(sino6, (12, 24), 4, progress=False)
 
 
 def judged(circle: ConfigurationCircle) -> AccuracyVolume:
@@ -73,33 +63,6 @@ def legend_texts(ax: Any) -> set[str]:
     return {text.get_text() for text in ax.get_legend().get_texts()}
 
 
-def test_circle_shows_elbow_arm_axis_and_point(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
-    ax = plot_circle(circle, accuracy, postures=3)
-    drawn(ax.figure)
-    assert [ax.get_xlabel(), ax.get_ylabel(), ax.get_zlabel()] == ["x [mm]", "y [mm]", "z [mm]"]
-    assert colour_bar_labels(ax) == ["accuracy volume [mm³]"]
-    texts = {"joint axis 1", "base (shoulder)", "arm to the point", "working point"}
-    assert legend_texts(ax) == texts | {"elbow, within limits", "elbow, outside limits"}
-    inside, outside = curves(ax)
-    assert inside.get_array().size == 36  # the only component within limits, closed
-    assert inside.get_array().min() >= accuracy.volume.min() * 1e9
-    assert len(outside._segments3d) == 3 * 36
-    assert len(ax.lines) == 2 + 2 * 3 + 1  # joint axis and shoulder, tubes and joints of each posture, point
-
-
-def test_tubes_end_in_the_working_point_and_all_is_in_view(circle: ConfigurationCircle) -> None:
-    ax = plot_circle(circle, postures=2)
-    assert colour_bar_labels(ax) == []
-    tubes = [np.array(line.get_data_3d()).T for line in ax.lines if line.get_linewidth() > 4]
-    assert len(tubes) == 2
-    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
-    for tube in tubes:
-        np.testing.assert_allclose(tube[-1], POINT * 1e3, atol=1e-6)
-        assert (tube >= limits[:, 0]).all()
-        assert (tube <= limits[:, 1]).all()
-    assert np.ptp(np.ptp(limits, axis=1) / ax._box_aspect) == pytest.approx(0.0, abs=1e-6)  # one scale for all axes
-
-
 def test_circle_cut_by_limits_has_both_parts(sino6: Arm) -> None:
     circle = configuration_circle(sino6, HALF_IN_LIMITS, count=36)
     works = int(circle.within_limits.sum())
@@ -109,37 +72,13 @@ def test_circle_cut_by_limits_has_both_parts(sino6: Arm) -> None:
     assert len(inside._segments3d) + len(outside._segments3d) == len(circle)
 
 
-def test_circle_in_modified_dh() -> None:
-    file = load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
-    arm = Arm.from_file(file)
-    point = arm.positions(np.array([[0.3, -1.2, 1.0, -1.4, 0.0, 0.0]]), "frame5")[0]
-    circle = configuration_circle(arm, point, count=12)
-    assert len(circle)
-    ax = plot_circle(circle, postures=1)
-    drawn(ax.figure)
-    (tube,) = (np.array(line.get_data_3d()).T for line in ax.lines if line.get_linewidth() > 4)
-    np.testing.assert_allclose(tube[-1], point * 1e3, atol=1e-6)
-
-
-def test_swivel_has_two_scales(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
-    ax = plot_accuracy_over_swivel(circle, accuracy)
-    drawn(ax.figure)
-    (right,) = (other for other in ax.figure.axes if other is not ax)
-    assert ax.get_xlabel().endswith("[deg]")
-    assert ax.get_ylabel() == "accuracy volume [mm³]"
-    assert right.get_ylabel() == "standard uncertainty u [µm]"
-    np.testing.assert_allclose(ax.lines[0].get_ydata(), accuracy.volume * 1e9)
-    np.testing.assert_allclose(right.lines[0].get_ydata(), accuracy.u * 1e6)
-    np.testing.assert_allclose(right.lines[0].get_xdata(), np.degrees(circle.swivel[circle.within_limits]))
-
-
 def test_swivel_tells_components_apart(sino6: Arm) -> None:
     seat = configuration_circle(sino6, [0.5, 0.3, 0.25], tip=True, axis=[0, 0, -1], count=36)
     accuracy = judged(seat)
     inside = seat.component[seat.within_limits]
     numbers = np.unique(inside)
     assert len(numbers) > 1
-    ax = plot_accuracy_over_swivel(seat, accuracy)
+    ax = plot_accuracy_of_postures(seat, accuracy)
     drawn(ax.figure)
     assert legend_texts(ax) == {f"component {number}" for number in numbers}
     (right,) = (other for other in ax.figure.axes if other is not ax)
@@ -154,44 +93,17 @@ def test_swivel_tells_components_apart(sino6: Arm) -> None:
 
 def test_what_does_not_fit_a_circle(sino6: Arm, circle: ConfigurationCircle) -> None:
     nowhere = configuration_circle(sino6, UNREACHABLE)
-    drawn(plot_accuracy_over_swivel(nowhere, judged(nowhere)).figure)
+    drawn(plot_accuracy_of_postures(nowhere, judged(nowhere)).figure)
     ax = plot_circle(nowhere)
     drawn(ax.figure)
     assert "out of reach" in ax.get_title()
     assert curves(ax) == []
     of_all = accuracy_volume(circle.arm, circle.q, at=circle.at)
-    for plot in (plot_circle, plot_accuracy_over_swivel):
+    for plot in (plot_circle, plot_accuracy_of_postures):
         with pytest.raises(ShapeError, match=r"accuracy has 144 configurations, expected the 36 .*within_limits"):
             plot(circle, of_all)
     with pytest.raises(AacmmError, match="three-dimensional"):
         plot_circle(circle, ax=Figure().add_subplot())  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("plot", "label", "column", "scale"),
-    [
-        (plot_flexibility, "flexibility ζ [1]", "flexibility", 1.0),
-        (plot_comprehensive, "comprehensive accuracy volume [mm³]", "comprehensive_mm3", 1.0),
-        (plot_uncertainty, "smallest standard uncertainty u [µm]", "smallest_u_mm", 1e3),
-    ],
-)
-def test_maps(plot: Callable[..., Axes], label: str, column: str, scale: float, map_: WorkspaceMap) -> None:
-    ax = plot(map_)
-    drawn(ax.figure)
-    assert ax.get_xlabel().endswith("[mm]")
-    assert ax.get_ylabel().endswith("[mm]")
-    assert ax.get_aspect() == 1.0
-    assert colour_bar_labels(ax) == [label]
-    assert "out of reach" in legend_texts(ax)
-    image = next(artist for artist in ax.collections if isinstance(artist, QuadMesh))
-    np.testing.assert_allclose(np.ma.filled(image.get_array(), np.nan), scale * map_.data[column].values.T, rtol=1e-14)
-    np.testing.assert_allclose([*ax.get_xlim(), *ax.get_ylim()], [0.0, 1200.0, -1200.0, 1200.0], atol=1e-9)
-
-
-def test_maps_of_few_cells(sino6: Arm) -> None:
-    map_ = map_workspace(sino6, (2, 2), 4, extent=[0.0, 0.02, -0.23, -0.21], progress=False)
-    assert "in reach, no sector within limits" in legend_texts(plot_comprehensive(map_))
-    drawn(plot_flexibility(map_workspace(sino6, (1, 1), 2, progress=False)).figure)
 
 
 def test_budget(accuracy: AccuracyVolume) -> None:
@@ -210,26 +122,66 @@ def test_budget(accuracy: AccuracyVolume) -> None:
         plot_budget(accuracy, most=0)
 
 
-def test_accuracy_of_single_postures_stands_over_their_numbers(sino6: Arm, rng: np.random.Generator) -> None:
+def test_accuracy_stands_over_what_the_postures_have(
+    sino6: Arm, rng: np.random.Generator, circle: ConfigurationCircle, accuracy: AccuracyVolume
+) -> None:
     pose = sino6.poses(rng.uniform(*sino6.limits.T, (1, 6))).placement[0]
-    postures = reaching_postures(sino6, pose[:3, 3], rotation=pose[:3, :3])
-    accuracy = circle_accuracy(postures)
-    ax = plot_accuracy_of_postures(postures, accuracy)
-    drawn(ax.figure)
-    dots = ax.lines[0]
-    np.testing.assert_array_equal(dots.get_xdata(), postures.component[postures.within_limits])
-    np.testing.assert_allclose(dots.get_ydata(), accuracy.volume * 1e9)
-    assert list(ax.get_xticks()) == list(range(1, len(postures) + 1))
-    assert ax.get_xlabel() == "number of the posture"
+    single = reaching_postures(sino6, pose[:3, 3], rotation=pose[:3, :3])
+    motion = reaching_postures(sino6, pose[:3, 3], axis=pose[:3, 0], count=60)
+    for postures, x, label in (
+        (circle, np.degrees(circle.swivel), "swivel angle of the elbow, 0 = highest [deg]"),
+        (single, single.component, "number of the posture"),
+        (motion, motion.travel, "way of all angles along the curve [rad]"),
+    ):
+        found, inside = circle_accuracy(postures), postures.within_limits
+        ax = plot_accuracy_of_postures(postures, found)
+        drawn(ax.figure)
+        (right,) = (other for other in ax.figure.axes if other is not ax)
+        assert (ax.get_xlabel(), ax.get_ylabel()) == (label, "accuracy volume [mm³]")
+        assert right.get_ylabel() == "standard uncertainty u [µm]"
+        np.testing.assert_allclose(ax.lines[0].get_xdata(), x[inside])
+        np.testing.assert_allclose(ax.lines[0].get_ydata(), found.volume * 1e9)
+        np.testing.assert_allclose(right.lines[0].get_ydata(), found.u * 1e6)
 
 
-def test_accuracy_of_self_motion_stands_over_its_way(sino6: Arm, rng: np.random.Generator) -> None:
-    pose = sino6.poses(rng.uniform(*sino6.limits.T, (1, 6))).placement[0]
-    axis = pose[:3, :3] @ np.array([1.0, 0.0, 0.0])
-    postures = reaching_postures(sino6, pose[:3, 3], axis=axis, count=60)
-    ax = plot_accuracy_of_postures(postures, circle_accuracy(postures))
-    drawn(ax.figure)
-    assert ax.get_xlabel() == "way of all angles along the curve [rad]"
-    shown = np.concatenate([line.get_xdata() for line in ax.lines if line.get_marker() in (".", "o")])
-    assert set(shown) <= set(postures.travel[postures.within_limits])
-    assert shown.max() == postures.travel[postures.within_limits].max()
+def test_maps(sino6: Arm) -> None:
+    map_ = map_workspace(sino6, (12, 24), 4, progress=False)
+    for column, label, scale in (
+        ("flexibility", "flexibility ζ [1]", 1.0),
+        ("comprehensive_mm3", "comprehensive accuracy volume [mm³]", 1.0),
+        ("smallest_u_mm", "smallest standard uncertainty u [µm]", 1e3),
+    ):
+        ax = plot_map(map_, column)
+        drawn(ax.figure)
+        assert ax.get_aspect() == 1.0
+        assert colour_bar_labels(ax) == [label]
+        assert "out of reach" in legend_texts(ax)
+        image = next(artist for artist in ax.collections if isinstance(artist, QuadMesh))
+        np.testing.assert_allclose(np.ma.filled(image.get_array(), np.nan), scale * map_.data[column].values.T, rtol=1e-14)
+        np.testing.assert_allclose([*ax.get_xlim(), *ax.get_ylim()], [0.0, 1200.0, -1200.0, 1200.0], atol=1e-9)
+    few = map_workspace(sino6, (2, 2), 4, extent=[0.0, 0.02, -0.23, -0.21], progress=False)
+    assert "in reach, no sector within limits" in legend_texts(plot_map(few))
+
+
+def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:
+    table = load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
+    modified = Arm.from_file(table)
+    point = modified.positions(np.array([[0.3, -1.2, 1.0, -1.4, 0.0, 0.0]]), "frame5")[0]
+    for one, of, bars in (
+        (circle, accuracy, ["accuracy volume [mm³]"]),
+        (configuration_circle(modified, point, count=12), None, []),
+    ):
+        ax = plot_circle(one, of, postures=2)
+        drawn(ax.figure)
+        assert colour_bar_labels(ax) == bars
+        tubes = [np.array(line.get_data_3d()).T for line in ax.lines if line.get_linewidth() > 4]
+        limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+        assert tubes
+        for tube in tubes:
+            np.testing.assert_allclose(tube[-1], one.point * 1e3, atol=1e-6)
+            assert (tube >= limits[:, 0]).all()
+            assert (tube <= limits[:, 1]).all()
+        assert np.ptp(np.ptp(limits, axis=1) / ax._box_aspect) == pytest.approx(0.0, abs=1e-6)  # one scale for all axes
+    within = curves(plot_circle(circle, accuracy))[0]
+    assert within.get_array().size == 36  # the only component within limits, closed
+    assert within.get_array().min() >= accuracy.volume.min() * 1e9

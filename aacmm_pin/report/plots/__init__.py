@@ -10,24 +10,19 @@ The main picture of a result is its own ``plot`` too: ``circle.plot()``, ``accur
 
 from aacmm_pin.report.plots.accuracy import (
     plot_accuracy_of_postures,
-    plot_accuracy_over_swivel,
     plot_budget,
 )
 from aacmm_pin.report.plots.calibration import (
-    plot_calibration,
     plot_correlation,
     plot_normalised_residuals,
-    plot_of_calibration,
-    plot_residual_sizes,
     plot_residuals_by_seat,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
-from aacmm_pin.report.plots.causes import plot_cause, plot_seat_error, plot_unexplained
+from aacmm_pin.report.plots.causes import plot_cause, plot_diagnosis, plot_unexplained
 from aacmm_pin.report.plots.circle import plot_circle
-from aacmm_pin.report.plots.diagnosis import plot_diagnosis, plot_rms
-from aacmm_pin.report.plots.groups import plot_groups, plot_held_out
-from aacmm_pin.report.plots.maps import QUANTITIES, plot_comprehensive, plot_flexibility, plot_map, plot_uncertainty
+from aacmm_pin.report.plots.groups import plot_groups, plot_held_out, plot_rms
+from aacmm_pin.report.plots.maps import QUANTITIES, plot_map
 from aacmm_pin.report.plots.papers import (
     plot_bayes_factors,
     plot_iterations,
@@ -47,26 +42,20 @@ __all__ = [
     "QUANTITIES",
     "VERMILLION",
     "plot_accuracy_of_postures",
-    "plot_accuracy_over_swivel",
     "plot_bayes_factors",
     "plot_budget",
-    "plot_calibration",
     "plot_cause",
     "plot_circle",
-    "plot_comprehensive",
     "plot_correlation",
     "plot_diagnosis",
-    "plot_flexibility",
     "plot_geometry",
     "plot_groups",
     "plot_held_out",
     "plot_iterations",
     "plot_map",
     "plot_normalised_residuals",
-    "plot_of_calibration",
     "plot_parameter_changes",
     "plot_part_and_rest",
-    "plot_residual_sizes",
     "plot_residual_vectors",
     "plot_residual_views",
     "plot_residuals_by_seat",
@@ -74,9 +63,7 @@ __all__ = [
     "plot_residuals_over_joints",
     "plot_rms",
     "plot_rounding",
-    "plot_seat_error",
     "plot_spreads",
     "plot_table2",
-    "plot_uncertainty",
     "plot_unexplained",
 ]

@@ -12,6 +12,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3, UM
 from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.postures.configurations import ConfigurationCircle
 from aacmm_pin.postures.general_ik import ReachingPostures
 from aacmm_pin.postures.solution_set import PosturesAtPoint
 from aacmm_pin.report.numbers import length
@@ -23,42 +24,34 @@ MARKERS = 18
 """Number of these markers along a component."""
 
 
-def plot_accuracy_over_swivel(circle: PosturesAtPoint, accuracy: AccuracyVolume, ax: Axes | None = None) -> Axes:
-    """Accuracy volume (left scale) and standard uncertainty of the position (right scale) over the swivel angle.
+def plot_accuracy_of_postures(postures: PosturesAtPoint, accuracy: AccuracyVolume, ax: Axes | None = None) -> Axes:
+    """Accuracy volume (left scale) and standard uncertainty of the position (right scale) of the postures at a point.
 
-    Where two to eight components have configurations within limits, each has markers of its own shape.
-
-    Raises:
-        ShapeError: ``accuracy`` was worked out for other configurations.
-    """
-    inside = paired(circle, accuracy)
-    ax = _draw_over(circle.swivel[inside] / DEG, circle.component[inside], accuracy, ax, "the swivel angle")
-    ax.set(xlabel="swivel angle of the elbow, 0 = highest [deg]", xlim=(-180, 180), xticks=range(-180, 181, 60))
-    return ax
-
-
-def plot_accuracy_of_postures(postures: ReachingPostures, accuracy: AccuracyVolume, ax: Axes | None = None) -> Axes:
-    """The same over the way along each curve of self-motion, or over the numbers of single postures.
+    Over the swivel angle where the arm has one, else over the way along each curve of self-motion, or over the numbers of
+    single postures. Where two to eight components have configurations within limits, each has markers of its own shape.
 
     Raises:
         ShapeError: ``accuracy`` was worked out for other configurations.
     """
-    inside = paired(postures, accuracy)
+    inside, ax = paired(postures, accuracy), axes_of(ax, (7.5, 4.2))
     component = postures.component[inside]
-    if postures.single:
-        ax = _draw_over(component.astype(np.float64), np.ones_like(component), accuracy, ax, "the postures")
-        last = int(postures.component.max())
-        ax.set(xlabel="number of the posture", xlim=(0.5, last + 0.5), xticks=range(1, last + 1))
-    else:
-        ax = _draw_over(postures.travel[inside], component, accuracy, ax, "the self-motion")
+    if isinstance(postures, ConfigurationCircle):
+        _draw_over(postures.swivel[inside] / DEG, component, accuracy, ax)
+        ax.set(xlabel="swivel angle of the elbow, 0 = highest [deg]", xlim=(-180, 180), xticks=range(-180, 181, 60))
+    elif isinstance(postures, ReachingPostures) and not postures.single:
+        _draw_over(postures.travel[inside], component, accuracy, ax)
         ax.set(xlabel="way of all angles along the curve [rad]")
         ax.set_xlim(left=0.0)
+    else:
+        _draw_over(component.astype(np.float64), np.ones_like(component), accuracy, ax)
+        last = int(postures.component.max())
+        ax.set(xlabel="number of the posture", xlim=(0.5, last + 0.5), xticks=range(1, last + 1))
+    ax.set_title(f"{accuracy.sources.arm.name}: accuracy of the postures, {accuracy.method}", fontsize=10)
     return ax
 
 
-def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes | None, over: str) -> Axes:
+def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes) -> None:
     """Volume on the left, u on the right, over ``place`` (n,)."""
-    ax = axes_of(ax, (7.5, 4.2))
     right, numbers = ax.twinx(), np.unique(component)
     apart = numbers if 1 < len(numbers) <= len(COMPONENT_MARKERS) else numbers[:0]
     size = 1.5 if len(numbers) > 1 else 4.0 if len(place) > 20 else 8.0
@@ -78,9 +71,7 @@ def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axe
     ax.margins(y=0.12)
     right.margins(y=0.12)
     ax.grid(alpha=0.3)
-    ax.set_title(f"{accuracy.sources.arm.name}: accuracy over {over}, {accuracy.method}", fontsize=10)
     legend_below(ax, handles=handles)
-    return ax
 
 
 def plot_budget(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -13,10 +11,8 @@ from scipy.stats import chi
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.calibration import Calibration
-from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.report.numbers import lengths
-from aacmm_pin.report.plots.parameter_changes import plot_parameter_changes
-from aacmm_pin.report.plots.residual_vectors import model_named, plot_residual_vectors
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.report.plots.residual_vectors import model_named
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
@@ -183,62 +179,3 @@ def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
     ax.figure.colorbar(image, ax=ax, label="correlation [1]", shrink=0.8)
     ax.set_title(f"{result.model.arm.name}: correlation of the parameters", fontsize=10)
     return ax
-
-
-def plot_residual_sizes(result: Calibration, ax: Axes | None = None) -> Axes:
-    """How many records are how far off, before and after, in classes of equal width on a logarithmic scale."""
-    ax, sizes = axes_of(ax, (5.4, 3.6)), lengths([result.rms_before, result.rms])
-    table = result.residuals.loc[result.fit.used, ["before_mm", "after_mm"]].clip(lower=1e-9)
-    edges = np.geomspace(0.999 * table.min().min(), 1.001 * table.max().max(), 41)
-    for (when, colour), size in zip(COLOURS.items(), sizes, strict=True):
-        ax.hist(table[f"{when}_mm"], list(edges), color=colour, alpha=0.75, label=f"{when}, RMS {size}")
-    ax.set(xlabel="distance of tip and target [mm]", ylabel="records [1]", xscale="log")
-    ax.set_ylim(top=1.25 * ax.get_ylim()[1])
-    ax.legend(fontsize=8, frameon=False)
-    ax.set_title(f"{result.model.arm.name}: residuals", fontsize=10)
-    return ax
-
-
-def plot_calibration(result: Calibration, ax: Axes | None = None) -> Figure:
-    """Everything in one picture: residuals in space before and after, their sizes, beside the noise, and the parameters.
-
-    Args:
-        result: the calibration.
-        ax: axes whose place is divided.
-
-    Returns:
-        the figure of the five panels.
-    """
-    size = (15.0, max(9.0, 2.0 + 0.2 * len(result.fit.problem.vector.parameters)))
-    left, right = panels_of(ax, size, 2, 2, widths=(2, 1))
-    before, after, sizes, noise = panels_of(left, size, 4, 2)
-    plot_residual_vectors(result, "before", "xy", ax=before)
-    plot_residual_vectors(result, "after", "xy", ax=after)
-    plot_residual_sizes(result, sizes)
-    plot_normalised_residuals(result, noise)
-    plot_parameter_changes(result, right)
-    return whole([right])
-
-
-PICTURES: dict[str, Callable[..., Axes | Figure]] = {
-    "sizes": plot_residual_sizes,
-    "vectors": plot_residual_vectors,
-    "joints": plot_residuals_over_joints,
-    "seats": plot_residuals_by_seat,
-    "noise": plot_normalised_residuals,
-    "parameters": plot_parameter_changes,
-    "correlation": plot_correlation,
-    "all": plot_calibration,
-}
-"""What can be drawn of a calibration, by name."""
-
-
-def plot_of_calibration(result: Calibration, what: str, ax: Axes | None = None) -> Axes | Figure:
-    """One of :data:`PICTURES`.
-
-    Raises:
-        UnknownNameError: no such picture.
-    """
-    if what not in PICTURES:
-        raise UnknownNameError("picture", what, list(PICTURES))
-    return PICTURES[what](result, ax=ax)

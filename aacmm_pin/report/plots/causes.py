@@ -14,8 +14,9 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.labels import in_words
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.report.plots.groups import plot_rms
 from aacmm_pin.report.plots.parameter_changes import geometric, plot_geometry
-from aacmm_pin.report.plots.partial_residuals import PartialResidual, partial_residual
+from aacmm_pin.report.plots.partial_residuals import PartialResidual, is_constant, partial_residual, state_of
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREEN,
@@ -41,6 +42,30 @@ UNITS = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "mm": "m
 """Units by the endings of the names of columns."""
 
 
+def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) -> Axes:
+    """The strongest cause through what the records say of it; where none was found, what the residuals depend on; where
+    they depend on nothing, or the cause moves every record alike, their size by the three models.
+
+    Args:
+        result: the diagnosis.
+        finding: number of another finding, from 0.
+        ax: axes.
+
+    Raises:
+        AacmmError: there is no such finding.
+    """
+    if not result.findings and not finding:
+        unexplained = [*result.unexplained.shapes]
+        return plot_unexplained(result, unexplained[0], ax) if unexplained else plot_rms(result, ax)
+    if not 0 <= finding < len(result.findings):
+        raise AacmmError(f"finding {finding} was asked for, this diagnosis has {len(result.findings)}, counted from 0")
+    found = result.findings[finding]
+    over_something = found.effect.corrects_seat or geometric(result, found)
+    if not over_something and is_constant(found.effect, state_of(result.extended)):
+        return plot_rms(result, ax)
+    return plot_cause(result, found, ax)
+
+
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
     """What the records say of a cause, everything else as fitted, over what it depends on; the fitted cause through it.
 
@@ -54,7 +79,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         ax: axes.
     """
     if finding.effect.corrects_seat:
-        return plot_seat_error(result, finding.effect, ax)
+        return _plot_seat_error(result, finding.effect, ax)
     if geometric(result, finding):
         return plot_geometry(result, ax)
     shown, ax = partial_residual(result, finding.effect), axes_of(ax, (6.4, 3.8))
@@ -96,7 +121,7 @@ def _limits(shown: PartialResidual, means: pd.DataFrame) -> tuple[float, float]:
     return min(low, least) - margin, max(high, most) + margin
 
 
-def plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) -> Axes:
+def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) -> Axes:
     """Where each seat is beside where it is said to be, by the extended arm; the fitted error of one seat as a ring.
 
     Dots are weighted means over the records of a seat, with the standard uncertainty that the scatter of these gives; an

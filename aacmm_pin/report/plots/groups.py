@@ -1,4 +1,4 @@
-"""Residuals of a diagnosis by groups: where the simulation is off, and the gain on groups that were left out."""
+"""Sizes of the residuals of a diagnosis by its three models: of all records, by groups, and of groups that were left out."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.diagnosis.residual_tables import groups_table
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.report.numbers import length_unit, lengths
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
@@ -27,6 +28,23 @@ MODELS = {"simulation": INK, "recalibrated": GREY, "extended": BLUE}
 """The three models with their colours."""
 UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
 """Units of the ranges in which records are grouped."""
+
+
+def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
+    """RMS distance of tip and target by the three models, and what the noise alone would give."""
+    unit, scale = length_unit(max(result.rms.values()))
+    words = dict(zip(result.rms, lengths(result.rms.values()), strict=True))
+    ax = axes_of(ax, (6.8, 2.2))
+    bars = ax.barh(list(MODELS), [result.rms[name] / scale for name in MODELS], color=list(MODELS.values()), height=0.6)
+    box = {"fc": "white", "ec": "none", "pad": 1}
+    ax.bar_label(bars, [words[name] for name in MODELS], padding=5, fontsize=9, bbox=box)
+    ax.axvline(result.rms["noise"] / scale, color=VERMILLION, ls="--", lw=1.4, label=f"noise alone, {words['noise']}")
+    ax.invert_yaxis()
+    ax.set_xlim(0, 1.15 * max(result.rms.values()) / scale)
+    ax.set_xlabel(f"RMS distance of tip and target [{unit}]")
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.legend(fontsize=8, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.97))
+    return ax
 
 
 def residuals_by_group(result: Diagnosis) -> pd.DataFrame:

@@ -76,18 +76,3 @@ def plot_map(map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes |
     title = how.title.format(method=data.attrs["method"], sectors=map_.sectors)
     ax.set_title(f"{data.attrs['arm']}: {title}", fontsize=10)
     return ax
-
-
-def plot_flexibility(map_: WorkspaceMap, ax: Axes | None = None) -> Axes:
-    """Flexibility ζ over the half-plane through joint axis 1; unreachable cells are grey."""
-    return plot_map(map_, "flexibility", ax)
-
-
-def plot_comprehensive(map_: WorkspaceMap, ax: Axes | None = None) -> Axes:
-    """Comprehensive accuracy (eq. 15 of Xu You et al. 2019) over the half-plane through joint axis 1."""
-    return plot_map(map_, "comprehensive_mm3", ax)
-
-
-def plot_uncertainty(map_: WorkspaceMap, ax: Axes | None = None) -> Axes:
-    """Smallest standard uncertainty of the position [µm] that a posture gives, over the half-plane through joint axis 1."""
-    return plot_map(map_, "smallest_u_mm", ax)

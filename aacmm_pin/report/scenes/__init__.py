@@ -2,25 +2,23 @@
 
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene
-from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
+from aacmm_pin.report.scenes.legend import ColourBar, Swatch
 from aacmm_pin.report.scenes.map_scene import map_scene
 from aacmm_pin.report.scenes.page import shared_script
-from aacmm_pin.report.scenes.residual_scene import calibration_scene, diagnosis_scene
+from aacmm_pin.report.scenes.residual_scene import residual_scene
 from aacmm_pin.report.scenes.scene import Frames, Scene, View
 from aacmm_pin.report.scenes.server import Server
 
 __all__ = [
     "ColourBar",
     "Frames",
-    "Legend",
     "Scene",
     "Server",
     "Swatch",
     "View",
     "arm_scene",
-    "calibration_scene",
     "circle_scene",
-    "diagnosis_scene",
     "map_scene",
+    "residual_scene",
     "shared_script",
 ]

@@ -14,9 +14,9 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import ShapeError
-from aacmm_pin.report.plots.style import BLUE, GREY
+from aacmm_pin.report.plots.style import BLUE, GREY, VERMILLION
 from aacmm_pin.report.scenes.arm_parts import GHOST, JOINT, STYLUS, TIP, TUBE, Bodies
-from aacmm_pin.report.scenes.legend import Legend, Swatch
+from aacmm_pin.report.scenes.legend import Swatch
 from aacmm_pin.report.scenes.scene import Frames, Scene, View
 from aacmm_pin.report.scenes.shapes import ahead, placed_at, prisms, solid
 
@@ -40,19 +40,20 @@ def arm_scene(model: Arm | ErrorModel, q: ArrayLike) -> Scene:
     if not len(q):
         raise ShapeError("q has no row, expected at least one posture")
     bodies, tips = Bodies(arm), arm.positions(q)
-    points = bodies.corners(q).reshape(-1, 3)
     one = f"The tip is at {place_text(tips[0])} in the base frame."
-    scene = Scene(arm.name, one if len(q) == 1 else f"{len(q)} postures.")
-    scene.legend = Legend(surroundings(scene, bodies, points), notes=[TO_SCALE])
+    scene = stage(arm.name, one if len(q) == 1 else f"{len(q)} postures.", bodies, bodies.corners(q).reshape(-1, 3), tips)
     texts = {"tip x, y, z": [place_text(tip) for tip in tips], **joint_texts(arm, q)}
     colours = [BLUE if text == "within" else GREY for text in texts["limits"]]
     scene.frames = Frames(moving(bodies, q, scene), texts, colours)
-    scene.view = view_of(bodies, points, tips.mean(axis=0))
     return scene
 
 
-def surroundings(scene: Scene, bodies: Bodies, points: Array) -> list[Swatch]:
-    """Draw the arm's bodies, and around ``points`` (n, 3) [m] background, grid and axes; what they are, for the legend."""
+def stage(title: str, caption: str, bodies: Bodies, points: Array, targets: Array) -> Scene:
+    """A scene with the arm's bodies, and around ``points`` (n, 3) [m] background, grid and axes.
+
+    It is looked at past the ``targets`` (k, 3) [m] that the arm reaches for, a little from the side, back to the base.
+    """
+    scene = Scene(title, caption)
     bodies.draw(scene)
     scene["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
     scene["/Background"].set_property("bottom_color", [0.90, 0.92, 0.94])
@@ -64,7 +65,7 @@ def surroundings(scene: Scene, bodies: Bodies, points: Array) -> list[Swatch]:
     axes = 0.2 * float(np.ptp(points, axis=0).max())
     scene["/Axes"].set_transform(np.diag([*[axes] * 3, 1.0]))
     thirds = ", ".join(f"{colour} {33 * i}% {33 * (i + 1)}%" for i, colour in enumerate(("red", "lime", "blue")))
-    return [
+    scene.swatches = [
         Swatch(TUBE, "tubes", "line"),
         Swatch(JOINT, "joints, drawn along their axes", "area"),
         Swatch(STYLUS, "last body, thinner towards the tip", "line"),
@@ -72,6 +73,11 @@ def surroundings(scene: Scene, bodies: Bodies, points: Array) -> list[Swatch]:
         Swatch("#b4bac2", f"base plane z = 0, one cell {cell / MM:g} mm", "line"),
         Swatch(f"linear-gradient(to right, {thirds})", "axes x, y, z of the base", "line"),
     ]
+    scene.notes = [TO_SCALE]
+    x, y, _ = targets.mean(axis=0)
+    seen = np.vstack([points, bodies.foot])
+    scene.view = View(seen, float(np.arctan2(y, x)) + ANGLED, room=ROOM * bodies.radius)
+    return scene
 
 
 def moving(bodies: Bodies, q: Array, scene: Scene) -> dict[str, Array]:
@@ -87,18 +93,14 @@ def draw_ghosts(scene: Scene, radius: float, postures: Iterable[Array]) -> None:
     """The arm in other postures, as thin lines through their corners (corners, 3) [m] each."""
     for number, corners in enumerate(postures, start=1):
         scene[f"ghosts/{number}"].set_object(prisms(corners[:-1], corners[1:], 0.3 * radius), solid(GHOST, 0.45))
+    scene.swatches.insert(0, Swatch(GHOST, "other postures", "line"))
 
 
-def put_ball(scene: Scene, path: str, colour: str, radius: float, place: Array, opacity: float = 0.999) -> None:
+def draw_ball(scene: Scene, path: str, what: str, radius: float, place: Array) -> None:
     """A ball at ``place`` (3,) [m] that is seen whatever stands before it."""
-    scene[path].set_object(Sphere(radius), ahead(colour, opacity))
+    scene[path].set_object(Sphere(radius), ahead(VERMILLION, 0.85))
     scene[path].set_transform(placed_at(place[None])[0])
-
-
-def view_of(bodies: Bodies, points: Array, towards: Array) -> View:
-    """Past the place that the arm reaches for, and a little to its side, back to the base."""
-    x, y, _ = towards
-    return View(np.vstack([points, bodies.foot]), float(np.arctan2(y, x)) + ANGLED, room=ROOM * bodies.radius)
+    scene.swatches.insert(0, Swatch(VERMILLION, what))
 
 
 def place_text(point: Array) -> str:

@@ -1,9 +1,8 @@
-"""What the page beside a scene explains: colours, colour bars, and sentences with sizes and magnifications."""
+"""What the page beside a scene explains of its colours."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -63,9 +62,8 @@ class ColourBar:
     @property
     def css(self) -> str:
         """The bar as a CSS gradient."""
-        return (
-            "linear-gradient(to right, " + ", ".join(to_hex(c) for c in colormaps[self.name](np.linspace(0, 1, STOPS))) + ")"
-        )
+        colours = colormaps[self.name](np.linspace(0, 1, STOPS))
+        return f"linear-gradient(to right, {', '.join(map(to_hex, colours))})"
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
@@ -73,18 +71,3 @@ class ColourBar:
         places = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(self.low, self.high)
         inside = [float(p) for p in places if self.low <= p <= self.high]
         return [(100 * (p - self.low) / (self.high - self.low), f"{p:.4g}") for p in inside]
-
-
-@dataclass(frozen=True)
-class Legend:
-    """The explanations of a scene.
-
-    Attributes:
-        swatches: colours.
-        bars: colour bars.
-        notes: sentences: sizes, magnifications, what is not shown and why.
-    """
-
-    swatches: Sequence[Swatch] = ()
-    bars: Sequence[ColourBar] = ()
-    notes: Sequence[str] = field(default=())

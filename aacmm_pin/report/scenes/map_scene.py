@@ -14,10 +14,9 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES
-from aacmm_pin.report.plots.style import VERMILLION
 from aacmm_pin.report.scenes.arm_parts import Bodies
-from aacmm_pin.report.scenes.arm_scene import ROOM, TO_SCALE, joint_texts, moving, put_ball, surroundings
-from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
+from aacmm_pin.report.scenes.arm_scene import ROOM, draw_ball, joint_texts, moving, stage
+from aacmm_pin.report.scenes.legend import ColourBar, Swatch
 from aacmm_pin.report.scenes.scene import Frames, Scene, View
 from aacmm_pin.report.scenes.shapes import flat, placed_at
 
@@ -67,15 +66,17 @@ def map_scene(workspace_map: WorkspaceMap, model: Arm | ErrorModel, quantity: st
     q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies(arm)
 
     name, unit = shown.label.removesuffix("]").split(" [")
-    scene = Scene(f"{arm.name}: {name}", _caption(workspace_map, whose))
     everything = np.vstack([_corners(workspace_map, reachable).reshape(-1, 3), bodies.corners(q).reshape(-1, 3)])
-    swatches = [Swatch(VERMILLION, "working point: the wrist in a cell"), *surroundings(scene, bodies, everything)]
+    scene = stage(f"{arm.name}: {name}", _caption(workspace_map, whose), bodies, everything, points)
+    scene.view = View(np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM * bodies.radius)
+    scene.bar = bar
+    scene.notes.insert(0, _on_slider(len(q), int(works.sum())))
+    draw_ball(scene, "point", "working point: the wrist in a cell", 0.75 * bodies.radius, points[0])
     outside = reachable & np.isnan(values)
     _draw_cells(scene, workspace_map, "cells", ~outside & reachable, bar.colours(values[~outside & reachable]))
     if outside.any():
         _draw_cells(scene, workspace_map, "outside limits", outside, np.array([to_rgb(OUTSIDE_LIMITS)]))
-        swatches.insert(0, Swatch(OUTSIDE_LIMITS, "in reach, no sector within limits", "area"))
-    put_ball(scene, "point", VERMILLION, 0.75 * bodies.radius, points[0])
+        scene.swatches.insert(0, Swatch(OUTSIDE_LIMITS, "in reach, no sector within limits", "area"))
     texts = {
         "x of the cell": [f"{x / MM:.1f} mm" for x in points[:, 0]],
         "z of the cell": [f"{z / MM:.1f} mm" for z in points[:, 2]],
@@ -89,8 +90,6 @@ def map_scene(workspace_map: WorkspaceMap, model: Arm | ErrorModel, quantity: st
         start=int(np.nanargmin(values[cells])),
         per_second=PER_SECOND,
     )
-    scene.legend = Legend(swatches, [bar], [_on_slider(len(q), int(works.sum())), TO_SCALE])
-    scene.view = View(np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM * bodies.radius)
     return scene
 
 

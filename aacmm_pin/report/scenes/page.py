@@ -101,7 +101,6 @@ def _frames(frames: Frames) -> dict[str, Any]:
         "labels": frames.labels,
         "readings": frames.readings,
         "colours": list(frames.colours),
-        "choices": {path: list(names) for path, names in frames.choices.items()},
         "moving": {
             path: base64.b64encode(of[:, :3].astype("<f4").tobytes()).decode("ascii")
             for path, of in frames.placements.items()

@@ -9,25 +9,20 @@ from matplotlib.colors import to_hex
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.report.plots.residual_vectors import magnification_of, models, off_stated, postures_of, some_of
-from aacmm_pin.report.plots.style import VERMILLION
-from aacmm_pin.report.scenes.arm_parts import GHOST, Bodies
-from aacmm_pin.report.scenes.arm_scene import (
-    TO_SCALE,
-    draw_ghosts,
-    joint_texts,
-    moving,
-    place_text,
-    put_ball,
-    surroundings,
-    view_of,
+from aacmm_pin.report.plots.residual_vectors import (
+    magnification_of,
+    model_named,
+    models,
+    off_stated,
+    postures_of,
+    some_of,
 )
-from aacmm_pin.report.scenes.legend import ColourBar, Legend, Swatch
+from aacmm_pin.report.scenes.arm_parts import Bodies
+from aacmm_pin.report.scenes.arm_scene import TO_SCALE, draw_ball, draw_ghosts, joint_texts, moving, place_text, stage
+from aacmm_pin.report.scenes.legend import ColourBar
 from aacmm_pin.report.scenes.scene import Frames, Scene
 from aacmm_pin.report.scenes.shapes import flat, placed_at, prisms
 
@@ -37,44 +32,23 @@ FOOT = 0.005
 PER_SECOND = 4.0
 
 
-def diagnosis_scene(result: Diagnosis, model: str = "extended") -> Scene:
-    """Residuals of a diagnosis by one of its models, magnified, and the arm in the postures of the records.
+def residual_scene(result: Calibration | Diagnosis, model: str | None = None) -> Scene:
+    """Residuals by one of the models of a result, magnified, and the arm in the postures of the records.
 
     Spikes go from each stated place towards the tip; where none is stated, from where the records of the seat put it.
     The slider goes from the largest residual to the smallest.
 
     Args:
-        result: the diagnosis.
-        model: ``simulation``, ``recalibrated`` or ``extended``.
+        result: the calibration or the diagnosis.
+        model: ``before`` or ``after`` calibration; ``simulation``, ``recalibrated`` or ``extended``; by default the last.
 
     Raises:
         UnknownNameError: no such model.
     """
-    fits = models(result)
-    if model not in fits:
-        raise UnknownNameError("model", model, list(fits))
-    return _scene(result.model.arm, fits, model, result.extended, f"residuals of the {model} model")
-
-
-def calibration_scene(result: Calibration, when: str = "after") -> Scene:
-    """The same of a calibration.
-
-    Args:
-        result: the calibration.
-        when: ``before``, by the arm as it was, or ``after``.
-
-    Raises:
-        UnknownNameError: ``when`` is something else.
-    """
-    fits = {"before": result.before, "after": result.fit}
-    if when not in fits:
-        raise UnknownNameError("when", when, list(fits))
-    return _scene(result.model.arm, fits, when, result.fit, f"residuals {when} calibration")
-
-
-def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str) -> Scene:
-    fit, frame = fits[name], fits[name].solution.point.frame
-    records = fit.problem.measurements
+    arm, fits = result.model.arm, models(result)
+    judge, name = [*fits.values()][-1], model or [*fits][-1]
+    fit = model_named(result, name)
+    frame, records = fit.solution.point.frame, fit.problem.measurements
     chosen = some_of(np.flatnonzero(judge.used))
     off = {which: np.linalg.norm(off_stated(one)[chosen], axis=1) / MM for which, one in fits.items()}
     order = np.argsort(-off[name], kind="stable")
@@ -82,18 +56,23 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
     deviation = off_stated(fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
     target = frame.back(fit.solution.point.prediction.tips[chosen]) - deviation
     factor = magnification_of(target, deviation)
-    bar, bodies = ColourBar.of("distance of tip and stated place [mm]", off[name], SIZE_COLOURS), Bodies(arm)
-    q = records.q[chosen]
-    points = np.vstack([bodies.corners(q).reshape(-1, 3), target, target + factor * deviation])
+    ends = target + factor * deviation
+    q, bodies = records.q[chosen], Bodies(arm)
+    points = np.vstack([bodies.corners(q).reshape(-1, 3), target, ends])
     size = float(np.ptp(points, axis=0).max())
 
-    scene = Scene(f"{arm.name}: {words}", _caption(judge, chosen, off))
-    stage = surroundings(scene, bodies, points)
+    scene = stage(f"{arm.name}: residuals, {name}", _caption(judge, chosen, off), bodies, points, target)
     draw_ghosts(scene, bodies.radius, map(frame.back, postures_of(judge)))
-    colours = np.repeat(bar.colours(off[name])[:, None], 2, axis=1)
-    spikes = prisms(target, target + factor * deviation, FOOT * size, 0.0, colours)
+    scene.bar = ColourBar.of("distance of tip and stated place [mm]", off[name], SIZE_COLOURS)
+    colours = scene.bar.colours(off[name])
+    spikes = prisms(target, ends, FOOT * size, 0.0, np.repeat(colours[:, None], 2, axis=1))
     scene["residuals"].set_object(spikes, flat(by_vertex=True))
-    put_ball(scene, "record", VERMILLION, 1.6 * FOOT * size, target[0], opacity=0.7)
+    draw_ball(scene, "record", "stated place of this record", 1.6 * FOOT * size, target[0])
+    scene.notes = [
+        f"Residuals are magnified {factor:g} times: a spike stands with its foot on the stated place and points to the tip.",
+        "The slider goes from the largest residual to the smallest.",
+        TO_SCALE.replace("Lengths are", "The arm is"),
+    ]
     seats = records.conditions.seat
     texts = {
         "row": [str(row) for row in records.row[chosen]],
@@ -103,20 +82,8 @@ def _scene(arm: Arm, fits: Mapping[str, Fit], name: str, judge: Fit, words: str)
         **joint_texts(arm, q),
     }
     texts.pop("limits")
-    scene.frames = Frames(
-        moving(bodies, q, scene) | {"record": placed_at(target)},
-        texts,
-        [to_hex(colour) for colour in bar.colours(off[name])],
-        per_second=PER_SECOND,
-    )
-    marks = [Swatch(VERMILLION, "stated place of this record"), Swatch(GHOST, "other postures", "line"), *stage]
-    notes = [
-        f"Residuals are magnified {factor:g} times: a spike stands with its foot on the stated place and points to the tip.",
-        "The slider goes from the largest residual to the smallest.",
-        TO_SCALE.replace("Lengths are", "The arm is"),
-    ]
-    scene.legend = Legend(marks, [bar], notes)
-    scene.view = view_of(bodies, points, target.mean(axis=0))
+    moves = moving(bodies, q, scene) | {"record": placed_at(target)}
+    scene.frames = Frames(moves, texts, [to_hex(colour) for colour in colours], per_second=PER_SECOND)
     return scene
 
 

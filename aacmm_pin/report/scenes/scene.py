@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.units import DEG
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.scenes import page
-from aacmm_pin.report.scenes.legend import Legend
+from aacmm_pin.report.scenes.legend import ColourBar, Swatch
 from aacmm_pin.report.scenes.server import Server
 
 NOTEBOOK_HEIGHT = 560
@@ -34,7 +34,6 @@ class Frames:
         texts: of each number that is read out, by its name, (n,) each.
         colours: a CSS colour for each frame (n,), shown along the slider.
         start: number of the frame shown first.
-        choices: for a path with several objects below it, the name of the one that is shown in each frame, "" for none.
         per_second: frames shown in a second of play.
     """
 
@@ -42,12 +41,11 @@ class Frames:
     texts: Mapping[str, Sequence[str]]
     colours: Sequence[str]
     start: int = 0
-    choices: Mapping[str, Sequence[str]] = field(default_factory=dict)
     per_second: float = 20.0
 
     def __post_init__(self) -> None:
         n = len(self)
-        for what, per_frame in (("placements", self.placements), ("texts", self.texts), ("choices", self.choices)):
+        for what, per_frame in (("placements", self.placements), ("texts", self.texts)):
             for name, of in per_frame.items():
                 if len(of) != n:
                     raise ShapeError(f"{what} of {name}: {len(of)} frames, expected {n} as there are colours")
@@ -131,25 +129,22 @@ class Scene:
         meshcat: meshcat's ``Visualizer`` of the whole scene.
         title: title of the page.
         caption: a sentence below it.
-        legend: what colours, bars and sizes mean.
+        swatches: what colours mean.
+        bar: numbers by colours, or None.
+        notes: sentences: sizes, magnifications, what is not shown and why.
         frames: what moves, or None.
         view: from where it is looked at; None for meshcat's own view.
     """
 
-    def __init__(
-        self,
-        title: str,
-        caption: str = "",
-        *,
-        legend: Legend | None = None,
-        frames: Frames | None = None,
-        view: View | None = None,
-    ) -> None:
+    def __init__(self, title: str, caption: str = "") -> None:
         self._window = _Window()
         self.meshcat = Visualizer(window=self._window)
         self.title, self.caption = title, caption
-        self.legend = legend or Legend()
-        self.frames, self.view = frames, view
+        self.swatches: list[Swatch] = []
+        self.bar: ColourBar | None = None
+        self.notes: list[str] = []
+        self.frames: Frames | None = None
+        self.view: View | None = None
 
     def __getitem__(self, path: str) -> Any:
         return self.meshcat[path]

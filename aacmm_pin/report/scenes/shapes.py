@@ -1,4 +1,4 @@
-"""Materials and shapes that meshcat draws: cylinders between points, thin prisms along lines, hulls."""
+"""Materials and shapes that meshcat draws: cylinders between points, thin prisms along lines."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_rgb
 from meshcat.geometry import Cylinder, MeshBasicMaterial, MeshPhongMaterial, TriangularMeshGeometry
-from scipy.spatial import ConvexHull
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array
 
 SIDES = 6
 """Corners of the section of a prism."""
@@ -33,10 +32,10 @@ def flat(colour: str = "white", opacity: float = 1.0, *, by_vertex: bool = False
     return MeshBasicMaterial(color=colour_number(colour), opacity=opacity, vertexColors=by_vertex)
 
 
-def ahead(colour: str, opacity: float = 0.999, *, flat_faces: bool = False) -> Any:
+def ahead(colour: str, opacity: float = 0.999) -> Any:
     """Material of what has to be seen even where it is inside the arm: drawn last, whatever stands before it."""
     options = {"transparent": True, "side": 0, "shininess": 40, "depthTest": False, "depthWrite": False}
-    return MeshPhongMaterial(color=colour_number(colour), opacity=opacity, flatShading=flat_faces, **options)
+    return MeshPhongMaterial(color=colour_number(colour), opacity=opacity, **options)
 
 
 def placed_at(points: Array) -> Array:
@@ -83,14 +82,3 @@ def _sections(along: Array) -> tuple[Array, Array]:
     across = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
     across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
     return across, np.cross(along, across)
-
-
-def hull(points: Array) -> tuple[Array, Index]:
-    """Vertices (v, 3) and outward triangles (f, 3) of the convex hull of ``points`` (n, 3), by Qhull."""
-    found = ConvexHull(points)
-    faces = found.simplices.copy()
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), found.equations[:, :3]) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    kept, renumbered = np.unique(faces, return_inverse=True)
-    return points[kept], renumbered.reshape(faces.shape)

@@ -74,9 +74,6 @@
     if (!frames) return;
     current = ((frame % frames.count) + frames.count) % frames.count;
     moving.forEach(([path, rows]) => place(path, rows.subarray(12 * current, 12 * current + 12)));
-    for (const [path, names] of Object.entries(frames.choices)) {
-      Object.entries(node(path).children).forEach(([name, child]) => { child.object.visible = name === names[current]; });
-    }
     const texts = frames.readings[current];
     readings.forEach((cell, i) => { cell.textContent = texts[i]; });
     viewer.set_dirty();
