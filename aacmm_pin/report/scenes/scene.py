@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -195,5 +196,5 @@ class Scene:
         """
         server = Server(self, self._window.listeners)
         if browser:
-            server.open()
+            webbrowser.open(server.url, new=2)
         return server

@@ -6,10 +6,9 @@ meshcat's own file server listens on every network interface, so that anyone on 
 from __future__ import annotations
 
 import asyncio
+import socket
 import threading
-import webbrowser
 from collections.abc import Callable
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import tornado.httpserver
@@ -41,23 +40,18 @@ class Server:
     """
 
     def __init__(self, scene: Scene, listeners: list[Callable[[bytes], None]]) -> None:
-        """Start it.
-
-        Args:
-            scene: what is served.
-            listeners: where to hear of further commands.
+        """Start it; further commands are heard of through ``listeners``.
 
         Raises:
             AacmmError: it does not start.
         """
         try:
-            (self._socket,) = tornado.netutil.bind_sockets(0, LOOPBACK)
+            (bound,) = tornado.netutil.bind_sockets(0, LOOPBACK)
         except OSError as error:
             raise AacmmError(f"the server of the scene did not start: {error.strerror}") from None
-        self.url = f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/"
-        self._scene, self._listeners, self._sockets = scene, listeners, set[_Socket]()
-        self._loop, started = asyncio.new_event_loop(), threading.Event()
-        self._thread = threading.Thread(target=self._run, args=[started], daemon=True)
+        self.url = f"http://{LOOPBACK}:{bound.getsockname()[1]}/"
+        self._listeners, self._browsers, started = listeners, set[_Browser](), threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(scene, bound, started)), daemon=True)
         self._thread.start()
         started.wait()
         listeners.append(self._send)
@@ -67,55 +61,45 @@ class Server:
         """Whether it serves."""
         return self._thread.is_alive()
 
-    def open(self) -> None:
-        """Open the scene in the browser."""
-        webbrowser.open(self.url, new=2)
-
     def close(self) -> None:
         """Stop; a second time is harmless."""
         if self._send in self._listeners:
             self._listeners.remove(self._send)
-            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
-    def __str__(self) -> str:
-        return f"{self.url}, {'running' if self.running else 'stopped'}"
-
-    def _run(self, started: threading.Event) -> None:
-        """What the thread does until the loop is stopped."""
-        asyncio.set_event_loop(self._loop)
+    async def _serve(self, scene: Scene, bound: socket.socket, started: threading.Event) -> None:
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
         application = tornado.web.Application(log_function=lambda handler: None)
-        application.add_handlers(OWN_NAMES, [("/", _Socket, {"scene": self._scene, "sockets": self._sockets})])
+        application.add_handlers(OWN_NAMES, [("/", _Browser, {"scene": scene, "browsers": self._browsers})])
         server = tornado.httpserver.HTTPServer(application)
-        server.add_sockets([self._socket])
-        self._loop.call_soon(started.set)
-        self._loop.run_forever()
+        server.add_sockets([bound])
+        started.set()
+        await self._stop.wait()
         server.stop()
-        for browser in tuple(self._sockets):
+        for browser in tuple(self._browsers):
             browser.close()
-        self._loop.run_until_complete(server.close_all_connections())
-        self._loop.run_until_complete(self._loop.shutdown_asyncgens())
-        self._loop.close()
+        await server.close_all_connections()
 
     def _send(self, command: bytes) -> None:
         self._loop.call_soon_threadsafe(self._hand_on, command)
 
     def _hand_on(self, command: bytes) -> None:
-        for browser in self._sockets:
+        for browser in self._browsers:
             browser.write_message(command, binary=True)
 
 
-class _Socket(tornado.websocket.WebSocketHandler):
-    """A browser: its plain request gets the page, its WebSocket (tornado refuses those of other origins) the commands."""
+class _Browser(tornado.websocket.WebSocketHandler):
+    """Its plain request gets the page, its WebSocket (tornado refuses those of other origins) the commands."""
 
-    def initialize(self, scene: Scene, sockets: set[_Socket]) -> None:
-        self._scene, self._sockets = scene, sockets
+    def initialize(self, scene: Scene, browsers: set[_Browser]) -> None:
+        self._scene, self._browsers = scene, browsers
 
     async def get(self, *args: Any, **kwargs: Any) -> None:
         if self.request.headers.get("Upgrade", "").lower() == "websocket":
@@ -127,10 +111,10 @@ class _Socket(tornado.websocket.WebSocketHandler):
     def open(self, *args: str, **kwargs: str) -> None:
         for command in (*self._scene.commands, WHOLE):
             self.write_message(command, binary=True)
-        self._sockets.add(self)
+        self._browsers.add(self)
 
     def on_message(self, message: str | bytes) -> None:
         """Browsers have nothing to say."""
 
     def on_close(self) -> None:
-        self._sockets.discard(self)
+        self._browsers.discard(self)
