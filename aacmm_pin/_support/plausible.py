@@ -6,11 +6,14 @@ A number beyond these limits was stated in another unit, or is no number of an a
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field, FiniteFloat
 
 from aacmm_pin._support.units import MM
+from aacmm_pin.errors import AacmmError
 
 LONGEST = 100.0
 """Largest length, to either side [m]."""
@@ -20,16 +23,63 @@ MOST_TURNS = 1e4
 """Largest angle, to either side [turns]: an encoder counts a few, a wide limit stands for none."""
 LARGEST_ANGLE = MOST_TURNS * 2.0 * math.pi
 """The same [rad]."""
-LARGEST_ENCODER_NOISE = 5e-3
-"""Noise of an angle that no encoder has, and no robot's joint: it was stated in another unit [rad]."""
 MOST_TYPICAL = 1e5
 """Parameters of causes are at most so many times as large as usual on a measuring arm."""
 LATEST = 1e12
 """Largest time, to either side [s]; in seconds since 1970 it is the year 33 000."""
+COLDEST, HOTTEST = -100.0, 200.0
+"""Temperatures [°C]."""
 MOST_ROWS = 200
 """Rows of an arm, joints and rigid pieces together."""
 MOST_JOINTS = 64
 """Joints that move the tip."""
+
+
+class Range(NamedTuple):
+    """What can be measured, or stated as noise: from ``least`` to ``most`` in ``unit``; ``hint`` says what else a number may be."""
+
+    least: float
+    most: float
+    unit: str
+    hint: str = "is it in another unit?"
+
+    def outside(self, values: ArrayLike) -> NDArray[np.bool_]:
+        """Which of ``values`` cannot be; what is not known (NaN) can."""
+        array = np.asarray(values, dtype=np.float64)
+        return np.asarray((array < self.least) | (array > self.most))
+
+    def of_unit(self, unit: str, factor: float) -> Range:
+        """The same range in another unit, which is ``factor`` of this one."""
+        return Range(self.least / factor, self.most / factor, unit, self.hint)
+
+    @property
+    def expected(self) -> str:
+        """In words."""
+        return f"expected {self.least:.6g} to {self.most:.6g} {self.unit}; {self.hint}"
+
+    def check(self, values: ArrayLike, name: str, error: type[AacmmError] = AacmmError) -> None:
+        """Refuse ``values`` of which one is outside, or NaN.
+
+        Raises:
+            AacmmError: of the class ``error``, with the first of them.
+        """
+        array: NDArray[Any] = np.asarray(values, dtype=np.float64)
+        wrong = np.argwhere(self.outside(array) | np.isnan(array))
+        if len(wrong):
+            place = f"[{', '.join(map(str, wrong[0]))}]" if array.ndim else ""
+            raise error(f"{name}{place} is {array[tuple(wrong[0])]:g} {self.unit}, {self.expected}")
+
+
+READING = Range(-LARGEST_ANGLE, LARGEST_ANGLE, "rad", "is it a count of another unit?")
+COORDINATE = Range(-LONGEST, LONGEST, "m")
+BAR_LENGTH = Range(0.01, LONGEST, "m", "is it in another unit, such as metres?")
+TEMPERATURE = Range(COLDEST, HOTTEST, "°C", "is it in kelvin or Fahrenheit?")
+TIME = Range(-LATEST, LATEST, "s")
+TORQUE = Range(-1e6, 1e6, "N·m")
+ENCODER_NOISE = Range(0.0, 5e-3, "rad")
+"""Standard uncertainty of one reading; no encoder, and no robot's joint, has more [rad; m where a joint slides]."""
+LENGTH_NOISE = Range(0.0, 0.01, "m")
+"""Standard uncertainty of a reference, a contact, a length of a bar."""
 
 
 def _text(value: str) -> str:
@@ -45,7 +95,7 @@ Angle = Annotated[FiniteFloat, Field(ge=-LARGEST_ANGLE, le=LARGEST_ANGLE)]
 """[rad]."""
 AngleHalfWidth = Annotated[FiniteFloat, Field(ge=0.0, le=math.pi)]
 """Bound of the error of an angle [rad]: half a turn says that nothing is known."""
-EncoderNoise = Annotated[FiniteFloat, Field(ge=0.0, le=LARGEST_ENCODER_NOISE)]
+EncoderNoise = Annotated[FiniteFloat, Field(ge=ENCODER_NOISE.least, le=ENCODER_NOISE.most)]
 """Standard uncertainty of one reading [rad; m where a joint slides]."""
 StandardUncertainty = Annotated[FiniteFloat, Field(ge=0.0, le=1e100)]
 """In SI, of whatever it is; a fit may hardly know a parameter, but its variance is a number."""
@@ -53,7 +103,7 @@ Mass = Annotated[FiniteFloat, Field(ge=0.0, le=1e5)]
 """[kg]."""
 Acceleration = Annotated[FiniteFloat, Field(ge=-100.0, le=100.0)]
 """A component of the acceleration of gravity [m/s²]."""
-TemperatureC = Annotated[FiniteFloat, Field(ge=-100.0, le=200.0)]
+TemperatureC = Annotated[FiniteFloat, Field(ge=COLDEST, le=HOTTEST)]
 """[°C]."""
 Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_text)]
 """Of an arm, a seat, a target or a cause."""

@@ -16,6 +16,7 @@ import pandas as pd
 import scipy
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector
 from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM
@@ -260,8 +261,7 @@ def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
         return None
     each = np.full(arm.nq, encoder_noise) if np.ndim(encoder_noise) == 0 else encoder_noise
     noise = vector(each, arm.nq, "encoder_noise", "rad")
-    if (noise < 0).any():
-        raise AacmmError(f"encoder_noise is {noise.min()} rad, expected numbers that are not negative")
+    plausible.ENCODER_NOISE.check(noise, "encoder_noise")
     return noise
 
 

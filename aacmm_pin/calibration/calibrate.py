@@ -16,7 +16,7 @@ from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
-from aacmm_pin.calibration.noise_model import LENGTH
+from aacmm_pin.calibration.noise_model import LENGTH, contradictions
 from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
@@ -163,6 +163,7 @@ def notes_of(after: Fit) -> list[str]:
     at = set() if seats is None else set(seats[after.excluded])
     if len(at) == 1 and after.excluded.sum() >= SEVERAL and "" not in at:
         found.append(f"all {after.excluded.sum()} excluded records touch seat {at.pop()}: did it move?")
+    found += contradictions(problem.measurements, setup, after.unmodelled)
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
         found.append(f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place")

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.measurements.observations import Observations
@@ -20,6 +21,9 @@ LEAST = 1e-12
 """A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
 SAME = 1e-9
 """Coordinates that differ by less are the same whatever their uncertainty [m]."""
+
+CONTRADICTING = 10.0
+"""Coordinates of one seat that are so many standard uncertainties apart are not of one point; the noise of 100 gives 6."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +100,25 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
         length=length,
         length_u=np.full(len(length), max(LENGTH if setup.length_noise is None else setup.length_noise, LEAST)),
     )
+
+
+def contradictions(measurements: Measurements, setup: Setup, scatter: float) -> list[str]:
+    """Seats whose records state coordinates farther apart than their noise allows, in words."""
+    found, u = [], _reference_u(measurements, setup, scatter)
+    for label, records in measurements.seats().items():
+        stating = records[measurements.known[records]]
+        if not stating.size:
+            continue
+        at = measurements.reference[stating]
+        over_u = np.ptp(at, axis=0) / np.maximum(u[stating].max(axis=0), SAME)
+        if over_u.max() > CONTRADICTING:
+            ends = stating[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
+            rows = " and ".join(str(row) for row in np.sort(measurements.row[ends]))
+            apart = np.linalg.norm(np.diff(measurements.reference[ends], axis=0)) / MM
+            found.append(
+                f"seat {label} has coordinates {apart:.4g} mm apart, in rows {rows}: did it move, or is one mistyped?"
+            )
+    return found
 
 
 def _reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:

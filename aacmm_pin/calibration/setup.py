@@ -9,8 +9,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, vector
-from aacmm_pin._support.plausible import LARGEST_ENCODER_NOISE
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
@@ -38,7 +38,7 @@ class Setup:
 
     Raises:
         UnknownNameError: no such frame or target.
-        AacmmError: a noise is negative or not finite.
+        AacmmError: a noise is negative, not finite, or larger than any arm's: it was stated in another unit.
     """
 
     reference_frame: ReferenceFrame = "base"
@@ -56,8 +56,9 @@ class Setup:
                 raise UnknownNameError(name.replace("_", " "), getattr(self, name), list(get_args(choice)))
         for name in ("encoder", "reference", "probe", "length"):
             noise = getattr(self, f"{name}_noise")
-            if noise is not None and not (np.isfinite(noise).all() and np.min(noise) >= 0):
-                raise AacmmError(f"{name} noise is {noise}, expected a standard uncertainty that is not negative")
+            if noise is not None:
+                range_ = plausible.ENCODER_NOISE if name == "encoder" else plausible.LENGTH_NOISE
+                range_.check(noise, f"{name}_noise")
 
     @staticmethod
     def of(
@@ -73,17 +74,12 @@ class Setup:
         """From the keywords of the public functions; the noise of the encoders is by default what the arm states.
 
         Raises:
-            UnknownNameError, AacmmError: see :class:`Setup`; a noise of encoders so large that it must be in another unit.
+            UnknownNameError, AacmmError: see :class:`Setup`.
         """
         encoder = arm.encoder_noise
         if encoder_noise is not None:
             stated = np.asarray(encoder_noise, dtype=np.float64)
             encoder = vector(np.full(arm.nq, stated) if stated.ndim == 0 else stated, arm.nq, "encoder_noise", "rad")
-            if (encoder > LARGEST_ENCODER_NOISE).any():
-                raise AacmmError(
-                    f"encoder_noise is {encoder.max():g} rad, expected at most {LARGEST_ENCODER_NOISE:g} rad; is it in "
-                    "another unit?"
-                )
         return Setup(reference_frame, target, prior, encoder, reference_noise, probe_noise, length_noise)
 
     @property

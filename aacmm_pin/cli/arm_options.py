@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any
 
 import typer
 
-from aacmm_pin._support.plausible import LARGEST_ENCODER_NOISE
+from aacmm_pin._support import plausible
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.cli.common import note
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 
 BUNDLED = ", ".join(bundled_arms())
@@ -94,7 +92,7 @@ class EncoderNoise:
     """Standard uncertainties as stated with a command.
 
     Raises:
-        AacmmError: a number is negative or not finite.
+        AacmmError: a number is negative, not finite, or larger than any arm's.
     """
 
     encoder_noise_rad: Annotated[
@@ -104,9 +102,9 @@ class EncoderNoise:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, float) and not (math.isfinite(value) and value >= 0):
-                option = field.name.replace("_", "-")
-                raise AacmmError(f"--{option} is {value:g}, expected a standard uncertainty that is finite and not negative")
+            if isinstance(value, float):
+                range_ = plausible.LENGTH_NOISE.of_unit("mm", MM) if field.name.endswith("_mm") else plausible.ENCODER_NOISE
+                range_.check(value, f"--{field.name.replace('_', '-')}")
 
 
 @dataclass(frozen=True)
@@ -143,12 +141,6 @@ class MeasuredHow(ContactNoise):
     reference_frame: Annotated[str, typer.Option(help="base, or external: an unknown frame.")] = "base"
     target: Annotated[str, typer.Option(help="tip, or unknown: some point on the last body.")] = "tip"
     no_prior: Annotated[bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")] = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (u := self.encoder_noise_rad) is not None and u > LARGEST_ENCODER_NOISE:
-            expected = f"expected at most {LARGEST_ENCODER_NOISE:g} rad"
-            raise AacmmError(f"--encoder-noise-rad is {u:g}, {expected}; is it in another unit?")
 
     def keywords(self) -> dict[str, Any]:
         """As ``calibrate``, ``diagnose`` and ``plan_measurements`` take them."""

@@ -17,8 +17,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.plausible import Range
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.file import MOST_TURNS
 from aacmm_pin.effects.conditions import Labels
 from aacmm_pin.errors import MeasurementFileError
@@ -52,6 +54,16 @@ FIELDS: dict[str, tuple[tuple[str, ...], float]] = {
 
 A name with # stands for as many columns with numbers in its place, from 1: of the joint, or of the DH row for temperatures.
 """
+PLAUSIBLE: dict[str, Range] = {
+    "reference": plausible.COORDINATE,
+    "reference_u": plausible.LENGTH_NOISE,
+    "bar_length": plausible.BAR_LENGTH,
+    "time": plausible.TIME,
+    "temperature": plausible.TEMPERATURE,
+    "link_temperature": plausible.TEMPERATURE,
+    "torque": plausible.TORQUE,
+}
+"""What the numbers behind an attribute can be, in SI."""
 LABELS = ("seat", "marker", "bar", "bar_end", "session", "operator", "record")
 NUMBERED = (*THETA.values(), APPROACH, TORQUE, LINK_TEMPERATURE)
 SINGLE = tuple(name for columns, _ in FIELDS.values() for name in columns if "#" not in name)
@@ -62,7 +74,6 @@ ALIKE = 0.9
 OTHER_UNITS = frozenset(["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm", "mrad", "gon", "arcsec"])
 ENOUGH_RECORDS = 5
 """So many records tell degrees from radians."""
-COLDEST, HOTTEST = -50.0, 150.0
 MOST_PROBLEMS = 10
 
 
@@ -285,7 +296,7 @@ def checked_columns(table: pd.DataFrame, lines: Index, nq: int | None, source: s
     labels = {name: cells.pop(name) for name in LABELS if name in cells}
     columns = Columns(header, {name: _numbers(name, each, problems) for name, each in cells.items()}, labels)
     problems.stop()
-    for check in (_angles, _references, _conditions, _seats, _bars):
+    for check in (_angles, _references, _approaches, _plausible, _seats, _bars):
         check(columns, problems)
     problems.stop()
     return columns
@@ -363,17 +374,25 @@ def _references(columns: Columns, problems: Problems) -> None:
             problems.at(partly & ~stated[:, k], name, expected)
     for name in filter(columns.numbers.__contains__, REFERENCE_U):
         u = columns.numbers[name]
-        problems.at(u <= 0.0, name, "is {:g}, expected a standard uncertainty above zero", u)
+        problems.at(u == 0.0, name, "is {:g}, expected a standard uncertainty above zero", u)
 
 
-def _conditions(columns: Columns, problems: Problems) -> None:
-    for name in filter(columns.numbers.__contains__, ("temperature_c", *columns.header.numbered[LINK_TEMPERATURE])):
-        celsius = columns.numbers[name]
-        expected = f"is {{:g}} °C, expected {COLDEST:g} to {HOTTEST:g}; is it in kelvin or Fahrenheit?"
-        problems.at((celsius < COLDEST) | (celsius > HOTTEST), name, expected, celsius)
+def _approaches(columns: Columns, problems: Problems) -> None:
     for name in columns.header.numbered[APPROACH]:
         sign = columns.numbers[name]
         problems.at(~np.isin(sign, (-1.0, 0.0, 1.0)), name, "is {:g}, expected -1, 0 or 1", sign)
+
+
+def _plausible(columns: Columns, problems: Problems) -> None:
+    ranges = {name: plausible.READING.of_unit("°", DEG) for name in columns.header.numbered[THETA["deg"]]}
+    for attribute, range_ in PLAUSIBLE.items():
+        names, unit = FIELDS[attribute]
+        in_file = range_ if unit == 1.0 else range_.of_unit("mm", unit)
+        ranges |= dict.fromkeys(columns.header.numbered.get(names[0], names), in_file)
+    for name, range_ in ranges.items():
+        if name in columns.numbers:
+            values = columns.numbers[name]
+            problems.at(range_.outside(values), name, f"is {{:.6g}} {range_.unit}, {range_.expected}", values)
 
 
 def _seats(columns: Columns, problems: Problems) -> None:
@@ -399,7 +418,6 @@ def _bars(columns: Columns, problems: Problems) -> None:
     problems.at(held & ~np.isin(end, ("A", "B")), "bar_end", "is {!r}, expected A or B", end)
     problems.at(held & (seat == ""), "seat", "is empty in a row of bar {!r}, expected the label of the seat at its end", bar)
     problems.at(held & np.isnan(length), "bar_length_mm", "is empty in a row of bar {!r}, expected its length", bar)
-    problems.at(held & (length <= 0.0), "bar_length_mm", "is {:g}, expected a length above zero", length)
     _bars_agree(bar, end, seat, length, problems)
 
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, vector
 from aacmm_pin._support.shown import Shown
-from aacmm_pin.errors import AacmmError, ShapeError
+from aacmm_pin.errors import ShapeError
 
 ENCODER = 8e-6
 """Standard uncertainty of one reading where nothing is stated [rad]: a good optical encoder, 1.6″."""
@@ -38,14 +39,9 @@ class Noise(Shown):
         if encoder.ndim != 1:
             raise ShapeError(f"encoder noise has shape {encoder.shape}, expected (nq,) [rad]; Noise.of takes one number")
         object.__setattr__(self, "encoder", encoder)
-        for name, value, unit in (
-            ("encoder", encoder, "rad"),
-            ("reference", self.reference, "m"),
-            ("probe", self.probe, "m"),
-        ):
-            wrong = np.atleast_1d(value)[~(np.isfinite(np.atleast_1d(value)) & (np.atleast_1d(value) >= 0))]
-            if wrong.size:
-                raise AacmmError(f"{name} noise is {wrong[0]:g} {unit}, expected a number that is not negative")
+        plausible.ENCODER_NOISE.check(encoder, "encoder noise")
+        for name in ("reference", "probe"):
+            plausible.LENGTH_NOISE.check(getattr(self, name), f"{name} noise")
 
     @staticmethod
     def of(nq: int, *, encoder: ArrayLike = ENCODER, reference: float = REFERENCE, probe: float = PROBE) -> Noise:
@@ -53,7 +49,7 @@ class Noise(Shown):
 
         Raises:
             ShapeError: ``encoder`` has another number of entries than ``nq``, or is not finite.
-            AacmmError: a number is negative or not finite.
+            AacmmError: a number is negative, not finite, or larger than any arm's.
         """
         each = np.full(nq, encoder, dtype=np.float64) if np.ndim(encoder) == 0 else encoder
         return Noise(vector(each, nq, "encoder noise", "rad"), float(reference), float(probe))

@@ -18,6 +18,7 @@ import pandas as pd
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.shown import Shown
@@ -29,6 +30,8 @@ from aacmm_pin.measurements.csv_columns import Columns, Problems, checked_column
 
 FIRST_RECORD = 2
 """Line of the first record in a file: the header is line 1."""
+LARGEST_FILE = 100_000_000
+"""Bytes of a measurement file that is read, which are a quarter of a million records; its table takes ten times as much."""
 REPEATED = 1e-3
 """Postures whose readings differ by no more than this in any joint are one, repeated [rad; m where a joint slides].
 
@@ -124,6 +127,7 @@ class Measurements(Shown):
                 unknown column named like a known one, a bar without seat, or another number of approaches than joints.
         """
         q = batch(q, _width(q), "q", "rad")
+        plausible.READING.check(q, "q", ShapeError)
         n = len(q)
         extra = pd.DataFrame(index=range(n)) if extra is None else extra.reset_index(drop=True)
         if len(extra) != n:
@@ -324,7 +328,10 @@ def _text(path: str) -> str:
     if Path(path).is_dir():
         raise MeasurementFileError(path, None, "", "is a folder, expected a measurement file, *.csv")
     try:
-        content = Path(path).read_bytes()
+        with open(path, "rb") as file:  # perhaps a pipe, or a device without end
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise MeasurementFileError(path, None, "", f"is larger than {LARGEST_FILE / 1e6:g} MB, expected a smaller file")
         text = content.decode("utf-8-sig")
     except FileNotFoundError:
         raise MeasurementFileError(path, None, "", "no such file") from None
@@ -336,7 +343,8 @@ def _text(path: str) -> str:
         message = f"not UTF-8 text (byte {error.start}); {expected}"
         raise MeasurementFileError(path, line, "", message) from None
     if "\0" in text:
-        raise MeasurementFileError(path, None, "", "not text, or in UTF-16; expected a CSV file in UTF-8")
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise MeasurementFileError(path, line, "", "has a NUL byte: not text, or in UTF-16; expected a CSV file in UTF-8")
     if not text.strip():
         raise MeasurementFileError(path, None, "", "is empty, expected a header and one row a record")
     return text
@@ -368,7 +376,10 @@ def _checked(name: str, values: ArrayLike | None, n: int) -> Any:
         array = batch(values, _width(values), name, COLUMNS[name])
     if len(array) != n:
         raise ShapeError(f"{name} has {len(array)} rows, expected {n}: one a record")
-    if name == "reference_u" and (array <= 0.0).any():
+    if name in names.PLAUSIBLE:
+        range_ = names.PLAUSIBLE[name]
+        range_.check(np.where(np.isnan(array), range_.most, array), name, ShapeError)
+    if name == "reference_u" and (array == 0.0).any():
         raise ShapeError("reference_u holds numbers that are not above zero")
     if name == "approach" and not np.isin(array, (-1.0, 0.0, 1.0)).all():
         raise ShapeError("approach holds other numbers than -1, 0 and 1")

@@ -352,6 +352,18 @@ def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(sino6: 
     np.testing.assert_allclose(costs, fit.solution.cost, rtol=1e-6)
 
 
+def test_a_seat_with_contradicting_coordinates_is_named(sino6: Arm, rng: np.random.Generator) -> None:
+    data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
+    label, records = next(iter(data.seats().items()))
+    moved = data.reference.copy()
+    moved[records[:3]] += [3e-3, -4e-3, 0.0]
+    first, other = sorted(data.row[records[[0, 3]]])
+    result = quick(sino6, replace(data, reference=moved), "geometry")
+    assert [note for note in result.notes if f"{label} has coordinates 5 mm apart, in rows {first} and {other}" in note]
+    noisy = replace(data, reference=data.reference + rng.normal(0, 12e-6, data.reference.shape))
+    assert not [note for note in quick(sino6, noisy, "geometry").notes if "apart" in note]
+
+
 def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
     data, _ = free_points(sino6, rng, 40)
     fails("no record says where the tip was", lambda: quick(sino6, Measurements.of(data.q)))
@@ -360,7 +372,8 @@ def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
     fails("to be estimated twice", lambda: quick(sino6, data, ["zero-offsets", "zero-offsets"]))
     fails("time_s", lambda: quick(sino6, data, ["geometry", EncoderSlip(1, 10.0)]), MissingConditionError)
     fails("5 joints, SINO6 has 6", lambda: quick(sino6, Measurements.of(data.q[:, :5], data.reference)))
-    fails("not negative", lambda: quick(sino6, data, reference_noise=-1.0))
+    fails("reference_noise is -1 m, expected 0 to 0.01", lambda: quick(sino6, data, reference_noise=-1.0))
+    fails("length_noise is 0.05 m, expected 0 to 0.01", lambda: quick(sino6, data, length_noise=0.05))
     two = data.take([0, 1])
     fails("expected 3 or more", lambda: quick(sino6, two, reference_frame="external"))
     angles_of_others = replace(data, q=rng.permutation(data.q))

@@ -141,7 +141,7 @@ def test_from_frame_takes_numbers_and_missing_values_and_keeps_no_hold_of_the_ta
 
 
 def test_bounds_belong_to_what_is_believed() -> None:
-    table = pd.DataFrame({"theta1_rad": [10 * np.pi, -10 * np.pi], "temperature_c": [-50, 150]})
+    table = pd.DataFrame({"theta1_rad": [10 * np.pi, -10 * np.pi], "temperature_c": [-100, 200]})
     np.testing.assert_array_equal(Measurements.from_frame(table).q, table[["theta1_rad"]])
     assert Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0, -1, 1, -1, 0]})).n == 5
     with pytest.raises(MeasurementFileError, match="radians"):
@@ -155,7 +155,8 @@ FILES: list[tuple[str | bytes, int | None, str]] = [
     (b"", None, "is empty"),
     (SMALL.splitlines()[0], None, "no records"),
     (SMALL.replace("z_mm", "z_mm,größe").encode("latin-1"), 1, "not UTF-8 text (byte 39"),
-    (SMALL.encode("utf-16-le"), None, "UTF-16"),
+    (SMALL.encode("utf-16-le"), 1, "UTF-16"),
+    (SMALL.replace("11,", "1\0,"), 3, "NUL"),
     (SMALL.replace("11,", '11,"'), 3, "quotes"),
     (SMALL.replace(",21,1,2,3", ",21,1,2"), 3, "4 cells, expected 5"),
     (SMALL + "12\n13,14\n", 4, "and 1 more: row 5"),
@@ -170,6 +171,8 @@ def test_a_file_that_is_no_table(tmp_path: Path) -> None:
     for content, row, word in FILES:
         error = error_of(tmp_path, content)
         assert (error.row, word in str(error)) == (row, True), str(error)
+    with pytest.raises(MeasurementFileError, match="/dev/zero: is larger than 100 MB"):
+        Measurements.read("/dev/zero")
     inside = write(tmp_path, SMALL) / "inside.csv"
     for path, said in ((tmp_path / "none.csv", "no such file"), (tmp_path, "is a folder"), (inside, "cannot be read: ")):
         with pytest.raises(MeasurementFileError, match=said):
@@ -259,12 +262,18 @@ CELLS: list[tuple[str, str, str]] = [
     ("y_mm", "", "x_mm, y_mm, z_mm"),
     ("u_x_mm", "0", "is 0, expected a standard uncertainty above zero"),
     ("time_s", "", "is empty"),
-    ("temperature_c", "293.15", "is 293.15 °C, expected -50 to 150"),
+    ("temperature_c", "293.15", "is 293.15 °C, expected -100 to 200"),
     ("approach2", "2", "is 2, expected -1, 0 or 1"),
     ("seat", "S9", "'S9'"),
     ("bar_end", "", "is '', expected A or B"),
     ("bar_length_mm", "", "of bar 'b'"),
-    ("bar_length_mm", "0", "is 0, expected a length above zero"),
+    ("bar_length_mm", "0.5", "is 0.5 mm, expected 10 to 100000 mm; is it in another unit, such as metres"),
+    ("theta1_deg", "1e300", "is 1e+300 °, expected -3.6e+06 to 3.6e+06"),
+    ("temperature_c", "-273.15", "is -273.15 °C, expected -100 to 200"),
+    ("x_mm", "1e300", "is 1e+300 mm, expected -100000 to 100000 mm"),
+    ("u_z_mm", "12", "is 12 mm, expected 0 to 10 mm"),
+    ("time_s", "1.7e12", "is 1.7e+12 s, expected -1e+12"),
+    ("torque2_nm", "-1e7", "is -1e+07 N·m"),
     ("seat", "", "of bar 'b'"),
 ]
 GOOD = {f"{name}_mm": "0.1" for name in ("x", "y", "z", "u_x", "u_y", "u_z")} | {
@@ -362,8 +371,8 @@ def test_radians_that_look_like_degrees() -> None:
 def test_what_seats_and_bars_may_be(tmp_path: Path) -> None:
     text = "theta1_deg,x_mm,y_mm,z_mm,seat\n1,1,2,3,one\n2,,,,two\n3,,,,two\n4,,,,\n"
     assert list(Measurements.read(write(tmp_path, text)).seats()) == ["one", "two"]
-    text = "theta1_deg,seat,bar,bar_end,bar_length_mm\n1,one,b,A,5\n2,two,b,B,5\n"
-    assert Measurements.read(write(tmp_path, text)).bars() == [Bar("b", "one", "two", 0.005)]
+    text = "theta1_deg,seat,bar,bar_end,bar_length_mm\n1,one,b,A,50\n2,two,b,B,50\n"
+    assert Measurements.read(write(tmp_path, text)).bars() == [Bar("b", "one", "two", 0.05)]
     columns = AT_BAR | {"bar": ["b", "c", "b", "c"], "seat": ["p", "p", "q", "r"], "bar_end": ["A", "B", "B", "A"]}
     measurements = Measurements.read(write(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | columns)))
     assert measurements.bars() == [Bar("b", "p", "q", 0.5), Bar("c", "r", "p", 0.5)]
@@ -376,7 +385,7 @@ BARS: list[tuple[dict[str, list[str]], int, str, str]] = [
     ({"bar_length_mm": ["500", "500.0", "500.1", "500"]}, 4, "bar_length_mm", "is 500.1 for bar 'b', which row 2"),
     ({"seat": ["p", "p", "q", "r"]}, 5, "seat", "is 'r' at end B of bar 'b', which row 4 says is seat 'q'"),
     ({"seat": ["p"] * 4}, 2, "seat", "'p' is at both ends of bar 'b'"),
-    ({"bar": ["b", "b", "b", ""], "bar_length_mm": ["5", "5", "5", ""]}, 5, "bar_end", "is 'B' in a row without bar"),
+    ({"bar": ["b", "b", "b", ""], "bar_length_mm": ["50", "50", "50", ""]}, 5, "bar_end", "is 'B' in a row without bar"),
     ({"bar": ["b", "b", "b", ""], "bar_end": ["A", "A", "B", ""]}, 5, "bar_length_mm", "is 500 in a row without bar"),
 ]
 
@@ -399,7 +408,7 @@ def test_of_arrays(rng: np.random.Generator) -> None:
     q[0, 0] = 9
     assert measurements.q[0, 0] != 9
     nan = [np.nan] * 3
-    known = Measurements.of([[1.0], [2.0]], reference=[nan, [1, 2, 3]], reference_u=np.array([nan, [0.1] * 3]))
+    known = Measurements.of([[1.0], [2.0]], reference=[nan, [1, 2, 3]], reference_u=np.array([nan, [0.01] * 3]))
     np.testing.assert_array_equal(known.known, [False, True])
     assert Measurements.of(np.empty((0, 6))).n == 0
 
@@ -414,7 +423,12 @@ ARRAYS: list[tuple[dict[str, object], str]] = [
     ({"q": ONE, "reference": [[1.0, np.nan, 3.0]]}, r"reference\[0\] is .*NaN for all"),
     ({"q": ONE, "reference": [[1.0, np.inf, 3.0]]}, r"reference\[0, 1\] is inf"),
     ({"q": ONE, "reference": np.ma.masked_equal([[1.0, 2.0, 3.0]], 2)}, "masked"),
-    ({"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1, 0, 1]]}, "reference_u .* not above zero"),
+    ({"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1e-3, 0, 1e-3]]}, "reference_u .* not above zero"),
+    ({"q": [[1.0, 1e300]]}, r"q\[0, 1\] is 1e\+300 rad, expected -62831.9 to 62831.9"),
+    ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m, expected -100 to 100"),
+    ({"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1, 1, 1]]}, r"reference_u\[0, 0\] is 1 m, expected 0 to 0.01"),
+    ({"q": ONE, "bar_length": [500.0]}, r"bar_length\[0\] is 500 m, expected 0.01 to 100"),
+    ({"q": ONE, "conditions": Conditions(1, temperature=np.array([-273.15]))}, r"temperature\[0\] is -273.15 °C"),
     ({"q": ONE, "operator": ["a", "b"]}, r"operator has shape \(2,\), expected \(1,\)"),
     ({"q": ONE, "record": [3]}, r"record\[0\] is 3, expected text"),
     ({"q": ONE, "bar_length": [[1.0]]}, r"bar_length has shape \(1, 1\), expected \(1,\)"),

@@ -293,8 +293,9 @@ def test_noise_that_nobody_stated(sino6: Arm, zero6: Arm) -> None:
 def test_noise_of_no_use() -> None:
     np.testing.assert_array_equal(Noise.of(3, encoder=1e-5).encoder, [1e-5] * 3)
     cases: list[tuple[Callable[[], Noise], type[AacmmError], str]] = [
-        (lambda: Noise.of(6, encoder=-1e-6), AacmmError, "encoder noise is -1e-06 rad"),
+        (lambda: Noise.of(6, encoder=-1e-6), AacmmError, r"encoder noise\[0\] is -1e-06 rad"),
         (lambda: Noise.of(6, reference=-1e-6), AacmmError, "reference noise is -1e-06 m"),
+        (lambda: Noise.of(6, probe=0.05), AacmmError, "probe noise is 0.05 m, expected 0 to 0.01"),
         (lambda: Noise.of(6, probe=float("nan")), AacmmError, "probe noise is nan m"),
         (lambda: Noise.of(6, encoder=[1e-6] * 5), ShapeError, r"encoder noise has shape \(5,\), expected \(6,\) \[rad\]"),
         (lambda: Noise(np.array(1e-6)), ShapeError, r"encoder noise has shape \(\), expected \(nq,\)"),
