@@ -36,7 +36,7 @@ MOST_JOINTS = 64
 
 
 class Range(NamedTuple):
-    """What can be measured, or stated as noise: from ``least`` to ``most`` in ``unit``; ``hint`` says what else a number may be."""
+    """What can be measured, or stated as noise, in ``unit``; ``hint`` says what else a number may be."""
 
     least: float
     most: float
