@@ -44,7 +44,7 @@ from aacmm_pin.report.diagnosis import (
 from aacmm_pin.report.document import Block, Bullets, Document, Download, Figure, Heading, Paragraph, Table, blank_axes
 from aacmm_pin.report.html import page
 from aacmm_pin.report.numbers import percent
-from aacmm_pin.report.papers_page import PaperStudy, papers_document
+from aacmm_pin.report.papers import PaperStudy, papers_document
 from aacmm_pin.report.scenes import circle_scene, map_scene
 from aacmm_pin.report.summaries import accuracy_summary, map_summary
 

@@ -25,11 +25,12 @@ from aacmm_pin.papers.sino6_table3 import (
     touched_seats,
 )
 from aacmm_pin.papers.sino6_table3.evidence import evidence
-from aacmm_pin.papers.sino6_table3.marked_records import contrast, log_ratios, marked_count, strict_pick
+from aacmm_pin.papers.sino6_table3.marked_records import COUNTS, MEASURED_LOGS, band, log_ratios, marked_count, marked_part
 from aacmm_pin.papers.sino6_table3.patterns import DH, ECCENTRICITY, NOISE, ODD, STAND
 from aacmm_pin.papers.sino6_table3.seats import MEASURED
 from aacmm_pin.report import plots
-from aacmm_pin.report.papers_page import bayes_factor, in_words
+from aacmm_pin.report.document import Paragraph
+from aacmm_pin.report.papers import bayes_factor, table3_document
 
 ARCSEC = np.pi / 180 / 3600
 FIVE_ARCSEC_MM = [0.0282, 0.0307, 0.0347, 0.0389, 0.0310]
@@ -200,26 +201,21 @@ def test_only_something_local_could_have_made_seat_6(found: Table3Diagnosis):
     assert found.local_noise == pytest.approx(np.sqrt((0.0783**2 - 0.0335**2) / 3) * 1e-3, rel=0.01)
 
 
-def test_a_stand_soft_enough_for_seat_6_would_show_at_seat_5(found: Table3Diagnosis):
-    """Independent: seat 5 would spread .067 .061 .056 mm for the powers 1, 2, 3 of the height, against .0308 measured."""
-    stand = found.stand.set_index("power")
-    np.testing.assert_allclose(stand.loc[[1.0, 2.0, 3.0], "seat5_mm"], [0.067, 0.061, 0.056], rtol=0.05)
-    assert (stand["seat5_mm"] > 1.8 * stand["seat5_measured_mm"]).all()
-
-
 # Part and rest ----------------------------------------------------------------------------------------------------------
 
 
 def test_the_contrast_is_that_of_picking_after_measuring(found: Table3Diagnosis):
     """Independent: picked after, medians .44 .41 .43 .43 .44; by volume .99 to 1.4; never all six as small as printed."""
-    table, summary = found.contrast.seats, found.contrast.summary
-    np.testing.assert_allclose(table["after_noise_median"][:5], [0.44, 0.41, 0.43, 0.43, 0.44], atol=0.02)
-    np.testing.assert_allclose(table["measured_ratio"], [0.381, 0.392, 0.453, 0.531, 0.475, 0.565], atol=1e-3)
-    assert table["marked_count"].tolist()[:5] == [17, 15, 20, 22, 24]
-    assert table["before_dh_median"].between(0.97, 1.4).all()
-    assert (summary.loc[["before_dh", "before_noise"], "mean_as_small"] == 0).all()
-    assert summary.loc["after_noise", "inside"] >= 4
-    assert summary.loc["before_dh", "inside"] == 0
+    marked, measured = found.marked, np.exp(MEASURED_LOGS)
+    low, middle, high = band(marked.after[NOISE])
+    np.testing.assert_allclose(middle[:5], [0.44, 0.41, 0.43, 0.43, 0.44], atol=0.02)
+    np.testing.assert_allclose(measured, [0.381, 0.392, 0.453, 0.531, 0.475, 0.565], atol=1e-3)
+    assert COUNTS[:5] == [17, 15, 20, 22, 24]
+    assert ((low <= measured) & (measured <= high)).sum() >= 4
+    low, middle, _ = band(marked.before[DH])
+    assert ((middle > 0.97) & (middle < 1.4)).all()
+    assert (measured < low).all()
+    assert (marked.causes["before_reached"] == 0).all()
 
 
 def test_printed_parts_in_millimetres(seats: TouchedSeats):
@@ -239,9 +235,9 @@ def test_printed_parts_in_millimetres(seats: TouchedSeats):
 
 def test_no_reading_of_the_volume_predicts_the_contrast(seats: TouchedSeats):
     for volume in ("zonotope", "ellipsoid"):
-        other = contrast(seats, np.random.default_rng(14), 300, volume)  # type: ignore[arg-type]
-        assert other.summary.loc["before_dh", "mean_as_small"] == 0
-        assert other.summary.loc["before_dh", "mean_ratio"] > 0.8
+        other = marked_part(seats, np.random.default_rng(14), 300, volume).causes  # type: ignore[arg-type]
+        assert other.loc[DH, "before_reached"] == 0
+        assert other.loc[DH, "before_ratio"] > 0.8
 
 
 def test_dh_errors_have_no_near_records(seats: TouchedSeats, found: Table3Diagnosis):
@@ -253,12 +249,12 @@ def test_dh_errors_have_no_near_records(seats: TouchedSeats, found: Table3Diagno
         squares = np.sort(np.square(moved - moved.mean(axis=1, keepdims=True)).sum(axis=2), axis=1)
         logs.append(0.5 * np.log(squares[:, :count].mean(axis=1) / squares[:, count:].mean(axis=1)))
     mean = np.mean(logs, axis=0)
-    table = found.strict_pick.causes.set_index("cause")
-    assert table.loc[DH, "ratio_median"] == pytest.approx(np.exp(np.median(mean)), abs=0.03)
+    table = found.marked.causes
+    assert table.loc[DH, "after_ratio"] == pytest.approx(np.exp(np.median(mean)), abs=0.03)
     printed = np.log(np.array([0.0128, 0.0138, 0.0187, 0.0248, 0.0183]) / [0.0336, 0.0352, 0.0413, 0.0467, 0.0385]).mean()
     assert (mean <= printed).mean() < 0.03
-    assert table.loc[DH, "reached"] < 0.015
-    assert table.loc[NOISE, "reached"] > 0.5
+    assert table.loc[DH, "after_reached"] < 0.015
+    assert table.loc[NOISE, "after_reached"] > 0.5
 
 
 def test_the_bound_stands_on_the_full_circle(at_wrist: TouchedSeats):
@@ -266,19 +262,18 @@ def test_the_bound_stands_on_the_full_circle(at_wrist: TouchedSeats):
     half = touched_seats("wrist", arc=0.5, start=0.25)
     theta3 = np.unwrap(half.q[..., 2], axis=1) % (2 * np.pi)
     assert ((theta3 > 0.5 * np.pi - 0.1) & (theta3 < 1.5 * np.pi + 0.1)).all()
-    pick = strict_pick(half, np.random.default_rng(22), 300).causes.set_index("cause")
-    assert pick.loc[DH, "reached"] > 0.5
+    assert marked_part(half, np.random.default_rng(22), 300).causes.loc[DH, "after_reached"] > 0.5
     levels = [np.sqrt(np.square(part.levers()).sum(axis=(2, 3)).mean()) for part in (half, at_wrist)]
     assert levels[0] == pytest.approx(levels[1], rel=0.05)
 
 
 def test_part_of_the_variance_scatters(found: Table3Diagnosis):
-    pick = found.strict_pick
+    pick = found.marked
     assert 0.3 < pick.least_random_share < 0.55
     assert pick.chance(np.array([pick.least_random_share]))[0] == pytest.approx(0.05, abs=0.01)
     assert pick.chance(np.array([0.0, 1.0]))[1] == pytest.approx(pick.shares["reached"].max())
     # Only noise: the law of the chi distribution, near the medians of the independent analysis.
-    assert pick.shares["ratio_median"].iloc[-1] == pytest.approx(0.43, abs=0.015)
+    assert pick.shares["ratio"].iloc[-1] == pytest.approx(0.43, abs=0.015)
 
 
 def test_no_choice_beats_the_strict_pick(seats: TouchedSeats, rng: np.random.Generator):
@@ -297,11 +292,10 @@ def test_the_extended_arm_states_its_noise(found: Table3Diagnosis, tmp_path: Pat
     assert [p.half_width for p in loaded.parameters] == [p.half_width for p in ErrorModel.load("sino6").parameters]
     assert found.noise_beside_dh[1] < found.noise[1]
     assert found.noise_beside_dh[2] < 1.2 * found.noise[2]
-    assert found.noise_beside_dh[0] > 5 * found.noise_by_spreads_alone[0]  # the contrasts set the lower bound
 
 
 def test_noise_beside_dh_is_a_posterior(found: Table3Diagnosis):
-    """By hand: the likelihood of every DH arm and every size, averaged over the arms."""
+    """By hand: the likelihood of every DH arm and every size, of spreads and contrasts, averaged over the arms."""
     dh, noise = found.patterns[DH], found.patterns[NOISE]
     sizes = np.geomspace(8e-7, 8e-5, 81)
     posterior = []
@@ -310,22 +304,23 @@ def test_noise_beside_dh_is_a_posterior(found: Table3Diagnosis):
         fourth = dh.fourth[:, :5] + size**4 * noise.fourth[:, :5] + 10 / 3 * dh.second[:, :5] * size**2 * noise.second[:, :5]
         variance = 0.25 * (fourth / second**2 - 1) / 50 + 0.15**2
         off = np.log(MEASURED[:5]) - 0.5 * np.log(second)
-        posterior.append(np.mean(np.exp(-0.5 * (off**2 / variance + np.log(variance)).sum(axis=1))))
+        of_spreads = np.exp(-0.5 * (off**2 / variance + np.log(variance)).sum(axis=1))
+        of_contrasts = found.marked.chance(1.0 - dh.second[:, :5].mean(axis=1) / second.mean(axis=1))
+        posterior.append(np.mean(of_spreads * of_contrasts))
     share = np.cumsum(posterior) / np.sum(posterior)
-    expected = np.exp(np.interp([0.5, 0.975], share, np.log(sizes)))
-    np.testing.assert_allclose(found.noise_by_spreads_alone[1:], expected, rtol=0.12)
+    expected = np.exp(np.interp([0.025, 0.5, 0.975], share, np.log(sizes)))
+    np.testing.assert_allclose(found.noise_beside_dh, expected, rtol=0.12)
 
 
 def test_gain_on_a_seat_left_out(found: Table3Diagnosis):
-    held = found.held_out_five
+    held = found.held_out
     off = {name: np.log(held.seats["measured_mm"] / held.seats[f"{name}_mm"]) for name in ("recalibrated", "extended")}
     rms = {name: np.sqrt(np.mean(np.square(values))) for name, values in off.items()}
     assert held.gain["extended"] == pytest.approx(1 - rms["extended"] / rms["recalibrated"], abs=1e-9)
     assert 0.4 < held.gain["extended"] < 0.9
     assert held.gain["noise_alone"] > 0.7
     assert held.rms_percent["extended"] < 7.5  # about the sampling error of one spread
-    for name, (low, high) in held.interval.items():
-        assert low <= held.gain[name] <= high
+    assert all(low <= held.gain[name] <= high for name, (low, high) in held.interval.items())
     assert held.seats["measured_mm"].between(held.seats["extended_p025_mm"], held.seats["extended_p975_mm"]).all()
     # Noise without DH errors, by hand: the mean logarithm of the others carries the size.
     log, pattern = np.log(MEASURED[:5]), found.patterns[NOISE].log_spread[0, :5]
@@ -333,21 +328,14 @@ def test_gain_on_a_seat_left_out(found: Table3Diagnosis):
     np.testing.assert_allclose(held.seats["noise_alone_mm"], np.exp(others) * 1e3, rtol=0.02)
 
 
-def test_nothing_gains_at_seat_6(found: Table3Diagnosis):
-    held = found.held_out_six
-    assert abs(held.gain["extended"]) < 0.25
-    row = held.seats.iloc[5]
-    assert row["measured_mm"] > row["extended_p975_mm"]
-
-
 # What is said -----------------------------------------------------------------------------------------------------------
 
 
 def test_what_is_said_holds_the_numbers(found: Table3Diagnosis):
-    text = " ".join(in_words(found).values())
+    text = " ".join(block.text for block in table3_document(found).short() if isinstance(block, Paragraph))
     assert f"{found.noise[1] / ARCSEC:.1f}″" in text
-    assert f"{found.held_out_five.gain['extended']:.2f}" in text
-    assert f"{100 * found.strict_pick.least_random_share:.0f} %" in text
+    assert f"{found.held_out.gain['extended']:.2f}" in text
+    assert f"{100 * found.marked.least_random_share:.0f} %" in text
     assert "nan" not in text
     for log, said in ((np.log(204.0), "200"), (np.log(3.94), "4"), (0.0, "1"), (60.0, "5e+08")):
         assert bayes_factor(log) == said

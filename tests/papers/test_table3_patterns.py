@@ -7,22 +7,21 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
+from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile
-from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointHysteresis, LinkLength
-from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects import EncoderEccentricity, EncoderGain, LinkLength
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import MissingConditionError
 from aacmm_pin.papers.sino6_table3.evidence import evidence, left_out
 from aacmm_pin.papers.sino6_table3.marked_records import log_ratios
 from aacmm_pin.papers.sino6_table3.patterns import (
     Pattern,
+    drawn_values,
     mixed,
-    of_effects,
+    of_displacements,
     of_encoder_noise,
     of_local_noise,
-    of_stated_uncertainty,
 )
 from aacmm_pin.papers.sino6_table3.seats import TouchedSeats
 
@@ -69,21 +68,21 @@ def test_noise_of_one_joint_is_noise_times_lever():
 
 def test_a_length_on_a_full_turn_spreads_by_itself_and_a_gain_at_rest_not():
     """The error points away from the axis in every posture: a circle about the mean of radius β."""
-    pattern = of_effects(at_one_seat(planar(0.8)), [LinkLength(joint=1)], np.random.default_rng(1))
-    assert np.sqrt(pattern.second[0, 0]) == pytest.approx(5e-5 * np.sqrt(N / (N - 1)), rel=1e-12)  # typical: 50 µm
+    beta = np.array([[5e-5]])
+    pattern = of_displacements(at_one_seat(planar(0.8)).sensitivity([LinkLength(joint=1)]), beta)
+    assert np.sqrt(pattern.second[0, 0]) == pytest.approx(5e-5 * np.sqrt(N / (N - 1)), rel=1e-12)
     still = np.full((5, 1), 0.7)
-    pattern = of_effects(at_one_seat(planar(0.8), still), [EncoderGain(1)], np.random.default_rng(1))
+    pattern = of_displacements(at_one_seat(planar(0.8), still).sensitivity([EncoderGain(1)]), beta)
     assert pattern.second[0, 0] == pytest.approx(0.0, abs=1e-30)
 
 
-def test_stated_uncertainty_is_rectangular_and_of_known_size():
+def test_stated_uncertainty_is_rectangular():
     seats = at_one_seat(planar(0.8, half_width_mm=0.03))
-    pattern = of_stated_uncertainty(seats, np.random.default_rng(2), 4000)
+    pattern = of_displacements(seats.sensitivity(), parameter_errors(seats.model, np.random.default_rng(2), 4000))
     drawn = np.sqrt(pattern.second[:, 0] * (N - 1) / N)
     assert drawn.max() <= 0.03e-3
     at = np.array([0.25, 0.5, 0.75])
     np.testing.assert_allclose(np.quantile(drawn, at) / 0.03e-3, at, atol=4 * 0.5 / np.sqrt(4000))
-    assert pattern.sizes == (1.0, 1.0)
 
 
 def test_eccentric_encoders_against_brute_force():
@@ -93,7 +92,8 @@ def test_eccentric_encoders_against_brute_force():
     seats = TouchedSeats(planar(0.5, 0.3), np.stack(postures))
     effects = [EncoderEccentricity(joint=1), EncoderEccentricity(joint=2)]
     draws = 10_000
-    pattern = of_effects(seats, effects, np.random.default_rng(4), draws)
+    values = drawn_values(effects, np.random.default_rng(4), draws)
+    pattern = of_displacements(seats.sensitivity(effects), values)
 
     def tips(q: np.ndarray) -> np.ndarray:
         total = q[..., 0] + q[..., 1]
@@ -113,21 +113,6 @@ def test_eccentric_encoders_against_brute_force():
     np.testing.assert_allclose(np.quantile(ratio, at), np.quantile(other, at), atol=0.05)
 
 
-def test_conditions_are_drawn_anew():
-    """Approach ±1 at random acts as noise of half the reversal error: lever · h at every posture."""
-    seats = at_one_seat(planar(0.8))
-    effect = [JointHysteresis(joint=1)]
-
-    def sides(rng: np.random.Generator) -> Conditions:
-        return Conditions(N, approach=rng.choice([-1.0, 1.0], size=(N, 1)))
-
-    pattern = of_effects(seats, effect, np.random.default_rng(5), 400, sides)
-    typical = 1e-4 * 0.8
-    assert np.median(np.sqrt(pattern.second)) == pytest.approx(0.6745 * typical, rel=0.15)  # median of |normal|
-    with pytest.raises(MissingConditionError, match="approach"):
-        of_effects(seats, effect, np.random.default_rng(5))
-
-
 def test_log_sd_of_a_spread_against_simulated_records(rng: np.random.Generator):
     q = rng.uniform(-2, 2, (N, 6))
     seats = at_one_seat(ErrorModel.load("sino6"), q)
@@ -142,7 +127,7 @@ def test_log_sd_of_a_spread_against_simulated_records(rng: np.random.Generator):
 
 def test_mixture_against_simulated_records(rng: np.random.Generator):
     seats = at_one_seat(planar(0.8))
-    one, other = of_local_noise(seats, [1.0], 1e-5), of_local_noise(seats, [1.0], 2e-5)
+    one, other = (of_local_noise(seats, np.array([[sd]])) for sd in (1e-5, 2e-5))
     both = mixed(one, other, np.array([0.5, 3.0]))
     for k, ratio in enumerate((0.5, 3.0)):
         squares = np.square(1e-5 * rng.normal(size=(200_000, 3)) + ratio * 2e-5 * rng.normal(size=(200_000, 3))).sum(axis=1)

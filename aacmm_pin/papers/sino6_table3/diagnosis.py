@@ -9,15 +9,15 @@ import numpy as np
 import pandas as pd
 from scipy.special import softmax
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY, INTERVAL, Evidence, evidence, left_out
-from aacmm_pin.papers.sino6_table3.marked_records import Contrast, StrictPick, contrast, strict_pick
-from aacmm_pin.papers.sino6_table3.patterns import BOTH, DH, HEIGHT, NOISE, NOISE_SIZES, POWERS, Pattern, patterns
+from aacmm_pin.papers.sino6_table3.marked_records import FIVE, MarkedPart, marked_part
+from aacmm_pin.papers.sino6_table3.patterns import BOTH, DH, NOISE, NOISE_SIZES, Pattern, patterns
 from aacmm_pin.papers.sino6_table3.seats import MEASURED, SIXTH, Reading, TouchedSeats, touched_seats
 
 if TYPE_CHECKING:
@@ -30,23 +30,22 @@ SETTLED = 0.95
 POSSIBLE = 0.025
 """A cause could have made seat 6 if it spreads it as much as measured at least this often."""
 RESAMPLES = 4000
-FIVE, SIX = range(SIXTH), range(SIXTH + 1)
-RIVALS = {"extended": BOTH, "by_spreads": BOTH, "noise_alone": NOISE}
-"""Models that are compared with DH errors alone on seats left out."""
+SIX = range(len(MEASURED))
+LEARNT = {"recalibrated": DH, "extended": BOTH, "noise_alone": NOISE}
+"""Models that know the seats that are not left out."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutSeats:
-    """Each seat predicted by models that know the other seats only.
+    """Each of seats 1 to 5 predicted by models that know the other four only.
 
     Attributes:
-        seats: one row a seat: seat, measured_mm, and what five models predict: simulation_mm (median of DH errors within
-            their half-widths, nothing learnt), recalibrated_mm (DH errors, the other seats known), extended_mm (DH
-            errors and encoder noise, the other seats known by spreads and contrasts) with its 95 % interval
-            extended_p025_mm, extended_p975_mm, by_spreads_mm (the same by spreads only), and noise_alone_mm (encoder noise
-            without DH errors, the other seats known).
+        seats: one row a seat: seat, measured_mm, and what four models predict: simulation_mm (median of DH errors within
+            their half-widths, nothing learnt), recalibrated_mm (DH errors, the other seats known), extended_mm (DH errors
+            and encoder noise, the other seats known by spreads and contrasts) and noise_alone_mm (encoder noise without DH
+            errors, the other seats known); the last three with 95 % intervals, extended_p025_mm, extended_p975_mm, ….
         rms_percent: RMS of the logarithm of measured over predicted by each model.
-        gain: of the extended model, by spreads only, and of noise alone: 1 - RMS/RMS(recalibrated) of those logarithms.
+        gain: of the extended model, and of noise alone: 1 - RMS/RMS(recalibrated) of those logarithms.
         interval: their 95 % intervals, by resampling the seats.
     """
 
@@ -65,34 +64,28 @@ class Table3Diagnosis(Shown):
         reading: what is at the printed coordinates.
         patterns: every cause that was weighed.
         noise: encoder noise by seats 1 to 5, 2.5 %, 50 %, 97.5 % (3,) [rad], without DH errors.
-        noise_by_spreads_alone: encoder noise with DH errors beside it, by the spreads of seats 1 to 5 (3,) [rad].
-        noise_beside_dh: the same by their contrasts of part and rest too.
+        noise_beside_dh: the same with DH errors beside it, by the contrasts of part and rest too.
         evidences: one row a cause: log-evidence for every model discrepancy τ with six seats and with five (``six_tau_0.15``
             …), and at τ = 0.15 its probability among all, ``five_probability``, ``six_probability``.
         predicted: one row a cause: median spread of each seat, seat1_mm …, when seats 1 to 5 give the size.
-        seat6: what could have made seat 6, one row a cause, the likeliest first: ratio_median of the spread at seat 6 over
-            that at seat 5 and ratio_probability, how often it is at least that measured, both before any measurement, with
-            the sampling error of a spread; predicted_mm, predicted_p975_mm of seat 6 when seats 1 to 5 are known and
-            as_large_probability, how often it is at least that measured, with the model discrepancy; possible, whether that
-            is often enough.
-        contrast: the marked part and the rest.
-        strict_pick: how little a part can spread, however it was chosen.
-        held_out_five, held_out_six: gain on a seat left out, of five and of six.
+        seat6: what could have made seat 6, one row a cause, the likeliest first: ratio_probability, how often its spread
+            over that at seat 5 is at least that measured, before any measurement, with the sampling error of a spread;
+            predicted_mm, predicted_p975_mm of seat 6 when seats 1 to 5 are known and as_large_probability, how often it is
+            at least that measured, with the model discrepancy; possible, whether that is often enough.
+        marked: the marked part and the rest.
+        held_out: gain on a seat left out, of seats 1 to 5.
     """
 
     seats: TouchedSeats
     reading: Reading
     patterns: dict[str, Pattern]
     noise: Array
-    noise_by_spreads_alone: Array
     noise_beside_dh: Array
     evidences: pd.DataFrame
     predicted: pd.DataFrame
     seat6: pd.DataFrame
-    contrast: Contrast
-    strict_pick: StrictPick
-    held_out_five: HeldOutSeats
-    held_out_six: HeldOutSeats
+    marked: MarkedPart
+    held_out: HeldOutSeats
 
     @property
     def verdict(self) -> Literal["explained", "ambiguous"]:
@@ -104,16 +97,19 @@ class Table3Diagnosis(Shown):
         """One row a seat: seat, measured_mm, dh_p05_mm, dh_median_mm, dh_p95_mm, measured_quantile among DH draws, noise_mm
         by encoder noise of the size that seats 1 to 5 give it, sampling_percent of a spread of 50 records.
         """
-        spreads = np.sqrt(self.patterns[DH].second)
+        spreads, noise = np.sqrt(self.patterns[DH].second), self.patterns[NOISE]
         low, median, high = np.quantile(spreads, [0.05, 0.5, 0.95], axis=0) / MM
-        table = pd.DataFrame({"seat": np.arange(1, len(MEASURED) + 1), "measured_mm": MEASURED / MM})
-        table = table.assign(dh_p05_mm=low, dh_median_mm=median, dh_p95_mm=high)
-        table["measured_quantile"] = (spreads < MEASURED).mean(axis=0)
-        return table.assign(noise_mm=self._by_noise / MM, sampling_percent=100 * self.patterns[NOISE].log_sd[0])
-
-    @property
-    def _by_noise(self) -> Array:
-        return np.asarray(self.noise[1] * np.sqrt(self.patterns[NOISE].second[0]))
+        columns = {
+            "seat": np.arange(1, len(MEASURED) + 1),
+            "measured_mm": MEASURED / MM,
+            "dh_p05_mm": low,
+            "dh_median_mm": median,
+            "dh_p95_mm": high,
+            "measured_quantile": (spreads < MEASURED).mean(axis=0),
+            "noise_mm": self.noise[1] * np.sqrt(noise.second[0]) / MM,
+            "sampling_percent": 100 * noise.log_sd[0],
+        }
+        return pd.DataFrame(columns)
 
     @property
     def effective_numbers(self) -> float:
@@ -129,27 +125,14 @@ class Table3Diagnosis(Shown):
         right, by the sampling error of a spread alone.
         """
         noise = self.patterns[NOISE].take(FIVE)
-        residual, sd = np.log(MEASURED[:SIXTH]) - noise.log_spread[0], noise.log_sd[0]
+        residual, sd = np.log(MEASURED[FIVE]) - noise.log_spread[0], noise.log_sd[0]
         off = residual - np.average(residual, weights=1.0 / sd**2)
         return float(100 * np.sqrt(np.square(off).mean())), float(chi2_cdf(np.square(off / sd).sum(), SIXTH - 1))
 
     @property
-    def stand(self) -> pd.DataFrame:
-        """A stand that yields with the power of the height above the lowest seat, as soft as seat 6 needs: the spreads
-        that follow at seats 2 and 5, beside those measured.
-        """
-        needed = MEASURED[SIXTH] ** 2 - self._by_noise[SIXTH] ** 2
-        relative = np.power.outer(HEIGHT / HEIGHT[SIXTH], POWERS)
-        spreads = np.sqrt(self._by_noise[:, None] ** 2 + needed * relative**2) / MM
-        table = pd.DataFrame({"power": POWERS})
-        for k in (1, 4):
-            table = table.assign(**{f"seat{k + 1}_mm": spreads[k], f"seat{k + 1}_measured_mm": MEASURED[k] / MM})
-        return table
-
-    @property
     def local_noise(self) -> float:
         """Standard deviation of each coordinate that seat 6 needs of its own [m]."""
-        return float(np.sqrt((MEASURED[SIXTH] ** 2 - self._by_noise[SIXTH] ** 2) / 3.0))
+        return float(np.sqrt((MEASURED[SIXTH] ** 2 - self.noise[1] ** 2 * self.patterns[NOISE].second[0, SIXTH]) / 3.0))
 
     @property
     def model(self) -> ErrorModel:
@@ -188,25 +171,22 @@ def diagnose_table3(
         UnknownNameError: no such reading.
     """
     seats = seats or touched_seats(reading)
-    found = patterns(seats, rng, draws)
-    five = {cause: evidence(pattern.take(FIVE), MEASURED[:SIXTH]) for cause, pattern in found.items()}
-    predicted = {cause: _predicted(known, found[cause], rng) for cause, known in five.items()}
-    noise, pick = five[NOISE].size(rng), strict_pick(seats, rng)
-    both = evidence(found[BOTH].take(FIVE), MEASURED[:SIXTH], prior=by_contrast(found, pick, [*FIVE]))
+    found, marked = patterns(seats, rng, draws), marked_part(seats, rng)
+    five = {cause: evidence(pattern.take(FIVE), MEASURED[FIVE]) for cause, pattern in found.items()}
+    expected = {cause: known.predictive(found[cause], rng) for cause, known in five.items()}
+    predicted = {cause: np.median(spreads, axis=0) / MM for cause, spreads in expected.items()}
+    both = evidence(found[BOTH].take(FIVE), MEASURED[FIVE], prior=by_contrast(found, marked, FIVE))
     return Table3Diagnosis(
         seats=seats,
         reading=reading,
         patterns=found,
-        noise=noise,
-        noise_by_spreads_alone=_noise_beside(five[BOTH]),
+        noise=np.exp(np.quantile(five[NOISE].sampled(rng)[1], INTERVAL)),
         noise_beside_dh=_noise_beside(both),
         evidences=_evidences(found),
         predicted=pd.DataFrame(predicted, index=[f"seat{k + 1}_mm" for k in SIX]).T.rename_axis("cause"),
-        seat6=_seat6(found, five, rng),
-        contrast=contrast(seats, rng),
-        strict_pick=pick,
-        held_out_five=held_out_seats(found, MEASURED[:SIXTH], rng, pick),
-        held_out_six=held_out_seats(found, MEASURED, rng, pick),
+        seat6=_seat6(found, expected, rng),
+        marked=marked,
+        held_out=held_out_seats(found, marked, rng),
     )
 
 
@@ -220,22 +200,16 @@ def _evidences(found: dict[str, Pattern]) -> pd.DataFrame:
     return table
 
 
-def _predicted(known: Evidence, pattern: Pattern, rng: np.random.Generator) -> Array:
-    which, u = known.sampled(rng)
-    return np.asarray(np.median(np.exp(u[:, None] + pattern.log_spread[which]), axis=0) / MM)
-
-
-def _seat6(found: dict[str, Pattern], five: dict[str, Evidence], rng: np.random.Generator) -> pd.DataFrame:
+def _seat6(found: dict[str, Pattern], expected: dict[str, Array], rng: np.random.Generator) -> pd.DataFrame:
     rows = []
     for name, pattern in found.items():
         log, sd = (np.tile(each, (max(1, 4000 // len(each)), 1)) for each in (pattern.log_spread, pattern.log_sd))
-        ratio = np.exp(np.diff((log + sd * rng.normal(size=sd.shape))[:, SIXTH - 1 :], axis=1)[:, 0])
-        drawn = five[name].predictive(pattern.take([SIXTH]), rng)[:, 0]
+        ratio = np.diff((log + sd * rng.normal(size=sd.shape))[:, SIXTH - 1 :], axis=1)
+        drawn = expected[name][:, SIXTH]
         rows.append(
             {
                 "cause": name,
-                "ratio_median": np.median(ratio),
-                "ratio_probability": (ratio >= MEASURED[SIXTH] / MEASURED[SIXTH - 1]).mean(),
+                "ratio_probability": (ratio >= np.log(MEASURED[SIXTH] / MEASURED[SIXTH - 1])).mean(),
                 "predicted_mm": np.median(drawn) / MM,
                 "predicted_p975_mm": np.quantile(drawn, 0.975) / MM,
                 "as_large_probability": (drawn >= MEASURED[SIXTH]).mean(),
@@ -245,11 +219,11 @@ def _seat6(found: dict[str, Pattern], five: dict[str, Evidence], rng: np.random.
     return table.assign(possible=table["as_large_probability"] >= POSSIBLE)
 
 
-def by_contrast(found: dict[str, Pattern], pick: StrictPick, seats: list[int]) -> Array:
+def by_contrast(found: dict[str, Pattern], marked: MarkedPart, seats: list[int]) -> Array:
     """Weight of each draw of DH errors and noise together by the contrasts of part and rest at ``seats``: (draws,)."""
-    of_dh = np.tile(found[DH].second[:, :SIXTH].mean(axis=1), len(NOISE_SIZES))
-    share = 1.0 - of_dh / found[BOTH].second[:, :SIXTH].mean(axis=1)
-    return pick.chance(share, [k for k in seats if k in FIVE])
+    of_dh = np.tile(found[DH].second[:, FIVE].mean(axis=1), len(NOISE_SIZES))
+    share = 1.0 - of_dh / found[BOTH].second[:, FIVE].mean(axis=1)
+    return marked.chance(share, seats)
 
 
 def _noise_beside(both: Evidence) -> Array:
@@ -258,31 +232,24 @@ def _noise_beside(both: Evidence) -> Array:
     return np.asarray(np.exp(np.interp(INTERVAL, np.cumsum(share) - share / 2, np.log(NOISE_SIZES))))
 
 
-def held_out_seats(found: dict[str, Pattern], measured: Array, rng: np.random.Generator, pick: StrictPick) -> HeldOutSeats:
-    """Leave each of the seats with the spreads ``measured`` (k,) [m] out in turn.
+def held_out_seats(found: dict[str, Pattern], marked: MarkedPart, rng: np.random.Generator) -> HeldOutSeats:
+    """Leave each of seats 1 to 5 out in turn. The extended model weighs its draws by the contrasts of the others."""
+    measured = MEASURED[FIVE]
+    table = pd.DataFrame({"seat": np.arange(1, SIXTH + 1), "measured_mm": measured / MM})
+    table["simulation_mm"] = np.exp(np.median(found[DH].take(FIVE).log_spread, axis=0)) / MM
+    for name, cause in LEARNT.items():
+        prior = (lambda known: by_contrast(found, marked, known)) if name == "extended" else None
+        predicted = left_out(found[cause].take(FIVE), measured, rng, prior) / MM
+        table[[f"{name}_p025_mm", f"{name}_mm", f"{name}_p975_mm"]] = predicted
+    off = {name: np.log(measured / MM / table[f"{name}_mm"].to_numpy()) for name in ("simulation", *LEARNT)}
+    resampled = rng.integers(0, SIXTH, size=(RESAMPLES, SIXTH))
+    gain, interval = {}, {}
+    for name in ("extended", "noise_alone"):
+        gain[name] = float(1.0 - _rms(off[name]) / _rms(off["recalibrated"]))
+        drawn = 1.0 - _rms(off[name][resampled]) / _rms(off["recalibrated"][resampled])
+        interval[name] = (float(np.quantile(drawn, 0.025)), float(np.quantile(drawn, 0.975)))
+    return HeldOutSeats(table, {name: float(100 * _rms(values)) for name, values in off.items()}, gain, interval)
 
-    The extended model weighs DH errors beside noise by what the contrasts of the other seats say, see ``pick``.
-    """
-    seats = range(len(measured))
-    predicted = {"simulation": np.exp(np.median(found[DH].take(seats).log_spread, axis=0))}
-    for name, cause in {"recalibrated": DH, **RIVALS}.items():
-        prior = (lambda known: by_contrast(found, pick, known)) if name == "extended" else None
-        low, predicted[name], high = left_out(found[cause].take(seats), measured, rng, prior).T
-        if name == "extended":
-            interval = {"extended_p025_mm": low / MM, "extended_p975_mm": high / MM}
-    table = pd.DataFrame({"seat": np.arange(1, len(seats) + 1), "measured_mm": measured / MM})
-    table = table.assign(**{f"{name}_mm": spreads / MM for name, spreads in predicted.items()}, **interval)
-    off = {name: np.log(measured / spreads) for name, spreads in predicted.items()}
-    resampled = rng.integers(0, len(seats), size=(RESAMPLES, len(seats)))
 
-    def gain(name: str, rows: Index) -> Array:
-        after, before = (np.square(off[which][rows]).mean(axis=-1) for which in (name, "recalibrated"))
-        return np.asarray(1.0 - np.sqrt(after / before))
-
-    intervals = {name: np.quantile(gain(name, resampled), [0.025, 0.975]) for name in RIVALS}
-    return HeldOutSeats(
-        table,
-        {name: float(100 * np.sqrt(np.square(values).mean())) for name, values in off.items()},
-        {name: float(gain(name, np.arange(len(seats)))) for name in RIVALS},
-        {name: (float(low), float(high)) for name, (low, high) in intervals.items()},
-    )
+def _rms(off: Array) -> Array:
+    return np.asarray(np.sqrt(np.square(off).mean(axis=-1)))

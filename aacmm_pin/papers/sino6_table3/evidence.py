@@ -54,10 +54,6 @@ class Evidence:
         u = truncnorm.rvs((low - centre) / width, (high - centre) / width, centre, width, random_state=rng)
         return which, np.asarray(u)
 
-    def size(self, rng: np.random.Generator) -> Array:
-        """Posterior 2.5 %, 50 % and 97.5 % of the size (3,)."""
-        return np.asarray(np.exp(np.quantile(self.sampled(rng)[1], INTERVAL)))
-
     def predictive(self, pattern: Pattern, rng: np.random.Generator) -> Array:
         """Spreads to be expected by ``pattern``, the same cause at other seats, draw by draw: (PREDICTED, seats) [m]."""
         which, u = self.sampled(rng)

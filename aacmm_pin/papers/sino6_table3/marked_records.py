@@ -3,8 +3,8 @@
 The paper marks, at each seat, the postures whose accuracy volume its eq. (14) puts lowest, and finds them to spread
 less. How many they are follows from the print: the spread of all records and the root mean squares of the marked part and of
 the rest (eqs. 16, 18, 19) share one sum of squares, ``(n - 1) s² = g ψ_marked² + (n - g) ψ_rest²``. Here records are
-simulated, by DH errors alone and by encoder noise alone, and g are taken as the part: those with the smallest predicted
-volume, or those that came out nearest the mean. Sizes cancel in the ratio of part and rest.
+simulated by one cause at a time, and g are taken as the part: those with the smallest predicted volume, or those that came
+out nearest the mean. Sizes cancel in the ratio of part and rest.
 
 **However the part was chosen,** no choice of g records of a seat spreads less than the g nearest the mean. Records that a
 systematic cause moves along a closed curve are nearly all as far from their mean, and even the nearest spread nearly as much
@@ -16,7 +16,7 @@ errors alone reach what is printed in most arms. ``touched_seats(arc=…, start=
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -29,16 +29,12 @@ from aacmm_pin.papers.sino6 import printed_table3
 from aacmm_pin.papers.sino6_table3.patterns import DH, NOISE, drawn_values, systematic
 from aacmm_pin.papers.sino6_table3.seats import RECORDS, SIXTH, TouchedSeats
 
-HYPOTHESES = {
-    "before_dh": "smallest predicted volume, DH errors",
-    "before_noise": "smallest predicted volume, encoder noise",
-    "after_dh": "smallest deviations after measuring, DH errors",
-    "after_noise": "smallest deviations after measuring, encoder noise",
-}
 PRINTED_STEP = 1e-4
 """Last printed digit of the spreads [mm]."""
 MEASURED_LOGS = np.log((printed_table3()["high_accuracy_part_std_mm"] / printed_table3()["rest_std_mm"]).to_numpy())
 """Logarithms of the printed ratios of part and rest (6,)."""
+FIVE = list(range(SIXTH))
+"""Seats by which a cause is judged; seat 6 is special, and its count is not whole."""
 SHARES = np.linspace(0.0, 1.0, 11)
 """Shares of the variance that are random."""
 LEAST = 0.05
@@ -80,108 +76,92 @@ def log_ratios(positions: Array, order: Index | None = None, counts: Sequence[in
     """
     squares = np.square(positions - positions.mean(axis=2, keepdims=True)).sum(axis=3)
     squares = np.sort(squares, axis=2) if order is None else np.take_along_axis(squares, order[None], axis=2)
-    parts = [
-        (squares[:, k, :g].mean(axis=1), squares[:, k, g:].mean(axis=1)) for k, g in enumerate(counts[: squares.shape[1]])
-    ]
-    return np.stack([0.5 * np.log(part / rest) for part, rest in parts], axis=1)
-
-
-def moved_by(sensitivity: Array, values: Array) -> Array:
-    """Displacements (draws, seats, n, 3) by ``values`` (draws, p), or anew in every record by (draws, seats, n, p)."""
-    each = "dsnp" if values.ndim == 4 else "dp"
-    return np.asarray(np.einsum(f"snip,{each}->dsni", sensitivity, values, optimize=True))
+    of_seats = zip(squares.swapaxes(0, 1), counts, strict=False)
+    ratios = [one[:, :count].mean(axis=1) / one[:, count:].mean(axis=1) for one, count in of_seats]
+    return np.asarray(0.5 * np.log(ratios).T)
 
 
 @dataclass(frozen=True, eq=False)
-class Contrast:
-    """Part over rest at every seat, as printed and under four hypotheses.
+class MarkedPart:
+    """Part over rest in simulated records: logarithms of the ratio (draws, seats).
 
     Attributes:
-        seats: one row a seat: seat, marked_count, measured_ratio, and p05, median, p95 of the ratio under each hypothesis,
-            such as ``after_noise_median``.
-        summary: one row a hypothesis: hypothesis; inside, how many of the seats are in its 5–95 % band;
-            mean_ratio, geometric mean over the seats, median of the draws; mean_as_small, the share of draws in which it is
-            at most that measured.
-        measured_mean_ratio: geometric mean of the measured ratios.
+        before: by cause, the part being the postures of the smallest predicted volume.
+        after: by cause, the part being the records nearest the mean.
+        together: as ``after``, DH errors and encoder noise together, for each of SHARES of noise in the variance.
     """
 
-    seats: pd.DataFrame
-    summary: pd.DataFrame
-    measured_mean_ratio: float
+    before: dict[str, Array]
+    after: dict[str, Array]
+    together: list[Array]
 
+    @property
+    def causes(self) -> pd.DataFrame:
+        """By cause, for the geometric mean of the ratios over seats 1 to 5: before_ratio, after_ratio, medians of the draws;
+        before_reached, after_reached, share of draws in which it is at most that printed.
+        """
+        columns = ["before_ratio", "before_reached", "after_ratio", "after_reached"]
+        rows = {cause: (*_of_mean(self.before[cause]), *_of_mean(after)) for cause, after in self.after.items()}
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("cause")
 
-def contrast(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000, volume: Method = "jointwise") -> Contrast:
-    """Part and rest under the four hypotheses; ``volume`` is how the accuracy volume is found that orders the postures."""
-    volumes = accuracy_volume(seats.model, seats.all_q, at=seats.at, method=volume).volume
-    order = np.argsort(volumes.reshape(seats.q.shape[:2]), axis=1)
-    by_dh = moved_by(seats.sensitivity(), parameter_errors(seats.model, rng, draws))
-    noise = rng.normal(size=(len(seats.q), draws, *seats.q.shape[1:]))
-    by_noise = moved_by(seats.levers(), noise.swapaxes(0, 1))
-    logs = [log_ratios(by_dh, order), log_ratios(by_noise, order), log_ratios(by_dh), log_ratios(by_noise)]
-    measured = np.exp(MEASURED_LOGS)
-    table = pd.DataFrame({"seat": np.arange(1, len(COUNTS) + 1), "marked_count": COUNTS, "measured_ratio": measured})
-    rows = []
-    for name, log in zip(HYPOTHESES, logs, strict=True):
-        low, middle, high = np.quantile(np.exp(log), [0.05, 0.5, 0.95], axis=0)
-        table = table.assign(**{f"{name}_p05": low, f"{name}_median": middle, f"{name}_p95": high})
-        rows.append(
-            {
-                "hypothesis": HYPOTHESES[name],
-                "inside": ((low <= measured) & (measured <= high)).sum(),
-                "mean_ratio": np.median(np.exp(log.mean(axis=1))),
-                "mean_as_small": (log.mean(axis=1) <= MEASURED_LOGS.mean()).mean(),
-            }
-        )
-    return Contrast(table, pd.DataFrame(rows, index=list(HYPOTHESES)), float(np.exp(MEASURED_LOGS.mean())))
-
-
-@dataclass(frozen=True, eq=False)
-class StrictPick:
-    """Smallest possible ratios of part and rest at seats 1 to 5, and how often they reach those printed.
-
-    Attributes:
-        causes: one row a cause alone: cause; ratio_median, of the geometric mean over the seats; reached, the share of draws
-            in which it is at most that printed.
-        shares: the same for DH errors and encoder noise together by random_share, the share of noise in the variance.
-        logs: logarithms of the ratios behind ``shares`` (shares, draws, 5).
-    """
-
-    causes: pd.DataFrame
-    shares: pd.DataFrame
-    logs: Array
+    @property
+    def shares(self) -> pd.DataFrame:
+        """The same after measuring, ratio and reached, by random_share, the share of noise in the variance."""
+        rows = [_of_mean(logs) for logs in self.together]
+        return pd.DataFrame(rows, index=pd.Index(SHARES, name="random_share"), columns=["ratio", "reached"])
 
     @property
     def least_random_share(self) -> float:
         """The random share from which on the printed contrast is reached in one of twenty draws."""
-        return float(np.interp(LEAST, np.maximum.accumulate(self.shares["reached"]), self.shares["random_share"]))
+        return float(np.interp(LEAST, np.maximum.accumulate(self.shares["reached"]), SHARES))
 
-    def chance(self, share: Array, seats: Sequence[int] = tuple(range(SIXTH))) -> Array:
+    def chance(self, share: Array, seats: Sequence[int] = tuple(FIVE)) -> Array:
         """How often the contrast printed for some of the ``seats`` 1 to 5 (from 0) is reached, by random share (n,): (n,).
 
         The likelihood of a share when nothing is known of how the part was chosen but that it was not better than strictly.
         """
-        keep = list(seats)
-        reached = (self.logs[:, :, keep].mean(axis=2) <= MEASURED_LOGS[keep].mean()).mean(axis=1)
+        reached = [_of_mean(logs, seats)[1] for logs in self.together]
         return np.asarray(np.interp(share, SHARES, np.maximum.accumulate(reached)))
 
 
-def strict_pick(seats: TouchedSeats, rng: np.random.Generator, draws: int = 1000) -> StrictPick:
-    """Pick strictly among records simulated by each cause alone, and by DH errors and encoder noise together."""
-    five = replace(seats, q=seats.q[:SIXTH])
-    by_dh = moved_by(five.sensitivity(), parameter_errors(five.model, rng, draws))
-    by_noise = moved_by(five.levers(), rng.normal(size=(draws, *five.q.shape)))
-    logs = {DH: log_ratios(by_dh), NOISE: log_ratios(by_noise)}
+def _of_mean(logs: Array, seats: Sequence[int] = tuple(FIVE)) -> tuple[float, float]:
+    """Of the geometric mean of the ratios over ``seats``: median of the draws, share of draws at most that printed."""
+    keep = list(seats)
+    mean = logs[:, keep].mean(axis=1)
+    return float(np.exp(np.median(mean))), float((mean <= MEASURED_LOGS[keep].mean()).mean())
+
+
+def band(logs: Array) -> Array:
+    """5 %, 50 % and 95 % of the ratios at each seat: (3, seats)."""
+    return np.asarray(np.quantile(np.exp(logs), [0.05, 0.5, 0.95], axis=0))
+
+
+def marked_part(
+    seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000, volume: Method = "jointwise"
+) -> MarkedPart:
+    """Simulate records of the six seats and choose parts; ``volume`` is the accuracy volume that orders the postures."""
+    volumes = accuracy_volume(seats.model, seats.all_q, at=seats.at, method=volume).volume
+    order = np.argsort(volumes.reshape(seats.q.shape[:2]), axis=1)
+    readings = rng.normal(size=(draws, *seats.q.shape))
+    moved = {
+        DH: _moved_by(seats.sensitivity(), parameter_errors(seats.model, rng, draws)),
+        NOISE: np.einsum("snij,dsnj->dsni", seats.levers(), readings, optimize=True),
+    }
     for name, effects in systematic().items():
-        logs[name] = log_ratios(moved_by(five.sensitivity(effects), drawn_values(effects, rng, draws)))
-    one, other = (
-        moved / np.sqrt(moved.var(axis=2).sum(axis=2).mean(axis=1))[:, None, None, None] for moved in (by_dh, by_noise)
+        moved[name] = _moved_by(seats.sensitivity(effects), drawn_values(effects, rng, draws))
+    dh, noise = (each / _spread(each)[:, None, None, None] for each in (moved[DH], moved[NOISE]))
+    return MarkedPart(
+        before={name: log_ratios(each, order) for name, each in moved.items()},
+        after={name: log_ratios(each) for name, each in moved.items()},
+        together=[log_ratios(np.sqrt(1 - share) * dh + np.sqrt(share) * noise) for share in SHARES],
     )
-    of_shares = {share: log_ratios(np.sqrt(1 - share) * one + np.sqrt(share) * other) for share in SHARES}
-    return StrictPick(_reached(logs, "cause"), _reached(of_shares, "random_share"), np.stack(list(of_shares.values())))
 
 
-def _reached(logs: dict[str, Array] | dict[float, Array], name: str) -> pd.DataFrame:
-    means = {key: log.mean(axis=1) for key, log in logs.items()}
-    printed = MEASURED_LOGS[:SIXTH].mean()
-    rows = [(key, np.exp(np.median(mean)), (mean <= printed).mean()) for key, mean in means.items()]
-    return pd.DataFrame(rows, columns=[name, "ratio_median", "reached"])
+def _moved_by(sensitivity: Array, values: Array) -> Array:
+    """Displacements (draws, seats, n, 3) by ``values`` (draws, p)."""
+    return np.asarray(np.einsum("snip,dp->dsni", sensitivity, values, optimize=True))
+
+
+def _spread(moved: Array) -> Array:
+    """Root mean square of the spreads of seats 1 to 5: (draws,) [m]."""
+    return np.asarray(np.sqrt(moved[:, FIVE].var(axis=2).sum(axis=2).mean(axis=1)))

@@ -8,11 +8,10 @@ alike in all postures of a seat moves their mean and does not spread; noise with
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
@@ -24,26 +23,21 @@ from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderEllipticity,
     JointCompliance,
-    JointHysteresis,
     LinkBending,
-    ThermalExpansion,
-    ZeroDrift,
 )
-from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.measurements.noise import ENCODER
-from aacmm_pin.measurements.schedule import workshop_conditions
 from aacmm_pin.papers.sino6 import printed_points
 from aacmm_pin.papers.sino6_table3.seats import TouchedSeats
 
 DH, NOISE, CONTACT, BOTH = "DH errors", "encoder noise", "contact noise", "DH errors + encoder noise"
 ODD, STAND = "encoder noise + one odd seat", "encoder noise + stand that yields with height"
-ECCENTRICITY, GRAVITY, THERMAL = "encoder eccentricity", "gravity (bearings, tubes, stand)", "thermal expansion"
+ECCENTRICITY, GRAVITY = "encoder eccentricity", "gravity (bearings, tubes, stand)"
 OF_SEATS = (ODD, STAND, CONTACT)
 """Causes that are not the arm's."""
 DECADE = (0.1, 10.0)
 """Sizes that are thought possible, in units of the typical one."""
-NOISE_SIZES = np.geomspace(DECADE[0] * ENCODER, DECADE[1] * ENCODER, 21)
+NOISE_SIZES = np.geomspace(DECADE[0] * ENCODER, DECADE[1] * ENCODER, 41)
 """Encoder noise that is tried beside DH errors [rad]."""
 LOCAL = 1e-5
 """Typical local noise of one coordinate [m]."""
@@ -55,14 +49,6 @@ POWERS = (0.5, 1.0, 2.0, 3.0)
 """Powers of the height with which a stand yields: a column tilts with the first, bends with the third."""
 UNEQUAL = 0.5
 """Standard deviation of the logarithm of each joint's noise, where the joints are not equal."""
-FEW = 200
-"""Draws of causes that need new conditions in each."""
-TEMPERATURE_RANGE = 3.0
-"""Temperatures stay within ± this of the reference [K]."""
-WARMTH = (0.1, 2.0)
-"""Sizes of thermal expansion thought possible, in 20 µm/(m K): the metal is known, and the room not warmer by more."""
-WARM_UP = 1800.0
-"""Time constant of a warm-up [s]."""
 JOINTS, TUBES = range(1, 7), (3, 5)
 
 
@@ -98,35 +84,28 @@ class Pattern:
 
 
 def patterns(seats: TouchedSeats, rng: np.random.Generator, draws: int) -> dict[str, Pattern]:
-    """Every cause that is weighed, by its name."""
+    """Every cause that is weighed, by its name.
 
-    def workshop(rng: np.random.Generator) -> Conditions:
-        """Conditions of an ordinary session: seat after seat, the postures of each in random order."""
-        order = np.lexsort((rng.random(len(seats.all_q)), np.repeat(np.arange(len(seats.q)), seats.q.shape[1])))
-        taken = workshop_conditions(
-            np.zeros(len(order), dtype=np.intp),
-            seats.all_q[order],
-            rng=rng,
-            reference_temperature=seats.model.arm.reference_temperature,
-            temperature_range=TEMPERATURE_RANGE,
-        )
-        return taken.take(np.argsort(order))
-
-    noise, dh = of_encoder_noise(seats), of_stated_uncertainty(seats, rng, draws)
-    unequal = np.exp(UNEQUAL * rng.normal(size=(FEW, len(JOINTS))))
-    found = {DH: dh, NOISE: noise, "unequal encoder noise": of_encoder_noise(seats, unequal)}
-    found[BOTH] = mixed(dh, noise, NOISE_SIZES)
-    for name, effects in systematic().items():
-        found[name] = of_effects(seats, effects, rng, draws)
-    found["hysteresis"] = of_effects(seats, [JointHysteresis(joint=j) for j in JOINTS], rng, FEW, workshop)
-    found["encoders that drift"] = of_effects(seats, [ZeroDrift(j, WARM_UP) for j in JOINTS], rng, FEW, workshop)
-    found[THERMAL] = replace(of_effects(seats, [ThermalExpansion()], rng, FEW, workshop), sizes=WARMTH)
-    found[CONTACT] = of_local_noise(seats, np.ones(len(seats.q)))
-    alike = float(np.sqrt(noise.second.mean() / 3.0))  # spreads on average as much as encoder noise of size 1
-    yielding = np.power.outer(HEIGHT / HEIGHT.max(), POWERS).T
-    found[STAND] = mixed(noise, of_local_noise(seats, yielding, alike), RATIOS)
-    found[ODD] = mixed(noise, of_local_noise(seats, np.eye(len(seats.q)), alike), RATIOS)
-    return found
+    Hysteresis of joints that are approached from changing sides acts as noise of unequal encoders. DH errors are within
+    their half-widths, so their size is known. The odd seat and the stand are beside encoder noise, by several ratios.
+    """
+    noise = of_encoder_noise(seats)
+    dh = replace(of_displacements(seats.sensitivity(), parameter_errors(seats.model, rng, draws)), sizes=(1.0, 1.0))
+    unequal = np.exp(UNEQUAL * rng.normal(size=(200, len(JOINTS))))
+    alike = np.sqrt(noise.second.mean() / 3.0)  # spreads on average as much as encoder noise of size 1
+    yielding = alike * np.power.outer(HEIGHT / HEIGHT.max(), POWERS).T
+    odd = alike * np.eye(len(seats.q))
+    causes = systematic().items()
+    return {
+        DH: dh,
+        NOISE: noise,
+        "unequal encoder noise": of_encoder_noise(seats, unequal),
+        BOTH: mixed(dh, noise, NOISE_SIZES),
+        **{name: of_displacements(seats.sensitivity(each), drawn_values(each, rng, draws)) for name, each in causes},
+        CONTACT: of_local_noise(seats, np.full((1, len(seats.q)), LOCAL)),
+        STAND: mixed(noise, of_local_noise(seats, yielding), RATIOS),
+        ODD: mixed(noise, of_local_noise(seats, odd), RATIOS),
+    }
 
 
 def systematic() -> dict[str, list[Effect]]:
@@ -136,7 +115,6 @@ def systematic() -> dict[str, list[Effect]]:
         ECCENTRICITY: [EncoderEccentricity(joint=j) for j in JOINTS],
         "encoder ellipticity": [EncoderEllipticity(joint=j) for j in JOINTS],
         GRAVITY: [*gravity, *(BearingTilt(joint=j) for j in JOINTS)],
-        "stand tilts under the arm": [BaseCompliance()],
     }
 
 
@@ -146,40 +124,6 @@ def drawn_values(effects: Sequence[Effect], rng: np.random.Generator, draws: int
     typical, flexible = (np.array(column) for column in zip(*terms, strict=True))
     normal = rng.normal(size=(draws, len(terms)))
     return np.asarray(np.where(flexible, np.abs(normal), normal) * typical)
-
-
-def of_effects(
-    seats: TouchedSeats,
-    effects: Sequence[Effect],
-    rng: np.random.Generator,
-    draws: int = 1000,
-    conditions: Callable[[np.random.Generator], Conditions] | None = None,
-) -> Pattern:
-    """Effects of one kind, such as the eccentricities of all encoders, with one common size.
-
-    Size 1 is the typical magnitude of each parameter, see :func:`drawn_values`. A single parameter needs one draw, for its
-    size is free anyway. ``conditions`` draws what the effects depend on beside the posture, anew in each draw.
-
-    Raises:
-        MissingConditionError: an effect depends on a condition that is not drawn.
-    """
-    if conditions is None:
-        sensitivity = seats.sensitivity(effects)
-        single = sensitivity.shape[-1] == 1
-        values = np.array([[effects[0].terms[0].typical]]) if single else drawn_values(effects, rng, draws)
-        return _of_displacements(sensitivity, values)
-    moments = []
-    for _ in range(draws):
-        values = drawn_values(effects, rng, 1)
-        one = _of_displacements(seats.sensitivity(effects, conditions(rng)), values)
-        moments.append((one.second[0], one.fourth[0]))
-    second, fourth = np.array(moments).swapaxes(0, 1)
-    return replace(one, second=second, fourth=fourth)
-
-
-def of_stated_uncertainty(seats: TouchedSeats, rng: np.random.Generator, draws: int) -> Pattern:
-    """What is uncertain in the arm by its own file: DH values within their half-widths. The size is 1 and known."""
-    return replace(_of_displacements(seats.sensitivity(), parameter_errors(seats.model, rng, draws)), sizes=(1.0, 1.0))
 
 
 def of_encoder_noise(seats: TouchedSeats, weights: Array | None = None) -> Pattern:
@@ -197,19 +141,13 @@ def of_encoder_noise(seats: TouchedSeats, weights: Array | None = None) -> Patte
     )
 
 
-def of_local_noise(seats: TouchedSeats, relative: ArrayLike, typical: float = LOCAL) -> Pattern:
-    """Noise of the contact or the seat, alike in all directions.
-
-    ``relative``, (seats,) or (draws, seats), is the standard deviation of each coordinate at each seat as a multiple of
-    ``typical`` [m]: ones for the contact of ball and seat; powers of the height for a stand that yields; one seat alone for
-    a loose one.
-    """
-    size = np.atleast_2d(np.asarray(relative, dtype=np.float64)) * typical
-    return Pattern(3.0 * size**2, 15.0 * size**4, seats.q.shape[1])
+def of_local_noise(seats: TouchedSeats, sd: Array) -> Pattern:
+    """Noise of the contact or the seat; ``sd`` (draws, seats) is the standard deviation of each coordinate at size 1 [m]."""
+    return Pattern(3.0 * sd**2, 15.0 * sd**4, seats.q.shape[1])
 
 
-def _of_displacements(sensitivity: Array, values: Array) -> Pattern:
-    """For ``sensitivity`` (seats, n, 3, p) and ``values`` (draws, p)."""
+def of_displacements(sensitivity: Array, values: Array) -> Pattern:
+    """Systematic causes, by ``sensitivity`` (seats, n, 3, p) [m/unit] and ``values`` (draws, p) at size 1."""
     seats, records = sensitivity.shape[:2]
     centred = sensitivity - sensitivity.mean(axis=1, keepdims=True)
     second, fourth = np.empty((2, len(values), seats))

@@ -12,7 +12,6 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect
-from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.papers.sino6 import printed_points, printed_table3
@@ -50,11 +49,11 @@ class TouchedSeats:
         """All postures, seat by seat (n, nq) [rad]."""
         return self.q.reshape(-1, self.q.shape[2])
 
-    def sensitivity(self, effects: Sequence[Effect] | None = None, conditions: Conditions | None = None) -> Array:
+    def sensitivity(self, effects: Sequence[Effect] | None = None) -> Array:
         """∂(position)/∂(parameters of ``effects``, by default those of the model): (seats, records, 3, p) [m/unit]."""
         if effects is None:
             return self._by_seat(self.model.sensitivity(self.all_q, at=self.at))
-        state = self.model.state(self.all_q, conditions, self.at)
+        state = self.model.state(self.all_q, at=self.at)
         return self._by_seat(np.concatenate([effect.sensitivity(state) for effect in effects], axis=2))
 
     def levers(self) -> Array:
@@ -86,16 +85,14 @@ def touched_seats(reading: Reading = "stylus down", *, arc: float = 1.0, start: 
     if not 0.0 < arc <= 1.0:
         raise AacmmError(f"arc is {arc:g}, expected a part of the circle, above 0 and at most 1")
     model, count, axis = ErrorModel.load("sino6"), round(RECORDS / arc), AXES[reading]
-    if axis is None:
-        circles = configuration_circles(model.arm, printed_points(), count=DENSE)
-        q = np.stack([_most_usable(circle) for circle in circles])
+    wrist = axis is None
+    circles = configuration_circles(model.arm, printed_points(), tip=not wrist, axis=axis, count=DENSE if wrist else count)
+    q = np.stack([_most_usable(circle) for circle in circles])
+    if wrist:
         apart = np.abs(wrapped(q[:, :, None, 2] - np.arange(count) * 2.0 * np.pi / count))
         q = np.take_along_axis(q, apart.argmin(axis=1)[:, :, None], axis=1)
-    else:
-        circles = configuration_circles(model.arm, printed_points(), tip=True, axis=axis, count=count)
-        q = np.stack([_most_usable(circle) for circle in circles])
     q = np.roll(q, -round(start * count), axis=1)[:, :RECORDS]
-    return TouchedSeats(model, q, WRIST if axis is None else None)
+    return TouchedSeats(model, q, WRIST if wrist else None)
 
 
 def _most_usable(circle: ConfigurationCircle) -> Array:

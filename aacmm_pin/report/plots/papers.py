@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from aacmm_pin.papers.sino6 import Table2
 from aacmm_pin.papers.sino6_table3 import Table3Diagnosis
+from aacmm_pin.papers.sino6_table3.marked_records import COUNTS, MEASURED_LOGS, band
 from aacmm_pin.papers.sino6_table3.patterns import CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE
 from aacmm_pin.papers.zero_offset import MRAD, iterations, printed_postures, printed_table2, rounding_residuals
 from aacmm_pin.papers.zero_offset.gauss_newton import ERRORS_MM, RUNS
@@ -33,12 +34,12 @@ BARS = {
     "six_tau_0.15": (VERMILLION, "six seats, discrepancy 15 %"),
     "six_tau_0.30": (YELLOW, "six seats, discrepancy 30 %"),
 }
-BANDS = {
-    "before_dh": (BLUE, "postures of smallest predicted volume, DH errors"),
-    "before_noise": (GREY, "the same, encoder noise"),
-    "after_dh": (GREEN, "smallest deviations after measuring, DH errors"),
-    "after_noise": (VERMILLION, "the same, encoder noise"),
-}
+BANDS = (
+    ("before", DH, BLUE, "postures of smallest predicted volume, DH errors"),
+    ("before", NOISE, GREY, "the same, encoder noise"),
+    ("after", DH, GREEN, "smallest deviations after measuring, DH errors"),
+    ("after", NOISE, VERMILLION, "the same, encoder noise"),
+)
 
 
 def plot_table2(result: Table2, ax: Axes | None = None) -> Axes:
@@ -131,15 +132,14 @@ def _sized(cause: str) -> str:
 def plot_part_and_rest(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     """Spread of the marked part over that of the rest, with the 5–95 % bands of four ways to choose the part."""
     ax = axes_of(ax, (7.2, 4.2))
-    table = found.contrast.seats
-    seat = table["seat"].to_numpy()
-    for k, (name, (colour, label)) in enumerate(BANDS.items()):
-        middle = table[f"{name}_median"].to_numpy()
-        ends = np.stack([middle - table[f"{name}_p05"], table[f"{name}_p95"] - middle])
+    seat = np.arange(1, len(COUNTS) + 1)
+    for k, (choice, cause, colour, label) in enumerate(BANDS):
+        low, middle, high = band(getattr(found.marked, choice)[cause])
+        ends = np.stack([middle - low, high - middle])
         ax.errorbar(seat + 0.17 * (k - 1.5), middle, ends, fmt="_", ms=9, mew=2, color=colour, lw=3, alpha=0.85, label=label)
-    ax.hlines(table["measured_ratio"], seat - 0.42, seat + 0.42, color=INK, lw=1.6, label="printed")
+    ax.hlines(np.exp(MEASURED_LOGS), seat - 0.42, seat + 0.42, color=INK, lw=1.6, label="printed")
     ax.axhline(1.0, color=INK, lw=0.6, ls=":")
-    ax.set_xticks(seat, [f"{s}\n{n} of 50" for s, n in zip(seat, table["marked_count"], strict=True)])
+    ax.set_xticks(seat, [f"{s}\n{n} of 50" for s, n in zip(seat, COUNTS, strict=True)])
     ax.set(xlabel="seat, records in the marked part", ylabel="spread of the marked part / of the rest [1]", ylim=(0, 1.85))
     ax.legend(fontsize=8, frameon=False, ncols=1, loc="upper left")
     ax.set_title("Marked part and rest: as printed, chosen before measuring, chosen after", fontsize=10)
