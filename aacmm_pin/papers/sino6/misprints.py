@@ -18,7 +18,6 @@ from aacmm_pin.papers.sino6.equations import (
     PlanarConfigurations,
     angle_in_triangle,
     arccos_or_nan,
-    cosine_in_triangle,
     tube_end_to_point,
 )
 from aacmm_pin.papers.sino6.tables import NominalArm, sino6_nominal
