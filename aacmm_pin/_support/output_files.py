@@ -7,7 +7,6 @@ next one that writes beside them.
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import json
 import os
@@ -23,6 +22,7 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Self
 
+from aacmm_pin._support.text import encodable
 from aacmm_pin.errors import OutputError
 
 HIDDEN = ".aacmm-pin-"
@@ -33,7 +33,7 @@ STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 def json_text(content: dict[str, Any]) -> str:
     """Strict JSON of a result, as every command writes it."""
-    return json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n"
+    return encodable(json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n")
 
 
 class OutputFiles:
@@ -202,7 +202,8 @@ def _kept(target: Path, folder: Path) -> Path:
 
 
 def _refusal(path: str | Path | None, error: OSError) -> OutputError:
-    return OutputError(f"{path}: cannot be written: {error.strerror or error}")
+    where = "standard output" if str(path) in STDOUT else path
+    return OutputError(f"{where}: cannot be written: {error.strerror or error}")
 
 
 @contextmanager
@@ -289,8 +290,6 @@ def _move_where_nothing_is(temporary: Path, target: Path) -> None:
 
 def _pass_on(temporary: Path, target: Path) -> None:
     if str(target) in STDOUT:
-        if sys.stdout is None:
-            raise OSError(errno.EBADF, "standard output is closed")
         sys.stdout.flush()
         if hasattr(sys.stdout, "buffer"):
             sys.stdout.buffer.write(temporary.read_bytes())

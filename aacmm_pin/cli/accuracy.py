@@ -8,6 +8,7 @@ from typing import Annotated, Any, cast
 import numpy as np
 import typer
 
+from aacmm_pin._support.text import csv_text
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm
 from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, command, note, say
@@ -47,7 +48,7 @@ def accuracy(
         )
         summary = accuracy_summary(circle, result, sectors) | ({"seed": seed} if method == "monte-carlo" else {})
         if output is not None:
-            results.text(accuracy_table(circle, result).to_csv(index=False), output)
+            results.text(csv_text(accuracy_table(circle, result)), output)
         results.picture(lambda: _drawn(circle, result), plot)
         results.json(summary, json_)
     if json_ != "-":

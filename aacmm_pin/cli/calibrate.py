@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from aacmm_pin._support.text import csv_text
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import Calibration, calibrate
@@ -54,7 +55,7 @@ def calibrate_(
         if urdf_out is not None:
             results.file(urdf_out).write_bytes(_urdf(model, result))
         if residuals is not None:
-            results.text(result.residuals.to_csv(index=False), residuals)
+            results.text(csv_text(result.residuals), residuals)
         results.picture(result.plot, plot)
         if report is not None:
             results.text(html.page(calibration_document(result, summary, when)), report)

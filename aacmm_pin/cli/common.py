@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import importlib.util
 import inspect
+import io
+import logging
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import MISSING, fields, is_dataclass
 from importlib.metadata import entry_points, version
 from pathlib import Path
@@ -17,11 +22,120 @@ from types import FrameType, ModuleType
 from typing import Annotated, Any, get_type_hints
 
 import typer
+from typer.core import TyperGroup
 
-from aacmm_pin._support.output_files import OutputFiles, json_text
+from aacmm_pin._support.output_files import STOPPING, OutputFiles, json_text
+from aacmm_pin._support.text import encodable
+from aacmm_pin._support.text import note as note
+from aacmm_pin._support.text import say as say
 from aacmm_pin.errors import AacmmError
 
+INTERRUPTED = "interrupted; every file is there whole, or as it was before"
+
+
+class Stopped(BaseException):
+    """A signal came that ends the command, as ``timeout`` and batch systems send it."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    raise Stopped(number)
+
+
+class Shell(TyperGroup):
+    """All commands: whatever ends one of them is one message on stderr, and its exit status."""
+
+    def main(self, *args: Any, **named: Any) -> Any:
+        """Run the command, with the streams and signals as it needs them."""
+        sys.stdout = sys.stdout or _Closed()
+        sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+        for stream in (sys.stdout, sys.stderr):
+            if hasattr(stream, "reconfigure"):  # what a terminal cannot show is escaped
+                stream.reconfigure(errors="backslashreplace")
+        with _signals(), _told(), _warnings_as_notes():
+            try:
+                return super().main(*args, **named)
+            finally:
+                sys.stdout.flush()
+
+    def invoke(self, ctx: Any) -> Any:
+        """See :meth:`main`; typer would answer some errors before they come there."""
+        with _told():
+            return super().invoke(ctx)
+
+
+class _Closed(io.StringIO):
+    """Standard output where the caller has closed it."""
+
+    def write(self, text: str) -> int:
+        """Refuse it."""
+        raise OSError(errno.EBADF, "standard output is closed")
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    try:
+        yield
+    except AacmmError as error:
+        _end(1, str(error))
+    except MemoryError as error:
+        _end(1, f"not enough memory: {error}".removesuffix(": "))
+    except RecursionError:
+        _end(1, "the input is nested too deep")
+    except UnicodeEncodeError as error:
+        _end(1, f"{error.object[error.start : error.end]!r} cannot be written as {error.encoding}")
+    except OSError as error:
+        words = error.strerror or str(error)
+        _end(1, words if error.filename is None else f"{error.filename}: {words}")
+    except KeyboardInterrupt:
+        _end(128 + signal.SIGINT, INTERRUPTED)
+    except Stopped as stopped:
+        _end(128 + stopped.number, INTERRUPTED)
+
+
+def _end(status: int, message: str) -> None:
+    """Say why, if anybody reads it, and give up what standard output did not take."""
+    with suppress(OSError):
+        note(f"aacmm-pin: {message}")
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:  # it would be tried again at exit, with a message of Python's own
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    raise SystemExit(status)
+
+
+@contextmanager
+def _signals() -> Iterator[None]:
+    """Those that end a command raise, so that what is half-written is taken away; those that are ignored stay so."""
+    if threading.current_thread() is not threading.main_thread():  # only that one may
+        yield
+        return
+    ours = dict.fromkeys(STOPPING, _stop) | {signal.SIGINT: signal.default_int_handler}
+    before = {number: signal.getsignal(number) for number in STOPPING}
+    for number, handler in before.items():
+        if handler != signal.SIG_IGN:
+            signal.signal(number, ours[number])
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _warnings_as_notes() -> Iterator[None]:
+    """What a library warns of, without its file and line; a test that makes errors of warnings still has them."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # that its cache has no place is nobody's concern
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: note(f"note: {message}")
+        yield
+
+
 app = typer.Typer(
+    cls=Shell,
     name="aacmm-pin",
     help="Postures, accuracy and calibration of articulated-arm coordinate measuring machines, on Pinocchio.",
     no_args_is_help=True,
@@ -36,7 +150,7 @@ PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
 
 def command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a subcommand; errors that the package raises on purpose become one message and exit status 1.
+    """Register a subcommand.
 
     A parameter whose type is a dataclass stands for the fields of it, which are options that several commands share.
     """
@@ -51,15 +165,8 @@ def command(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
                 options[option] = inspect.Parameter(option, parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
         def guarded(**typed: Any) -> None:
-            try:
-                made = {key: kind(**{f: typed.pop(f) for f in _fields(kind)}) for key, kind in groups.items()}
-                function(**made, **typed)
-            except AacmmError as error:
-                note(f"aacmm-pin: {error}")
-                raise typer.Exit(1) from None
-            except KeyboardInterrupt as interrupt:
-                note("aacmm-pin: interrupted; no output was left half-written")
-                raise typer.Exit(143 if isinstance(interrupt, Terminated) else 130) from None
+            made = {key: kind(**{f: typed.pop(f) for f in _fields(kind)}) for key, kind in groups.items()}
+            function(**made, **typed)
 
         guarded.__doc__ = function.__doc__
         guarded.__annotations__ = {option: parameter.annotation for option, parameter in options.items()}
@@ -76,14 +183,6 @@ def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
     return {f.name: (types[f.name], inspect.Parameter.empty if f.default is MISSING else f.default) for f in fields(group)}
 
 
-class Terminated(KeyboardInterrupt):
-    """SIGTERM came, as ``timeout`` and batch systems send it; so what is half-written is taken away."""
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise Terminated
-
-
 Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")]
 Sectors = Annotated[int, typer.Option(min=1, help="Sectors of the configuration circle.")]
@@ -98,16 +197,6 @@ EffectTexts = Annotated[
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write.")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the result into this file (.png, .svg, .pdf).")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
-
-
-def say(text: str) -> None:
-    """Tell what was found, on stdout."""
-    typer.echo(text)
-
-
-def note(text: str) -> None:
-    """Tell what was assumed or went wrong, on stderr."""
-    typer.echo(text, err=True)
 
 
 class Results(OutputFiles):
@@ -132,7 +221,7 @@ class Results(OutputFiles):
 
     def text(self, text: str, path: str | Path | None) -> None:
         """Write ``text`` to a file, or print it where ``path`` is None."""
-        self.file("-" if path is None else path).write_text(text, encoding="utf-8", newline="")
+        self.file("-" if path is None else path).write_text(encodable(text), encoding="utf-8", newline="")
 
     def json(self, content: dict[str, Any], target: str | None) -> None:
         """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing where it is None."""
@@ -160,8 +249,6 @@ def _root(
     version_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
 ) -> None:
     """Options of the command itself."""
-    if threading.current_thread() is threading.main_thread():  # only that one may
-        signal.signal(signal.SIGTERM, _terminate)
     loaders: list[tuple[str, Callable[[], Any]]] = []
     loaders += [(f"--plugin {name}", functools.partial(_import, name)) for name in plugin or []]
     loaders += [(f"entry point {point.name}", point.load) for point in entry_points(group="aacmm_pin.causes")]
@@ -169,8 +256,7 @@ def _root(
         try:
             load()
         except Exception as error:
-            note(f"aacmm-pin: {what}: {type(error).__name__}: {error}")
-            raise typer.Exit(1) from None
+            raise AacmmError(f"{what}: {type(error).__name__}: {error}") from None
 
 
 def _import(name: str) -> ModuleType:

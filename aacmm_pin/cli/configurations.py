@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from aacmm_pin._support.text import csv_text
 from aacmm_pin.cli.arm_options import AnyArm
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.cli.pose_options import Orientation, Point
@@ -13,4 +14,4 @@ def configurations(point: Point, arm: AnyArm, orientation: Orientation, output: 
     with Results(force, output) as results:
         circle = orientation.postures(arm.model().arm, point)
         note(str(circle))
-        results.text(circle.to_frame().to_csv(index=False), output)
+        results.text(csv_text(circle.to_frame()), output)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.text import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
@@ -39,7 +40,7 @@ def correct(arm: ArmAndData, noise: EncoderNoise, output: Output = None, force: 
             raise AacmmError(f"{path}: {error}") from None
         found[rows, 3] = _u(model, known, noise.encoder_noise_rad) / MM
         added = dict(zip(CORRECTED, found.T, strict=True))
-        results.text(table.assign(**added).to_csv(index=False, lineterminator="\n"), output)
+        results.text(csv_text(table.assign(**added)), output)
     effects = ", ".join(effect.label for effect in model.effects) or "no effects"
     note(f"{path}: {known.n} of {readings.n} readings corrected by {model.arm.name} with {effects}")
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import typer
 
+from aacmm_pin._support.text import csv_text
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, say
 from aacmm_pin.measurements.records import Measurements, read_table
@@ -86,4 +87,4 @@ def _like(data: str, records: pd.DataFrame) -> str:
         records = records.assign(**{name: np.radians(records[name]) for name in angles})
         records = records.rename(columns={name: name.replace("_deg", "_rad") for name in angles})
     order = [*header.intersection(records.columns, sort=False), *records.columns.difference(header, sort=False)]
-    return records[order].to_csv(index=False, lineterminator="\n")
+    return csv_text(records[order])

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.text import encodable
 from aacmm_pin.arm.arm import Arm, require_arm
 from aacmm_pin.arm.file import ArmFile, EffectEntry, arm_text, load_arm_file
 from aacmm_pin.arm.parameter import Parameter
@@ -102,7 +103,7 @@ class ErrorModel(Shown):
         """
         text = arm_text(self.file(), comment)
         with whole_file(path, force) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+            temporary.write_text(encodable(text), encoding="utf-8")
 
     def with_effects(self, *effects: Effect) -> ErrorModel:
         """The model with more effects; one that sits where another of the same cause sits takes its place."""

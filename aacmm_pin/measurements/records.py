@@ -22,6 +22,7 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.text import csv_text, csv_unquoted
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels
 from aacmm_pin.errors import MeasurementFileError, ShapeError, UnknownNameError
@@ -265,7 +266,7 @@ class Measurements(Shown):
         returns = any(texts[name].astype(str).str.contains("\r", regex=False, na=False).any() for name in texts)
         quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
         with whole_file(path, force) as temporary:
-            table.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8", quoting=quoting, compression=None)
+            temporary.write_text(csv_text(table, quoting), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
         unknown = f", unknown columns {', '.join(self.extra.columns)}" if len(self.extra.columns) else ""
@@ -300,7 +301,7 @@ def read_table(path: str) -> tuple[pd.DataFrame, Index]:
         for cells in reader:
             if cells:
                 lines.append(end + 1)
-                rows.append(cells)
+                rows.append([csv_unquoted(cell) for cell in cells])
             end = reader.line_num
     except csv.Error as error:
         raise MeasurementFileError(path, end + 1, "", f"not CSV: {error}; look at the quotes") from None

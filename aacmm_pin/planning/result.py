@@ -11,6 +11,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.text import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.effects import Effect
@@ -106,7 +107,7 @@ class MeasurementPlan(Shown):
 
     def csv(self) -> str:
         """The text of that file."""
-        return self.records.to_csv(index=False, lineterminator="\n")
+        return csv_text(self.records)
 
     @property
     def _more(self) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.output_files import json_text
+from aacmm_pin._support.text import csv_text
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.file import arm_text
 from aacmm_pin.calibration import Calibration
@@ -323,7 +324,7 @@ def files(
         Heading("Files"),
         Paragraph("The numbers behind this page are inside it; on screen each name below saves a file."),
         Download(names[0], "all numbers of this page", json_text(summary).encode()),
-        Download("residuals.csv", "every record with its residuals", residuals.to_csv(index=False).encode()),
+        Download("residuals.csv", "every record with its residuals", csv_text(residuals).encode()),
     ]
     if model.arm.dh is not None:
         blocks.append(Download(names[1], "the arm as found, with its covariance", arm_text(model.file(), note).encode()))

@@ -17,6 +17,7 @@ import pandas as pd
 from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin._support.output_files import OutputFiles, json_text
+from aacmm_pin._support.text import csv_text, encodable
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
@@ -239,7 +240,7 @@ def run_demo(
         diagnosis = found.summary() | {"source": "measured.csv", "seed": SEED}
         texts = {
             f"{arm.name.lower()}.urdf": urdf_text(arm_file),
-            "configurations.csv": circle.to_frame().to_csv(index=False),
+            "configurations.csv": csv_text(circle.to_frame()),
             "accuracy.json": json_text(of_point),
             "map.json": json_text(of_map),
             "diagnosis.json": json_text(diagnosis),
@@ -264,7 +265,7 @@ def run_demo(
         blocks = [QUESTION, *told, Heading("What is assumed"), Bullets(ASSUMED), Heading("More"), *links, made]
         texts["index.html"] = page(Document(f"{arm.name}: postures, accuracy, diagnosis", blocks, f"Geometry: {arm.source}"))
         for name, text in texts.items():
-            (out / name).write_text(text, encoding="utf-8")
+            (out / name).write_text(encodable(text), encoding="utf-8")
     findings = [block.text for block in told if isinstance(block, Paragraph) and block.finding]
     findings += [] if papers is None else papers.findings()
     return DemoSummary(folder, tuple(files), tuple(findings), of_point, of_map, time.perf_counter() - started)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from aacmm_pin._support.output_files import whole_file
+from aacmm_pin._support.text import encodable
 from aacmm_pin.report import accuracy, arm, calibration, diagnosis, measurements, next_measurements, papers, plan, plots
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.html import fragment, page
@@ -45,4 +46,4 @@ def save(result: object, path: str | Path, force: bool = False) -> None:
         TypeError: the class of the result has no document.
     """
     with whole_file(path, force) as temporary:
-        temporary.write_text(page(document_of(result)), encoding="utf-8")
+        temporary.write_text(encodable(page(document_of(result))), encoding="utf-8")

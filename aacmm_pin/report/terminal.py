@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Column
 from rich.table import Table as Grid
 
+from aacmm_pin._support.text import note, printable, say
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, are_numbers
 
 WIDTH = 118
@@ -25,9 +26,9 @@ def show(document: Document) -> None:
     for block in document.short():
         match block:
             case Paragraph(text=text, head=head):
-                print(f"{head} {text}".strip())
+                say(f"{head} {text}".strip())
             case Bullets(items=items, head=head):
-                print("\n".join([*([head] if head else []), *(f"  {item}" for item in items)]))
+                say("\n".join([*([head] if head else []), *(f"  {item}" for item in items)]))
             case Notes(items=items):
                 show_notes(items)
             case Table():
@@ -37,13 +38,13 @@ def show(document: Document) -> None:
 def show_notes(items: Iterable[str]) -> None:
     """Write what was assumed, or found beside, to the error stream."""
     for item in items:
-        print(f"note: {item}", file=sys.stderr)
+        note(f"note: {item}")
 
 
 def _print_table(table: Table) -> None:
     if table.caption:
-        print(f"{table.caption}:")
-    cells = table.cells()
+        say(f"{table.caption}:")
+    cells = table.cells().map(printable).rename(columns=printable)
     grid = Grid(*(_column(head, list(texts)) for head, texts in cells.items()), box=SIMPLE, pad_edge=False)
     grid.collapse_padding = True
     for row in cells.itertuples(index=False):
@@ -51,7 +52,7 @@ def _print_table(table: Table) -> None:
     known = sys.stdout.isatty() or "COLUMNS" in os.environ
     Console(width=None if known else WIDTH, markup=False, highlight=False, emoji=False).print(grid)
     if len(cells) < len(table.frame):
-        print(f"  … and {len(table.frame) - len(cells)} more")
+        say(f"  … and {len(table.frame) - len(cells)} more")
 
 
 def _column(name: object, texts: list[str]) -> Column:

@@ -14,6 +14,7 @@ from meshcat import Visualizer
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import whole_file
+from aacmm_pin._support.text import encodable
 from aacmm_pin._support.units import DEG
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.scenes import page
@@ -169,7 +170,7 @@ class Scene:
             OutputError: the file exists and ``force`` is not given, or it cannot be written.
         """
         with whole_file(path, force) as temporary:
-            temporary.write_text(self.html(), encoding="utf-8")
+            temporary.write_text(encodable(self.html()), encoding="utf-8")
 
     def embedded(self, height: int = NOTEBOOK_HEIGHT) -> str:
         """The scene as a part of another page, which holds :func:`aacmm_pin.report.scenes.shared_script` once.

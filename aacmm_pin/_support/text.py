@@ -1,0 +1,71 @@
+"""Text that came from files is text: no terminal acts on it, and no spreadsheet computes it."""
+
+from __future__ import annotations
+
+import csv
+import re
+import sys
+import unicodedata
+from typing import Literal
+
+import pandas as pd
+
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""How a cell begins that a spreadsheet would compute, perhaps quoted already."""
+
+
+def printable(text: str) -> str:
+    """The text with control characters, and others that have no shape, as escapes; line ends and tabulators stay."""
+    if text.isprintable():
+        return text
+    return "".join(c.encode("unicode_escape").decode() if _acts(c) else c for c in text)
+
+
+def _acts(character: str) -> bool:
+    kind = unicodedata.category(character)
+    return character not in "\n\t" and (kind[0] == "C" or kind in ("Zl", "Zp"))
+
+
+def encodable(text: str) -> str:
+    """The text with the bytes of names that are no UTF-8, which Python keeps as half characters, as escapes."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def say(text: str) -> None:
+    """Tell what was found, on stdout."""
+    print(printable(text), flush=True)
+
+
+def note(text: str) -> None:
+    """Tell what was assumed or went wrong, on stderr."""
+    print(printable(text), file=sys.stderr, flush=True)
+
+
+def csv_quoted(text: str) -> str:
+    """A cell of text as it stands in a CSV file: an apostrophe in front where a spreadsheet would compute it."""
+    return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
+
+
+def csv_unquoted(cell: str) -> str:
+    """The text that :func:`csv_quoted` wrote."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+
+
+def csv_text(table: pd.DataFrame, quoting: Literal[0, 2] = csv.QUOTE_MINIMAL) -> str:
+    """A table as CSV, its text quoted; numbers are as they are."""
+    quoted = table.copy()
+    for name in table.select_dtypes(exclude="number"):
+        quoted[name] = table[name].map(_quoted)
+    return encodable(quoted.rename(columns=_quoted).to_csv(None, index=False, lineterminator="\n", quoting=quoting))
+
+
+def _quoted(value: object) -> object:
+    return csv_quoted(value) if isinstance(value, str) else value
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,133 @@
+"""What goes wrong around a command: streams that take nothing, names that cannot be, signals, an exhausted machine."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+from shell import done, refused, run
+
+from aacmm_pin._support.text import printable
+from aacmm_pin.cli.common import Stopped
+
+
+def started(*words: str, **named: Any) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "aacmm_pin_command", *words]
+    return subprocess.Popen(command, **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | named)
+
+
+def ended(process: subprocess.Popen[bytes]) -> tuple[int, str]:
+    """Exit status and stderr, which is one line."""
+    _, said = process.communicate(timeout=60)
+    assert said.count(b"\n") == 1, said
+    return process.returncode, said.decode()
+
+
+def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also the message of an interrupt, whenever it comes, is true: it says nothing of what was done before."""
+    for error, status, said in (
+        (OSError(28, "No space left on device"), 1, "No space left"),
+        (PermissionError(13, "Permission denied", "a\x1bb"), 1, r"a\x1bb: Permission denied"),
+        (MemoryError("Unable to allocate 7.45 GiB"), 1, "memory: Unable to allocate 7.45 GiB"),
+        (MemoryError(), 1, "memory"),
+        (RecursionError("maximum recursion depth exceeded"), 1, "nested too deep"),
+        (UnicodeEncodeError("ascii", "name ä", 5, 6, "ordinal not in range"), 1, "'ä'"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (Stopped(signal.SIGTERM), 143, "interrupted"),
+        (Stopped(signal.SIGHUP), 129, "interrupted"),
+    ):
+
+        def fail(*_: object, error: BaseException = error, **__: object) -> None:
+            raise error
+
+        with monkeypatch.context() as patched:
+            patched.setattr("aacmm_pin.cli.urdf.urdf_text", fail)
+            found, out, err = run("urdf", "sino6")
+        assert (found, out, err.count("\n"), said in err) == (status, "", 1, True), (error, err)
+
+
+def test_signals_are_as_they_were_when_a_command_has_ended() -> None:
+    every = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in every]
+    done("--version")
+    assert [signal.getsignal(number) for number in every] == before
+
+
+def test_what_libraries_warn_of_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
+    def warn(*_: object, **__: object) -> str:
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")
+            warnings.warn("overflow\x1b", RuntimeWarning, stacklevel=1)
+        return ""
+
+    monkeypatch.setattr("aacmm_pin.cli.urdf.urdf_text", warn)
+    with warnings.catch_warnings():
+        assert run("urdf", "sino6") == (0, "", "note: overflow\\x1b\n")
+
+
+def test_streams_that_take_nothing() -> None:
+    with open("/dev/full", "wb") as full:
+        devices = [
+            (started("urdf", "sino6", stdout=full), "No space left"),
+            (started("--help", stdout=full), "No space left"),
+        ]
+    read, write = os.pipe()
+    os.close(read)
+    devices += [(started("urdf", "sino6", stdout=write), "Broken pipe")]
+    os.close(write)
+    closed = [sys.executable, "-m", "aacmm_pin_command", "causes"]
+    devices += [(subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE), "closed")]
+    for process, words in devices:
+        status, said = ended(process)
+        assert (status, words in said) == (1, True), said
+
+
+def test_a_terminal_without_letters() -> None:
+    process = started("causes", env=os.environ | {"PYTHONIOENCODING": "ascii"})
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, b"")
+    assert rb"100 \xb5rad" in out
+
+
+def test_an_interrupt_while_the_package_is_being_imported() -> None:
+    process = started("urdf", "sino6")
+    while Path("/proc/self/exe").resolve() != Path(f"/proc/{process.pid}/exe").resolve():
+        time.sleep(0.001)
+    maps = Path(f"/proc/{process.pid}/maps")
+    while "numpy" not in maps.read_text():
+        time.sleep(0.001)
+    process.send_signal(signal.SIGINT)
+    assert ended(process) == (130, "aacmm-pin: interrupted\n")
+
+
+def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    long, gone = "x" * 300, tmp_path / "gone"
+    for words in (("urdf", long), ("urdf", f"{long}.toml"), ("calibrate", "sino6", long), ("urdf", "sino6", "-o", long)):
+        assert "too long" in refused(*words, said=[long])
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    refused("urdf", "sino6", "-o", "a.urdf", said=["a.urdf", "No such file"])
+    assert done("urdf", "sino6")
+    monkeypatch.chdir(tmp_path)
+    strange = os.fsdecode(b"bad\xff\x1b.csv")
+    done("simulate", "sino6", "--records", "40", "-o", strange)
+    out, err = done("calibrate", "sino6", strange, "--no-held-out", "--report", "r.html", "--json", "a.json", "-o", "a.toml")
+    assert "\x1b" not in out + err
+    refused("calibrate", "sino6", f"{strange}.none", said=[r"bad\udcff\x1b.csv.none"])
+    assert r"bad\udcff\u001b.csv" in Path("a.json").read_text(encoding="utf-8")
+
+
+def test_text_that_a_terminal_would_act_on() -> None:
+    for text, shown in (("α µ\u00a0mm\tb\n", "α µ\u00a0mm\tb\n"), ("\x1b[2J\r\x07\x9b", r"\x1b[2J\r\x07\x9b")):
+        assert printable(text) == shown
+    for text in ("a\u202eb", "\u2028", os.fsdecode(b"\xff"), "\x00"):
+        assert printable(text).isprintable(), text
+    refused("urdf", "none\x1b[31m", said=[r"none\x1b[31m"])
