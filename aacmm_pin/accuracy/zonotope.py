@@ -44,31 +44,25 @@ def volume(generators: Array) -> Array:
 def largest_deviation(generators: Array) -> Array:
     """Distance of the farthest point from the centre, ``max_n Σ |n·g_k|``, for generators (n, 3, p) [m]: (n,) [m].
 
-    The farthest point is a vertex; all of :func:`corners` are looked at.
+    The farthest point is a vertex; all vertices are looked at.
     """
     n, _, count = generators.shape
     if count < 2:
         return np.asarray(np.linalg.norm(np.abs(generators).sum(axis=2), axis=1))
     farthest = np.zeros(n)
     for part in chunks(n, CHUNK):
-        for points in _some_corners(generators[part]):
+        for points in _corners(generators[part]):
             farthest[part] = np.maximum(farthest[part], np.square(points).sum(axis=2).max(axis=1))
     return np.asarray(np.sqrt(farthest))
 
 
-def corners(generators: Array) -> Array:
-    """Points (n, m, 3) [m] among which are all vertices, for generators (n, 3, p) [m], p at least 2.
+def _corners(generators: Array) -> Iterator[Array]:
+    """Points among which is one of each two opposite vertices, in four parts (n, pairs, 3).
 
     A vertex is ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is spanned by some g_i and g_j;
     its signs are those of ``n·g_k`` with the face's normal n = g_i × g_j, where that is zero (in the face) those of
     ±(n × g_i)·g_k, where that is zero too (parallel to g_i) those of ±g_i·g_k; and the set is symmetric.
     """
-    half = np.concatenate(list(_some_corners(generators)), axis=1)
-    return np.concatenate([half, -half], axis=1)
-
-
-def _some_corners(generators: Array) -> Iterator[Array]:
-    """One of each two opposite :func:`corners`, in four parts (n, pairs, 3)."""
     first, second = _pairs(generators.shape[2])
     g = generators.transpose(0, 2, 1)  # (n, p, 3)
     length = np.linalg.norm(g, axis=2)

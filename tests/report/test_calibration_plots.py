@@ -54,24 +54,28 @@ def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibra
     used = at_seats.fit.used
     table = at_seats.residuals[used]
     tips = at_seats.fit.problem.model.predict(at_seats.fit.problem.measurements.q)[used] / MM
-    for when in ("before", "after"):
-        ax = plot_residual_vectors(at_seats, when, "xz")
+    cases: list[tuple[str, Any]] = [("before", "xy"), ("after", "xz"), ("after", "yz")]
+    for when, plane in cases:
+        ax, (a, b) = plot_residual_vectors(at_seats, when, plane), ("xyz".index(axis) for axis in plane)
         drawn(ax.figure)
-        assert labels(ax) == ("x [mm]", "z [mm]")
+        assert labels(ax) == (f"{plane[0]} [mm]", f"{plane[1]} [mm]")
         assert ax.get_aspect() == 1.0
         factor = float(ax.get_title().rpartition("magnified ")[2][:-1])
         (lines,) = (c for c in ax.collections if isinstance(c, LineCollection))
         ends = np.array(lines.get_segments())
         assert len(ends) == used.sum() == 118
-        expected = table[[f"x_{when}_mm", f"z_{when}_mm"]].to_numpy()
+        expected = table[[f"{axis}_{when}_mm" for axis in plane]].to_numpy()
         np.testing.assert_allclose(ends[:, 1] - ends[:, 0], factor * expected, rtol=1e-6, atol=1e-6)
-        assert np.abs(ends[:, 0] - tips[:, [0, 2]]).max() < 0.5
+        assert np.abs(ends[:, 0] - tips[:, [a, b]]).max() < 0.5
         low, high = ax.get_xlim()
         assert low < ends[:, :, 0].min() < ends[:, :, 0].max() < high
         ((number, unit),) = (t.get_text().split() for t in ax.texts)
         bar = next(line for line in ax.lines if line.get_marker() == "|")
         assert np.ptp(bar.get_xdata()) == pytest.approx(factor * float(number) * {"mm": 1.0, "µm": 1e-3}[unit])
         assert [text.get_text() for text in ax.get_legend().get_texts()] == ["2 excluded"]
+        skeleton = [line for line in ax.lines if len(line.get_xdata()) == at_seats.model.arm.chain.places]
+        assert len(skeleton) == 6  # three postures, as tubes and as joints
+        assert (skeleton[0].get_xdata()[0], skeleton[0].get_ydata()[0]) == (0.0, 0.0)
 
 
 def test_seats_stand_in_their_order_and_excluded_records_are_marked(at_seats: Calibration, with_wave: Calibration) -> None:

@@ -49,7 +49,6 @@ from aacmm_pin.report.plots import (
     plot_geometry,
     plot_groups,
     plot_held_out,
-    plot_residual_vectors,
     plot_residual_views,
     plot_rms,
     plot_unexplained,
@@ -239,20 +238,6 @@ def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> No
         "session",
     }
     assert plt.get_fignums() == []
-
-
-@pytest.mark.parametrize("plane", ["xy", "xz", "yz"])
-def test_vectors_on_the_arm_are_as_long_as_the_title_says(sound: Diagnosis, plane: Any) -> None:
-    ax = plot_residual_vectors(sound, "recalibrated", plane)
-    factor = float(ax.get_title().rpartition("magnified ")[2][:-1])
-    (lines,) = (c for c in ax.collections if isinstance(c, LineCollection))
-    ends = np.array(lines.get_segments())
-    axes = ["xyz".index(axis) for axis in plane]
-    deviation = sound.recalibrated.solution.system.deviation[sound.extended.used][:, axes] / MM
-    np.testing.assert_allclose(ends[:, 1] - ends[:, 0], factor * deviation, rtol=1e-6, atol=1e-6)
-    skeleton = [line for line in ax.lines if len(line.get_xdata()) == sound.model.arm.chain.places]
-    assert len(skeleton) == 6  # three postures, as tubes and as joints
-    assert (skeleton[0].get_xdata()[0], skeleton[0].get_ydata()[0]) == (0.0, 0.0)
 
 
 def test_the_arm_is_shown_before_and_after_what_helped(sound: Diagnosis, sino6: Arm) -> None:

@@ -26,15 +26,7 @@ def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
     return ax if ax is not None else plt.figure(figsize=size, layout="constrained").add_subplot()
 
 
-def panels_of(
-    ax: Axes | None,
-    size: tuple[float, float],
-    count: int,
-    columns: int,
-    *,
-    share_y: bool = False,
-    widths: Sequence[float] | None = None,
-) -> list[Axes]:
+def panels_of(ax: Axes | None, size: tuple[float, float], count: int, columns: int, *, share_y: bool = False) -> list[Axes]:
     """Axes of ``count`` panels, row by row.
 
     Args:
@@ -43,7 +35,6 @@ def panels_of(
         count: number of panels.
         columns: panels side by side.
         share_y: one scale for all panels.
-        widths: of the columns, beside each other.
 
     Raises:
         AacmmError: axes that have no place in a grid.
@@ -53,8 +44,7 @@ def panels_of(
     if spec is None:
         raise AacmmError("ax has no place in a grid that could be divided; expected axes such as plt.subplots() gives")
     place.remove()
-    grid = spec.subgridspec(-(-count // columns), columns, width_ratios=widths)
-    panels = list(grid.subplots(sharey=share_y, squeeze=False).flat)
+    panels = list(spec.subgridspec(-(-count // columns), columns).subplots(sharey=share_y, squeeze=False).flat)
     for left_over in panels[count:]:
         left_over.remove()
     return panels[:count]

@@ -12,8 +12,9 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES
+from aacmm_pin.report.plots.style import VOLUME_COLOURS
 from aacmm_pin.report.scenes.arm_parts import Bodies
 from aacmm_pin.report.scenes.arm_scene import ROOM, draw_ball, joint_texts, moving, stage
 from aacmm_pin.report.scenes.legend import ColourBar, Swatch
@@ -29,45 +30,31 @@ SIDE, HEIGHT = -55 * DEG, 14 * DEG
 """The camera stands on the side of the half-plane on which x grows to the right."""
 
 
-BEST = "with the smallest accuracy volume"
-WHOSE = {
-    "worst_mm3": ("worst_theta_deg", "with the largest accuracy volume"),
-    "smallest_u_mm": ("smallest_u_theta_deg", "with the smallest u"),
-}
-"""Whose posture goes with a quantity, other than that of the smallest volume: its name in the map's data, and in words."""
-
-
-def map_scene(workspace_map: WorkspaceMap, model: Arm | ErrorModel, quantity: str = "comprehensive_mm3") -> Scene:
-    """The half-plane as coloured cells, and the arm with its wrist in one after the other.
+def map_scene(workspace_map: WorkspaceMap, model: Arm | ErrorModel) -> Scene:
+    """The half-plane as cells coloured by comprehensive accuracy, and the arm with its wrist in one after the other.
 
     Args:
         workspace_map: the map.
         model: the arm that it is of.
-        quantity: one of :data:`aacmm_pin.report.plots.maps.QUANTITIES`.
 
     Raises:
-        UnknownNameError: no such quantity.
         AacmmError: the map is of another arm, or no cell has a posture within limits.
     """
-    if quantity not in QUANTITIES:
-        raise UnknownNameError("quantity", quantity, list(QUANTITIES))
-    arm, shown, data = ErrorModel.arm_of(model), QUANTITIES[quantity], workspace_map.data
+    arm, data = ErrorModel.arm_of(model), workspace_map.data
     if data.attrs["arm"] != arm.name or data.sizes["joint"] != arm.nq:
         raise AacmmError(f"the map is of {data.attrs['arm']} with {data.sizes['joint']} joints, the arm is {arm}")
-    posture, whose = WHOSE.get(quantity, ("best_theta_deg", BEST))
     reachable = data["reachable"].values.astype(bool)
-    values = np.where(reachable, shown.scale * data[quantity].values, np.nan)
-    q_of_cells = data[posture].values * DEG
+    values = np.where(reachable, data["comprehensive_mm3"].values, np.nan)
+    q_of_cells = data["best_theta_deg"].values * DEG
     works = np.isfinite(q_of_cells).all(axis=2) & np.isfinite(values)
     if not works.any():
         raise AacmmError(f"{workspace_map}: no cell has a posture within limits")
-    bar = ColourBar.of(shown.label, values if None in shown.ends else np.array(shown.ends), shown.colours)
+    bar = ColourBar.of(QUANTITIES["comprehensive_mm3"].label, values, VOLUME_COLOURS)
     cells = _in_turn(works)
     q, points, bodies = q_of_cells[cells], _centres(workspace_map)[cells], Bodies(arm)
 
-    name, unit = shown.label.removesuffix("]").split(" [")
     everything = np.vstack([_corners(workspace_map, reachable).reshape(-1, 3), bodies.corners(q).reshape(-1, 3)])
-    scene = stage(f"{arm.name}: {name}", _caption(workspace_map, whose), bodies, everything, points)
+    scene = stage(f"{arm.name}: comprehensive accuracy", _caption(workspace_map), bodies, everything, points)
     scene.view = View(np.vstack([everything, bodies.foot]), SIDE, HEIGHT, ROOM * bodies.radius)
     scene.bar = bar
     scene.notes.insert(0, _on_slider(len(q), int(works.sum())))
@@ -80,7 +67,7 @@ def map_scene(workspace_map: WorkspaceMap, model: Arm | ErrorModel, quantity: st
     texts = {
         "x of the cell": [f"{x / MM:.1f} mm" for x in points[:, 0]],
         "z of the cell": [f"{z / MM:.1f} mm" for z in points[:, 2]],
-        name: [f"{value:.4g} {unit}".removesuffix(" 1") for value in values[cells]],
+        "comprehensive": [f"{value:.4g} mm³" for value in values[cells]],
         **joint_texts(arm, q),
     }
     scene.frames = Frames(
@@ -93,12 +80,12 @@ def map_scene(workspace_map: WorkspaceMap, model: Arm | ErrorModel, quantity: st
     return scene
 
 
-def _caption(map_: WorkspaceMap, whose: str) -> str:
+def _caption(map_: WorkspaceMap) -> str:
     data = map_.data
     without = f" Not included: {', '.join(map_.not_included)}." if map_.not_included else ""
     return (
         f"{data.sizes['x_mm']} × {data.sizes['z_mm']} cells of the half-plane y = 0 of the wrist, {map_.sectors} sectors; "
-        f"cells out of reach are not drawn. The arm is in the posture {whose}.{without}"
+        f"cells out of reach are not drawn. The arm is in the posture with the smallest accuracy volume.{without}"
     )
 
 
