@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -103,7 +104,7 @@ def assembled_arm() -> Arm:
     return Arm.from_file(file.model_copy(update={"joints": rows, "name": "zero6 as assembled"}))
 
 
-def iterations(run: int, rounding: float | None = None, *, keying_slip: bool = False, count: int = 4) -> pd.DataFrame:
+def iterations(run: int, rounding: float = 0.0, *, keying_slip: bool = False, count: int = 4) -> pd.DataFrame:
     """The paper's iterations (7), (8) of one run from zero offsets on, one row an iteration; row 0 is the start.
 
     Columns: iteration, theta_offset1_deg … theta_offset6_deg, error1_mm … error3_mm (distance of the computed from the
@@ -111,7 +112,7 @@ def iterations(run: int, rounding: float | None = None, *, keying_slip: bool = F
 
     Args:
         run: number of the run, 1 to 3.
-        rounding: increments are rounded to whole multiples of this [rad]; None leaves them as they are.
+        rounding: increments are rounded to whole multiples of this [rad]; 0 leaves them as they are.
         keying_slip: make the slip of Table 2, run 1, iteration 2: it has 1.776° → 1.719° for joint 5, an increment of
             -0.001 rad, where (8) gives -0.010; what follows obeys (8) again.
         count: number of iterations. There is no stopping rule here; the paper stops when all errors are below 0.3 mm.
@@ -125,7 +126,7 @@ def iterations(run: int, rounding: float | None = None, *, keying_slip: bool = F
         errors = np.linalg.norm(simulation.misses(offsets), axis=1) / MM
         rows.append([iteration, *(offsets / DEG), *errors, np.linalg.cond(simulation.matrix(offsets))])
         increment = simulation.increment(offsets)
-        if rounding is not None:
+        if rounding:
             increment = np.round(increment / rounding) * rounding
         if keying_slip and (run, iteration) == (1, 1):
             increment[4] = -1 * MRAD
@@ -133,26 +134,19 @@ def iterations(run: int, rounding: float | None = None, *, keying_slip: bool = F
     return pd.DataFrame(rows, columns=["iteration", *OFFSETS_DEG, *ERRORS_MM, "condition_number"])
 
 
-def rounding_residuals(roundings: Sequence[float | None] = (1e-3, 1e-4, 1e-5, None)) -> pd.DataFrame:
+def rounding_residuals(roundings: Sequence[float] = (1e-3, 1e-4, 1e-5, 0.0)) -> pd.DataFrame:
     """What is left after eight iterations when increments are rounded more and more finely, one row a rounding and run.
 
-    Columns: rounding_mrad (0 for none), run, error1_mm … error3_mm, rms_error_mm (of the three), expected_rms_error_mm,
+    Columns: rounding_mrad, run, error1_mm … error3_mm, rms_error_mm (of the three), expected_rms_error_mm,
     largest_offset_error_deg. Expected is the root mean square over all arms, each joint's rest being uniform within ± half
     the rounding: ``rounding/√12 · ‖G‖/√3`` with the Frobenius norm. The one arm here stays below it, by up to three times.
     """
     rows = []
-    for rounding in roundings:
-        for run in RUNS:
-            simulation, last = simulated_run(run), iterations(run, rounding, count=8).iloc[-1]
-            spread = (rounding or 0.0) / np.sqrt(12.0) * np.linalg.norm(simulation.matrix(simulation.true_offsets))
-            rows.append(
-                {
-                    "rounding_mrad": (rounding or 0.0) / MRAD,
-                    "run": run,
-                    **last[ERRORS_MM],
-                    "rms_error_mm": np.sqrt(np.square(last[ERRORS_MM]).mean()),
-                    "expected_rms_error_mm": spread / np.sqrt(len(ERRORS_MM)) / MM,
-                    "largest_offset_error_deg": np.abs(last[OFFSETS_DEG] - simulation.true_offsets / DEG).max(),
-                }
-            )
-    return pd.DataFrame(rows)
+    for rounding, run in product(roundings, RUNS):
+        simulation, last = simulated_run(run), iterations(run, rounding, count=8).iloc[-1]
+        norm = np.linalg.norm(simulation.matrix(simulation.true_offsets)) / MM
+        largest = np.abs(last[OFFSETS_DEG] - simulation.true_offsets / DEG).max()
+        rms = np.sqrt(np.square(last[ERRORS_MM]).mean())
+        rows.append([rounding / MRAD, run, *last[ERRORS_MM], rms, rounding / 6.0 * norm, largest])  # √12 √3 = 6
+    names = ["rounding_mrad", "run", *ERRORS_MM, "rms_error_mm", "expected_rms_error_mm", "largest_offset_error_deg"]
+    return pd.DataFrame(rows, columns=names)
