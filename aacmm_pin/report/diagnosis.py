@@ -204,17 +204,17 @@ def motion_of(result: Diagnosis, effect: Effect, state: State | None = None) -> 
 
 
 def ranking(result: Diagnosis) -> pd.DataFrame:
-    """The causes, strongest first: cause, label, value ± U, size at the tip, probability, p, retained."""
+    """The causes, strongest first: cause, value ± U, size at the tip, probability, p, retained, label."""
     state = state_of(result.extended)
     rows = [
         {
             "cause": in_words(f.effect),
-            "label": f.label,
             "value ± U (k = 2)": values_in_words(f.effect, f.parameters),
             "at the tip_mm": motion_of(result, f.effect, state) / MM,
             "probability": probability(f.probability),
             "p": p_value(f.p_value),
             "retained": percent(f.retained_fraction),
+            "label": f.label,
         }
         for f in result.findings
     ]
@@ -222,7 +222,7 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
 
 
 def look_alikes(result: Diagnosis) -> pd.DataFrame:
-    """What looks like each cause in these records: cause, looks like, label, correlation r, probability in its place."""
+    """What looks like each cause in these records: cause, looks like, correlation r, probability in its place, label."""
     shown = [
         (finding, alias)
         for finding in result.findings
@@ -233,9 +233,9 @@ def look_alikes(result: Diagnosis) -> pd.DataFrame:
         {
             "cause": in_words(finding.effect),
             "looks like": alias_in_words(alias),
-            "label": alias.label,
             "r": alias.correlation,
             "probability": probability(alias.probability),
+            "label": alias.label,
         }
         for finding, alias in shown
     ]
