@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from aacmm_pin._support.checks import Array, batch, unit_vector
+from aacmm_pin._support.plausible import MOST_JOINTS
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
@@ -18,7 +19,8 @@ from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import ArmFile, Covariance, calibrated, load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.arm.poses import Poses
-from aacmm_pin.arm.urdf import read_urdf, urdf_text
+from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.arm.urdf_reader import read_urdf
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
 
@@ -111,7 +113,7 @@ class Arm(Shown):
             rotation_half_width: bound of every placement turn [rad].
 
         Raises:
-            AacmmError: the file cannot be read or is not URDF.
+            ArmFileError: see :func:`aacmm_pin.arm.urdf_reader.read_urdf`.
             UnsupportedArmError: a joint takes more than one number (planar, floating).
             UnknownNameError: no such frame; lists the frames.
         """
@@ -182,7 +184,7 @@ class Arm(Shown):
     @property
     def joint_axes(self) -> Array:
         """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the joint moves."""
-        return np.array([_joint_axis(self.model, j) for j in range(1, self.model.njoints)])
+        return _joint_axes(self.model)
 
     @property
     def gravity(self) -> Array:
@@ -221,10 +223,10 @@ class Arm(Shown):
     @cached_property
     def centres_of_mass(self) -> Array:
         """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there is no mass."""
-        centres = np.zeros((self.nq, 3))
+        centres, axes = np.zeros((self.nq, 3)), self.joint_axes
         for j in range(1, self.model.njoints):
             if self.model.inertias[j].mass > 0.0:
-                centres[j - 1] = _onto_z(_joint_axis(self.model, j)).T @ self.model.inertias[j].lever
+                centres[j - 1] = _onto_z(axes[j - 1]).T @ self.model.inertias[j].lever
         centres = self._over_rows(centres)
         if self.dh is not None and not self.dh.standard:
             centres[self.dh.moving, 2] -= self.dh.d[self.dh.moving]
@@ -368,6 +370,8 @@ def _serial_part(model: Any, frame: str) -> Any:
     while joint > 0:
         chain.append(joint)
         joint = model.parents[joint]
+    if len(chain) > MOST_JOINTS:
+        raise UnsupportedArmError(f"{model.name}: {len(chain)} joints move frame {frame!r}, expected at most {MOST_JOINTS}")
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()
     if others:
@@ -394,26 +398,28 @@ def _rename(model: Any, joints: list[int]) -> None:
 
 def _chain_of_model(model: Any, tip: str) -> Chain:
     """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their own axes."""
-    turns = [_onto_z(_joint_axis(model, j)) for j in range(1, model.njoints)]
+    turns = [_onto_z(axis) for axis in _joint_axes(model)]
     frame = model.frames[_frame_number(model, tip)].placement.homogeneous
     placements = [*(model.jointPlacements[j].homogeneous for j in range(1, model.njoints)), frame]
     turned = [pin.SE3(turn, np.zeros(3)) for turn in turns]
     backs = [pin.SE3.Identity(), *(turn.inverse() for turn in turned)]
     ends = [back.homogeneous @ placement for back, placement in zip(backs, placements, strict=True)]
-    slides = np.array([not _motion(model, j)[3:].any() for j in range(1, model.njoints)])
+    slides = np.asarray(~_motions(model)[:, 3:].any(axis=1))
     return Chain.of_pieces([turn.homogeneous for turn in turned], ends, np.arange(len(turns)), slides)
 
 
-def _motion(model: Any, joint: int) -> Array:
-    """Twist of a joint per unit of its number, in its own axes (6,)."""
+def _motions(model: Any) -> Array:
+    """Twist of every joint per unit of its number, in its own axes (nq, 6)."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    return np.array(pin.getJointJacobian(model, data, joint, pin.LOCAL)).reshape(6, -1)[:, joint - 1]
+    each = [pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, -1) for joint in range(1, model.njoints)]
+    return np.array([jacobian[:, number] for number, jacobian in enumerate(each)])
 
 
-def _joint_axis(model: Any, joint: int) -> Array:
-    motion = _motion(model, joint)
-    return motion[3:] if motion[3:].any() else motion[:3]
+def _joint_axes(model: Any) -> Array:
+    motions = _motions(model)
+    turns = motions[:, 3:].any(axis=1, keepdims=True)
+    return np.asarray(np.where(turns, motions[:, 3:], motions[:, :3]))
 
 
 def _onto_z(axis: Array) -> Array:

@@ -1,6 +1,6 @@
-"""URDF: the text of one from an arm file, and one from elsewhere in the form in which every joint takes one number.
+"""URDF of an arm file.
 
-Of an arm file, every DH row becomes one moving link and one frame link behind it, so that no rotation matrix has to be
+Every DH row becomes one moving link and one frame link behind it, so that no rotation matrix has to be
 turned into roll, pitch and yaw and every number of the table appears in the text as it is (``%.17g``): standard DH puts
 ``Rz(θ0)`` into the joint's origin and ``Tz(d) Tx(a) Rx(α)`` into the frame's; modified DH puts ``Rx(α) Tx(a)`` into an extra
 fixed joint before. Frames are named ``frame1`` ... ``frameN``; ``tip`` is the last. Joints are ``revolute`` (a
@@ -14,15 +14,11 @@ shifts ``tip`` in the axes of the last frame. That is for other programs; here t
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import ArmFile, Row
-from aacmm_pin.errors import AacmmError
 
-TURNS = 2 * math.pi
-"""Limit, to both sides, of a joint that URDF calls continuous [rad]."""
 TUBE_RADIUS = 0.018
 STYLUS_RADIUS = 0.004
 """Radii at which links are drawn [m]."""
@@ -35,31 +31,6 @@ Triple = tuple[float, ...]
 _ZERO: Triple = (0.0, 0.0, 0.0)
 _ALONG_X: Triple = (0.0, math.pi / 2, 0.0)
 _COLORS = {"tube": "0.55 0.58 0.62 1", "joint": "0.13 0.23 0.36 1", "stylus": "0.75 0.1 0.15 1", "base": "0.3 0.3 0.32 1"}
-
-
-def read_urdf(path: str | Path) -> str:
-    """The text of a URDF file, with its ``continuous`` joints as ``revolute`` ones with limits of ±2π.
-
-    Pinocchio gives a continuous joint two numbers, cosine and sine, which no encoder shows; the motion is the same. What a
-    file says of ``lower`` and ``upper`` in a continuous joint has no meaning in URDF and is replaced.
-
-    Raises:
-        AacmmError: no such file, or not XML.
-    """
-    if not Path(path).is_file():
-        raise AacmmError(f"{path}: no such file")
-    try:
-        root = ET.parse(path).getroot()
-    except (ET.ParseError, LookupError, ValueError) as error:
-        raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
-    for joint in root.iterfind(".//joint[@type='continuous']"):
-        joint.set("type", "revolute")
-        limit = joint.find("limit")
-        if limit is None:
-            limit = ET.SubElement(joint, "limit", effort="0", velocity="0")  # URDF wants them; nothing here reads them
-        limit.set("lower", repr(-TURNS))
-        limit.set("upper", repr(TURNS))
-    return ET.tostring(root, encoding="unicode")
 
 
 def urdf_text(arm: ArmFile, *, with_stylus_offset: bool = False) -> str:

@@ -1,0 +1,172 @@
+"""URDF files as they come: what each mistake is answered with, and that nothing else of a good one changes."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.urdf_reader import DEEPEST, MOST_LINKS, TURNS, read_urdf
+from aacmm_pin.errors import AacmmError, ArmFileError, UnsupportedArmError
+
+GOOD = """\
+<?xml version="1.0"?>
+<robot name="two">
+  <link name="base"/>
+  <link name="upper">
+    <inertial>
+      <origin xyz="0 0 0.1"/>
+      <mass value="0.5"/>
+      <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/>
+    </inertial>
+    <visual><geometry><mesh filename="package://nowhere.stl"/></geometry></visual>
+  </link>
+  <link name="tip"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/>
+    <child link="upper"/>
+    <origin xyz="0 0 0.3" rpy="0 1.5 0"/>
+    <axis xyz="0 0 1"/>
+    <limit lower="-1" upper="2" effort="1" velocity="1"/>
+  </joint>
+  <joint name="slide" type="prismatic">
+    <parent link="upper"/>
+    <child link="tip"/>
+    <axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.5"/>
+  </joint>
+</robot>
+"""
+SLIDE = GOOD[GOOD.index('  <joint name="slide"') : GOOD.index("</robot>")]
+# what is replaced, by what, the line that the answer names, and words of it
+MISTAKES = [
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', 17, "joint 'shoulder': axis: xyz is '0 0 0'"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 nan 1"/>', 17, "'shoulder': axis"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 inf 1"/>', 17, "'shoulder': axis"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', 17, "3 numbers"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><axis xyz="0 0 1"/>', 17, "twice"),
+    ('lower="-1" upper="2"', 'lower="2" upper="-1"', 18, "limit: lower is 2 and upper -1"),
+    ('lower="-1" upper="2"', 'lower="-1" upper="1e16"', 18, "upper is '1e16'"),
+    ('lower="-1" upper="2"', 'lower="-1_0" upper="2"', 18, "lower is '-1_0'"),
+    ('<limit lower="0" upper="0.5"/>', "", 20, "joint 'slide': limit is missing"),
+    ('xyz="0 0 0.3"', 'xyz="0 0 300"', 16, "origin: xyz is '0 0 300'"),
+    ('rpy="0 1.5 0"', 'rpy="0 1e300 0"', 16, "origin: rpy"),
+    ('xyz="0 0 0.1"', 'xyz="0 0 x"', 6, "link 'upper': inertial: origin"),
+    ('mass value="0.5"', 'mass value="-0.5"', 7, "link 'upper': inertial: mass: value is -0.5"),
+    ('<mass value="0.5"/>', "", 5, "mass is missing"),
+    ('ixx="1e-3"', 'ixx="1e300"', 8, "inertia: ixx"),
+    ('<parent link="base"/>', "", 13, "joint 'shoulder': parent is missing"),
+    ('<child link="tip"/>', "<child/>", 22, "joint 'slide': child: link is missing"),
+    ('<child link="tip"/>', '<child link="tool"/>', 22, "no link 'tool'"),
+    ('<child link="tip"/>', '<child link="upper"/>', 22, "'upper' is carried already by joint 'shoulder'"),
+    ('<parent link="upper"/>', '<parent link="tip"/>', 20, "joint 'slide': is part of a cycle"),
+    ('<parent link="base"/>', '<parent link="tip"/>', 13, "cycle"),
+    (
+        '<link name="tip"/>',
+        '<link name="tip"/><link name="other"/>',
+        12,
+        "link 'other': no joint carries it, nor link 'base'",
+    ),
+    ('<link name="tip"/>', '<link name="base"/>', 12, "taken by line 3"),
+    ('joint name="slide"', 'joint name="shoulder"', 20, "taken by line 13"),
+    ('<link name="base"/>', "<link/>", 3, "name is missing"),
+    ('type="prismatic"', 'type="screw"', 20, "'screw', expected one of revolute"),
+    ('type="prismatic"', "", 20, "type is missing"),
+    ("robot", "sdf", 2, "robot"),
+    ('<link name="base"/>', '<xacro:include filename="x"/>', 3, "xacro"),
+    ('<link name="base"/>', "<a>" * 100_000, 3, f"{DEEPEST} elements inside"),
+    ("<robot", '<!DOCTYPE r [<!ENTITY a "aaaa">]>\n<robot', 2, "entity"),
+    (SLIDE, "".join(f'<link name="l{i}"/>' for i in range(30_000)), 20, f"expected at most {MOST_LINKS}"),
+]
+
+
+def test_each_mistake_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "bad.urdf"
+    for old, new, line, words in MISTAKES:
+        assert old in GOOD
+        path.write_text(GOOD.replace(old, new), encoding="utf-8")
+        with pytest.raises(ArmFileError) as caught:
+            Arm.from_urdf(path, "tip")
+        assert (caught.value.path, caught.value.key) == (str(path), f"line {line}"), str(caught.value)
+        assert words in str(caught.value)
+
+
+def test_what_is_no_xml(tmp_path: Path) -> None:
+    path = tmp_path / "bad.urdf"
+    for content, words in (
+        (b"", "no element"),
+        (GOOD.encode()[:300], "line 10"),
+        (b"\xff\xfe\x00", "XML"),
+        (b'<?xml version="1.0" encoding="no-such"?><robot/>', "encoding"),
+        (b" " * 20_000_001, "20 MB"),
+        (GOOD.replace('"two"', '"a\0"').encode(), "line 2"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(ArmFileError, match=words):
+            read_urdf(path)
+    for there in (tmp_path, tmp_path / "none.urdf"):
+        with pytest.raises(ArmFileError, match="no such file"):
+            read_urdf(there)
+
+
+def chain_of(joints: int) -> str:
+    """A robot of so many joints that turn, one behind the other."""
+    links = "".join(f'<link name="l{i}"/>' for i in range(joints + 1))
+    inside = '<parent link="l{}"/><child link="l{}"/><origin xyz="0.1 0 0"/><axis xyz="0 0 1"/>'
+    each = (f'<joint name="j{i}" type="continuous">{inside.format(i, i + 1)}</joint>' for i in range(joints))
+    return f'<robot name="long">{links}{"".join(each)}</robot>'
+
+
+def test_long_chains(tmp_path: Path) -> None:
+    path = tmp_path / "long.urdf"
+    path.write_text(chain_of(64), encoding="utf-8")
+    arm = Arm.from_urdf(path, "l64")
+    q = np.linspace(-1, 1, 64)[None]
+    np.testing.assert_allclose(arm.chain.walk(q)[1][-1], arm.positions(q), atol=1e-12)
+    path.write_text(chain_of(200), encoding="utf-8")
+    with pytest.raises(UnsupportedArmError, match="200 joints move frame 'l200', expected at most 64"):
+        Arm.from_urdf(path, "l200")
+    assert Arm.from_urdf(path, "l64").nq == 64
+    path.write_text(chain_of(MOST_LINKS - 1).replace("continuous", "fixed"), encoding="utf-8")
+    with pytest.raises(AacmmError, match="no joint moves"):
+        Arm.from_urdf(path, "l900")
+
+
+def test_an_axis_has_any_length(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    for xyz in ("0 0 1e-200", "0 0 1e200", "0 0 2", "0 0 5e-324"):
+        path.write_text(GOOD.replace('xyz="0 0 1"', f'xyz="{xyz}"'), encoding="utf-8")
+        arm = Arm.from_urdf(path, "tip")
+        np.testing.assert_allclose(arm.joint_axes, [[0, 0, 1], [1, 0, 0]], rtol=0, atol=1e-15)
+        np.testing.assert_array_equal(arm.limits, [[-1, 2], [0, 0.5]])
+
+
+def test_nothing_of_a_robot_changes() -> None:
+    """Every robot of example-robot-data as Pinocchio reads it by itself, with its continuous joints as turning ones."""
+    files = importlib.metadata.distribution("example-robot-data").files or []
+    compared = 0
+    for path in (Path(str(file.locate())) for file in files if file.name.endswith(".urdf")):
+        if path.name in ("ur3.urdf", "iris.urdf"):  # an empty robot; limits of 1e16
+            with pytest.raises(ArmFileError):
+                read_urdf(path)
+            continue
+        root = ET.parse(path).getroot()
+        for joint in root.iterfind(".//joint[@type='continuous']"):
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            limit = ET.SubElement(joint, "limit", effort="0", velocity="0") if limit is None else limit
+            limit.attrib.update(lower=repr(-TURNS), upper=repr(TURNS))
+        alone, ours = (pin.buildModelFromXML(text) for text in (ET.tostring(root, encoding="unicode"), read_urdf(path)))
+        assert (alone.name, [*alone.names]) == (ours.name, [*ours.names])
+        assert [*alone.jointPlacements] == [*ours.jointPlacements], path
+        assert [*alone.inertias] == [*ours.inertias]
+        assert [(f.name, f.placement) for f in alone.frames] == [(f.name, f.placement) for f in ours.frames]
+        np.testing.assert_array_equal(alone.lowerPositionLimit, ours.lowerPositionLimit)
+        np.testing.assert_array_equal(alone.upperPositionLimit, ours.upperPositionLimit)
+        compared += 1
+    assert compared > 50
