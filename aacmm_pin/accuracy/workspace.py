@@ -5,13 +5,8 @@ The arm turns about joint axis 1, so the half-plane y = 0, x ≥ 0 of the base s
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context, resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -19,6 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support import workers
 from aacmm_pin._support.checks import Array, vector
 from aacmm_pin._support.progress import bar
 from aacmm_pin._support.shown import Shown, report
@@ -158,13 +154,16 @@ def map_workspace(
     points = np.stack(np.meshgrid(*_centres(box, cells), indexing="ij"), axis=-1).reshape(-1, 3)
     parts = chunks(len(points), CELLS_AT_ONCE)
     jobs = [_Job(model, conditions, points[part], sectors, method) for part in parts]
-    results: list[dict[str, Array]] = [{} for _ in jobs]
-    with bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving:
-        for number, result in _run(jobs, processes):
-            results[number] = result
+    found: list[dict[str, Array]] = [{} for _ in jobs]
+    with (
+        bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving,
+        workers.results(_work, jobs, processes) as results,
+    ):
+        for number, result in results:
+            found[number] = result
             moving.update(len(jobs[number].points))
     seconds = time.perf_counter() - started
-    merged = {name: np.concatenate([r[name] for r in results]) for name in results[0]}
+    merged = {name: np.concatenate([part[name] for part in found]) for name in found[0]}
     data = _dataset(arm, merged, box, cells, sectors, method, seconds)
     return WorkspaceMap(data.assign_attrs(not_included="; ".join(not_included)), seconds)
 
@@ -178,31 +177,6 @@ class _Job:
     points: Array
     sectors: int
     method: Method
-
-
-def _run(jobs: list[_Job], processes: int) -> Iterator[tuple[int, dict[str, Array]]]:
-    if processes == 1:
-        yield from enumerate(map(_work, jobs))
-        return
-    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
-    try:
-        with _interrupts_held():  # the workers inherit this: an interrupt is the parent's to answer
-            futures = {pool.submit(_work, job): number for number, job in enumerate(jobs)}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Keep an interrupt until the end, and processes that are started meanwhile from being interrupted at all."""
-    resource_tracker.ensure_running()  # it would let interrupts through when it starts
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _work(job: _Job) -> dict[str, Array]:

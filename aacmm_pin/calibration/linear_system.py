@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -50,17 +51,19 @@ def assemble(prediction: Prediction, noise: NoiseModel, points: Array, weights: 
     free = 3 * int(says.sum())
     if not len(observations.labels):
         every = (rows if says.all() else rows[says]).reshape(-1, p + 1)
-        return System(every[:, p], every[:, :p], distance, deviation, free, lambda _: np.zeros((0, 3)))
+        return System(every[:, p], every[:, :p], distance, deviation, free, _no_seats)
     seats = Elimination(observations, points, whiten)
     along, records, ties, bars = seats.eliminated(rows, residual=True)
     known = observations.known
     free += 3 * int(known.sum()) + len(observations.ends) - 3 * len(observations.labels)
     every = np.concatenate([each.reshape(-1, p + 1) for each in (records[says], ties[known], bars)])
-    return System(
-        every[:, p],
-        every[:, :p],
-        distance,
-        deviation,
-        free,
-        lambda delta: seats.step(along[:, :, p:] + (along[:, :, :p] @ delta)[:, :, None]),
-    )
+    return System(every[:, p], every[:, :p], distance, deviation, free, partial(_steps_of_seats, seats, along))
+
+
+def _no_seats(delta: Array) -> Array:
+    return np.zeros((0, 3))
+
+
+def _steps_of_seats(seats: Elimination, along: Array, delta: Array) -> Array:
+    p = delta.size
+    return seats.step(along[:, :, p:] + (along[:, :, :p] @ delta)[:, :, None])

@@ -6,6 +6,8 @@ of the body about the stylus, and from evenly spread starts where windows are to
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
@@ -53,18 +55,17 @@ def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System
     """Residual (n, 5): the tip's place from its point among ``points`` (m, 3) [m], and the stylus across two directions
     normal to ``axis`` [1].
     """
-    normals, frames = np.linalg.svd(axis[None, :])[2][1:], dh.joint_frames
+    return partial(_off_place, dh, points, stylus, np.linalg.svd(axis[None, :])[2][1:])
 
-    def system(q: Array, problem: Index) -> tuple[Array, Array]:
-        x, y, z, o = dh.axes(q)
-        direction = _pointing((x, y, z, o), stylus)
-        f = np.concatenate([o[-1] - points[problem].T, normals @ direction]).T
-        about = z[frames]
-        moved, turned = cross(about, o[-1] - o[frames]), cross(about, direction)
-        jacobian = np.concatenate([moved, normals @ turned], axis=1)  # (joints, 5, n)
-        return f, np.ascontiguousarray(jacobian.transpose(2, 1, 0))
 
-    return system
+def _off_place(dh: DHTable, points: Array, stylus: Array, normals: Array, q: Array, problem: Index) -> tuple[Array, Array]:
+    x, y, z, o = dh.axes(q)
+    direction = _pointing((x, y, z, o), stylus)
+    f = np.concatenate([o[-1] - points[problem].T, normals @ direction]).T
+    about = z[dh.joint_frames]
+    moved, turned = cross(about, o[-1] - o[dh.joint_frames]), cross(about, direction)
+    jacobian = np.concatenate([moved, normals @ turned], axis=1)  # (joints, 5, n)
+    return f, np.ascontiguousarray(jacobian.transpose(2, 1, 0))
 
 
 def _pointing(frames: tuple[Array, ...], stylus: Array) -> Array:

@@ -8,6 +8,7 @@ Newton's method then moves every candidate to the nearest solution, and continua
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -89,12 +90,12 @@ def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
 
 def wrist_system(wrist: Wrist, points: Array) -> System:
     """The wrist's distance (n, 3) [m] from its point among ``points`` (m, 3), as a function of joints 1 to 4."""
+    return partial(_off_point, wrist.table, points)
 
-    def system(q: Array, problem: Index) -> tuple[Array, Array]:
-        position, jacobian = wrist.table.position_and_jacobian(q)
-        return position - points[problem], jacobian
 
-    return system
+def _off_point(table: DHTable, points: Array, q: Array, problem: Index) -> tuple[Array, Array]:
+    position, jacobian = table.position_and_jacobian(q)
+    return position - points[problem], jacobian
 
 
 def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:

@@ -45,17 +45,20 @@ def listening(pid: int) -> set[str]:
     return found
 
 
-def get(url: str, **headers: str) -> tuple[int, str]:
-    """Status and text of an answer."""
+def get(url: str, words: str = "GET /", **headers: str) -> tuple[int, str]:
+    """Status and text of an answer; status 0 where the server breaks off."""
     host, port = "127.0.0.1", port_of(url)
     with socket.create_connection((host, port), timeout=20) as connection:
         every = {"Host": f"{host}:{port}", "Connection": "close"} | headers
         lines = "".join(f"{name.replace('_', '-')}: {value}\r\n" for name, value in every.items())
-        connection.sendall(f"GET / HTTP/1.1\r\n{lines}\r\n".encode())
-        answer = connection.recv(1 << 16)
-        connection.shutdown(socket.SHUT_WR)  # a WebSocket would stay open
-        while part := connection.recv(1 << 16):
-            answer += part
+        connection.sendall(f"{words} HTTP/1.1\r\n{lines}\r\n".encode())
+        try:
+            answer = connection.recv(1 << 16)
+            connection.shutdown(socket.SHUT_WR)  # a WebSocket would stay open
+            while part := connection.recv(1 << 16):
+                answer += part
+        except ConnectionError:
+            return 0, ""
     return int(answer.split()[1]), answer.decode(errors="replace")
 
 
@@ -98,6 +101,14 @@ def test_pages_from_elsewhere_get_no_socket(server: Server) -> None:
         status, text = get(server.url, Origin=origin, **upgrade)
         assert (status, "set_object" in text) == (403, False)
     assert get(server.url, Origin="http://evil.example", Host="evil.example", **upgrade)[0] == 404
+
+
+def test_requests_that_no_page_makes_are_refused_unread(server: Server) -> None:
+    assert get(server.url, "POST /", Content_Length="90000000")[0] == 400
+    assert get(server.url, X="x" * (1 << 20))[0] in (0, 400, 431)
+    for words, status in (("GET /%00", 404), ("GET /\0", 400), ("GET /../x", 404), ("PUT /", 405), ("nonsense", 400)):
+        assert get(server.url, words)[0] == status
+    assert get(server.url)[0] == 200
 
 
 def test_nothing_is_left_when_it_is_closed(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

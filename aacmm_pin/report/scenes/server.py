@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 OWN_NAMES = r"(127\.0\.0\.1|localhost)"
 """Requests for other names are refused: a foreign page may have its own name resolved to this computer."""
+MOST_SENT = 65_536
+"""A browser that only looks has no more than this to say at once [bytes]; requests with more are refused unread."""
 WHOLE = umsgpack.packb(SetProperty("whole", True, Path(("aacmm",))).lower())
 """Tells the page that the scene is there."""
 
@@ -76,9 +78,9 @@ class Server:
 
     async def _serve(self, scene: Scene, bound: socket.socket, started: threading.Event) -> None:
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
-        application = tornado.web.Application(log_function=lambda handler: None)
+        application = tornado.web.Application(log_function=lambda handler: None, websocket_max_message_size=MOST_SENT)
         application.add_handlers(OWN_NAMES, [("/", _Browser, {"scene": scene, "browsers": self._browsers})])
-        server = tornado.httpserver.HTTPServer(application)
+        server = tornado.httpserver.HTTPServer(application, max_body_size=MOST_SENT, max_buffer_size=16 * MOST_SENT)
         server.add_sockets([bound])
         started.set()
         await self._stop.wait()
