@@ -1,0 +1,19 @@
+"""A command that is stopped or cannot write leaves all as it was: a small part of ``python -m tests.hostile``."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.hostile.faults import SIMULATE, Place, stopped, two_writers
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are looked up in /proc")
+
+
+def test_old_files_or_new_ones_and_no_mixture(tmp_path: Path) -> None:
+    place = Place.of(SIMULATE, tmp_path / "place")
+    assert two_writers(place, force=False) == "whole"
+    assert stopped(place, signal.SIGKILL, 0.9 * place.seconds, everyone=False).startswith(("old", "new"))

@@ -1,0 +1,37 @@
+"""A file with mistakes gives a result or one of our errors, in bounded time: a small part of ``python -m tests.hostile``."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from aacmm_pin.errors import AacmmError
+from tests.hostile.formats import FORMATS, Format, mutated
+
+LONGEST = 5.0
+"""CPU time that a file of a few dozen lines may take [s]."""
+
+
+@pytest.mark.parametrize("kind", FORMATS, ids=lambda kind: kind.name)
+def test_valid_files_are_read(kind: Format, tmp_path: Path) -> None:
+    for content in kind.valid():
+        (tmp_path / kind.name).write_bytes(content)
+        kind.use(tmp_path / kind.name)
+
+
+@pytest.mark.parametrize("kind", FORMATS, ids=lambda kind: kind.name)
+def test_a_mistake_gives_a_result_or_a_refusal(kind: Format, tmp_path: Path) -> None:
+    @settings(max_examples=20, deadline=None, database=None, derandomize=True, suppress_health_check=[*HealthCheck])
+    @given(mutated(kind.valid()))
+    def used(content: bytes) -> None:
+        (tmp_path / kind.name).write_bytes(content)
+        began = time.process_time()
+        with suppress(AacmmError):
+            kind.use(tmp_path / kind.name)
+        assert time.process_time() - began < LONGEST
+
+    used()

@@ -1,0 +1,115 @@
+"""What does not matter changes neither verdict nor names nor numbers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.effects.cause_text import cause_of
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+from tests.cli.shell import done
+
+RELATIVE = 1e-6
+STATED = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 1e-6}
+
+
+def records(plan: str, seed: int = 5) -> Measurements:
+    model = ErrorModel.load("sino6")
+    model = model.with_effects(cause_of("encoder_eccentricity:3,amplitude_rad=4e-4", model))
+    return simulate_measurements(model, plan, 60, rng=np.random.default_rng(seed), seats=6)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def said() -> Callable[..., dict[str, Any]]:
+    """What a diagnosis says, each file diagnosed once."""
+    known: dict[tuple[int, str], dict[str, Any]] = {}
+
+    def of(data: Measurements, frame: str = "base") -> dict[str, Any]:
+        key = (id(data), frame)
+        if key not in known:
+            result = diagnose(Arm.load("sino6"), data, reference_frame=frame, hold_out=False, **STATED)  # type: ignore[arg-type]
+            known[key] = result.summary()
+        return known[key]
+
+    return of
+
+
+@pytest.fixture(scope="module")
+def files() -> dict[str, Measurements]:
+    return {plan: records(plan) for plan in ("free", "seats")}
+
+
+def permuted(data: Measurements) -> Measurements:
+    return data.take(np.random.default_rng(7).permutation(data.n))
+
+
+def renamed(data: Measurements) -> Measurements:
+    seat = data.conditions.seat
+    assert seat is not None
+    other = np.array([f"{label[::-1]} 'ñ' $" for label in seat], dtype=object)
+    return replace(data, conditions=replace(data.conditions, seat=other))
+
+
+def moved(data: Measurements) -> Measurements:
+    turn = Rotation.from_rotvec([0.3, -1.2, 0.7]).as_matrix()
+    return replace(data, reference=data.reference @ turn.T + [1.0, -2.0, 0.5])
+
+
+def again(data: Measurements) -> Measurements:
+    return records("free")
+
+
+@pytest.mark.parametrize(
+    ("plan", "frame", "change"),
+    [
+        ("free", "base", permuted),
+        ("seats", "base", permuted),
+        ("seats", "base", renamed),
+        ("free", "external", moved),
+        ("free", "base", again),
+    ],
+)
+def test_what_does_not_matter(
+    files: dict[str, Measurements],
+    said: Callable[..., dict[str, Any]],
+    plan: str,
+    frame: str,
+    change: Callable[[Measurements], Measurements],
+) -> None:
+    before, after = said(files[plan], frame), said(change(files[plan]), frame)
+    assert before["findings"], before["verdict"]
+    assert list(differences(before, after)) == []
+
+
+def differences(one: Any, other: Any, where: str = "") -> Iterator[str]:
+    """Where two results differ: words at all, numbers by more than rounding."""
+    if isinstance(one, dict) and isinstance(other, dict) and one.keys() == other.keys():
+        for key in one:
+            yield from differences(one[key], other[key], f"{where}.{key}")
+    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        for k, pair in enumerate(zip(one, other, strict=True)):
+            yield from differences(*pair, f"{where}[{k}]")
+    elif isinstance(one, float) and isinstance(other, float):
+        if not np.isclose(one, other, rtol=RELATIVE, atol=0.0):
+            yield f"{where}: {one!r}, {other!r}"
+    elif one != other:
+        yield f"{where}: {one!r}, {other!r}"
+
+
+def test_a_map_by_one_process_and_by_two(tmp_path: Path) -> None:
+    maps = []
+    for count in (1, 2):
+        done("map", "sino6", "--cells", 5, 5, "--sectors", 4, "--processes", count, "--json", tmp_path / f"{count}.json")
+        maps.append(json.loads((tmp_path / f"{count}.json").read_text()) | {"seconds": 0})
+    assert maps[0] == maps[1]
