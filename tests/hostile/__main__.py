@@ -158,9 +158,7 @@ def main() -> int:
     rows = [(f"mistakes in {kind.name}", of_format(kind, given_.cases, given_.seed, keep)) for kind in FORMATS]
     with TemporaryDirectory() as folder:
         rows += of_faults(given_.kills, given_.seed, Path(folder))
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
-    ).stdout.strip()
+    head = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True)
     command = f"python -m tests.hostile --cases {given_.cases} --kills {given_.kills} --seed {given_.seed}"
     written = f"`{command}`, commit `{head.stdout.strip()}`, {datetime.now(UTC):%Y-%m-%d}.\n\n{table(rows)}"
     print(written)
