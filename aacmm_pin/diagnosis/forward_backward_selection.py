@@ -93,12 +93,13 @@ class Question:
         found[self.owners[self.first]] = each
         return found
 
-    def best_blocks(self, evidences: Array) -> list[int]:
-        """The variant of each candidate with the largest evidence."""
+    def best_blocks(self, evidences: Array) -> dict[int, int]:
+        """The variant with the largest evidence, of each candidate that has any."""
         largest = np.maximum.reduceat(evidences, self.first)
         counts = np.diff([*self.first, len(self.blocks)])
         reached = np.flatnonzero(evidences == np.repeat(largest, counts))
-        return [int(k) for k in reached[np.unique(self.owners[reached], return_index=True)[1]]]
+        owners, which = np.unique(self.owners[reached], return_index=True)
+        return dict(zip(owners.tolist(), reached[which].tolist(), strict=True))
 
 
 def search(question: Question, gram: Gram, start: tuple[int, ...] = ()) -> tuple[int, ...]:
@@ -140,11 +141,11 @@ class _Search:
             seen.add(admitted)
         return admitted
 
-    def odds(self, admitted: tuple[int, ...]) -> tuple[Array, list[int]]:
+    def odds(self, admitted: tuple[int, ...]) -> tuple[Array, dict[int, int]]:
         """Log odds of each candidate beside the admitted, these struck out, and the best variant of each."""
         return self._odds(admitted, self.left(admitted).evidences)
 
-    def odds_instead(self, whole: tuple[int, ...], block: int) -> tuple[Array, list[int]]:
+    def odds_instead(self, whole: tuple[int, ...], block: int) -> tuple[Array, dict[int, int]]:
         """The same of all in the place of one of the admitted.
 
         With the variance that is left beside all of them: by what is unexplained without the one that is looked back at all
@@ -152,7 +153,7 @@ class _Search:
         """
         return self._odds(_without(whole, block), self.left(whole).evidences_without(block))
 
-    def _odds(self, admitted: tuple[int, ...], evidences: Array) -> tuple[Array, list[int]]:
+    def _odds(self, admitted: tuple[int, ...], evidences: Array) -> tuple[Array, dict[int, int]]:
         evidences = self.question.without(self.question.struck_out(admitted), evidences)
         return self.question.odds(evidences), self.question.best_blocks(evidences)
 
@@ -193,7 +194,7 @@ class _Search:
         value = self.log_evidence(admitted)
         for candidate, inside in self.question.contained.items():
             rest = tuple(k for k in admitted if self.question.owner(k) not in inside)
-            if len(rest) <= len(admitted) - 2:
+            if len(rest) <= len(admitted) - 2 and candidate in self.question.owners:
                 whole = self.question.joined(rest, self.odds(rest)[1][candidate])
                 if self.log_evidence(whole) > value + EQUAL:
                     return whole
@@ -214,7 +215,9 @@ class _Search:
         for first in np.argsort(-odds)[:count]:
             if np.isfinite(evidences[first]) and evidences[first] > 0:
                 second, others = self.odds(_ordered((*rest, blocks[first])))
-                found.append(_ordered((blocks[first], others[int(np.argmax(second))])))
+                if np.isfinite(second).any():
+                    pair = self.question.joined((blocks[first],), others[int(np.argmax(second))])
+                    found += [pair] if len(pair) == 2 else []
         return list(dict.fromkeys(found))
 
     def log_evidence(self, admitted: tuple[int, ...]) -> float:

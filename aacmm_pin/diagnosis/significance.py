@@ -201,7 +201,7 @@ def aliases_of(choice: Choice, place: Place, k: int) -> list[Alias]:
     question, names, library = choice.question, choice.design.names, choice.library
     own, left, shares = place.own, place.left, place.shares
     found = []
-    for candidate, block in enumerate(question.best_blocks(left.evidences)):
+    for candidate, block in question.best_blocks(left.evidences).items():
         if candidate == own or not np.isfinite(shares[candidate]):
             continue
         correlation = canonical(left, question.blocks[k], question.blocks[block])

@@ -14,7 +14,11 @@ from scipy.stats import chi2
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, METHODS, accuracy_volume
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.dh import CHUNK
 from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.effects import ThermalExpansion
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import configuration_circle
 from tests import arm_files
@@ -290,6 +294,20 @@ def test_parts_of_a_batch_give_what_the_batch_gives(sino6: Arm) -> None:
         whole, part = (accuracy_volume(sino6, x, method=method) for x in (q, q[2040:2056]))
         np.testing.assert_allclose(whole.volume[2040:2056], part.volume, rtol=1e-12)
         np.testing.assert_allclose(whole.covariance[2040:2056], part.covariance, rtol=1e-12, atol=1e-25)
+
+
+def test_parts_of_a_batch_have_their_own_conditions(sino6: Arm) -> None:
+    """Warmth that grows along the batch: what each posture has by itself, in covariance, budget and largest deviation."""
+    q = some(sino6, CHUNK + 100)
+    model = ErrorModel(sino6, (ThermalExpansion(values=(1e-5,), u=(5e-6,)),))
+    warmth = Conditions(len(q), temperature=np.linspace(20.0, 60.0, len(q)))
+    whole = accuracy_volume(model, q, conditions=warmth, method="ellipsoid")
+    last = slice(CHUNK, None)
+    part = accuracy_volume(model, q[last], conditions=warmth.take(last), method="ellipsoid")
+    first = accuracy_volume(model, q[last], conditions=warmth.take(slice(100)), method="ellipsoid")
+    np.testing.assert_allclose(whole.covariance[last], part.covariance, rtol=1e-12, atol=1e-25)
+    np.testing.assert_allclose(whole.largest_deviation[last], part.largest_deviation, rtol=1e-12)
+    assert (part.u > 1.05 * first.u).any()
 
 
 def test_shows_itself(sino6: Arm) -> None:

@@ -737,6 +737,23 @@ def test_counterbalance_is_a_weight_on_the_upper_tube(sino6: Arm, q: Array) -> N
     close(columns(sino6, Counterbalance(joint=2), q, Conditions(len(q)))[:, :, 0], expected)
 
 
+def test_counterbalance_before_a_parallel_axis(arms: dict[str, Arm], rng: np.random.Generator) -> None:
+    """Joints 2 and 3 of a UR5 are parallel: the body is the way from one axis to the next."""
+    arm = arms["ur5"]
+    q = postures(arm, rng, 10)
+    z, start, end = (np.empty((10, 3)) for _ in range(3))
+    data = arm.model.createData()
+    for k, each in enumerate(q):
+        pin.forwardKinematics(arm.model, data, each)
+        z[k], start[k], end[k] = data.oMi[2].rotation[:, 1], data.oMi[2].translation, data.oMi[3].translation
+    along = end - start
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    turn = np.einsum("ni,ni->n", z, np.cross(along, [0.0, 0.0, -1.0]))
+    expected = turn[:, None] * arm.poses(q).jacobian[:, :3, 1]
+    assert np.abs(expected).max() > 0.1
+    close(columns(arm, Counterbalance(joint=2), q, Conditions(10))[:, :, 0], expected)
+
+
 def test_counterbalance_of_a_body_whose_next_axis_runs_along(zero6: Arm, sino6: Arm, rng: np.random.Generator) -> None:
     """Joint 3 turns about its tube and joint 4 stands across it; behind the last joint there is only the body itself."""
     q = postures(sino6, rng, 10)

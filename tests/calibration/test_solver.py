@@ -1,0 +1,73 @@
+"""Parts of the solver by themselves: noise of records in a turned frame, what a step promises, weights of gross errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration import solver
+from aacmm_pin.calibration.noise_model import NoiseModel
+from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
+
+NOISE = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) * 1e-6
+FRAME = Frame(Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix(), np.array([1.0, 2.0, -0.5]))
+
+
+def external(arm: Arm, rng: np.random.Generator, off: float = 0.0, n: int = 12) -> Problem:
+    """Records in a frame that is turned."""
+    q = np.column_stack([rng.uniform(low, high, n) for low, high in arm.limits])
+    points = FRAME.apply(arm.positions(q)) + rng.normal(scale=max(off, 1e-12), size=(n, 3))
+    setup = Setup.of(arm, reference_frame="external", encoder_noise=NOISE, reference_noise=2e-6)
+    return problem_of(ErrorModel(arm), Measurements.of(q, points), "geometry", setup)
+
+
+def test_noise_of_readings_in_a_turned_frame(sino6: Arm, rng: np.random.Generator) -> None:
+    problem = external(sino6, rng)
+    found = NoiseModel.of(problem, FRAME, 3e-6)
+    by_reading = FRAME.rotation @ sino6.jacobian(problem.measurements.q) * NOISE
+    wanted = by_reading @ by_reading.transpose(0, 2, 1) + 9e-12 * np.eye(3)
+    np.testing.assert_allclose(found.tips, wanted, rtol=1e-9, atol=1e-19)
+    np.testing.assert_allclose(found.of_residuals, wanted + 4e-12 * np.eye(3), rtol=1e-9, atol=1e-19)
+    np.testing.assert_allclose(found.without_scatter, wanted - 5e-12 * np.eye(3), rtol=1e-9, atol=1e-19)
+    white = found.whitening @ found.of_residuals @ found.whitening.transpose(0, 2, 1)
+    np.testing.assert_allclose(white, np.broadcast_to(np.eye(3), white.shape), atol=1e-9)
+
+
+def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator) -> None:
+    """What plain least squares of the same rows gains, and what is left of it in a trust region."""
+    problem = external(sino6, rng, off=1e-4)
+    point = solver.Point(problem.start, FRAME, np.zeros((0, 3)), problem.predict(problem.start, FRAME))
+    here = solver.standing(problem, NoiseModel.of(problem, FRAME, 0.0), point, np.ones(12))
+    prior = np.pad(problem.prior, ((0, 0), (0, 6)))
+    rows = np.vstack([prior / problem.scales, here.system.jacobian])
+    residual = np.concatenate([problem.beside_prior(point.x), here.system.residual])
+
+    def gained(step: Array) -> float:
+        return float(residual @ residual - np.square(residual + rows @ step).sum())
+
+    best = gained(-np.linalg.lstsq(rows * problem.scales, residual)[0] * problem.scales)
+    step = solver._Step.of(problem, here.system, point.x, np.zeros(problem.scales.size))
+    assert best > 100.0
+    assert here.spectrum.promise() == pytest.approx(best, rel=1e-6)
+    assert step.promise == pytest.approx(best, rel=1e-6)
+    full = step.within(np.inf)
+    assert full[2] == pytest.approx(best, rel=1e-6)
+    for part in (1.1, 0.5, 0.1):
+        delta, length, promised = step.within(part * full[1])
+        assert length == pytest.approx(min(part, 1.0) * full[1], rel=1e-2)
+        assert promised == pytest.approx(gained(delta), rel=1e-6)
+
+
+def test_weights_of_gross_errors() -> None:
+    """Cauchy's: half at two standard deviations in each of three coordinates, by the scatter of most records."""
+    for scale in (1.0, 50.0):
+        distance = scale * np.array([*[solver.MEDIAN] * 9, 0.0, 12.0, 108.0, np.nan])
+        np.testing.assert_allclose(solver._by_fit(distance)[9:], [1.0, 0.5, 0.1, 1.0])
+    assert (solver._by_fit(np.full(3, np.nan)) == 1.0).all()
