@@ -40,29 +40,53 @@ def test_noise_of_readings_in_a_turned_frame(sino6: Arm, rng: np.random.Generato
     np.testing.assert_allclose(white, np.broadcast_to(np.eye(3), white.shape), atol=1e-9)
 
 
+def system_of(problem: Problem, scatter: float = 0.0) -> solver.Solution:
+    """The system where the search begins, the frame known."""
+    point = solver.Point(problem.start, FRAME, np.zeros((0, 3)), problem.predict(problem.start, FRAME))
+    return solver.standing(problem, NoiseModel.of(problem, FRAME, scatter), point, np.ones(problem.measurements.n))
+
+
 def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator) -> None:
     """What plain least squares of the same rows gains, and what is left of it in a trust region."""
     problem = external(sino6, rng, off=1e-4)
-    point = solver.Point(problem.start, FRAME, np.zeros((0, 3)), problem.predict(problem.start, FRAME))
-    here = solver.standing(problem, NoiseModel.of(problem, FRAME, 0.0), point, np.ones(12))
-    prior = np.pad(problem.prior, ((0, 0), (0, 6)))
-    rows = np.vstack([prior / problem.scales, here.system.jacobian])
-    residual = np.concatenate([problem.beside_prior(point.x), here.system.residual])
+    here = system_of(problem)
+    x, scales = here.point.x, problem.scales
+    rows = np.vstack([np.pad(problem.prior, ((0, 0), (0, 6))) / scales, here.system.jacobian])
+    residual = np.concatenate([problem.beside_prior(x), here.system.residual])
 
     def gained(step: Array) -> float:
         return float(residual @ residual - np.square(residual + rows @ step).sum())
 
-    best = gained(-np.linalg.lstsq(rows * problem.scales, residual)[0] * problem.scales)
-    step = solver._Step.of(problem, here.system, point.x, np.zeros(problem.scales.size))
+    best = gained(-np.linalg.lstsq(rows * scales, residual)[0] * scales)
+    step = solver._Step.of(problem, here.system, x, np.zeros(scales.size))
     assert best > 100.0
-    assert here.spectrum.promise() == pytest.approx(best, rel=1e-6)
-    assert step.promise == pytest.approx(best, rel=1e-6)
+    assert [here.spectrum.promise(), step.promise] == pytest.approx([best] * 2, rel=1e-6)
     full = step.within(np.inf)
     assert full[2] == pytest.approx(best, rel=1e-6)
-    for part in (1.1, 0.5, 0.1):
+    for part in (1.1, 0.5, 0.1, 1e-6):
         delta, length, promised = step.within(part * full[1])
         assert length == pytest.approx(min(part, 1.0) * full[1], rel=1e-2)
         assert promised == pytest.approx(gained(delta), rel=1e-6)
+
+
+def test_a_promise_that_nothing_comes_of_ends_the_search(sino6: Arm, rng: np.random.Generator) -> None:
+    """At the minimum with a derivative that is wrong by a little: a small promise is let go, a large one is not."""
+    problem = external(sino6, rng, off=3e-6)
+    begun = system_of(problem)
+    weights = begun.weights
+    best = solver.solve(problem, begun.noise, begun.point, weights)
+    assert best.converged
+    assert solver.solve(problem, begun.noise, best.point, weights).steps == 1
+    wrong = rng.normal(size=best.point.prediction.jacobian.shape) / problem.scales
+    for promise, converged in ((1e-3, True), (1.0, False)):
+        search = solver._Search(problem, begun.noise, weights, False, solver.SETTLED)
+        search.answer = 1e-12 * wrong
+        for _ in range(20):
+            start = search.answered(best.point)
+            found = solver._Step.of(problem, search.system(start), start.x, search.units).promise
+            search.answer = search.answer * np.sqrt(promise / found)
+        assert found == pytest.approx(promise, rel=1e-3)
+        assert search.run(search.answered(best.point)).converged == converged
 
 
 def test_weights_of_gross_errors() -> None:
