@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import operator
+import reprlib
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aacmm_pin._support import plausible
 from aacmm_pin.errors import AacmmError, ShapeError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+RANGES = {"m": plausible.COORDINATE, "rad": plausible.READING}
+"""What numbers of a unit can be."""
 
 
 def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
     """Return ``values`` as a float array of shape (n, columns).
 
     Raises:
-        ShapeError: not two-dimensional, another number of columns, not numbers, or not finite.
+        ShapeError: not two-dimensional, another number of columns, not numbers, not finite, or larger than can be.
     """
     array = _floats(values, name)
     if array.ndim == 1 and array.size == columns:
@@ -27,7 +31,7 @@ def batch(values: ArrayLike, columns: int, name: str, unit: str) -> Array:
         )
     if array.ndim != 2 or array.shape[1] != columns:
         raise ShapeError(f"{name} has shape {array.shape}, expected (n, {columns}) [{unit}]")
-    _finite(array, name)
+    _finite(array, name, unit)
     return array
 
 
@@ -35,12 +39,12 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
     """Return ``values`` as a float array of shape (length,).
 
     Raises:
-        ShapeError: another shape, not numbers, or not finite.
+        ShapeError: another shape, not numbers, not finite, or larger than can be.
     """
     array = _floats(values, name)
     if array.shape != (length,):
         raise ShapeError(f"{name} has shape {array.shape}, expected ({length},) [{unit}]")
-    _finite(array, name)
+    _finite(array, name, unit)
     return array
 
 
@@ -63,7 +67,7 @@ def whole(value: object, least: int, name: str) -> int:
     """Return ``value`` as an int.
 
     Raises:
-        AacmmError: it is no whole number, or below ``least``.
+        AacmmError: it is no whole number, below ``least``, or more than :data:`plausible.COUNTS` has for this name.
     """
     try:
         number = operator.index(value)  # type: ignore[arg-type]
@@ -71,6 +75,10 @@ def whole(value: object, least: int, name: str) -> int:
         raise AacmmError(f"{name} is {value!r}, expected a whole number") from None
     if number < least:
         raise AacmmError(f"{name} is {number}, expected at least {least}")
+    most, each = plausible.COUNTS[name]
+    if number > most:
+        size = f"{most * each / 1e9:.2g} GB of memory"
+        raise AacmmError(f"{name} is {reprlib.repr(number)}, expected at most {most}, which take about {size}")
     return number
 
 
@@ -86,8 +94,10 @@ def _floats(values: ArrayLike, name: str) -> Array:
     return array.astype(np.float64)
 
 
-def _finite(array: Array, name: str) -> None:
+def _finite(array: Array, name: str, unit: str) -> None:
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
         where = ", ".join(str(i) for i in bad[0])
         raise ShapeError(f"{name}[{where}] is {array[tuple(bad[0])]}, expected a finite number")
+    if unit in RANGES:
+        RANGES[unit].check(array, name, ShapeError)

@@ -78,8 +78,29 @@ TIME = Range(-LATEST, LATEST, "s")
 TORQUE = Range(-1e6, 1e6, "N·m")
 ENCODER_NOISE = Range(0.0, 5e-3, "rad")
 """Standard uncertainty of one reading; no encoder, and no robot's joint, has more [rad; m where a joint slides]."""
+SHIFT_HALF_WIDTH = Range(0.0, 1.0, "m")
+TURN_HALF_WIDTH = Range(0.0, math.pi, "rad")
+"""Bounds of the placement of a joint; half a turn says that nothing is known."""
 LENGTH_NOISE = Range(0.0, 0.01, "m")
 """Standard uncertainty of a reference, a contact, a length of a bar."""
+
+
+COUNTS = {
+    "cells": (4_000_000, 1e3),
+    "count": (400_000, 1e4),
+    "draws": (4_000_000, 1e3),
+    "most_starts": (1_000_000, 4e3),
+    "postures": (400_000, 1e4),
+    "processes": (256, 1.5e8),
+    "records": (800_000, 5e3),
+    "records of a plan": (10_000, 1e3),
+    "seats": (20_000, 2e5),
+    "sectors": (2_500, 1.5e6),
+}
+"""Largest number of each thing that can be asked for, and the memory that one takes [bytes], measured with SINO6.
+
+Plans alone are limited by time: each record takes a third of a second.
+"""
 
 
 def _text(value: str) -> str:
@@ -93,7 +114,7 @@ LengthMm = Annotated[FiniteFloat, Field(ge=-LONGEST / MM, le=LONGEST / MM)]
 """A length, or a place along an axis [mm]."""
 Angle = Annotated[FiniteFloat, Field(ge=-LARGEST_ANGLE, le=LARGEST_ANGLE)]
 """[rad]."""
-AngleHalfWidth = Annotated[FiniteFloat, Field(ge=0.0, le=math.pi)]
+AngleHalfWidth = Annotated[FiniteFloat, Field(ge=0.0, le=TURN_HALF_WIDTH.most)]
 """Bound of the error of an angle [rad]: half a turn says that nothing is known."""
 EncoderNoise = Annotated[FiniteFloat, Field(ge=ENCODER_NOISE.least, le=ENCODER_NOISE.most)]
 """Standard uncertainty of one reading [rad; m where a joint slides]."""

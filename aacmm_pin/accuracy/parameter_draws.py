@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, whole
 from aacmm_pin._support.progress import watched
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.dh import chunks
@@ -19,7 +19,6 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, displaced
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.effects.state import State
-from aacmm_pin.errors import AacmmError
 
 FEWEST_DRAWS = 100
 """With fewer a volume or an interval says nothing."""
@@ -119,10 +118,9 @@ def exact_volume(
         volume (n,) [m³], how far half of the draws change it (n,) [m³], covariance (n, 3, 3) [m²].
 
     Raises:
-        AacmmError: fewer than 100 draws.
+        AacmmError: fewer than 100 draws, or too many.
     """
-    if draws < FEWEST_DRAWS:
-        raise AacmmError(f"draws is {draws}, expected at least {FEWEST_DRAWS}")
+    draws = whole(draws, FEWEST_DRAWS, "draws")
     volume, error, covariance = np.empty(len(q)), np.empty(len(q)), np.empty((len(q), 3, 3))
     generators = sources.generators(sources.sensitivity(q, conditions))
     with watched(range(len(q)), True, "Monte Carlo", "posture") as postures:

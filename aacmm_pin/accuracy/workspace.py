@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import workers
-from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.checks import Array, vector, whole
 from aacmm_pin._support.progress import bar
 from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM, MM3
@@ -106,8 +106,11 @@ class WorkspaceMap(Shown):
     def __str__(self) -> str:
         x, z = self.data.sizes["x_mm"], self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
+        where = f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors"
+        if self.unreachable == x * z:
+            return f"{where}, all of them out of reach"
         return (
-            f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors, {self.unreachable} cells out of reach, "
+            f"{where}, {self.unreachable} cells out of reach, "
             f"{full} cells with the full circle, mean flexibility {float(self.data['flexibility'].mean()):.3f}"
             + (f"; not included: {', '.join(self.not_included)}" if self.not_included else "")
         )
@@ -146,8 +149,10 @@ def map_workspace(
         UnsupportedArmError: no DH table, or one without the joints that this needs; see :func:`accuracy_volume`.
     """
     started = time.perf_counter()
-    if min(*cells, sectors, processes) < 1:
-        raise AacmmError(f"cells are {cells}, sectors {sectors}, processes {processes}; expected at least 1 of each")
+    if min(cells) < 1:
+        raise AacmmError(f"cells are {cells}, expected at least 1 each way")
+    whole(cells[0] * cells[1], 1, "cells")
+    sectors, processes = whole(sectors, 1, "sectors"), whole(processes, 1, "processes")
     arm = ErrorModel.arm_of(model)
     box = _extent(arm, extent)
     not_included = _check_method(model, conditions, method)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, batch, unit_vector
 from aacmm_pin._support.plausible import MOST_JOINTS
 from aacmm_pin._support.shown import Shown
@@ -144,9 +145,8 @@ class Arm(Shown):
         Raises:
             UnsupportedArmError, UnknownNameError: see :meth:`from_urdf`.
         """
-        for half_width in (translation_half_width, rotation_half_width):
-            if not (np.isfinite(half_width) and half_width >= 0):
-                raise AacmmError(f"half-width is {half_width}, expected a number that is not negative")
+        plausible.SHIFT_HALF_WIDTH.check(translation_half_width, "translation_half_width")
+        plausible.TURN_HALF_WIDTH.check(rotation_half_width, "rotation_half_width")
         model = _serial_part(model, frame)
         return Arm(
             name=model.name,

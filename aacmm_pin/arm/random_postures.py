@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
@@ -59,6 +60,10 @@ class Room:
 
     arm: Arm
     above: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.above is not None:
+            plausible.COORDINATE.check(self.above, "above")
 
     def admits(self, tips: Array) -> NDArray[np.bool_]:
         """Which of the ``tips`` (n, 3) [m] are of use: (n,)."""

@@ -11,7 +11,7 @@ import typer
 from aacmm_pin._support.text import csv_text
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm
-from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, command, note, say
+from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, Seed, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Point
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.solution_set import PosturesAtPoint
@@ -28,7 +28,7 @@ def accuracy(
     noise: EncoderNoise,
     method: Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")] = "zonotope",
     sectors: Sectors = 12,
-    seed: Annotated[int, typer.Option(help="Seed of the Monte Carlo method.")] = 1,
+    seed: Seed = 1,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="CSV file: every posture with its accuracy.")] = None,
     json_: Json = None,
     plot: Plot = None,

@@ -12,6 +12,7 @@ from aacmm_pin.accuracy.volume import Method
 from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
 from aacmm_pin.cli.arm_options import AnyArm
 from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, command, note
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.report import terminal
 from aacmm_pin.report.accuracy import map_document
 from aacmm_pin.report.summaries import map_summary
@@ -41,6 +42,8 @@ def map_(
             note(f"note: {caveat}")
         extent = None if extent_mm is None else np.array(extent_mm) * MM
         result = map_workspace(model, cells, sectors, extent=extent, method=cast(Method, method), processes=processes)
+        if result.unreachable == cells[0] * cells[1]:
+            raise AacmmError(f"{result}; is --extent-mm in another unit?")
         if output is not None:
             result.save(results.file(output))
         results.picture(lambda: result.plot().figure, plot)

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from aacmm_pin._support.checks import vector
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw
@@ -64,7 +65,9 @@ class Orientation:
         if has_table and self.rpy_deg is None:
             found: PosturesAtPoint = configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
         else:
-            rotation = None if self.rpy_deg is None else from_roll_pitch_yaw(np.array(self.rpy_deg) * DEG)
+            rotation = None
+            if self.rpy_deg is not None:
+                rotation = from_roll_pitch_yaw(vector(np.array(self.rpy_deg) * DEG, 3, "--rpy-deg", "rad"))
             found = reaching_postures(arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count)
         if found.reason:
             raise AacmmError(str(found))

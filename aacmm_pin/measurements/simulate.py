@@ -7,7 +7,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support import plausible
+from aacmm_pin._support.checks import Array, Index, whole
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import MARGIN, Room
 from aacmm_pin.effects.conditions import Conditions, Labels
@@ -74,7 +75,7 @@ def simulate_measurements(
     model = ErrorModel.of(model)
     points = {"free": 0, "single-point": 1}.get(plan, seats)
     stated = plan == "free" or (plan == "seats" and known)
-    _check_numbers(plan, records, points, stated, bar_length, above)
+    _check_numbers(plan, records, points, stated, bar_length)
     for effect in model.effects:
         if plan == "seats" and known and effect.corrects_seat and effect.place not in _seat_labels(seats):
             raise UnknownNameError(f"seat of {effect.cause}", str(effect.place), _seat_labels(seats))
@@ -180,16 +181,15 @@ def _seat_labels(count: int) -> list[str]:
     return [f"S{k}" for k in range(1, count + 1)]
 
 
-def _check_numbers(
-    plan: Plan, records: int, points: int, stated: bool, bar_length: float | None, above: float | None
-) -> None:
+def _check_numbers(plan: Plan, records: int, points: int, stated: bool, bar_length: float | None) -> None:
     """Whether there are enough records for so many points, and a bar where one is needed.
 
     Raises:
         AacmmError: a number is of no use.
     """
-    if plan != "free" and points < 1:
-        raise AacmmError(f"seats is {points}, expected at least 1")
+    whole(records, 1, "records")
+    if plan != "free":
+        whole(points, 1, "seats")
     least = 1 if stated else 2
     if records < max(1, least * points):
         each = f": {least} at each of {points} seats" if points else ""
@@ -200,10 +200,10 @@ def _check_numbers(
         came = "was not given" if bar_length is None else f"is {bar_length:g} m"
         expected = "the length of the bar" if bar_length is None else "none: only plan 'ball-bar' has bars"
         raise AacmmError(f"bar_length {came} for plan {plan!r}, expected {expected}")
-    if bar_length is not None and not (np.isfinite(bar_length) and bar_length >= SEATS_APART):
-        raise AacmmError(f"bar_length is {bar_length:g} m, expected at least {SEATS_APART:g} m")
-    if above is not None and not np.isfinite(above):
-        raise AacmmError(f"above is {above:g} m, expected a height")
+    if bar_length is not None:
+        plausible.BAR_LENGTH.check(bar_length, "bar_length")
+        if bar_length < SEATS_APART:
+            raise AacmmError(f"bar_length is {bar_length:g} m, expected at least {SEATS_APART:g} m")
 
 
 def _noise(arm: Arm, noise: Noise | None) -> tuple[Noise, str]:

@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support.checks import whole
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
@@ -148,8 +149,8 @@ def advice(model: Arm | ErrorModel, split: tuple[Effect | str, Effect | str], ex
 
 
 def _check_numbers(model: ErrorModel, records: int, postures: int, existing: Measurements | None) -> None:
-    if records < 1:
-        raise AacmmError(f"records is {records}, expected 1 or more")
+    whole(records, 1, "records of a plan")
+    whole(postures, 1, "postures")
     if postures < records:
         raise AacmmError(f"postures is {postures}, expected at least as many as records, {records}")
     if existing is not None and existing.nq != model.arm.nq:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, whole
 from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError
@@ -267,11 +267,9 @@ def flexibility(components: Components, limits: Array, sectors: int) -> Flexibil
     """Flexibility of the one point of ``components``.
 
     Raises:
-        AacmmError: ``sectors`` is below 1.
+        AacmmError: ``sectors`` is below 1, or too large.
     """
-    if sectors < 1:
-        raise AacmmError(f"sectors is {sectors}, expected at least 1")
-    found = Sectors.of(components, limits, sectors)
+    found = Sectors.of(components, limits, whole(sectors, 1, "sectors"))
     working = tuple(bool(w) for w in found.working[0])
     return Flexibility(float(found.zeta[0]), working, float(arc_fractions(components, limits)[0]))
 

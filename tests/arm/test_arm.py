@@ -238,7 +238,7 @@ def test_unusable_urdf_is_refused(one_joint: Callable[..., Path], tmp_path: Path
         Arm.from_urdf(one_joint(), "nose")
     for key in ("translation_half_width", "rotation_half_width"):
         for value in (-1.0, np.nan, np.inf):
-            with pytest.raises(AacmmError, match=rf"half-width is {value}, expected a number that is not negative"):
+            with pytest.raises(AacmmError, match=rf"{key} is {value:g} (m|rad), expected 0 to"):
                 Arm.from_urdf(one_joint(), "tool", **{key: value})
     with pytest.raises(AacmmError, match=r"none\.urdf: no such file"):
         Arm.from_urdf(tmp_path / "none.urdf", "tool")

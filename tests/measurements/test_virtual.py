@@ -384,7 +384,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"plan": "seats", "bar_length": 0.4}, "bar_length is 0.4 m for plan 'seats', expected none"),
     ({"plan": "ball-bar", "bar_length": float("nan")}, "bar_length is nan m"),
     ({"plan": "ball-bar", "bar_length": 5.0}, "SINO6: 0 of 5 bars of 5000 mm"),
-    ({"plan": "free", "above": float("inf")}, "above is inf m, expected a height"),
+    ({"plan": "free", "above": float("inf")}, "above is inf m, expected -100 to 100 m"),
     ({"plan": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm or more"),
     ({"plan": "free", "temperature_range": -1.0}, "temperature_range is -1 K"),
     ({"plan": "free", "noise": Noise.of(5)}, "noise is of 5 encoders, expected 6 for SINO6"),

@@ -463,7 +463,7 @@ def test_what_cannot_be_is_refused(sino6: Arm, zero6: Arm) -> None:
     cases: list[tuple[type[AacmmError], str, Any, Any, dict[str, Any]]] = [
         (AacmmError, "row 4 of SINO6 is rigid", rigid, ("encoder_gain:4", "base_compliance"), {}),
         (UnsupportedArmError, "the arm states none", zero6, ("joint_compliance:2", "encoder_gain:2"), {}),
-        (AacmmError, "records is 0", sino6, PAIR, {"records": 0}),
+        (AacmmError, "records of a plan is 0", sino6, PAIR, {"records": 0}),
         (AacmmError, "postures is 5, expected at least as many as records, 20", sino6, PAIR, {"postures": 5}),
         (UnknownNameError, "unknown reference 'ball'", sino6, PAIR, {"reference": "ball"}),
         (AacmmError, "has angles of 5 joints", sino6, PAIR, {"existing": Measurements.of(q[:, :5], tips)}),
