@@ -174,7 +174,8 @@ def mutated(draw: st.DrawFn, valid: list[bytes]) -> bytes:
 
 
 def _number(draw: st.DrawFn, content: bytes) -> bytes:
-    some = st.one_of(st.sampled_from(NUMBERS), st.floats().map(repr), st.integers(-(10**6), 10**6).map(str))
+    plausible = st.floats(-10.0, 10.0).map(repr)
+    some = st.one_of(st.sampled_from(NUMBERS), st.floats().map(repr), plausible, st.integers(-(10**6), 10**6).map(str))
     return _replaced(draw, content, rb"-?[0-9][0-9.]*(?:e-?[0-9]+)?", draw(some))
 
 
