@@ -31,7 +31,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import in_words, values_in_words
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.papers.sino6 import printed_points
+from aacmm_pin.papers.sino6.tables import printed_points
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
 from aacmm_pin.report.accuracy import postures_at_the_ends

@@ -12,10 +12,11 @@ import pandas as pd
 
 from aacmm_pin._support.units import ARCSEC, MM, UM
 from aacmm_pin.papers import zero_offset
-from aacmm_pin.papers.sino6 import Table2, misprints, reproduce_table2
-from aacmm_pin.papers.sino6_table3 import Table3Diagnosis, diagnose_table3, implied_counts
+from aacmm_pin.papers.sino6.misprints import misprints
+from aacmm_pin.papers.sino6.table2 import Table2, reproduce_table2
+from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis, diagnose_table3
 from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY
-from aacmm_pin.papers.sino6_table3.marked_records import FIVE, MEASURED_LOGS, band
+from aacmm_pin.papers.sino6_table3.marked_records import FIVE, MEASURED_LOGS, band, implied_counts
 from aacmm_pin.papers.sino6_table3.patterns import DH, ECCENTRICITY, GRAVITY, NOISE, ODD, OF_SEATS
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import Block, Document, Figure, Format, Heading, Paragraph, Table, blank_axes, document_of
@@ -211,7 +212,7 @@ def table3_document(found: Table3Diagnosis) -> Document:
         "The paper measured six seats in fifty postures each and prints how far the fifty positions spread about their own "
         "mean; the true position does not enter. Each cause gives a pattern over the seats; its size is free, within a "
         "factor of ten of what is usual, but for DH errors, which keep the half-widths of Table 1. The printed coordinates "
-        f"are read as {found.reading}, the circle evenly covered. A prediction is taken to be right to "
+        f"are read as {found.seats.reading}, the circle evenly covered. A prediction is taken to be right to "
         f"{100 * DISCREPANCY:.0f} % (model discrepancy), for neither postures nor contact are known, beside the sampling "
         "error of a spread of fifty records; the answers for 30 % stand beside. Masses are assumed."
     )
@@ -277,11 +278,7 @@ def _about_zero_offsets() -> list[Block]:
         Figure(
             lambda: plots.plot_iterations(blank_axes(6.8, 4.2)),
             "Largest position error after each iteration of three runs",
-            "With the rounding the error stays where the paper has it; without it, it falls to the computer's own rounding.",
-        ),
-        Figure(
-            lambda: plots.plot_rounding(blank_axes(6.0, 3.8)),
-            "Error that stays over the rounding of the increments",
+            "With the rounding the error stays where the paper has it; without it, it falls to the computer's own rounding. "
             "The paper's last errors and its 0.02° follow from rounding to 1 mrad; they are no property of method or arm.",
         ),
     ]
@@ -295,8 +292,7 @@ def _what_is_wrong(found: Table3Diagnosis) -> str:
     return (
         "DH errors within the half-widths of Table 1 would spread each seat as much as measured (above "
         f"{100 * quantile.min():.0f} % to {100 * quantile.max():.0f} % of the drawn arms), but the six spreads of one arm "
-        f"are worth {found.effective_numbers:.2f} numbers: they rise and fall together, and {_often_above_seat_5(found)} "
-        "does seat 6 spread as much more than seat 5 as it did."
+        f"rise and fall together, and {_often_above_seat_5(found)} does seat 6 spread as much more than seat 5 as it did."
     )
 
 

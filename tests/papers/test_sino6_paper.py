@@ -7,15 +7,10 @@ from matplotlib.figure import Figure
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import table
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.papers.sino6 import (
-    NominalArm,
-    misprints,
-    printed_table1,
-    printed_table2,
-    reproduce_table2,
-    sino6_nominal,
-)
 from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations
+from aacmm_pin.papers.sino6.misprints import misprints
+from aacmm_pin.papers.sino6.table2 import reproduce_table2
+from aacmm_pin.papers.sino6.tables import NominalArm, printed_table1, printed_table2, sino6_nominal
 from aacmm_pin.report import plots
 
 MM = 1e-3
@@ -175,7 +170,6 @@ def test_table_2_is_reproduced_within_one_percent_and_exact_geometry_gives_more(
     assert len(near) > 300
     assert (near["reproduced_sectors"] == 1).all()
     assert (near["exact_sectors"] == 12).all()
-    assert found.classes["cells"].sum() == 2304
     ax = Figure().add_subplot()
     assert plots.plot_table2(found, ax) is ax
     assert [bar.get_height() for bar in ax.containers[0]][1:] == printed.tolist()

@@ -7,9 +7,9 @@ from __future__ import annotations
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.papers.sino6 import NominalArm, sino6_nominal
 from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2
 from aacmm_pin.papers.sino6.table2 import exact_sectors, generating_grid
+from aacmm_pin.papers.sino6.tables import NominalArm, sino6_nominal
 
 SAMPLES, HALVINGS = 180, 50
 ARM = sino6_nominal()

@@ -40,8 +40,8 @@ from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import Noise
-from aacmm_pin.papers import sino6
-from aacmm_pin.papers.sino6_table3 import Table3Diagnosis
+from aacmm_pin.papers.sino6.table2 import reproduce_table2
+from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
 from tests.pages import Page
@@ -83,7 +83,7 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
     rng, noise = np.random.default_rng(2), Noise.of(6, encoder=READINGS)
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
-    table2 = sino6.reproduce_table2(grid=6)
+    table2 = reproduce_table2(grid=6)
     return {
         "Arm": arm,
         "Arm of a URDF": Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5),

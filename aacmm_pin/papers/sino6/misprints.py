@@ -2,7 +2,7 @@
 
 Every size is measured: the printed form and the corrected one run on the same random configurations inside the joint limits,
 all else correct. With the printed sign of ken in (7) or of Vk in (12) the paper's own Table 2 does not come out, so these
-at least are slips of the print and not of the authors' program; l2 in (11), |Uk| and the guard of (13) hardly touch it.
+at least are slips of the print and not of the authors' program; l2 in (11), ``|Uk|`` and the guard of (13) hardly touch it.
 """
 
 from __future__ import annotations

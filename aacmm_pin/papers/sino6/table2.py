@@ -10,7 +10,7 @@ complex inverse cosine would be, and the lowest end does not count.
 
 **Why these counts are too small.** Near the base axis the elbow's circle encloses the vertical through the shoulder. Then
 the true extreme of θ2 lies on the far side, 180° minus the planar one, with the base turned by about 180°. Steps beyond it
-belong to no configuration, and the real ones with the turned base are not looked at; see :attr:`Table2.classes`.
+belong to no configuration, and the real ones with the turned base are not looked at.
 """
 
 from __future__ import annotations
@@ -52,8 +52,7 @@ class Table2(Shown):
     Attributes:
         counts: working_sectors (0 to 12) and the number of cells: paper_cells, reproduced_cells, exact_cells.
         cells: one row a cell: theta2_deg, theta4_deg, x_mm, z_mm (DH base frame), reproduced_sectors, exact_sectors,
-            behind_axis (the point, as seen from the elbow of the cell's own posture), steps_past_limit and
-            steps_without_configuration (of the seven).
+            behind_axis (the point, as seen from the elbow of the cell's own posture).
     """
 
     counts: pd.DataFrame
@@ -71,17 +70,6 @@ class Table2(Shown):
         """Mean of ζ over the cells, by the names ``paper``, ``reproduced``, ``exact``."""
         zeta, names = self.counts["working_sectors"] / SECTORS, ("paper", "reproduced", "exact")
         return {name: float(np.average(zeta, weights=self.counts[f"{name}_cells"])) for name in names}
-
-    @property
-    def classes(self) -> pd.DataFrame:
-        """What becomes of each class of the reproduced table under exact geometry, one row a class.
-
-        Columns: reproduced_sectors, cells, behind_axis (number of cells), steps_without_configuration and
-        steps_past_limit (means, of seven), exact_fraction (mean over the cells).
-        """
-        rows = self.cells.assign(cells=1, exact_fraction=self.cells["exact_sectors"] / SECTORS)
-        steps = dict.fromkeys(["steps_without_configuration", "steps_past_limit", "exact_fraction"], "mean")
-        return rows.groupby("reproduced_sectors").agg({"cells": "sum", "behind_axis": "sum", **steps}).reset_index()
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Cells by their working sectors."""
@@ -105,7 +93,7 @@ def reproduce_table2(grid: int = GRID, *, progress: bool = True) -> Table2:
             "theta4_deg": theta4 / DEG,
             "x_mm": points[:, 0] / MM,
             "z_mm": points[:, 2] / MM,
-            **_walk_in_theta2(arm, points, theta2, theta4),
+            "reproduced_sectors": _sectors_by_steps(arm, points, theta2, theta4),
             "exact_sectors": exact,
             "behind_axis": points[:, 0] < 0.0,  # the elbow is in front of the base axis, P behind it
         }
@@ -126,22 +114,17 @@ def generating_grid(arm: NominalArm, grid: int = GRID) -> tuple[Array, Array, Ar
     return theta2, theta4, arm.dh.positions(np.column_stack([zero, theta2, zero, theta4, zero]))
 
 
-def _walk_in_theta2(arm: NominalArm, points: Array, theta2: Array, theta4: Array) -> dict[str, NDArray[np.generic]]:
-    """The paper's walk over the circle: columns of :attr:`Table2.cells`, (n,) each."""
+def _sectors_by_steps(arm: NominalArm, points: Array, theta2: Array, theta4: Array) -> NDArray[np.int64]:
+    """Working sectors by the paper's walk over the circle: (n,)."""
     planar = PlanarConfigurations(arm, points)
     sweep = np.nansum(planar.sweep_parts(tube_end_to_point(arm, theta4)), axis=1)
     steps = theta2 - np.linspace(0.0, 1.0, 1 + SECTORS // 2)[:, None] * sweep
-    within = steps >= -np.pi
     at = [ConfigurationsAtTheta2(arm, points, step) for step in steps]
     exists = np.abs([each.cosine_theta1(each.theta4[:, 0]) for each in at]) <= 1.0  # on the printed root
     exists[0], exists[-1] = True, planar.lowest_exists
     sectors = np.full(len(steps), 2)
     sectors[[0, -1]] = 1
-    return {
-        "reproduced_sectors": sectors @ (within & exists),
-        "steps_past_limit": (~within).sum(axis=0),
-        "steps_without_configuration": (~exists).sum(axis=0),
-    }
+    return np.asarray(sectors @ (exists & (steps >= -np.pi)))
 
 
 def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:

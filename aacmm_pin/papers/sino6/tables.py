@@ -16,17 +16,17 @@ from aacmm_pin.papers.read_table import read_table
 
 def printed_table1() -> pd.DataFrame:
     """DH values of SINO6 and the half-widths of their calibration, one row a joint [mm, rad]."""
-    return read_table("sino6", "table1")
+    return read_table("sino6_table1")
 
 
 def printed_table2() -> pd.DataFrame:
     """Number of the 48 × 48 working regions by their number of working sectors, 1 to 12."""
-    return read_table("sino6", "table2")
+    return read_table("sino6_table2")
 
 
 def printed_table3() -> pd.DataFrame:
     """The six measured seats: coordinates, spread (eq. 16), spread of the marked part and of the rest (eq. 18) [mm]."""
-    return read_table("sino6", "table3")
+    return read_table("sino6_table3")
 
 
 def printed_points() -> Array:

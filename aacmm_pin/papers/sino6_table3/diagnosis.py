@@ -15,10 +15,10 @@ from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY, INTERVAL, Evidence, evidence, left_out
+from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY, INTERVAL, Evidence, evidence
 from aacmm_pin.papers.sino6_table3.marked_records import FIVE, MarkedPart, marked_part
 from aacmm_pin.papers.sino6_table3.patterns import BOTH, DH, NOISE, NOISE_SIZES, Pattern, patterns
-from aacmm_pin.papers.sino6_table3.seats import MEASURED, SIXTH, Reading, TouchedSeats, touched_seats
+from aacmm_pin.papers.sino6_table3.seats import MEASURED, SIXTH, TouchedSeats, touched_seats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,7 +61,6 @@ class Table3Diagnosis(Shown):
 
     Attributes:
         seats: seats and postures.
-        reading: what is at the printed coordinates.
         patterns: every cause that was weighed.
         noise: encoder noise by seats 1 to 5, 2.5 %, 50 %, 97.5 % (3,) [rad], without DH errors.
         noise_beside_dh: the same with DH errors beside it, by the contrasts of part and rest too.
@@ -77,7 +76,6 @@ class Table3Diagnosis(Shown):
     """
 
     seats: TouchedSeats
-    reading: Reading
     patterns: dict[str, Pattern]
     noise: Array
     noise_beside_dh: Array
@@ -112,14 +110,6 @@ class Table3Diagnosis(Shown):
         return pd.DataFrame(columns)
 
     @property
-    def effective_numbers(self) -> float:
-        """How many numbers the six spreads by DH errors are worth, ``(Σλ)²/Σλ²`` of the eigenvalues of the covariance of
-        their logarithms.
-        """
-        values = np.linalg.eigvalsh(np.cov(self.patterns[DH].log_spread.T))
-        return float(values.sum() ** 2 / np.square(values).sum())
-
-    @property
     def fit(self) -> tuple[float, float]:
         """RMS by which encoder noise of the best size misses seats 1 to 5 [%], and the chance of as close a fit when it is
         right, by the sampling error of a spread alone.
@@ -152,25 +142,9 @@ class Table3Diagnosis(Shown):
         return cast("Axes", report().plots.plot_spreads(self, ax))
 
 
-def diagnose_table3(
-    rng: np.random.Generator,
-    reading: Reading = "stylus down",
-    *,
-    draws: int = 6000,
-    seats: TouchedSeats | None = None,
-) -> Table3Diagnosis:
-    """Diagnose the printed Table 3.
-
-    Args:
-        rng: for all that is drawn.
-        reading: what is at the printed coordinates.
-        draws: arms with DH errors.
-        seats: the postures of that reading, where they are known already.
-
-    Raises:
-        UnknownNameError: no such reading.
-    """
-    seats = seats or touched_seats(reading)
+def diagnose_table3(rng: np.random.Generator, seats: TouchedSeats | None = None, *, draws: int = 6000) -> Table3Diagnosis:
+    """Diagnose the printed Table 3, by ``draws`` arms with DH errors; ``seats`` are by default :func:`touched_seats`."""
+    seats = seats or touched_seats()
     found, marked = patterns(seats, rng, draws), marked_part(seats, rng)
     five = {cause: evidence(pattern.take(FIVE), MEASURED[FIVE]) for cause, pattern in found.items()}
     expected = {cause: known.predictive(found[cause], rng) for cause, known in five.items()}
@@ -178,7 +152,6 @@ def diagnose_table3(
     both = evidence(found[BOTH].take(FIVE), MEASURED[FIVE], prior=by_contrast(found, marked, FIVE))
     return Table3Diagnosis(
         seats=seats,
-        reading=reading,
         patterns=found,
         noise=np.exp(np.quantile(five[NOISE].sampled(rng)[1], INTERVAL)),
         noise_beside_dh=_noise_beside(both),
@@ -238,9 +211,13 @@ def held_out_seats(found: dict[str, Pattern], marked: MarkedPart, rng: np.random
     table = pd.DataFrame({"seat": np.arange(1, SIXTH + 1), "measured_mm": measured / MM})
     table["simulation_mm"] = np.exp(np.median(found[DH].take(FIVE).log_spread, axis=0)) / MM
     for name, cause in LEARNT.items():
-        prior = (lambda known: by_contrast(found, marked, known)) if name == "extended" else None
-        predicted = left_out(found[cause].take(FIVE), measured, rng, prior) / MM
-        table[[f"{name}_p025_mm", f"{name}_mm", f"{name}_p975_mm"]] = predicted
+        predicted = []
+        for seat in FIVE:
+            others = [other for other in FIVE if other != seat]
+            prior = by_contrast(found, marked, others) if name == "extended" else None
+            known = evidence(found[cause].take(others), measured[others], prior=prior)
+            predicted.append(np.quantile(known.predictive(found[cause].take([seat]), rng)[:, 0], INTERVAL))
+        table[[f"{name}_p025_mm", f"{name}_mm", f"{name}_p975_mm"]] = np.array(predicted) / MM
     off = {name: np.log(measured / MM / table[f"{name}_mm"].to_numpy()) for name in ("simulation", *LEARNT)}
     resampled = rng.integers(0, SIXTH, size=(RESAMPLES, SIXTH))
     gain, interval = {}, {}

@@ -1,4 +1,4 @@
-"""Likelihood of observed spreads under a pattern, its size integrated; predictions for a seat from the other seats.
+"""Likelihood of observed spreads under a pattern, its size integrated; predictions from it.
 
 For seat k the logarithm of the observed spread is normal about ``u + ln s_k``, u the logarithm of the size, with the
 variance of a spread from n records plus τ². τ, the model discrepancy, is what no prediction of this kind has right: the
@@ -8,7 +8,6 @@ integrated in closed form; draws of the pattern are averaged.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,18 +79,3 @@ def evidence(pattern: Pattern, observed: ArrayLike, tau: float = DISCREPANCY, pr
     weight = np.ones(len(log)) if prior is None else prior
     whole = logsumexp(log, b=weight)
     return Evidence(pattern, float(whole - np.log(weight.sum())), weight * np.exp(log - whole), centre, width)
-
-
-def left_out(
-    pattern: Pattern, observed: Array, rng: np.random.Generator, prior: Callable[[list[int]], Array] | None = None
-) -> Array:
-    """Each seat predicted from the others: 2.5 %, 50 % and 97.5 % of its spread (seats, 3) [m].
-
-    ``prior`` gives the weight of each draw by what else is known of the seats (numbered from 0) that are not left out.
-    """
-    rows = []
-    for k in range(len(observed)):
-        others = [j for j in range(len(observed)) if j != k]
-        known = evidence(pattern.take(others), observed[others], prior=prior and prior(others))
-        rows.append(np.quantile(known.predictive(pattern.take([k]), rng)[:, 0], INTERVAL))
-    return np.array(rows)

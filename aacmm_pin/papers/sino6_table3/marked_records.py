@@ -25,7 +25,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.accuracy.volume import Method, accuracy_volume
-from aacmm_pin.papers.sino6 import printed_table3
+from aacmm_pin.papers.sino6.tables import printed_table3
 from aacmm_pin.papers.sino6_table3.patterns import DH, NOISE, drawn_values, systematic
 from aacmm_pin.papers.sino6_table3.seats import RECORDS, SIXTH, TouchedSeats
 

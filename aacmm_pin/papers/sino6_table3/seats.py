@@ -14,7 +14,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.papers.sino6 import printed_points, printed_table3
+from aacmm_pin.papers.sino6.tables import printed_points, printed_table3
 from aacmm_pin.postures.configurations import WRIST, ConfigurationCircle, configuration_circles
 
 Reading = Literal["stylus down", "stylus up", "wrist"]
@@ -38,11 +38,13 @@ class TouchedSeats:
         model: the arm with the effects that are known of it.
         q: postures (seats, records, nq) [rad].
         at: frame whose origin is in the seat; None for the tip.
+        reading: what is at the printed coordinates.
     """
 
     model: ErrorModel
     q: Array
     at: str | None = None
+    reading: Reading = "stylus down"
 
     @property
     def all_q(self) -> Array:
@@ -92,7 +94,7 @@ def touched_seats(reading: Reading = "stylus down", *, arc: float = 1.0, start: 
         apart = np.abs(wrapped(q[:, :, None, 2] - np.arange(count) * 2.0 * np.pi / count))
         q = np.take_along_axis(q, apart.argmin(axis=1)[:, :, None], axis=1)
     q = np.roll(q, -round(start * count), axis=1)[:, :RECORDS]
-    return TouchedSeats(model, q, WRIST if wrist else None)
+    return TouchedSeats(model, q, WRIST if wrist else None, reading)
 
 
 def _most_usable(circle: ConfigurationCircle) -> Array:

@@ -27,7 +27,6 @@ from aacmm_pin.report.plots.papers import (
     plot_bayes_factors,
     plot_iterations,
     plot_part_and_rest,
-    plot_rounding,
     plot_spreads,
     plot_table2,
 )
@@ -62,7 +61,6 @@ __all__ = [
     "plot_residuals_over_joint",
     "plot_residuals_over_joints",
     "plot_rms",
-    "plot_rounding",
     "plot_spreads",
     "plot_table2",
     "plot_unexplained",

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from aacmm_pin.papers.sino6 import Table2
-from aacmm_pin.papers.sino6_table3 import Table3Diagnosis
+from aacmm_pin.papers.sino6.table2 import Table2
+from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
 from aacmm_pin.papers.sino6_table3.marked_records import COUNTS, MEASURED_LOGS, band
 from aacmm_pin.papers.sino6_table3.patterns import CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE
-from aacmm_pin.papers.zero_offset import MRAD, iterations, printed_postures, printed_table2, rounding_residuals
-from aacmm_pin.papers.zero_offset.gauss_newton import ERRORS_MM, RUNS
+from aacmm_pin.papers.zero_offset import ERRORS_MM, RUNS, iterations, printed_postures, printed_table2
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of
 
 PURPLE, YELLOW, SKY = "#aa4499", "#e69f00", "#56b4e9"
@@ -69,7 +68,7 @@ def plot_iterations(ax: Axes | None = None) -> Axes:
     start, table = printed_postures(), printed_table2()
     for run in RUNS:
         first = run == RUNS[0]
-        rounded, exact = iterations(run, MRAD, keying_slip=True), iterations(run)
+        rounded, exact = iterations(run, rounded=True), iterations(run)
         for rows, colour, label in ((exact, VERMILLION, "unrounded"), (rounded, BLUE, "increments rounded to 1 mrad")):
             largest = np.maximum(rows[ERRORS_MM].max(axis=1), LEAST_MM)
             ax.plot(rows["iteration"], largest, "o-", ms=3.5, lw=1.2, color=colour, label=label if first else None)
@@ -81,20 +80,6 @@ def plot_iterations(ax: Axes | None = None) -> Axes:
     ax.set_xticks(range(5))
     ax.set_title("Three runs of the paper: where the error stays, and where it would have gone", fontsize=10)
     ax.legend(frameon=False, fontsize=8, loc="lower left")
-    return ax
-
-
-def plot_rounding(ax: Axes | None = None) -> Axes:
-    """Position error that stays over the rounding of the increments, for each run, beside what is expected of it."""
-    ax = axes_of(ax, (6.0, 3.8))
-    table = rounding_residuals((1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5))
-    for run, mine in table.groupby("run"):
-        (line,) = ax.plot(mine["rounding_mrad"], mine["rms_error_mm"], "o", ms=5, label=f"run {run}")
-        ax.plot(mine["rounding_mrad"], mine["expected_rms_error_mm"], "-", lw=1.0, color=line.get_color())
-    ax.plot([], [], "-", lw=1.0, color=INK, label="expected: rounding/√12 · ‖G‖/√3")
-    ax.set(xscale="log", yscale="log", xlabel="increments rounded to [mrad]", ylabel="error that stays, RMS [mm]")
-    ax.set_title("The residual is the rounding's", fontsize=10)
-    ax.legend(frameon=False, fontsize=8)
     return ax
 
 
