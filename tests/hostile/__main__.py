@@ -32,6 +32,8 @@ BATCH = 500
 """Files that one process tries; one that it cannot survive ends the batch."""
 GOOD = ("result", "refused", "old", "new", "whole")
 """How outcomes begin that are as promised."""
+STARTED = 0.2
+"""By then Python itself has started, and listens to us [s]."""
 BEGIN, END = "<!-- counts -->\n", "<!-- end of counts -->"
 
 
@@ -107,7 +109,7 @@ def of_faults(kills: int, seed: int, folder: Path) -> Iterator[tuple[str, Counte
     for number in faults.SIGNALS:
 
         def stop(place: faults.Place, number: int = number) -> str:
-            return faults.stopped(place, number, rng.uniform(0, 1.1 * place.seconds), rng.random() < 0.5)
+            return faults.stopped(place, number, rng.uniform(STARTED, 1.1 * place.seconds), rng.random() < 0.5)
 
         cycles = range(max(1, kills // (len(faults.SIGNALS) * len(places))))
         yield f"{number.name} at a random moment", counted(stop, places, cycles)
