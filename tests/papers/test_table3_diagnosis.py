@@ -235,13 +235,6 @@ def test_printed_parts_in_millimetres(seats: TouchedSeats):
     np.testing.assert_allclose(parts, printed_table3()["high_accuracy_part_std_mm"][:5], rtol=0.2)
 
 
-def test_no_reading_of_the_volume_predicts_the_contrast(seats: TouchedSeats):
-    for volume in ("zonotope", "ellipsoid"):
-        other = marked_part(seats, np.random.default_rng(14), 300, volume).causes  # type: ignore[arg-type]
-        assert other.loc[DH, "before_reached"] == 0
-        assert other.loc[DH, "before_ratio"] > 0.8
-
-
 def test_dh_errors_have_no_near_records(seats: TouchedSeats, found: Table3Diagnosis):
     """Arms drawn and moved by whole forward kinematics: even the g nearest of fifty spread most of what the rest does."""
     arm, logs = seats.model.arm, []

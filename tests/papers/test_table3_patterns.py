@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
-from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile
@@ -28,11 +27,9 @@ from aacmm_pin.papers.sino6_table3.seats import TouchedSeats
 N = 40
 
 
-def planar(*lengths: float, half_width_mm: float | None = None) -> ErrorModel:
+def planar(*lengths: float) -> ErrorModel:
     """An arm in the plane with a joint before each of these lengths [m]."""
     row = {"d_mm": 0.0, "alpha_rad": 0.0, "theta_offset_rad": 0.0, "limits_rad": [-7.0, 7.0]}
-    if half_width_mm is not None:
-        row["uncertainty"] = {"a_mm": half_width_mm, "d_mm": 0.0, "alpha_rad": 0.0, "theta_offset_rad": 0.0}
     joints = [row | {"a_mm": 1e3 * length} for length in lengths]
     file = {"schema": "aacmm-pin/arm/1", "name": "planar", "convention": "standard-dh", "joints": joints}
     return ErrorModel.of(Arm.from_file(ArmFile.model_validate(file)))
@@ -74,15 +71,6 @@ def test_a_length_on_a_full_turn_spreads_by_itself_and_a_gain_at_rest_not():
     still = np.full((5, 1), 0.7)
     pattern = of_displacements(at_one_seat(planar(0.8), still).sensitivity([EncoderGain(1)]), beta)
     assert pattern.second[0, 0] == pytest.approx(0.0, abs=1e-30)
-
-
-def test_stated_uncertainty_is_rectangular():
-    seats = at_one_seat(planar(0.8, half_width_mm=0.03))
-    pattern = of_displacements(seats.sensitivity(), parameter_errors(seats.model, np.random.default_rng(2), 4000))
-    drawn = np.sqrt(pattern.second[:, 0] * (N - 1) / N)
-    assert drawn.max() <= 0.03e-3
-    at = np.array([0.25, 0.5, 0.75])
-    np.testing.assert_allclose(np.quantile(drawn, at) / 0.03e-3, at, atol=4 * 0.5 / np.sqrt(4000))
 
 
 def test_eccentric_encoders_against_brute_force():

@@ -24,7 +24,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
-from aacmm_pin.accuracy.volume import Method, accuracy_volume
+from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.papers.sino6.tables import printed_table3
 from aacmm_pin.papers.sino6_table3.patterns import DH, NOISE, drawn_values, systematic
 from aacmm_pin.papers.sino6_table3.seats import RECORDS, SIXTH, TouchedSeats
@@ -136,11 +136,9 @@ def band(logs: Array) -> Array:
     return np.asarray(np.quantile(np.exp(logs), [0.05, 0.5, 0.95], axis=0))
 
 
-def marked_part(
-    seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000, volume: Method = "jointwise"
-) -> MarkedPart:
-    """Simulate records of the six seats and choose parts; ``volume`` is the accuracy volume that orders the postures."""
-    volumes = accuracy_volume(seats.model, seats.all_q, at=seats.at, method=volume).volume
+def marked_part(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000) -> MarkedPart:
+    """Simulate records of the six seats and choose parts; before measuring by the accuracy volume of eq. (14)."""
+    volumes = accuracy_volume(seats.model, seats.all_q, at=seats.at, method="jointwise").volume
     order = np.argsort(volumes.reshape(seats.q.shape[:2]), axis=1)
     readings = rng.normal(size=(draws, *seats.q.shape))
     moved = {
