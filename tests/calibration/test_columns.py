@@ -1,0 +1,41 @@
+"""All effects of a calibration at once give what each gives by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.jacobian import Columns
+from aacmm_pin.effects import (
+    BearingTilt,
+    EncoderEccentricity,
+    JointZeroOffset,
+    LinkLength,
+    LinkTwist,
+    SeatError,
+    StylusOffset,
+    ThermalExpansion,
+)
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
+
+
+def test_columns_of_all_effects_are_those_of_each(sino6: Arm, rng: np.random.Generator) -> None:
+    """Tips and derivatives; constant twists, those of a record, an exact arcsine, what bends, and a seat."""
+    n = 8
+    q = np.column_stack([rng.uniform(low, high, n) for low, high in sino6.limits])
+    seat = np.array(["A", "", "B", "A"] * 2, dtype=object)
+    known = Conditions(n, temperature=rng.uniform(15.0, 30.0, n), seat=seat)
+    effects = [
+        LinkLength(2), LinkTwist(3), JointZeroOffset(1), StylusOffset(),
+        EncoderEccentricity(4), ThermalExpansion(), BearingTilt(2), SeatError("A"),
+    ]  # fmt: skip
+    columns = Columns.of(sino6, q, known, effects)
+    x = rng.normal(size=columns.vector.size) * columns.vector.typical
+    model = ErrorModel(sino6, tuple(e.at(tuple(x[own])) for e, own in columns.vector))
+    state = columns.at(x)
+    np.testing.assert_allclose(state.position, model.predict(q, known, as_referenced=True), rtol=0, atol=1e-14)
+    wanted = np.concatenate([e.sensitivity(state) for e in effects], axis=2)
+    np.testing.assert_allclose(columns.jacobian(state), wanted, rtol=1e-12, atol=1e-14)
+    assert columns.bends(x)
+    assert not columns.bends(np.where(np.arange(x.size) == columns.vector.slices[6].start, 0.0, x))

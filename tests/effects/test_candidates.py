@@ -1,0 +1,125 @@
+"""Where a cause could sit, with these records: places and inner values that each cause offers to the search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects import (
+    Effect,
+    EncoderEccentricity,
+    EncoderSlip,
+    JointCompliance,
+    JointErrorCurve,
+    JointHysteresis,
+    JointPeriodicError,
+    SeatError,
+    ThermalExpansion,
+    ZeroDrift,
+)
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.encoder import FINE, LEAST_SPREAD, NEAR, PER_COEFFICIENT
+
+N = 200
+
+
+@dataclass
+class Taken:
+    """Records as a cause sees them."""
+
+    q: Array
+    conditions: Conditions
+    known: NDArray[np.bool_]
+
+
+def taken(rng: np.random.Generator, **known: object) -> Taken:
+    """Joint 4 hardly turns, joint 5 by a third of a turn, the others all round."""
+    q = rng.uniform(-np.pi, np.pi, (N, 6))
+    q[:, 3] = np.linspace(0.0, 0.9 * LEAST_SPREAD, N)
+    q[:, 4] = np.linspace(0.0, 2 * np.pi / 3 + 1e-9, N)
+    return Taken(q, Conditions(N, **known), np.ones(N, dtype=bool))  # type: ignore[arg-type]
+
+
+def places(cause: type[Effect], arm: Arm, records: Taken | None) -> list[object]:
+    return [variants[0].place for variants in cause.candidates(arm, records)]
+
+
+def test_places(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
+    bare = taken(rng)
+    every, without = list(range(1, 7)), [1, 2, 3, 5, 6]
+    approach = np.zeros((N, 6))
+    approach[::2, [1, 4]] = 1.0
+    approach[:, 2] = -1.0
+    seat = np.array([f"s{k % 6}" for k in range(N)], dtype=object)
+    links = np.full((N, 6), 20.0)
+    some: list[tuple[type[Effect], Taken | None, list[object]]] = [
+        (EncoderEccentricity, bare, without),
+        (EncoderEccentricity, None, every),
+        (JointErrorCurve, bare, without),
+        (JointErrorCurve, None, []),
+        (JointHysteresis, bare, []),
+        (JointHysteresis, None, every),
+        (JointHysteresis, taken(rng, approach=approach), [2, 5]),
+        (ZeroDrift, bare, []),
+        (ZeroDrift, taken(rng, time=np.full(N, 7.0)), []),
+        (ZeroDrift, taken(rng, time=np.arange(N) * 1.0), every),
+        (EncoderSlip, bare, []),
+        (EncoderSlip, taken(rng, time=np.full(N, 7.0)), []),
+        (EncoderSlip, taken(rng, time=np.arange(N) * 1.0), every),
+        (ThermalExpansion, bare, []),
+        (ThermalExpansion, taken(rng, temperature=links[:, 0]), [None]),
+        (ThermalExpansion, taken(rng, link_temperature=links), [None, 3, 5, 6]),
+        (SeatError, bare, []),
+        (SeatError, taken(rng, seat=seat), [f"s{k}" for k in range(6)]),
+    ]
+    for cause, records, wanted in some:
+        assert places(cause, sino6, records) == wanted, (cause.cause, records)
+    unknown = taken(rng, seat=seat)
+    unknown.known[:] = False
+    assert places(SeatError, sino6, unknown) == []
+    for arm, records, torque, bodies in (
+        (sino6, bare, "gravity", 0),
+        (sino6, None, "gravity", 0),
+        (sino6, taken(rng, torque=approach), "measured", 0),
+        (zero6, taken(rng, torque=approach), "measured", 0),
+        (zero6, bare, "gravity", 6),
+    ):
+        first = [variants[0] for variants in JointCompliance.candidates(arm, records)]
+        assert [e.joint for e in first] == every
+        assert [e.torque for e in first] == [torque] * 6
+        assert [len(e.bodies) for e in first] == [max(bodies - k, 0) for k in range(6)]
+    assert zero6.masses is None
+    assert places(JointCompliance, zero6, None) == []
+
+
+def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
+    """Orders that make a period over the covered range, knots that the records can tell, times between records."""
+    pause = np.arange(N) + np.where(np.arange(N) >= 50, 1000.0, 0.0)
+    records = taken(rng, time=pause)
+    orders = {variants[0].joint: [e.order for e in variants] for variants in JointPeriodicError.candidates(sino6, records)}
+    assert min(orders[5]) == 3
+    assert min(orders[1]) < 3
+    assert set(orders[5]) == {order for order in orders[1] if order >= 3}
+    fine = [e.order for e in JointPeriodicError(1, 4).refined(records)]
+    assert [len(fine), min(fine), max(fine)] == [2 * FINE + 1, 3.5, 4.5]
+    assert 4 in fine
+    assert min(e.order for e in JointPeriodicError(1, 0.5).refined(records)) > 0.3
+    for curves in JointErrorCurve.candidates(sino6, records):
+        angle = records.q[:, curves[0].joint - 1]
+        for curve in curves:
+            assert curve.lower_rad < angle.min() < angle.max() < curve.upper_rad
+            assert 8 <= curve.coefficients <= N / PER_COEFFICIENT
+    times = [e.time_s for e in next(EncoderSlip.candidates(sino6, records))]
+    assert 549.5 in times  # the middle of the pause
+    assert 0.0 < min(times) < 12.0 < 1180.0 < max(times) < pause[-1]
+    assert not np.isin(times, pause).any()
+    near = [e.time_s for e in EncoderSlip(1, 549.0).refined(records)]
+    assert len(near) == NEAR
+    assert {48.5, 549.5, 1050.5} <= set(near)
+    assert near == sorted(near)
+    slow = [e.time_constant_s for e in ZeroDrift(1, 600.0).refined(records)]
+    assert [min(slow), max(slow)] == [200.0, 1800.0]
