@@ -139,6 +139,11 @@ def test_log_evidence_of_every_set(stated: bool, noise: float) -> None:
     wanted = [each[0], np.logaddexp(each[1], each[2]) - np.log(2.0), each[3]]
     np.testing.assert_allclose(odds, [*(wanted + small.log_prior[:3]), -np.inf], atol=1e-5)
     assert blocks[1] == 1 + int(each[2] > each[1])
+    # The likeliest of all with the likeliest beside it, where one pair is asked for.
+    alone = steps.odds(())
+    first = alone[1][int(np.argmax(alone[0]))]
+    odds, blocks = steps.odds((first,))
+    assert steps.pairs((), 1) == [tuple(sorted((first, blocks[int(np.argmax(odds))])))]
     beside = {k: tuple(j for j in (0, 1, 3) if j != k) for k in (0, 1, 3)}
     strength = {k: small.evidence(k, rest, small._scatter(rest)) for k, rest in beside.items()}
     assert steps.by_strength((0, 1, 3)) == tuple(sorted(strength, key=lambda k: -strength[k]))
