@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -616,3 +618,21 @@ def test_what_people_see(full: Measurements) -> None:
     for value in ("-300 to 3", "0.01", "2: m1, m2", "humidity, comment"):
         assert value in page
     assert "4 records of 2 joints, 2 with reference, 2 seats, 1 bars" in str(full)
+
+
+def test_cells_that_a_spreadsheet_would_compute_are_quoted_and_read_back(tmp_path: Path) -> None:
+    """Labels, unknown columns and their names; what is a number stays one."""
+    labels = ["=1+1", "+cmd", "-x", "@sum", "\tt", "'=q", "''-q", "'plain", "-", "-1.5", "+2", "1e3", "plain"]
+    extra = pd.DataFrame({"=name": labels, "self": labels, "number": np.arange(13) - 6.5})
+    data = Measurements.of(np.arange(26.0).reshape(13, 2) / 10, operator=labels, extra=extra)
+    data.save(tmp_path / "a.csv")
+    with open(tmp_path / "a.csv", encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    cells = {cell for row in rows for cell in row} | set(header)
+    assert {"'=1+1", "'+cmd", "'-x", "'@sum", "''=q", "'''-q", "'plain", "'-", "'=name", "-1.5", "+2", "-6.5"} <= cells
+    assert not [cell for cell in cells if re.match(r"[=+@\t-](?![\d.])", cell)]
+    read = Measurements.read(tmp_path / "a.csv")
+    assert read.operator is not None
+    assert list(read.operator) == labels == list(read.extra["=name"]) == list(read.extra["self"])
+    read.save(tmp_path / "b.csv")
+    assert (tmp_path / "b.csv").read_bytes() == (tmp_path / "a.csv").read_bytes()

@@ -16,7 +16,17 @@ from aacmm_pin.postures.configurations import ConfigurationCircle
 from aacmm_pin.postures.general_ik import ReachingPostures
 from aacmm_pin.postures.solution_set import PosturesAtPoint
 from aacmm_pin.report.numbers import length
-from aacmm_pin.report.plots.style import BLUE, GREY, U_NAME, VERMILLION, VOLUME_LABEL, VOLUME_NAME, axes_of, legend_below
+from aacmm_pin.report.plots.style import (
+    BLUE,
+    GREY,
+    U_NAME,
+    VERMILLION,
+    VOLUME_LABEL,
+    VOLUME_NAME,
+    axes_of,
+    legend_below,
+    plain,
+)
 
 COMPONENT_MARKERS = "os^DvP*h"
 """Shapes of the components that one picture tells apart."""
@@ -24,6 +34,7 @@ MARKERS = 18
 """Number of these markers along a component."""
 
 
+@plain
 def plot_accuracy_of_postures(postures: PosturesAtPoint, accuracy: AccuracyVolume, ax: Axes | None = None) -> Axes:
     """Accuracy volume (left scale) and standard uncertainty of the position (right scale) of the postures at a point.
 
@@ -74,6 +85,7 @@ def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axe
     legend_below(ax, handles=handles)
 
 
+@plain
 def plot_budget(
     accuracy: AccuracyVolume,
     by: Literal["parameter", "joint", "kind"] = "parameter",

@@ -23,6 +23,7 @@ from aacmm_pin.report.plots.style import (
     name_places,
     numbers_by_size,
     panels_of,
+    plain,
     whole,
 )
 
@@ -37,6 +38,7 @@ NAMED = 45
 """So many parameters have room for their names at a heat map."""
 
 
+@plain
 def plot_residuals_over_joint(result: Calibration, joint: int, when: str = "after", ax: Axes | None = None) -> Axes:
     """Residual along the way that a joint moves the tip, over its angle: what an error of that angle would look like.
 
@@ -83,6 +85,7 @@ def _draw_means(ax: Axes, angle: Array, values: Array) -> None:
     ax.errorbar(*parts[["angle", "mean", "u"]].to_numpy().T, color=VERMILLION, capsize=2)
 
 
+@plain
 def plot_residuals_over_joints(result: Calibration, when: str = "after", ax: Axes | None = None) -> Figure:
     """:func:`plot_residuals_over_joint` for every joint, side by side on one scale.
 
@@ -110,6 +113,7 @@ def plot_residuals_over_joints(result: Calibration, when: str = "after", ax: Axe
     return whole(panels)
 
 
+@plain
 def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     """Distance of tip and target of every record by its seat, before and after.
 
@@ -143,6 +147,7 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@plain
 def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Axes:
     """Residuals over what the noise allows, against the χ distribution with three degrees of freedom.
 
@@ -161,6 +166,7 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     return ax
 
 
+@plain
 def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
     """Correlation of the parameters; ±1 means that the data tell only their sum or difference, grey that they tell
     nothing.

@@ -28,6 +28,7 @@ from aacmm_pin.report.plots.style import (
     legend_below,
     name_places,
     numbers_by_size,
+    plain,
 )
 
 FEW = 12
@@ -42,6 +43,7 @@ UNITS = {"deg": "°", "c": "°C", "urad": "µrad", "um_per_m": "µm/m", "mm": "m
 """Units by the endings of the names of columns."""
 
 
+@plain
 def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) -> Axes:
     """The strongest cause through what the records say of it; where none was found, what the residuals depend on; where
     they depend on nothing, or the cause moves every record alike, their size by the three models.
@@ -66,6 +68,7 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
     return plot_cause(result, found, ax)
 
 
+@plain
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
     """What the records say of a cause, everything else as fitted, over what it depends on; the fitted cause through it.
 
@@ -151,6 +154,7 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     return ax
 
 
+@plain
 def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Axes:
     """What no cause explains, over what it depends on: the smooth correction, and faintly what each record says of it.
 

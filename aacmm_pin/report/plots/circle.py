@@ -18,7 +18,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.configurations import ConfigurationCircle
 from aacmm_pin.postures.solution_set import PosturesAtPoint
 from aacmm_pin.report.arm_lines import ArmLines
-from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, VOLUME_COLOURS, VOLUME_LABEL
+from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, VOLUME_COLOURS, VOLUME_LABEL, plain
 
 TUBE_WIDTH = 4.5
 """Width at which tubes of the arm are drawn [points]."""
@@ -29,6 +29,7 @@ NEXT = 3.0
 """The ends of a line that nothing calls closed are joined where they are no farther apart than so many usual steps."""
 
 
+@plain
 def plot_circle(
     circle: ConfigurationCircle, accuracy: AccuracyVolume | None = None, postures: int = 5, ax: Axes3D | None = None
 ) -> Axes3D:

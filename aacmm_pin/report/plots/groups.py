@@ -21,6 +21,7 @@ from aacmm_pin.report.plots.style import (
     name_places,
     numbers_by_size,
     panels_of,
+    plain,
     whole,
 )
 
@@ -30,6 +31,7 @@ UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
 """Units of the ranges in which records are grouped."""
 
 
+@plain
 def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """RMS distance of tip and target by the three models, and what the noise alone would give."""
     unit, scale = length_unit(max(result.rms.values()))
@@ -71,6 +73,7 @@ def residuals_by_group(result: Diagnosis) -> pd.DataFrame:
     return table.join([recalibrated, last], how="inner").reset_index()
 
 
+@plain
 def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     """RMS of the residuals in parts of all that is known of the records, by the three models, beside what is predicted.
 
@@ -150,6 +153,7 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
     return pd.DataFrame(rows).sort_values("part", key=lambda parts: parts.map(numbers_by_size), ignore_index=True)
 
 
+@plain
 def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """RMS of each part that was left out in turn, by the arm recalibrated and extended without it.
 

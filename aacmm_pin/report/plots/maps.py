@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.report.plots.style import U_NAME, VOLUME_COLOURS, axes_of, legend_below
+from aacmm_pin.report.plots.style import U_NAME, VOLUME_COLOURS, axes_of, legend_below, plain
 
 UNREACHABLE, OUTSIDE_LIMITS = "#d9d9d9", "#cc79a7"
 FLEXIBILITY_COLOURS = "cividis"
@@ -43,6 +43,7 @@ QUANTITIES = {
 """What a map can show, by the names of its data."""
 
 
+@plain
 def plot_map(map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
     """One quantity over the half-plane through joint axis 1; cells out of reach are grey.
 

@@ -10,7 +10,7 @@ from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
 from aacmm_pin.papers.sino6_table3.marked_records import COUNTS, MEASURED_LOGS, band
 from aacmm_pin.papers.sino6_table3.patterns import CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE
 from aacmm_pin.papers.zero_offset import ERRORS_MM, RUNS, iterations, printed_postures, printed_table2
-from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of
+from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of, plain
 
 PURPLE, YELLOW, SKY = "#aa4499", "#e69f00", "#56b4e9"
 """More colours that stay apart for colour-blind readers."""
@@ -41,6 +41,7 @@ BANDS = (
 )
 
 
+@plain
 def plot_table2(result: Table2, ax: Axes | None = None) -> Axes:
     """Bars of the number of cells by working sectors: printed, reproduced, exact."""
     ax = axes_of(ax, (8.0, 4.2))
@@ -62,6 +63,7 @@ def plot_table2(result: Table2, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@plain
 def plot_iterations(ax: Axes | None = None) -> Axes:
     """Largest position error of the three points after each iteration: printed, rounded to 1 mrad, and unrounded."""
     ax = axes_of(ax, (6.8, 4.2))
@@ -83,6 +85,7 @@ def plot_iterations(ax: Axes | None = None) -> Axes:
     return ax
 
 
+@plain
 def plot_spreads(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     """Measured spreads over what each cause predicts when seats 1 to 5 have given it its size; the DH band before that."""
     ax = axes_of(ax, (7.2, 4.4))
@@ -114,6 +117,7 @@ def _sized(cause: str) -> str:
     return "DH errors, seats 1–5 known" if cause == DH else cause
 
 
+@plain
 def plot_part_and_rest(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     """Spread of the marked part over that of the rest, with the 5–95 % bands of four ways to choose the part."""
     ax = axes_of(ax, (7.2, 4.2))
@@ -131,6 +135,7 @@ def plot_part_and_rest(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@plain
 def plot_bayes_factors(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     """Logarithm of the Bayes factor of every cause against the best, by five seats and by six."""
     ax = axes_of(ax, (7.6, 5.4))

@@ -14,12 +14,13 @@ from aacmm_pin.effects.labels import in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import small_unit
 from aacmm_pin.report.parameters import readable_parameters
-from aacmm_pin.report.plots.style import BLUE, INK, VERMILLION, axes_of
+from aacmm_pin.report.plots.style import BLUE, INK, VERMILLION, axes_of, plain
 
 WITHIN = "#e4e9ee"
 """Colour of what was stated."""
 
 
+@plain
 def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Axes:
     """Change of each parameter with its expanded uncertainty U (k = 2), over how far off it was said to be.
 
@@ -41,6 +42,7 @@ def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Axes:
     return ax
 
 
+@plain
 def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """The same of the geometric values of a diagnosis that moved beyond what was stated of them.
 

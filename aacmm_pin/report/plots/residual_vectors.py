@@ -18,7 +18,18 @@ from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.report.numbers import length
 from aacmm_pin.report.plots.partial_residuals import state_of
-from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, axes_of, legend_below, panels_of, round_down, whole
+from aacmm_pin.report.plots.style import (
+    BLUE,
+    GREY,
+    INK,
+    VERMILLION,
+    axes_of,
+    legend_below,
+    panels_of,
+    plain,
+    round_down,
+    whole,
+)
 
 Plane = Literal["xy", "xz", "yz"]
 VIEWS: dict[Plane, str] = {"xy": "plan (xy)", "xz": "side (xz)", "yz": "side (yz)"}
@@ -56,6 +67,7 @@ def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
     return ("recalibrated", "extended") if more else ("simulation", "recalibrated")
 
 
+@plain
 def plot_residual_vectors(
     result: Calibration | Diagnosis,
     model: str | None = None,
@@ -102,6 +114,7 @@ def plot_residual_vectors(
     return ax
 
 
+@plain
 def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
     """Residual vectors by two models, see :func:`two_models`, in plan and from the side; of a diagnosis magnified alike.
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import Any, cast
+from collections.abc import Callable, Sequence
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar, cast
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import FixedFormatter, FuncFormatter
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.text import printable
 from aacmm_pin.errors import AacmmError
 
 BLUE, VERMILLION, GREEN, GREY, INK = "#0072b2", "#d55e00", "#009e73", "#9a9a9a", "#262626"
@@ -19,6 +23,34 @@ BLUE, VERMILLION, GREEN, GREY, INK = "#0072b2", "#d55e00", "#009e73", "#9a9a9a",
 VOLUME_COLOURS = "viridis"
 VOLUME_NAME, U_NAME = "accuracy volume", "standard uncertainty u"
 VOLUME_LABEL = f"{VOLUME_NAME} [mm³]"
+
+
+P = ParamSpec("P")
+Drawn = TypeVar("Drawn", Axes, Figure)
+OF_NAMES = (FixedFormatter, FuncFormatter)
+
+
+def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
+    """The function that draws, with names in its picture as they are: matplotlib takes text between $ for formulas."""
+
+    @wraps(draw)
+    def drawn(*args: P.args, **named: P.kwargs) -> Drawn:
+        picture = draw(*args, **named)
+        place: Any = picture
+        every = place.axes if isinstance(place, Figure) else [place]
+        numbers = {label for axes in every for label in _numbers(axes)}
+        for text in set(picture.findobj(Text)) - numbers:
+            text.set_parse_math(False)
+            text.set_text(printable(text.get_text()))
+        return picture
+
+    return drawn
+
+
+def _numbers(axes: Axes) -> list[Text]:
+    """The labels that matplotlib writes at the ticks, powers of ten as formulas."""
+    written = [axis for axis in (axes.xaxis, axes.yaxis) if not isinstance(axis.get_major_formatter(), OF_NAMES)]
+    return [label for axis in written for label in axis.get_ticklabels(which="both")]
 
 
 def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
@@ -63,6 +95,7 @@ def legend_below(ax: Axes, columns: int = 4, **more: Any) -> None:
 
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
     """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or half as many names upright."""
+    names = [printable(name) for name in names]
     wide = sum(2 + max(map(len, name.split("\n"))) for name in names)
     some = slice(None, None, -(-2 * len(names) // letters))
     ax.set_xticks(range(len(names))[some], names[some], fontsize=size, rotation=90 if wide > letters else 0)
