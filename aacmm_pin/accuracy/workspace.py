@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import workers
 from aacmm_pin._support.checks import Array, vector, whole
+from aacmm_pin._support.plausible import COORDINATE, SMALLEST_ARM
 from aacmm_pin._support.progress import bar
 from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM, MM3
@@ -73,6 +74,14 @@ class WorkspaceMap(Shown):
         return int((self.data["reachable"].values == 0).sum())
 
     @property
+    def incomplete(self) -> int:
+        """Number of cells of which not all configurations are known.
+
+        Their singular postures form families, a curve could not be followed, or the search ended at its limit of work.
+        """
+        return int((self.data["complete"].values == 0).sum()) if "complete" in self.data else 0
+
+    @property
     def not_included(self) -> tuple[str, ...]:
         """Labels of the causes of error that are left out of the accuracies, see :class:`ErrorSources`."""
         labels = str(self.data.attrs.get("not_included", ""))
@@ -112,6 +121,7 @@ class WorkspaceMap(Shown):
         return (
             f"{where}, {self.unreachable} cells out of reach, "
             f"{full} cells with the full circle, mean flexibility {float(self.data['flexibility'].mean()):.3f}"
+            + (f"; of {self.incomplete} cells not all configurations are known" if self.incomplete else "")
             + (f"; not included: {', '.join(self.not_included)}" if self.not_included else "")
         )
 
@@ -188,12 +198,13 @@ def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
     dh = arm.require_dh("a map of the workspace")
     wrist = Wrist.of(dh)
-    curves = wrist_curves(wrist, job.points, SEEDS_PER_TURN)
-    components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, curves, wrist)
+    known = wrist_curves(wrist, job.points, SEEDS_PER_TURN)
+    components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, known.curves, wrist)
     found = Sectors.of(components, arm.limits, job.sectors)
-    reachable = np.zeros(len(job.points), dtype=bool)
-    reachable[[curve.problem for curve in curves]] = True
-    result = {"reachable": reachable, "works": found.working, "flexibility": found.zeta}
+    reachable, complete = np.zeros(len(job.points), dtype=bool), np.ones(len(job.points), dtype=bool)
+    reachable[[*(curve.problem for curve in known.curves), *known.families]] = True
+    complete[[curve.problem for curve in known.curves if not curve.closed] + [*known.families, *known.unfinished]] = False
+    result = {"reachable": reachable, "complete": complete, "works": found.working, "flexibility": found.zeta}
     return result | {"arc_fraction": arc_fractions(components, arm.limits)} | _accuracies(job, found)
 
 
@@ -226,9 +237,12 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
     wrist = Wrist.of(dh)
     if extent is None:
         farthest = reach_of_wrist(wrist, Swivel(dh, arm.up).shoulder)[1]
+        if farthest < SMALLEST_ARM:
+            raise AacmmError(f"{arm.name}: the wrist does not leave the shoulder, so there is nothing to map")
         reach = float(f"{farthest:.1e}")  # two digits: 1210.7 mm become 1200 mm, as 121.07 mm become 120 mm
         return np.array([0.0, reach, -reach, reach])
     box = vector(extent, 4, "extent", "m")
+    COORDINATE.check(box, "extent")
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
         raise AacmmError(f"extent is {(box / MM).tolist()} mm, expected 0 ≤ x from < x to and z from < z to")
     return box
@@ -281,6 +295,7 @@ def _dataset(
 
     variables = {
         "reachable": over_cells("reachable", "1", "1 where a configuration reaches the cell, limits apart", np.int8),
+        "complete": over_cells("complete", "1", "0 where postures form families or the search ended early", np.int8),
         "sector_works": over_cells("works", "1", "1 where the sector's centre has a configuration in limits", np.int8),
         "working_sectors": over_cells("count", "1", "number of working sectors", np.int32),
         "flexibility": over_cells("flexibility", "1", "working over theoretical sectors (eq. 1)"),

@@ -71,6 +71,6 @@ class Orientation:
             found = reaching_postures(arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count)
         if found.reason:
             raise AacmmError(str(found))
-        for line in getattr(found, "notes", ()):
+        for line in found.notes:
             note(f"note: {line}")
         return found

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, batch, unit_vector, vector, whole
+from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.shown import report
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm, require_arm
@@ -24,7 +25,7 @@ from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.postures.solution_set import PosturesAtPoint, in_degrees, not_closed
 from aacmm_pin.postures.tip_ik import tip_curves, tip_system
 from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
 
@@ -162,6 +163,7 @@ def configuration_circles(
     """
     dh = require_arm(arm).require_dh("a configuration circle")
     points = batch(points, 3, "points", "m")
+    COORDINATE.check(points, "points")
     count = whole(count, 3, "count")
     if tip:
         if rest is not None:
@@ -171,23 +173,31 @@ def configuration_circles(
         if axis is None:
             raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
         wrist, stylus, direction = None, arm.stylus_axis, unit_vector(axis, "axis")
-        curves = tip_curves(dh, points, stylus, direction, SEEDS_PER_TURN)
+        found = tip_curves(dh, points, stylus, direction, SEEDS_PER_TURN)
         systems = [tip_system(dh, point[None, :], stylus, direction) for point in points]
     else:
         if axis is not None:
             raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
         wrist = Wrist.of(dh, rest)
-        curves = wrist_curves(wrist, points, SEEDS_PER_TURN)
+        found = wrist_curves(wrist, points, SEEDS_PER_TURN)
         systems = [wrist_system(wrist, point[None, :]) for point in points]
     swivel, circles = Swivel(dh, arm.up), []
     for number, (point, system) in enumerate(zip(points, systems, strict=True)):
-        mine = [replace(curve, problem=0) for curve in curves if curve.problem == number]
+        mine = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
         components = Components(swivel, system, point[None, :], mine, wrist)
-        circles.append(_sampled(arm, point, arm.tip if tip else WRIST, components, count))
+        notes = not_closed(mine)
+        if number in found.families:
+            such = in_degrees(components.full(found.families[number][None, :])[0])
+            notes.append(f"singular postures go on in families, such as {such}; they are not listed")
+        if number in found.unfinished:
+            notes.append("the search ended at its limit of work: there may be more components")
+        circles.append(_sampled(arm, point, arm.tip if tip else WRIST, components, count, tuple(notes)))
     return circles
 
 
-def _sampled(arm: Arm, point: Array, at: str, components: Components, count: int) -> ConfigurationCircle:
+def _sampled(
+    arm: Arm, point: Array, at: str, components: Components, count: int, notes: tuple[str, ...]
+) -> ConfigurationCircle:
     """Configurations evenly spaced along the elbow's path."""
     q, component = np.empty((0, arm.nq)), np.empty(0, dtype=np.intp)
     if components.curves:
@@ -196,8 +206,9 @@ def _sampled(arm: Arm, point: Array, at: str, components: Components, count: int
         )
         q = into_limits(components.full(some), arm.limits)
     swivel = components.swivel.angle(q, np.broadcast_to(point, (len(q), 3)))
-    reason, broken = "" if len(q) else _why_not(components, point), broken_limits(q, arm.limits)
-    return ConfigurationCircle(arm, point, at, q, component + 1, swivel, broken, components, reason=reason)
+    reason, broken = "" if len(q) else "; ".join(notes) or _why_not(components, point), broken_limits(q, arm.limits)
+    those = (arm, point, at, q, component + 1, swivel, broken)
+    return ConfigurationCircle(*those, components, reason=reason, notes=notes, complete=not notes)
 
 
 def _why_not(components: Components, point: Array) -> str:

@@ -34,6 +34,10 @@ DAMPING = 1e-14
 """Part of the trace of ``J Jᵀ`` that is added to its diagonal: felt only where J is nearly singular."""
 SURE_STEP = 5e-7
 """After a Newton step shorter than this the residual is about the arm's length times step²/2, below 2e-13 m."""
+MOST_STEPS = 6000
+"""Steps, of all curves side by side, after which a search ends with what it has; real arms take fewer than a thousand."""
+SINGULAR = 1e-6
+"""A solution is singular where the smallest singular value of the equations' derivative is this part of the largest."""
 LONGEST_STEP = 0.20
 FIRST_STEP = 0.25 * LONGEST_STEP
 """Of a predictor along the curve [rad]."""
@@ -41,7 +45,7 @@ SHORTENED = 0.4
 """A step that failed is tried again at this part of its length."""
 STEP_CHANGE = (0.5, 1.8)
 """Least and largest ratio of a step's length to that of the one before, which succeeded."""
-MOST_VERTICES = 4000
+MOST_VERTICES = 2000
 """A curve with more is returned unfinished."""
 SHORTEST_STEP = 1e-5
 """Nearer than this to a crossing the residual's rounding, over the distance, hides the direction of the curve; a gap that
@@ -86,6 +90,21 @@ class Curve:
     problem: int
 
 
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """The curves of some problems, and what is known besides of their solutions.
+
+    Attributes:
+        curves: sorted by the number of their problem.
+        families: by problem, a singular solution that is on none of its curves: such go on in families of more dimensions.
+        unfinished: numbers of the problems of which there may be more curves: the search ended at its limit of work.
+    """
+
+    curves: list[Curve]
+    families: dict[int, Array]
+    unfinished: frozenset[int]
+
+
 def polish(system: System, q: Array, problem: Index) -> tuple[Array, NDArray[np.bool_]]:
     """Move each row to the nearest solution by damped least-norm Newton steps.
 
@@ -107,22 +126,24 @@ def polish(system: System, q: Array, problem: Index) -> tuple[Array, NDArray[np.
         step = -_least_norm(jacobian, f)
         length = np.linalg.norm(step, axis=1)
         q[active] += step * np.minimum(1.0, LONGEST_POLISH / np.maximum(length, 1e-300))[:, None]
-        sure = active[length < SURE_STEP]
-        result[sure], best[sure] = q[sure], 0.0
-        active = active[length >= SURE_STEP]
+        sure = _sure(jacobian, f, step)
+        result[active[sure]], best[active[sure]] = q[active[sure]], 0.0
+        active = active[~sure]
     return result, best <= CLOSE_ENOUGH
 
 
-def trace(system: System, start: Array, problem: Index) -> list[Curve]:
-    """Follow the curve through each of ``start`` (n, k + 1), which must be solutions, once round: one curve for each.
+def trace(system: System, start: Array, problem: Index, most: int = MOST_VERTICES) -> tuple[list[Curve], int]:
+    """Follow the curve through each of ``start`` (n, k + 1), which must be regular solutions, once round.
 
     Two starts on one curve give it twice: see :func:`on_curves`.
+
+    Returns:
+        one curve for each start, and the number of steps, at most ``most``, that the longest of them took.
     """
-    state = _State(system, start, problem)
-    for _ in range(MOST_VERTICES):
-        if not state.step():
-            break
-    return state.curves()
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what comes of it is judged, and refused
+        state = _State(system, start, problem)
+        steps = next((step for step in range(most) if not state.step()), most)
+    return state.curves(), steps
 
 
 class _State:
@@ -229,18 +250,40 @@ class _State:
         return [Curve(part, bool(c), int(p)) for part, c, p in zip(parts, self.closed, self.problem, strict=True)]
 
 
-def all_curves(system: System, seeds: Array, problem: Index) -> list[Curve]:
+def all_curves(system: System, seeds: Array, problem: Index) -> Curves:
     """Every curve that holds one of the ``seeds`` (n, k + 1), which must be solutions, once."""
     rounds: list[list[Curve]] = []
-    while len(seeds):
+    regular = flattest(system, seeds, problem)[0] > SINGULAR
+    singular, of_singular = seeds[~regular], problem[~regular]
+    seeds, problem, steps = seeds[regular], problem[regular], 0
+    while len(seeds) and steps < MOST_STEPS:
         _, first = np.unique(problem, return_index=True)
-        new = trace(system, seeds[first], problem[first])
+        new, more = trace(system, seeds[first], problem[first], min(MOST_VERTICES, MOST_STEPS - steps))
+        steps += more
         left = np.ones(len(seeds), dtype=bool)
         left[first] = False
         left[left] = ~on_curves(system, seeds[left], problem[left], new)
         seeds, problem = seeds[left], problem[left]
         rounds.append(without_known(system, new, rounds))
-    return sorted((curve for curves in rounds for curve in curves), key=lambda curve: curve.problem)
+    for known in rounds:  # a crossing is singular, but on a curve
+        off = ~on_curves(system, singular, of_singular, known)
+        singular, of_singular = singular[off], of_singular[off]
+    return Curves(
+        sorted((curve for curves in rounds for curve in curves), key=lambda curve: curve.problem),
+        {int(number): q for number, q in zip(of_singular[::-1], singular[::-1], strict=True)},
+        frozenset(int(number) for number in problem),
+    )
+
+
+def flattest(system: System, q: Array, problem: Index) -> tuple[Array, Array]:
+    """How far each solution (n, k) is from singular, and in which direction it is most easily left.
+
+    Returns:
+        smallest over largest singular value of the derivative (n,), 0 where all are; and the unit right singular vectors
+        (n, k, k), the last row of each the one that changes the equations least.
+    """
+    _, sizes, vectors = np.linalg.svd(system(q, problem)[1])
+    return sizes[:, -1] / np.where(sizes[:, 0] > 0, sizes[:, 0], 1.0), vectors
 
 
 def without_known(system: System, new: list[Curve], rounds: list[list[Curve]]) -> list[Curve]:
@@ -341,7 +384,7 @@ def _correct(
         right[:, :-1, 0] = -f[open_]
         step = _solve(_bordered(jacobian[open_], tangent[open_]), right)[:, :, 0]
         q[open_] += step
-        sure = np.linalg.norm(step, axis=1) < SURE_STEP
+        sure = _sure(jacobian[open_], f[open_], step)
         good[open_[sure]] = True
         open_ = open_[~sure]
         if not open_.size:
@@ -351,6 +394,15 @@ def _correct(
         good[open_[there]] = True
         open_ = open_[~there]
     return q, jacobian, good
+
+
+def _sure(jacobian: Array, f: Array, step: Array) -> NDArray[np.bool_]:
+    """Which Newton steps (n, k + 1) are so short that the next residual need not be worked out: (n,).
+
+    A step is short, too, where no step helps: an arm whose axes are all parallel cannot leave its plane.
+    """
+    left = np.abs((jacobian @ step[:, :, None])[:, :, 0] + f).max(axis=1, initial=0.0)
+    return np.asarray((np.linalg.norm(step, axis=1) < SURE_STEP) & (left <= CLOSE_ENOUGH))
 
 
 def _next_tangent(jacobian: Array, tangent: Array) -> tuple[Array, Array]:
@@ -388,5 +440,6 @@ def _null_vectors(jacobian: Array) -> Array:
 def _least_norm(jacobian: Array, f: Array) -> Array:
     """Least-norm solution of J x = f, damped only where J is nearly singular."""
     gram = jacobian @ jacobian.transpose(0, 2, 1)
-    damping = DAMPING * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
+    trace_ = np.trace(gram, axis1=1, axis2=2)[:, None, None]
+    damping = np.where(trace_ > 0, DAMPING * trace_, 1.0) * np.eye(gram.shape[1])
     return np.asarray((jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram + damping, f[:, :, None]))[:, :, 0])

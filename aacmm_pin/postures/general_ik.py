@@ -14,16 +14,17 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, unit_vector, vector, whole
+from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.constraints import PoseConditions
-from aacmm_pin.postures.continuation import Curve
+from aacmm_pin.postures.continuation import Curve, flattest
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.newton_search import FLAT, MOST_STARTS, Finds, Isolated, Search, SelfMotion, flattest, search
-from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.postures.newton_search import FLAT, MOST_STARTS, Finds, Isolated, Search, SelfMotion, search
+from aacmm_pin.postures.solution_set import PosturesAtPoint, in_degrees, not_closed
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
 ELBOW_JOINT = 4
@@ -40,13 +41,11 @@ class ReachingPostures(PosturesAtPoint):
         conditions: what the tip was asked for.
         curves: closed curves of self-motion that were sampled; empty where postures are single.
         search: how they were found, and how sure it is that they are all.
-        notes: what else is to be known, such as singular postures that form families and are not listed.
     """
 
     conditions: PoseConditions
     curves: tuple[Curve, ...]
     search: Search
-    notes: tuple[str, ...]
 
     @property
     def single(self) -> bool:
@@ -150,18 +149,20 @@ def reaching_postures(
         found = search(finds, arm.nq, most_starts)
         curves = tuple(finds.curves)
         q, component = evenly(system, finds.curves, count, lambda q: q) if curves else (np.empty((0, arm.nq)), np.arange(0))
-        unfinished = [n for n, curve in enumerate(curves, start=1) if not curve.closed]
-        notes = _families(finds, found) + [f"component {n} could not be followed all the way round" for n in unfinished]
+        notes = _families(finds, found) + not_closed(curves)
     reason = "" if len(q) else "; ".join(notes) or f"{found}: out of reach"
     q = into_limits(q, arm.limits)
     swivel, broken = _swivel(arm, q, conditions.point), broken_limits(q, arm.limits)
     at = (arm, conditions.point, arm.tip)
-    return ReachingPostures(*at, q, component + 1, swivel, broken, conditions, curves, found, tuple(notes), reason=reason)
+    complete = not found.ended and finds.family is None and all(curve.closed for curve in curves)
+    those = (*at, q, component + 1, swivel, broken, conditions, curves, found)
+    return ReachingPostures(*those, reason=reason, notes=tuple(notes), complete=complete)
 
 
 def _conditions(
     arm: Arm, point: Array, axis: ArrayLike | None, tool: ArrayLike | None, rotation: ArrayLike | None
 ) -> PoseConditions:
+    COORDINATE.check(point, "point")
     slides = np.flatnonzero(arm.chain.prismatic) + 1
     if slides.size:
         raise UnsupportedArmError(
@@ -213,14 +214,17 @@ def _families(finds: Finds, found: Search) -> list[str]:
     """That there are singular postures in families, which are not listed."""
     if finds.family is None:
         return []
-    angles = ", ".join(f"{angle:.1f}" for angle in wrapped(finds.family) / DEG)
     where = f"{finds.families} of {found.arrived} arrivals at singular postures"
-    return [f"{where} that go on in families, such as ({angles})°; they are not listed"]
+    return [f"{where} that go on in families, such as {in_degrees(finds.family)}; they are not listed"]
 
 
 def _next_to_singular(single: Isolated, found: Search) -> list[str]:
     """That some postures are so flat that rounding decides whether a neighbour is found, and whether it is another one."""
-    near = np.flatnonzero(flattest(single.system, single.q)[0] < FLAT) if len(single.q) else np.empty(0)
+    near = (
+        np.flatnonzero(flattest(single.system, single.q, np.zeros(len(single.q), dtype=np.intp))[0] < FLAT)
+        if len(single.q)
+        else np.empty(0)
+    )
     notes = []
     if near.size:
         which = f"posture {near[0] + 1} is" if near.size == 1 else f"postures {', '.join(str(n + 1) for n in near)} are"

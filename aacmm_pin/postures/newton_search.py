@@ -16,9 +16,13 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.postures.continuation import (
     CLOSE_ENOUGH,
+    MOST_STEPS,
+    MOST_VERTICES,
     SAME_POINT,
+    SINGULAR,
     Curve,
     System,
+    flattest,
     on_curves,
     polish,
     trace,
@@ -35,8 +39,6 @@ NOTHING = 1024
 MOST_STARTS = 16384
 BESIDE = 1e-5
 """A start that did not arrive but whose equations are off by less than this stalled next to a solution [m, rad]."""
-SINGULAR = 1e-6
-"""A solution is singular where the smallest singular value of the equations' derivative is this part of the largest."""
 FLAT = 1e-4
 """With this part of it, it is next to a singular one: rounding decides what is found there."""
 NEAR = 0.02
@@ -65,6 +67,7 @@ class Search:
         stalled: how many came to a stand beside a solution next to a singular one.
         hits: how many arrived at each find, in the order of the components.
         since_new: arrivals after the last one that brought something new.
+        ended: True where it ended at its limit of work, before enough arrivals brought nothing new.
     """
 
     starts: int
@@ -72,6 +75,7 @@ class Search:
     stalled: int
     hits: tuple[int, ...]
     since_new: int
+    ended: bool = False
 
     @property
     def unseen(self) -> float:
@@ -88,6 +92,7 @@ class Search:
         return (
             f"{self.arrived} of {self.starts} spread starts arrived, the last {self.since_new} at nothing new "
             f"(95 %: fewer than {self.unseen:.1%} of arrivals would find more)"
+            + ("; the search ended at its limit of work" if self.ended else "")
         )
 
 
@@ -106,6 +111,11 @@ class Finds:
     hits: list[int] = field(default_factory=list)
     family: Array | None = None
     families: int = 0
+
+    @property
+    def ended(self) -> bool:
+        """True where following what was found has used up its limit of work."""
+        return False
 
     def absorb(self, q: Array) -> int:
         """Take in solutions (n, k) [rad]; return the place in ``q`` behind the last that brought something new, or 0."""
@@ -177,7 +187,7 @@ class Isolated(Finds):
             if not left:
                 return
             find = left.pop(0)
-            direction = flattest(self.system, find[None, :])[1][0, -1]
+            direction = flattest(self.system, find[None, :], _the_one(find[None, :]))[1][0, -1]
             starts = find + np.concatenate([-ASIDE, ASIDE])[:, None] * direction
             found, good = polish(self.system, starts, _the_one(starts))
             found = found[good]
@@ -191,7 +201,7 @@ class Isolated(Finds):
         single = np.ones(len(q), dtype=bool)
         if not len(q):
             return single
-        size, vectors = flattest(self.system, q)
+        size, vectors = flattest(self.system, q, _the_one(q))
         flat = np.flatnonzero(size < SINGULAR)
         start, step = np.broadcast_arrays(q[flat, None, None], ALONG[:, None] * vectors[flat, -2:, None])
         guess = (start + step).reshape(-1, q.shape[1])
@@ -208,19 +218,28 @@ class SelfMotion(Finds):
 
     Attributes:
         curves: those found so far.
+        steps: how many it took to follow them.
     """
 
     curves: list[Curve] = field(default_factory=list)
+    steps: int = 0
+
+    @property
+    def ended(self) -> bool:
+        """See :attr:`Finds.ended`."""
+        return self.steps >= MOST_STEPS
 
     def absorb(self, q: Array) -> int:
         """See :meth:`Finds.absorb`."""
-        regular = flattest(self.system, q)[0] > SINGULAR
+        regular = flattest(self.system, q, _the_one(q))[0] > SINGULAR
         newest, left = self._count_families(q, regular), np.flatnonzero(regular)
         for number, curve in enumerate(self.curves):
             left = left[~self._count(number, curve, q[left])]
-        while left.size:
+        while left.size and not self.ended:
             some, left = left[:TOGETHER], left[TOGETHER:]
-            for start, curve in zip(some, trace(self.system, q[some], _the_one(some)), strict=True):
+            new, steps = trace(self.system, q[some], _the_one(some), min(MOST_VERTICES, MOST_STEPS - self.steps))
+            self.steps += steps
+            for start, curve in zip(some, new, strict=True):
                 if start not in some or not without_known(self.system, [curve], [[known] for known in self.curves]):
                     continue
                 newest = max(newest, int(start) + 1)
@@ -240,7 +259,7 @@ def search(finds: Finds, joints: int, most_starts: int = MOST_STARTS) -> Search:
     system = finds.system
     starts = arrived = stalled = since_new = 0
     spread = spread_angles(most_starts, joints)
-    while starts < most_starts and since_new < ENOUGH and (arrived or starts < NOTHING):
+    while starts < most_starts and since_new < ENOUGH and (arrived or starts < NOTHING) and not finds.ended:
         some = spread[starts : starts + ROUND]
         q, good = polish(system, some, _the_one(some))
         stalled += _stalled(system, q[~good])
@@ -248,25 +267,15 @@ def search(finds: Finds, joints: int, most_starts: int = MOST_STARTS) -> Search:
         newest = finds.absorb(q) if len(q) else 0
         since_new = len(q) - newest + (0 if newest else since_new)
         starts, arrived = starts + len(some), arrived + len(q)
-    return Search(starts, arrived, stalled, tuple(finds.hits), since_new)
+    ended = finds.ended or (since_new < ENOUGH and (arrived > 0 or starts < NOTHING))
+    return Search(starts, arrived, stalled, tuple(finds.hits), since_new, ended)
 
 
 def _stalled(system: System, q: Array) -> int:
     """How many of some that did not arrive (n, k) stand beside a solution that is nearly singular."""
     off = np.abs(system(q, _the_one(q))[0]).max(axis=1, initial=0.0)
     beside = q[off < BESIDE]  # others of these would have arrived with more steps
-    return int((flattest(system, beside)[0] < FLAT).sum()) if len(beside) else 0
-
-
-def flattest(system: System, q: Array) -> tuple[Array, Array]:
-    """How far each solution (n, k) is from singular, and in which direction it is most easily left.
-
-    Returns:
-        smallest over largest singular value of the derivative (n,), and the unit right singular vectors (n, k, k), the last
-        row of each the one that changes the equations least.
-    """
-    _, sizes, vectors = np.linalg.svd(system(q, _the_one(q))[1])
-    return sizes[:, -1] / sizes[:, 0], vectors
+    return int((flattest(system, beside, _the_one(beside))[0] < FLAT).sum()) if len(beside) else 0
 
 
 def _the_one(q: Array | Index) -> Index:

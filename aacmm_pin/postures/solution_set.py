@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,10 +10,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.shown import Shown
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.postures.continuation import Curve
 from aacmm_pin.postures.curve_sampling import Flexibility
 
 
@@ -29,6 +32,9 @@ class PosturesAtPoint(Shown):
         swivel: swivel angle of the elbow (n,) [rad] in [-π, π], 0 where it is highest; nan for an arm without such an elbow.
         broken: which joints are outside their limits (n, nq).
         reason: why there is no configuration; "" where there are some.
+        notes: what else is to be known, such as singular postures that form families and are not listed.
+        complete: False where there may be more: of families, of a curve that could not be followed all the way round, of a
+            search that ended at its limit of work; ``notes`` say which.
     """
 
     arm: Arm
@@ -39,6 +45,8 @@ class PosturesAtPoint(Shown):
     swivel: Array
     broken: NDArray[np.bool_]
     reason: str = field(default="", kw_only=True)
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
+    complete: bool = field(default=True, kw_only=True)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -78,3 +86,14 @@ class PosturesAtPoint(Shown):
     def _where(self) -> str:
         x, y, z = self.point / MM
         return f"{self.arm.name}, {self.at} at ({x:z.4f}, {y:z.4f}, {z:z.4f}) mm"
+
+
+def not_closed(curves: Iterable[Curve]) -> list[str]:
+    """A note on each curve that was not followed all the way round."""
+    unfinished = [number for number, curve in enumerate(curves, start=1) if not curve.closed]
+    return [f"component {number} could not be followed all the way round" for number in unfinished]
+
+
+def in_degrees(q: Array) -> str:
+    """Angles (k,) [rad] for people."""
+    return f"({', '.join(f'{angle:.1f}' for angle in wrapped(q) / DEG)})°"

@@ -79,12 +79,13 @@ def _quadratic_form(plane: Array, u: Array, h: Array) -> Array:
 
 def _roots(form: Array) -> tuple[Array, Index]:
     """Angles φ with (1, cos φ, sin φ) form (…)ᵀ ≈ 0, and the row that each belongs to."""
+    size = np.abs(form).max(axis=(1, 2), keepdims=True)
+    form = form / np.where(size > 1e-200, size, 1.0)  # of an arm without lengths there is nothing left
     one, cc, ss = form[:, 0, 0], form[:, 1, 1], form[:, 2, 2]
     lead = 0.25 * (cc - ss) - 0.5j * form[:, 1, 2]  # coefficient of exp(2iφ); the others follow by conjugation
     next_ = form[:, 0, 1] - 1j * form[:, 0, 2]
     middle = one + 0.5 * (cc + ss)
-    scale = np.abs(form).max(axis=(1, 2)) + 1e-300
-    lead = np.where(np.abs(lead) < 1e-13 * scale, 1e-13 * scale, lead)
+    lead = np.where(np.abs(lead) < 1e-13, 1e-13, lead)
     companion = np.zeros((len(form), 4, 4), dtype=complex)
     companion[:, 0, :] = -np.stack([next_, middle, next_.conj(), lead.conj()], axis=1) / lead[:, None]
     companion[:, 1, 0] = companion[:, 2, 1] = companion[:, 3, 2] = 1.0

@@ -14,7 +14,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable, cross
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.postures.continuation import Curve, System, all_curves, polish
+from aacmm_pin.postures.continuation import Curves, System, all_curves, polish
 from aacmm_pin.postures.wrist_ik import POSITIONING, Wrist, with_spread, wrist_curves
 
 SPREAD = 600
@@ -23,7 +23,7 @@ DIRECTIONS = 48
 """Turns of the body about the stylus that are tried."""
 
 
-def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int) -> list[Curve]:
+def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int) -> Curves:
     """Curves of six joints on which the tip is at one of ``points`` and the stylus points along ``axis``.
 
     The body behind joint 6 may still turn about the stylus. For each of many such turns the wrist's place is known; where
@@ -35,9 +35,6 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
         stylus: unit direction of the stylus in the last frame (3,).
         axis: unit direction that it shall have in the base (3,).
         per_turn: see :func:`wrist_curves`.
-
-    Returns:
-        The curves, sorted by the number of their point.
 
     Raises:
         UnsupportedArmError: the arm has not six joints in its first six rows.
@@ -85,7 +82,7 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
     wrist = Wrist.of(dh)
     places = (points[:, None, :] - back).reshape(-1, 3)
     seeds, problem = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
-    for curve in wrist_curves(wrist, places, per_turn):
+    for curve in wrist_curves(wrist, places, per_turn).curves:
         point, body = divmod(curve.problem, DIRECTIONS)
         seeds.append(_wrist_angles(wrist.full(curve.q), bodies[body], links))
         problem.append(np.full(len(seeds[-1]), point))

@@ -18,7 +18,7 @@ from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin.arm.chain import screws
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.postures.continuation import Curve, System, all_curves, polish
+from aacmm_pin.postures.continuation import Curves, System, all_curves, polish
 from aacmm_pin.postures.three_revolutes import candidates
 
 POSITIONING = 4
@@ -98,8 +98,8 @@ def _off_point(table: DHTable, points: Array, q: Array, problem: Index) -> tuple
     return position - points[problem], jacobian
 
 
-def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> list[Curve]:
-    """Curves of joints 1 to 4 on which the wrist is at ``points`` (m, 3) [m], sorted by the number of the point.
+def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
+    """Curves of joints 1 to 4 on which the wrist is at ``points`` (m, 3) [m].
 
     Args:
         wrist: which point of the arm.

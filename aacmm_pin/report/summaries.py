@@ -63,6 +63,7 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
         "taken_as_exact": list(accuracy.sources.taken_as_exact),
         "not_included": list(accuracy.not_included),
     }
+    summary |= {"complete": circle.complete, "notes": list(circle.notes)}
     if isinstance(circle, ReachingPostures):
         summary |= _search(circle)
     if not len(inside):
@@ -87,6 +88,8 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
         "unreachable": map_.unreachable,
         "seconds": round(map_.seconds, 3),
     }
+    if map_.incomplete:
+        summary["incomplete"] = map_.incomplete
     return summary | ({"not_included": list(map_.not_included)} if map_.not_included else {})
 
 
@@ -106,7 +109,6 @@ def _search(postures: ReachingPostures) -> dict[str, Any]:
         "conditions": postures.conditions.count,
         "components": int(postures.component.max(initial=0)),
         "search": {"starts": search.starts, "arrived": search.arrived, "unseen_at_most": search.unseen},
-        "notes": list(postures.notes),
     }
 
 

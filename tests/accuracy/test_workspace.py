@@ -255,7 +255,7 @@ def test_few_held_angles_find_the_components_of_the_other_arm_too() -> None:
     )
     point = np.array([-0.2690600933869131, 0.009980455793426534, -0.6957428498498395])
     assert configuration_circle(arm, point, count=3).component.max() == 4
-    assert len(wrist_curves(Wrist.of(arm.require_dh("")), point[None], workspace.SEEDS_PER_TURN)) == 4
+    assert len(wrist_curves(Wrist.of(arm.require_dh("")), point[None], workspace.SEEDS_PER_TURN).curves) == 4
 
 
 # --- processes

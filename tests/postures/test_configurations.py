@@ -231,7 +231,7 @@ def test_brute_force_finds_nothing_that_the_circles_miss(arm: Arm, clouds: dict[
     wrist = Wrist.of(arm.require_dh(""), np.zeros(arm.nq - 4))
     for kind, cloud in clouds.items():
         system = at_wrist(arm.require_dh(""), cloud.points)
-        curves = wrist_curves(wrist, cloud.points, per_turn)
+        curves = wrist_curves(wrist, cloud.points, per_turn).curves
         assert {c.problem for c in curves} >= set(cloud.which.tolist()), kind
         assert all(c.closed for c in curves), kind
         if curves:
@@ -336,7 +336,7 @@ def test_configurations_at_a_swivel_have_it(name: str) -> None:
     rng, dh = np.random.default_rng(3), arm.require_dh("")
     swivel, wrist = Swivel(dh, arm.up), Wrist.of(dh, np.zeros(2))
     points = np.concatenate([p[:10] for p in clouds_of(arm, rng, 10).values()])
-    curves = wrist_curves(wrist, points, 8)
+    curves = wrist_curves(wrist, points, 8).curves
     components = Components(swivel, wrist_system(wrist, points), points, curves, wrist)
     q, sector, which = at_swivel(components, sector_centres(12))
     assert len(q) > 500
@@ -640,8 +640,8 @@ def test_long_and_short_curves_traced_together_are_found_once() -> None:
         [0.3873560469020973, -0.22004002553804586, 1.1807423968630923],
     ]
     points = np.array(hard + list(directions(rng, 30) * rng.uniform(0.2, 1.2, (30, 1))))
-    curves = wrist_curves(wrist, points, 24)
+    curves = wrist_curves(wrist, points, 24).curves
     assert twice(at_wrist(dh, points), [c for c in curves if c.problem < 2]) == 0
     together = np.bincount([c.problem for c in curves], minlength=len(points))
-    alone = [len(wrist_curves(wrist, point[None], 24)) for point in points[:6]]
+    alone = [len(wrist_curves(wrist, point[None], 24).curves) for point in points[:6]]
     np.testing.assert_array_equal(together[:6], alone)

@@ -134,5 +134,5 @@ def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:
     """
     wrist, swivel = Wrist.of(arm.dh), Swivel(arm.dh, np.array([0.0, 0.0, -1.0]))
     curves = wrist_curves(wrist, points, SEEDS_PER_TURN)
-    components = Components(swivel, wrist_system(wrist, points), points, curves, wrist)
+    components = Components(swivel, wrist_system(wrist, points), points, curves.curves, wrist)
     return np.asarray(Sectors.of(components, LIMITS, SECTORS).working.sum(axis=1))
