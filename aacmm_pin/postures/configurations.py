@@ -188,7 +188,7 @@ def configuration_circles(
         notes = not_closed(mine)
         if number in found.families:
             such = in_degrees(components.full(found.families[number][None, :])[0])
-            notes.append(f"singular postures go on in families, such as {such}; they are not listed")
+            notes.append(f"singular postures, such as {such}, are not listed; they may go on in families")
         if number in found.unfinished:
             notes.append("the search ended at its limit of work: there may be more components")
         circles.append(_sampled(arm, point, arm.tip if tip else WRIST, components, count, tuple(notes)))
