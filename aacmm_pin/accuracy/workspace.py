@@ -201,7 +201,7 @@ def _work(job: _Job) -> dict[str, Array]:
     known = wrist_curves(wrist, job.points, SEEDS_PER_TURN)
     components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, known.curves, wrist)
     found = Sectors.of(components, arm.limits, job.sectors)
-    reachable, complete = np.zeros(len(job.points), dtype=bool), np.ones(len(job.points), dtype=bool)
+    reachable, complete = np.zeros(len(job.points), dtype=bool), np.full(len(job.points), not known.degenerate)
     reachable[[*(curve.problem for curve in known.curves), *known.families]] = True
     complete[[curve.problem for curve in known.curves if not curve.closed] + [*known.families, *known.unfinished]] = False
     result = {"reachable": reachable, "complete": complete, "works": found.working, "flexibility": found.zeta}

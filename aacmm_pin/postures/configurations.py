@@ -25,7 +25,7 @@ from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.solution_set import PosturesAtPoint, in_degrees, not_closed
+from aacmm_pin.postures.solution_set import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.tip_ik import tip_curves, tip_system
 from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
 
@@ -185,7 +185,7 @@ def configuration_circles(
     for number, (point, system) in enumerate(zip(points, systems, strict=True)):
         mine = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
         components = Components(swivel, system, point[None, :], mine, wrist)
-        notes = not_closed(mine)
+        notes = not_closed(mine) + [DEGENERATE] * found.degenerate
         if number in found.families:
             such = in_degrees(components.full(found.families[number][None, :])[0])
             notes.append(f"singular postures, such as {such}, are not listed; they may go on in families")
@@ -201,10 +201,11 @@ def _sampled(
     """Configurations evenly spaced along the elbow's path."""
     q, component = np.empty((0, arm.nq)), np.empty(0, dtype=np.intp)
     if components.curves:
-        some, component = evenly(
+        some, component, missing = evenly(
             components.system, components.curves, count, lambda q: components.swivel.elbow(components.full(q))
         )
         q = into_limits(components.full(some), arm.limits)
+        notes += tuple(lost(missing))
     swivel = components.swivel.angle(q, np.broadcast_to(point, (len(q), 3)))
     reason, broken = "" if len(q) else "; ".join(notes) or _why_not(components, point), broken_limits(q, arm.limits)
     those = (arm, point, at, q, component + 1, swivel, broken)

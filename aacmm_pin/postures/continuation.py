@@ -39,6 +39,8 @@ MOST_STEPS, MOST_ROUNDS = 3000, 50
 fewer than 800 steps and have up to 16 curves."""
 SINGULAR = 1e-6
 """A solution is singular where the smallest singular value of the equations' derivative is this part of the largest."""
+FLAT = 1e-4
+"""With this part of it, it is next to a singular one: rounding decides what is found there."""
 LONGEST_STEP = 0.20
 FIRST_STEP = 0.25 * LONGEST_STEP
 """Of a predictor along the curve [rad]."""
@@ -99,11 +101,13 @@ class Curves:
         curves: sorted by the number of their problem.
         families: by problem, a singular solution that is on none of its curves: such go on in families of more dimensions.
         unfinished: numbers of the problems of which there may be more curves: the search ended at its limit of work.
+        degenerate: see :func:`degenerate`.
     """
 
     curves: list[Curve]
     families: dict[int, Array]
     unfinished: frozenset[int]
+    degenerate: bool
 
 
 def polish(system: System, q: Array, problem: Index) -> tuple[Array, NDArray[np.bool_]]:
@@ -251,7 +255,7 @@ class _State:
         return [Curve(part, bool(c), int(p)) for part, c, p in zip(parts, self.closed, self.problem, strict=True)]
 
 
-def all_curves(system: System, seeds: Array, problem: Index) -> Curves:
+def all_curves(system: System, seeds: Array, problem: Index, is_degenerate: bool) -> Curves:
     """Every curve that holds one of the ``seeds`` (n, k + 1), which must be solutions, once."""
     rounds: list[list[Curve]] = []
     regular = flattest(system, seeds, problem)[0] > SINGULAR
@@ -273,7 +277,16 @@ def all_curves(system: System, seeds: Array, problem: Index) -> Curves:
         sorted((curve for curves in rounds for curve in curves), key=lambda curve: curve.problem),
         {int(number): q for number, q in zip(of_singular[::-1], singular[::-1], strict=True)},
         frozenset(int(number) for number in problem),
+        is_degenerate,
     )
+
+
+def degenerate(system: System, spread: Array) -> bool:
+    """Whether the equations are nearly singular at all of some spread angles (n, k): then solutions are easily missed.
+
+    So it is with arms whose axes are parallel, or meet in a point, all of them or nearly.
+    """
+    return bool(flattest(system, spread, np.zeros(len(spread), dtype=np.intp))[0].max(initial=0.0) < FLAT)
 
 
 def flattest(system: System, q: Array, problem: Index) -> tuple[Array, Array]:

@@ -101,11 +101,14 @@ class Components:
         joints, cuts = start.shape[1], LIMIT_PARTS + 1
         problem = np.repeat(pieces.problem[which], cuts)
         guess = start[:, None] + np.linspace(0.0, 1.0, cuts)[:, None] * chord[:, None]
-        q = to_solution(self.system, guess.reshape(-1, joints), problem)
+        q, there = polish(self.system, guess.reshape(-1, joints), problem)
         swivel = self.swivel.angle(self.full(q), self.points[problem]).reshape(-1, cuts)
         q, turn = q.reshape(-1, cuts, joints), wrapped(np.diff(swivel, axis=1)).ravel()
-        ends = q[:, :-1].reshape(-1, joints), q[:, 1:].reshape(-1, joints)
-        return _Segments(*ends, swivel[:, :-1].ravel(), turn, np.repeat(pieces.problem[which], LIMIT_PARTS))
+        there = there.reshape(-1, cuts)
+        known = (there[:, :-1] & there[:, 1:]).ravel()
+        start, end = q[:, :-1].reshape(-1, joints)[known], q[:, 1:].reshape(-1, joints)[known]
+        swivel, numbers = swivel[:, :-1].ravel()[known], np.repeat(pieces.problem[which], LIMIT_PARTS)[known]
+        return _Segments(start, end, swivel, turn[known], numbers)
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,7 @@ class Flexibility(Shown):
     arc_fraction: float
 
 
-def evenly(system: System, curves: list[Curve], count: int, path: Callable[[Array], Array]) -> tuple[Array, Index]:
+def evenly(system: System, curves: list[Curve], count: int, path: Callable[[Array], Array]) -> tuple[Array, Index, int]:
     """``count`` solutions on each curve, evenly spaced along what ``path`` makes of them.
 
     Args:
@@ -136,7 +139,8 @@ def evenly(system: System, curves: list[Curve], count: int, path: Callable[[Arra
             it stands still is divided by its angles.
 
     Returns:
-        (curves * count, k) [rad] and the number of the curve of each, from 0.
+        at most (curves * count, k) [rad], the number of the curve of each, from 0, and how many were not found: on a curve
+        of a nearly degenerate arm.
     """
     guesses = []
     for vertices in _finer(system, curves):
@@ -148,7 +152,8 @@ def evenly(system: System, curves: list[Curve], count: int, path: Callable[[Arra
         guesses.append(np.column_stack([np.interp(wanted, along, column) for column in vertices.T]))
     number = np.repeat(np.arange(len(guesses)), count)
     problem = np.array([c.problem for c in curves])[number]
-    return to_solution(system, np.concatenate(guesses), problem), number
+    q, there = polish(system, np.concatenate(guesses), problem)
+    return q[there], number[there], int((~there).sum())
 
 
 def _finer(system: System, curves: list[Curve]) -> list[Array]:
@@ -160,20 +165,8 @@ def _finer(system: System, curves: list[Curve]) -> list[Array]:
         rows = np.arange((len(q) - 1) * FINER + 1) / FINER
         finer.append(np.column_stack([np.interp(rows, np.arange(len(q)), angles) for angles in q.T]))
     problem = np.repeat([c.problem for c in curves], [len(q) for q in finer])
-    solutions = to_solution(system, np.concatenate(finer), problem)
+    solutions, _ = polish(system, np.concatenate(finer), problem)  # what does not arrive is near enough to measure a way
     return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
-
-
-def to_solution(system: System, guess: Array, problem: Index) -> Array:
-    """Points between vertices, moved onto the curve.
-
-    Raises:
-        AacmmError: some of them do not arrive.
-    """
-    q, good = polish(system, guess, problem)
-    if not good.all():
-        raise AacmmError(f"{(~good).sum()} of {len(good)} configurations between those of a curve could not be found")
-    return q
 
 
 def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Index]:
@@ -189,12 +182,14 @@ def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Inde
     turn = pieces.turn[:, None]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
     piece, which = np.nonzero(passed)
-    q = _between(components, pieces, piece, angles[which], ahead[piece, which])
-    return components.full(q), which, pieces.problem[piece]
+    q, there = _between(components, pieces, piece, angles[which], ahead[piece, which])
+    return components.full(q[there]), which[there], pieces.problem[piece[there]]
 
 
-def _between(components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array) -> Array:
-    """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its start: (n, k) [rad].
+def _between(
+    components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its start, and which were found.
 
     False position with Illinois' halving along the chord; every trial point is moved onto the curve. The bracket never
     opens, so that a swivel that changes unevenly costs steps but not accuracy.
@@ -202,11 +197,11 @@ def _between(components: Components, pieces: _Segments, piece: Index, wanted: Ar
     start, chord, problem = pieces.start[piece], pieces.end[piece] - pieces.start[piece], pieces.problem[piece]
     low, high = np.zeros(len(piece)), np.ones(len(piece))
     gap_low, gap_high = ahead.copy(), ahead - pieces.turn[piece]
-    q, last = start.copy(), np.zeros(len(piece))
+    q, last, there = start.copy(), np.zeros(len(piece)), np.ones(len(piece), dtype=bool)
     left = np.arange(len(piece))
     for _ in range(MOST_TRIALS):
         part = low[left] + (high - low)[left] * gap_low[left] / (gap_low - gap_high)[left]
-        q[left] = to_solution(components.system, start[left] + part[:, None] * chord[left], problem[left])
+        q[left], there[left] = polish(components.system, start[left] + part[:, None] * chord[left], problem[left])
         gap = wrapped(wanted[left] - components.swivel.angle(components.full(q[left]), components.points[problem[left]]))
         before = np.sign(gap) == np.sign(gap_low[left])  # still on the near side of the wanted swivel
         near, far = left[before], left[~before]
@@ -218,7 +213,7 @@ def _between(components: Components, pieces: _Segments, piece: Index, wanted: Ar
         left = left[(np.abs(gap) > SAME_SWIVEL) & ((high - low)[left] > 1e-14)]
         if not left.size:
             break
-    return q
+    return q, there
 
 
 def sector_centres(sectors: int) -> Array:

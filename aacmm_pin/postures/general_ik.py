@@ -20,11 +20,11 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.constraints import PoseConditions
-from aacmm_pin.postures.continuation import Curve, flattest
+from aacmm_pin.postures.continuation import FLAT, Curve, flattest
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.newton_search import FLAT, MOST_STARTS, Finds, Isolated, Search, SelfMotion, search
-from aacmm_pin.postures.solution_set import PosturesAtPoint, in_degrees, not_closed
+from aacmm_pin.postures.newton_search import MOST_STARTS, Finds, Isolated, Search, SelfMotion, search
+from aacmm_pin.postures.solution_set import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
 ELBOW_JOINT = 4
@@ -148,13 +148,16 @@ def reaching_postures(
         finds = SelfMotion(system)
         found = search(finds, arm.nq, most_starts)
         curves = tuple(finds.curves)
-        q, component = evenly(system, finds.curves, count, lambda q: q) if curves else (np.empty((0, arm.nq)), np.arange(0))
-        notes = _families(finds, found) + not_closed(curves)
+        q, component, missing = np.empty((0, arm.nq)), np.arange(0), 0
+        if curves:
+            q, component, missing = evenly(system, finds.curves, count, lambda q: q)
+        notes = _families(finds, found) + not_closed(curves) + lost(missing)
+    notes += [DEGENERATE] * found.degenerate
     reason = "" if len(q) else "; ".join(notes) or f"{found}: out of reach"
     q = into_limits(q, arm.limits)
     swivel, broken = _swivel(arm, q, conditions.point), broken_limits(q, arm.limits)
     at = (arm, conditions.point, arm.tip)
-    complete = not found.ended and finds.family is None and all(curve.closed for curve in curves)
+    complete = not (notes or found.ended)
     those = (*at, q, component + 1, swivel, broken, conditions, curves, found)
     return ReachingPostures(*those, reason=reason, notes=tuple(notes), complete=complete)
 

@@ -16,12 +16,14 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.postures.continuation import (
     CLOSE_ENOUGH,
+    FLAT,
     MOST_STEPS,
     MOST_VERTICES,
     SAME_POINT,
     SINGULAR,
     Curve,
     System,
+    degenerate,
     flattest,
     on_curves,
     polish,
@@ -39,8 +41,6 @@ NOTHING = 1024
 MOST_STARTS = 16384
 BESIDE = 1e-5
 """A start that did not arrive but whose equations are off by less than this stalled next to a solution [m, rad]."""
-FLAT = 1e-4
-"""With this part of it, it is next to a singular one: rounding decides what is found there."""
 NEAR = 0.02
 """Solutions nearer than this are one if the equations hold half-way between them as well [rad]."""
 ASIDE = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
@@ -68,6 +68,7 @@ class Search:
         hits: how many arrived at each find, in the order of the components.
         since_new: arrivals after the last one that brought something new.
         ended: True where it ended at its limit of work, before enough arrivals brought nothing new.
+        degenerate: True where the equations are nearly singular everywhere.
     """
 
     starts: int
@@ -76,6 +77,7 @@ class Search:
     hits: tuple[int, ...]
     since_new: int
     ended: bool = False
+    degenerate: bool = False
 
     @property
     def unseen(self) -> float:
@@ -268,7 +270,8 @@ def search(finds: Finds, joints: int, most_starts: int = MOST_STARTS) -> Search:
         since_new = len(q) - newest + (0 if newest else since_new)
         starts, arrived = starts + len(some), arrived + len(q)
     ended = finds.ended or (since_new < ENOUGH and (arrived > 0 or starts < NOTHING))
-    return Search(starts, arrived, stalled, tuple(finds.hits), since_new, ended)
+    flat = degenerate(system, spread[:ROUND])
+    return Search(starts, arrived, stalled, tuple(finds.hits), since_new, ended, flat)
 
 
 def _stalled(system: System, q: Array) -> int:

@@ -94,6 +94,15 @@ def not_closed(curves: Iterable[Curve]) -> list[str]:
     return [f"component {number} could not be followed all the way round" for number in unfinished]
 
 
+DEGENERATE = "the arm is degenerate, or nearly: it is nearly singular in all postures, and some may be missed"
+"""A note."""
+
+
+def lost(number: int) -> list[str]:
+    """A note on configurations between others of a curve that could not be found."""
+    return [f"{number} configurations between others of a curve could not be found"] if number else []
+
+
 def in_degrees(q: Array) -> str:
     """Angles (k,) [rad] for people."""
     return f"({', '.join(f'{angle:.1f}' for angle in wrapped(q) / DEG)})°"

@@ -14,8 +14,8 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable, cross
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.postures.continuation import Curves, System, all_curves, polish
-from aacmm_pin.postures.wrist_ik import POSITIONING, Wrist, with_spread, wrist_curves
+from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, polish
+from aacmm_pin.postures.wrist_ik import POSITIONING, Wrist, spread_angles, with_spread, wrist_curves
 
 SPREAD = 600
 """Evenly spread starts."""
@@ -45,7 +45,8 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
     seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis, per_turn), len(points), SPREAD)
     seeds, good = polish(system, seeds, problem)
     towards = axis @ _pointing(dh.axes(seeds), stylus) > 0
-    return all_curves(system, seeds[good & towards], problem[good & towards])
+    some = good & towards
+    return all_curves(system, seeds[some], problem[some], degenerate(system, spread_angles(DIRECTIONS, dh.nq)))
 
 
 def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System:

@@ -18,7 +18,7 @@ from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin.arm.chain import screws
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.postures.continuation import Curves, System, all_curves, polish
+from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, polish
 from aacmm_pin.postures.three_revolutes import candidates
 
 POSITIONING = 4
@@ -109,7 +109,7 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
     system = wrist_system(wrist, points)
     seeds, problem = with_spread(*_held_seeds(wrist.table, points, per_turn), len(points), 4 * per_turn)
     seeds, good = polish(system, seeds, problem)
-    return all_curves(system, seeds[good], problem[good])
+    return all_curves(system, seeds[good], problem[good], degenerate(system, spread_angles(4 * per_turn, POSITIONING)))
 
 
 def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:
