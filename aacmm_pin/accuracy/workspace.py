@@ -116,12 +116,13 @@ class WorkspaceMap(Shown):
         x, z = self.data.sizes["x_mm"], self.data.sizes["z_mm"]
         full = self.working_sectors()[self.sectors]
         where = f"{self.data.attrs['arm']}: {x} × {z} cells × {self.sectors} sectors"
+        unknown = f"; of {self.incomplete} cells not all configurations are known" if self.incomplete else ""
         if self.unreachable == x * z:
-            return f"{where}, all of them out of reach"
+            return f"{where}, all of them out of reach{unknown}"
         return (
             f"{where}, {self.unreachable} cells out of reach, "
             f"{full} cells with the full circle, mean flexibility {float(self.data['flexibility'].mean()):.3f}"
-            + (f"; of {self.incomplete} cells not all configurations are known" if self.incomplete else "")
+            + unknown
             + (f"; not included: {', '.join(self.not_included)}" if self.not_included else "")
         )
 

@@ -237,11 +237,9 @@ def test_unusable_urdf_is_refused(one_joint: Callable[..., Path], tmp_path: Path
     with pytest.raises(UnknownNameError, match=r"unknown frame 'nose'; known: .*body.*tool"):
         Arm.from_urdf(one_joint(), "nose")
     for key in ("translation_half_width", "rotation_half_width"):
-        for value in (-1.0, np.nan, np.inf):
+        for value in (-1.0, np.nan, np.inf, 5e2):
             with pytest.raises(AacmmError, match=rf"{key} is {value:g} (m|rad), expected 0 to"):
                 Arm.from_urdf(one_joint(), "tool", **{key: value})
-        with pytest.raises(AacmmError, match=r"half-width is 1e\+300"):
-            Arm.from_urdf(one_joint(), "tool", **{key: 1e300})
     with pytest.raises(AacmmError, match=r"none\.urdf: no such file"):
         Arm.from_urdf(tmp_path / "none.urdf", "tool")
     klingon = b'<?xml version="1.0" encoding="klingon"?><robot name="odd"/>'
