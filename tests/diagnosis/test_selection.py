@@ -122,7 +122,7 @@ def mixed(rng: np.random.Generator, count: int, n: int = 40) -> list[Array]:
     return [1.2 * (rng.normal(size=(n, 1)) + common @ rng.normal(size=(2, 1))) for _ in range(count)]
 
 
-@pytest.mark.parametrize(("stated", "noise"), [(True, 1.0), (True, 4.0), (False, 0.3)])
+@pytest.mark.parametrize(("stated", "noise"), [(True, 1.0), (True, 1.2), (True, 4.0), (False, 0.3)])
 def test_log_evidence_of_every_set(stated: bool, noise: float) -> None:
     """Two variants of one candidate, a block of two columns, unlike priors; noise as stated, larger, and unknown."""
     rng = np.random.default_rng(4)
