@@ -48,7 +48,7 @@ CALIBRATE = Command(
     ("arm.toml", "fit.json", "left.csv"),
 )
 MAP = Command(
-    "map sino6 --cells 16 16 --sectors 6 --processes 2 -o map.nc --json map.json --plot map.png",
+    "map sino6 --cells 40 40 --sectors 4 --processes 2 -o map.nc --json map.json --plot map.png",
     ("map.nc", "map.json", "map.png"),
 )
 COMMANDS = (SIMULATE, CALIBRATE, MAP)
@@ -265,9 +265,9 @@ def worker_killed(place: Place, after: float) -> str:
         workers = [pid for pid, (_, parent, _) in processes().items() if parent == run.pid and works(pid)]
         time.sleep(0.01)
     time.sleep(after)
-    if workers:
-        with suppress(ProcessLookupError):
-            os.kill(random.choice(workers), signal.SIGKILL)
+    assert workers, f"{place.command.text}: has no workers"
+    with suppress(ProcessLookupError):
+        os.kill(random.choice(workers), signal.SIGKILL)
     status = ended(run)
     outcome = place.judged()
     assert status == (0 if outcome == "new" else 1), (status, outcome, told(run))
