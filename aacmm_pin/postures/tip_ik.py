@@ -46,7 +46,8 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
     seeds, good = polish(system, seeds, problem)
     towards = axis @ _pointing(dh.axes(seeds), stylus) > 0
     some = good & towards
-    return all_curves(system, seeds[some], problem[some], degenerate(system, spread_angles(DIRECTIONS, dh.nq)))
+    flat = len(points) > 0 and degenerate(system, spread_angles(DIRECTIONS, dh.nq))
+    return all_curves(system, seeds[some], problem[some], flat)
 
 
 def tip_system(dh: DHTable, points: Array, stylus: Array, axis: Array) -> System:

@@ -109,7 +109,8 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
     system = wrist_system(wrist, points)
     seeds, problem = with_spread(*_held_seeds(wrist.table, points, per_turn), len(points), 4 * per_turn)
     seeds, good = polish(system, seeds, problem)
-    return all_curves(system, seeds[good], problem[good], degenerate(system, spread_angles(4 * per_turn, POSITIONING)))
+    flat = len(points) > 0 and degenerate(system, spread_angles(4 * per_turn, POSITIONING))
+    return all_curves(system, seeds[good], problem[good], flat)
 
 
 def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:
