@@ -209,6 +209,8 @@ def test_one_gives_way_to_two_only_where_they_are_surely_better() -> None:
         small = lures(20.0 + apart, 20.0 - apart)
         gains.append(small.of_set((0, 1)) - small.of_set((2,)))
         assert small.steps.exchanged((2,)) == ((0, 1) if gains[-1] > SURE else (2,)), apart
+        better = [pair for pair in ((0, 1), (0, 2), (1, 2)) if small.of_set(pair) > small.of_set((2,))]
+        assert (small.steps.better_pair((2,)) == (2,)) == (not better)
     assert np.sum(np.array(gains) < SURE) > 5 < np.sum(np.array(gains) > SURE)
     assert any(1.0 < gain < SURE - 0.5 for gain in gains)
 
