@@ -2,8 +2,8 @@
 
 from types import ModuleType
 
-from aacmm_pin._support import shown
-from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy, configuration_weights
+from aacmm_pin._support import display
+from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy, configuration_weights
 from aacmm_pin.accuracy.single_point import SinglePoint, single_point_statistics
 from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
@@ -32,7 +32,7 @@ def _report() -> ModuleType:
     return results
 
 
-shown.reported_by(_report)
+display.reported_by(_report)
 
 __all__ = [
     "AacmmError",

@@ -22,7 +22,7 @@ from aacmm_pin import (
     reaching_postures,
     simulate_measurements,
 )
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 

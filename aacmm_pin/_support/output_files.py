@@ -22,7 +22,7 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Self
 
-from aacmm_pin._support.text import encodable
+from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin.errors import OutputError
 
 HIDDEN = ".aacmm-pin-"

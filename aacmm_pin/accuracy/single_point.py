@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import batch
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.errors import ShapeError
 

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.arm.parameter import Parameter

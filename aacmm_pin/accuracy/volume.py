@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector
-from aacmm_pin._support.shown import Shown, report
+from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import zonotope
 from aacmm_pin.accuracy.parameter_draws import exact_volume
@@ -32,7 +32,7 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, Unsupport
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from aacmm_pin.postures.solution_set import PosturesAtPoint
+    from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 
 Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)

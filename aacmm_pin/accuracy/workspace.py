@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import workers
 from aacmm_pin._support.checks import Array, vector, whole
+from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.plausible import COORDINATE, SMALLEST_ARM
 from aacmm_pin._support.progress import bar
-from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM, MM3
-from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy
+from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
 from aacmm_pin.accuracy.volume import METHODS, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks

@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, batch, unit_vector
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.plausible import MOST_JOINTS
-from aacmm_pin._support.shown import Shown
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.arm.dh import DHTable
@@ -21,7 +21,7 @@ from aacmm_pin.arm.file import ArmFile, Covariance, calibrated, load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.arm.poses import Poses
 from aacmm_pin.arm.urdf import urdf_text
-from aacmm_pin.arm.urdf_reader import read_urdf
+from aacmm_pin.arm.urdf_check import read_urdf
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
 
@@ -114,7 +114,7 @@ class Arm(Shown):
             rotation_half_width: bound of every placement turn [rad].
 
         Raises:
-            ArmFileError: see :func:`aacmm_pin.arm.urdf_reader.read_urdf`.
+            ArmFileError: see :func:`aacmm_pin.arm.urdf_check.read_urdf`.
             UnsupportedArmError: a joint takes more than one number (planar, floating).
             UnknownNameError: no such frame; lists the frames.
         """

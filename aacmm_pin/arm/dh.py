@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index, batch
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 from aacmm_pin.errors import ShapeError, UnknownNameError
 
 Convention = Literal["standard-dh", "modified-dh"]

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 
 Scope = Literal["arm", "session", "record"]
 

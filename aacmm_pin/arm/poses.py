@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ import scipy
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress, watched
-from aacmm_pin._support.shown import Shown
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.solver import Point, solve

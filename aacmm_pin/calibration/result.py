@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_sf
-from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import UNTOLD, calibrated_model

@@ -8,16 +8,16 @@ from typing import Annotated, Any, cast
 import numpy as np
 import typer
 
-from aacmm_pin._support.text import csv_text
+from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm
 from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, Seed, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Point
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 from aacmm_pin.report import terminal
 from aacmm_pin.report.accuracy import accuracy_document
-from aacmm_pin.report.summaries import accuracy_summary, accuracy_table
+from aacmm_pin.report.json_summaries import accuracy_summary, accuracy_table
 
 
 @command("accuracy")

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aacmm_pin._support.text import csv_text
+from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.arm.urdf import urdf_text
 from aacmm_pin.calibration import Calibration, calibrate

@@ -25,9 +25,9 @@ import typer
 from typer.core import TyperGroup
 
 from aacmm_pin._support.output_files import STOPPING, OutputFiles, json_text
-from aacmm_pin._support.text import encodable
-from aacmm_pin._support.text import note as note
-from aacmm_pin._support.text import say as say
+from aacmm_pin._support.text_escaping import encodable
+from aacmm_pin._support.text_escaping import note as note
+from aacmm_pin._support.text_escaping import say as say
 from aacmm_pin.errors import AacmmError
 
 INTERRUPTED = "interrupted; every file is there whole, or as it was before"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from aacmm_pin._support.text import csv_text
+from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import AnyArm
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.cli.pose_options import Orientation, Point

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.text import csv_text
+from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise

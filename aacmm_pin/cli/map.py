@@ -15,7 +15,7 @@ from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, co
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report import terminal
 from aacmm_pin.report.accuracy import map_document
-from aacmm_pin.report.summaries import map_summary
+from aacmm_pin.report.json_summaries import map_summary
 
 
 @command("map")

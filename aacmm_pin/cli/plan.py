@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from aacmm_pin._support.text import csv_text
+from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, say
 from aacmm_pin.measurements.records import Measurements, read_table

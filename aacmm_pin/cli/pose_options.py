@@ -16,7 +16,7 @@ from aacmm_pin.cli.common import note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.configurations import configuration_circle
 from aacmm_pin.postures.general_ik import reaching_postures
-from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 
 Triple = tuple[float, float, float]
 Point = Annotated[Triple, typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm.")]

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.calibration.perturbed_arm import perturbed_model
+from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres
 from aacmm_pin.cli.common import EffectTexts, Force, Output, Results, Seed, command, note
 from aacmm_pin.effects.cause_text import stated_cause

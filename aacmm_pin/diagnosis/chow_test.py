@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Index
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import f_sf
-from aacmm_pin._support.shown import Shown
 from aacmm_pin.diagnosis.covariates import FEWEST_GROUPS, FEWEST_RECORDS
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.model_extension import Choice

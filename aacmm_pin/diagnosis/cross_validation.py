@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress
-from aacmm_pin._support.shown import Shown
 from aacmm_pin.calibration.cross_validation import FEWEST_GROUPS, Mask, distances, left_out_in_turn, rms
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis.forward_backward_selection import search

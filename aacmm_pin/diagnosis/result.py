@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
-from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import Fit

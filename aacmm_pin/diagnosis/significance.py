@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_sf, f_sf
-from aacmm_pin._support.shown import Shown
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
 from aacmm_pin.diagnosis.forward_backward_selection import Question

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_sf
-from aacmm_pin._support.shown import Shown
 from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 from aacmm_pin.errors import MissingConditionError
 
 Labels = NDArray[np.object_]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.plausible import LATEST, MOST_ROWS, MOST_TYPICAL
-from aacmm_pin._support.shown import Shown
 from aacmm_pin._support.units import DEG, MM, prefixed
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis

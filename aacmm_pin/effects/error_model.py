@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.output_files import whole_file
-from aacmm_pin._support.shown import Shown
-from aacmm_pin._support.text import encodable
+from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin.arm.arm import Arm, require_arm
 from aacmm_pin.arm.file import ArmFile, EffectEntry, arm_text, load_arm_file
 from aacmm_pin.arm.parameter import Parameter

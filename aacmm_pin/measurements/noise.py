@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, vector
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 from aacmm_pin.errors import ShapeError
 
 ENCODER = 8e-6

@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.output_files import whole_file
-from aacmm_pin._support.shown import Shown
-from aacmm_pin._support.text import csv_text, csv_unquoted
+from aacmm_pin._support.text_escaping import csv_text, csv_unquoted
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels
 from aacmm_pin.errors import MeasurementFileError, ShapeError, UnknownNameError

@@ -14,8 +14,8 @@ from aacmm_pin.arm.random_postures import MARGIN, Room
 from aacmm_pin.effects.conditions import Conditions, Labels
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
+from aacmm_pin.measurements.measuring_points import SEATS_APART, Place, Pool, bars_for, seats_for, visits
 from aacmm_pin.measurements.noise import ENCODER, Noise
-from aacmm_pin.measurements.plans import SEATS_APART, Place, Pool, bars_for, seats_for, visits
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.schedule import sessions, workshop_conditions
 from aacmm_pin.postures.sampling import brought_to

@@ -15,7 +15,7 @@ from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.plans import Pool, seats_for
+from aacmm_pin.measurements.measuring_points import Pool, seats_for
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
 from aacmm_pin.planning.task import Task

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 from aacmm_pin.effects import Effect
 
 DRAWS = 4000

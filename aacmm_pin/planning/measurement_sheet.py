@@ -11,9 +11,9 @@ import pandas as pd
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.measurements.csv_columns import REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.candidate_records import STEP
 from aacmm_pin.planning.result import MeasurementPlan
-from aacmm_pin.planning.situation import Situation
 from aacmm_pin.planning.task import Task
 
 DECIMALS = 6

@@ -21,7 +21,7 @@ from aacmm_pin.measurements.noise import REFERENCE as REFERENCE_NOISE
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.planning.candidate_records import free_postures, postures_at_seats
-from aacmm_pin.planning.cause_pair import for_two
+from aacmm_pin.planning.pairwise_discrimination import for_two
 from aacmm_pin.planning.result import MeasurementPlan
 from aacmm_pin.planning.separability import for_all
 from aacmm_pin.planning.task import Task, require_separable, usual_causes

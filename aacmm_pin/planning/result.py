@@ -9,9 +9,9 @@ from typing import Any
 import pandas as pd
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.output_files import whole_file
-from aacmm_pin._support.shown import Shown
-from aacmm_pin._support.text import csv_text
+from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.effects import Effect

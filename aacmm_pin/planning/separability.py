@@ -11,12 +11,12 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.detection_power import SAME, SILENT, Size, alone, distance
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.measurement_sheet import plan_of
 from aacmm_pin.planning.result import MeasurementPlan, Tried
 from aacmm_pin.planning.search import Choosing, informing, telling
-from aacmm_pin.planning.situation import Situation
 from aacmm_pin.planning.task import Task
 
 HOPELESS = 1.0
@@ -33,7 +33,7 @@ def for_all(
     """The plan for every pair of causes, each of typical size: half of the records for all, the others for the worst told.
 
     Its ``pairs`` are all that show, worst first; ``told`` where T suffices. ``why_not``: the two do ``the same`` in every
-    posture, or what they do is ``too small`` for so many records; else "". See :func:`cause_pair.for_two`.
+    posture, or what they do is ``too small`` for so many records; else "". See :func:`pairwise_discrimination.for_two`.
 
     Raises:
         AacmmError: fewer than two causes would show at all.

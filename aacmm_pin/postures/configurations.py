@@ -17,15 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, batch, unit_vector, vector, whole
+from aacmm_pin._support.display import report
 from aacmm_pin._support.plausible import COORDINATE
-from aacmm_pin._support.shown import report
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm, require_arm
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.solution_set import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
+from aacmm_pin.postures.postures_at_point import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.tip_ik import tip_curves, tip_system
 from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
 

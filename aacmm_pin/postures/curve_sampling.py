@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index, whole
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.postures.continuation import Curve, System, polish
 from aacmm_pin.postures.elbow_swivel import Swivel

@@ -24,7 +24,7 @@ from aacmm_pin.postures.continuation import FLAT, Curve, flattest
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.newton_search import MOST_STARTS, Finds, Isolated, Search, SelfMotion, search
-from aacmm_pin.postures.solution_set import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
+from aacmm_pin.postures.postures_at_point import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
 ELBOW_JOINT = 4

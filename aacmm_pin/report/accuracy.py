@@ -11,7 +11,7 @@ from aacmm_pin.accuracy.volume import AccuracyVolume
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.postures.curve_sampling import Flexibility, sector_centres
-from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 from aacmm_pin.report.document import Block, Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import in_one_unit, percent, spread
 
@@ -51,7 +51,8 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
 
     Args:
         accuracy: over some configurations.
-        summary: of the same at a point, see :func:`aacmm_pin.report.summaries.accuracy_summary`: adds its best and worst.
+        summary: of the same at a point, by :func:`aacmm_pin.report.json_summaries.accuracy_summary`; adds its best and
+            worst.
     """
     if not len(accuracy.q):
         return Document("Accuracy", [str(accuracy)])

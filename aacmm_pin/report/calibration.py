@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.output_files import json_text
-from aacmm_pin._support.text import csv_text
+from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.file import arm_text
 from aacmm_pin.calibration import Calibration

@@ -17,14 +17,14 @@ import pandas as pd
 from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin._support.output_files import OutputFiles, json_text
-from aacmm_pin._support.text import csv_text, encodable
+from aacmm_pin._support.text_escaping import csv_text, encodable
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR, load_arm_file
 from aacmm_pin.arm.urdf import urdf_text
-from aacmm_pin.calibration.perturbed_arm import perturbed_model
+from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import Effect, EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel
@@ -44,10 +44,10 @@ from aacmm_pin.report.diagnosis import (
 )
 from aacmm_pin.report.document import Block, Bullets, Document, Download, Figure, Heading, Paragraph, Table, blank_axes
 from aacmm_pin.report.html import page
+from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
 from aacmm_pin.report.numbers import percent
 from aacmm_pin.report.papers import PaperStudy, papers_document
 from aacmm_pin.report.scenes import circle_scene, map_scene
-from aacmm_pin.report.summaries import accuracy_summary, map_summary
 
 SEED = 1
 """Seed of every random number."""

@@ -16,8 +16,8 @@ from aacmm_pin.papers.sino6.misprints import misprints
 from aacmm_pin.papers.sino6.table2 import Table2, reproduce_table2
 from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis, diagnose_table3
 from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY
-from aacmm_pin.papers.sino6_table3.marked_records import FIVE, MEASURED_LOGS, band, implied_counts
 from aacmm_pin.papers.sino6_table3.patterns import DH, ECCENTRICITY, GRAVITY, NOISE, ODD, OF_SEATS
+from aacmm_pin.papers.sino6_table3.selection_bias import FIVE, MEASURED_LOGS, band, implied_counts
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import Block, Document, Figure, Format, Heading, Paragraph, Table, blank_axes, document_of
 from aacmm_pin.report.numbers import percent

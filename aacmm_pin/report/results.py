@@ -1,6 +1,6 @@
-"""Every result shows and draws itself with what is here; :mod:`aacmm_pin` hands it to :mod:`aacmm_pin._support.shown`.
+"""Every result shows and draws itself with what is here; :mod:`aacmm_pin` hands it to :mod:`aacmm_pin._support.display`.
 
-To show a class of one's own, derive it from :class:`aacmm_pin._support.shown.Shown` and register a function that makes its
+To show a class of one's own, derive it from :class:`aacmm_pin._support.display.Shown` and register a function that makes its
 :class:`~aacmm_pin.report.document.Document` with ``document_of.register``.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from aacmm_pin._support.output_files import whole_file
-from aacmm_pin._support.text import encodable
+from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin.report import accuracy, arm, calibration, diagnosis, measurements, next_measurements, papers, plan, plots
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.html import fragment, page

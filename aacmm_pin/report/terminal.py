@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Column
 from rich.table import Table as Grid
 
-from aacmm_pin._support.text import note, printable, say
+from aacmm_pin._support.text_escaping import note, printable, say
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, are_numbers
 
 WIDTH = 118

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy, configuration_weights, preferred_theta3
+from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy, configuration_weights, preferred_theta3
 from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.errors import ShapeError
 

@@ -18,7 +18,7 @@ import xarray as xr
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy import workspace
-from aacmm_pin.accuracy.comprehensive import configuration_weights
+from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
 from aacmm_pin.arm.arm import Arm

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.urdf_reader import DEEPEST, MOST_LINKS, TURNS, read_urdf
+from aacmm_pin.arm.urdf_check import DEEPEST, MOST_LINKS, TURNS, read_urdf
 from aacmm_pin.errors import AacmmError, ArmFileError, UnsupportedArmError
 
 GOOD = """\

@@ -12,7 +12,7 @@ import pytest
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, Covariance
-from aacmm_pin.calibration.perturbed_arm import perturbed_model
+from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.effects import EncoderEccentricity, ThermalExpansion
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from shell import done, refused, run
 
-from aacmm_pin._support.text import printable
+from aacmm_pin._support.text_escaping import printable
 from aacmm_pin.cli.common import Stopped
 
 

@@ -29,8 +29,8 @@ from aacmm_pin.effects import (
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MissingConditionError, ShapeError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.measurements import schedule as workshop
+from aacmm_pin.measurements.measuring_points import Pool
 from aacmm_pin.measurements.noise import Noise
-from aacmm_pin.measurements.plans import Pool
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 

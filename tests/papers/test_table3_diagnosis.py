@@ -19,7 +19,8 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.papers.sino6.tables import printed_points, printed_table1, printed_table3
 from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis, diagnose_table3
 from aacmm_pin.papers.sino6_table3.evidence import evidence
-from aacmm_pin.papers.sino6_table3.marked_records import (
+from aacmm_pin.papers.sino6_table3.patterns import DH, ECCENTRICITY, NOISE, ODD, STAND
+from aacmm_pin.papers.sino6_table3.selection_bias import (
     COUNTS,
     MEASURED_LOGS,
     band,
@@ -27,8 +28,7 @@ from aacmm_pin.papers.sino6_table3.marked_records import (
     marked_count,
     marked_part,
 )
-from aacmm_pin.papers.sino6_table3.patterns import DH, ECCENTRICITY, NOISE, ODD, STAND
-from aacmm_pin.papers.sino6_table3.seats import MEASURED, TouchedSeats, touched_seats
+from aacmm_pin.papers.sino6_table3.simulated_touches import MEASURED, TouchedSeats, touched_seats
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import Paragraph
 from aacmm_pin.report.papers import bayes_factor, table3_document

@@ -13,7 +13,6 @@ from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.effects import EncoderEccentricity, EncoderGain, LinkLength
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.papers.sino6_table3.evidence import evidence
-from aacmm_pin.papers.sino6_table3.marked_records import log_ratios
 from aacmm_pin.papers.sino6_table3.patterns import (
     Pattern,
     drawn_values,
@@ -22,7 +21,8 @@ from aacmm_pin.papers.sino6_table3.patterns import (
     of_encoder_noise,
     of_local_noise,
 )
-from aacmm_pin.papers.sino6_table3.seats import TouchedSeats
+from aacmm_pin.papers.sino6_table3.selection_bias import log_ratios
+from aacmm_pin.papers.sino6_table3.simulated_touches import TouchedSeats
 
 N = 40
 

@@ -13,7 +13,7 @@ from aacmm_pin import Arm, ErrorModel, Measurements, plan_measurements, simulate
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.chain import skew
 from aacmm_pin.arm.random_postures import Room, joint_bounds
-from aacmm_pin.calibration.perturbed_arm import perturbed_model
+from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,

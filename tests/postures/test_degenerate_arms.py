@@ -12,7 +12,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.configurations import configuration_circle
 from aacmm_pin.postures.general_ik import reaching_postures
-from aacmm_pin.report.summaries import map_summary
+from aacmm_pin.report.json_summaries import map_summary
 
 H = np.pi / 2
 # a, d [mm] and alpha [rad] of each row

@@ -14,7 +14,7 @@ from blind import draw
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import Calibration, calibrate
-from aacmm_pin.calibration.perturbed_arm import perturbed_model
+from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import Diagnosis, diagnose
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel

@@ -8,7 +8,7 @@ import pytest
 from aacmm_pin import Arm, Diagnosis, ErrorModel, Measurements, diagnose, simulate_measurements
 from aacmm_pin.effects import CAUSES, EncoderEccentricity, JointCompliance
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.report.hidden_causes import finding_of, hidden_cause, hideable, uncovered, uncovered_in_words
+from aacmm_pin.report.blind_trial import finding_of, hidden_cause, hideable, uncovered, uncovered_in_words
 
 HIDDEN = EncoderEccentricity(3, values=(-3e-4, -1e-6))  # a phase next to ±180°
 

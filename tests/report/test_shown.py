@@ -34,7 +34,7 @@ from aacmm_pin import (
     simulate_measurements,
     single_point_statistics,
 )
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError

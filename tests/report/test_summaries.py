@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy
+from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
 from aacmm_pin.accuracy.volume import accuracy_volume, circle_accuracy
 from aacmm_pin.accuracy.workspace import map_workspace
 from aacmm_pin.arm.arm import Arm
@@ -19,7 +19,7 @@ from aacmm_pin.effects import BaseCompliance, EncoderGain, ThermalExpansion
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
-from aacmm_pin.report.summaries import accuracy_summary, map_summary
+from aacmm_pin.report.json_summaries import accuracy_summary, map_summary
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 UNREACHABLE = np.array([5.0, 5.0, 5.0])

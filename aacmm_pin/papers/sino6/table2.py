@@ -23,8 +23,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.progress import watched
-from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations, tube_end_to_point
 from aacmm_pin.papers.sino6.tables import NominalArm, printed_table2, sino6_nominal

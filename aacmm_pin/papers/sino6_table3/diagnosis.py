@@ -10,15 +10,15 @@ import pandas as pd
 from scipy.special import softmax
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
-from aacmm_pin._support.shown import Shown, report
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY, INTERVAL, Evidence, evidence
-from aacmm_pin.papers.sino6_table3.marked_records import FIVE, MarkedPart, marked_part
 from aacmm_pin.papers.sino6_table3.patterns import BOTH, DH, NOISE, NOISE_SIZES, Pattern, patterns
-from aacmm_pin.papers.sino6_table3.seats import MEASURED, SIXTH, TouchedSeats, touched_seats
+from aacmm_pin.papers.sino6_table3.selection_bias import FIVE, MarkedPart, marked_part
+from aacmm_pin.papers.sino6_table3.simulated_touches import MEASURED, SIXTH, TouchedSeats, touched_seats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,7 @@ from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.configurations import ConfigurationCircle
 from aacmm_pin.postures.general_ik import ReachingPostures
-from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 from aacmm_pin.report.numbers import length
 from aacmm_pin.report.plots.style import (
     BLUE,

@@ -16,8 +16,8 @@ from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.configurations import ConfigurationCircle
-from aacmm_pin.postures.solution_set import PosturesAtPoint
-from aacmm_pin.report.arm_lines import ArmLines
+from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, VOLUME_COLOURS, VOLUME_LABEL, plain
 
 TUBE_WIDTH = 4.5

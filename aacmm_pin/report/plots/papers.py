@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 
 from aacmm_pin.papers.sino6.table2 import Table2
 from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
-from aacmm_pin.papers.sino6_table3.marked_records import COUNTS, MEASURED_LOGS, band
 from aacmm_pin.papers.sino6_table3.patterns import CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE
+from aacmm_pin.papers.sino6_table3.selection_bias import COUNTS, MEASURED_LOGS, band
 from aacmm_pin.papers.zero_offset import ERRORS_MM, RUNS, iterations, printed_postures, printed_table2
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of, plain
 

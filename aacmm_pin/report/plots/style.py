@@ -15,7 +15,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FuncFormatter
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.text import printable
+from aacmm_pin._support.text_escaping import printable
 from aacmm_pin.errors import AacmmError
 
 BLUE, VERMILLION, GREEN, GREY, INK = "#0072b2", "#d55e00", "#009e73", "#9a9a9a", "#262626"

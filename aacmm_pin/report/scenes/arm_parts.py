@@ -10,7 +10,7 @@ from meshcat.geometry import Sphere
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import chain
-from aacmm_pin.report.arm_lines import ArmLines
+from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.scenes.scene import Scene
 from aacmm_pin.report.scenes.shapes import placed_at, rod, solid
 

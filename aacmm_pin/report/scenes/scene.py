@@ -14,7 +14,7 @@ from meshcat import Visualizer
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import whole_file
-from aacmm_pin._support.text import encodable
+from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.units import DEG
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.scenes import page

@@ -10,11 +10,11 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, MM3
-from aacmm_pin.accuracy.comprehensive import comprehensive_accuracy
+from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
 from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.postures.general_ik import ReachingPostures
-from aacmm_pin.postures.solution_set import PosturesAtPoint
+from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 
 ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
 MAP_SCHEMA = "aacmm-pin/map/1"

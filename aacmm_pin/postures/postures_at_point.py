@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.shown import Shown
+from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.postures.continuation import Curve

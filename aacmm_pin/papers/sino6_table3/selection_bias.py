@@ -27,7 +27,7 @@ from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.papers.sino6.tables import printed_table3
 from aacmm_pin.papers.sino6_table3.patterns import DH, NOISE, drawn_values, systematic
-from aacmm_pin.papers.sino6_table3.seats import RECORDS, SIXTH, TouchedSeats
+from aacmm_pin.papers.sino6_table3.simulated_touches import RECORDS, SIXTH, TouchedSeats
 
 PRINTED_STEP = 1e-4
 """Last printed digit of the spreads [mm]."""

@@ -9,12 +9,12 @@ import numpy as np
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.labels import usual_size_in_words
 from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.detection_power import Power, Size, mimicking
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.measurement_sheet import plan_of
 from aacmm_pin.planning.result import DECIDED, MeasurementPlan, Tried
 from aacmm_pin.planning.search import Choosing, telling
-from aacmm_pin.planning.situation import Situation
 from aacmm_pin.planning.task import Task
 
 THOROUGH = 1000
