@@ -115,7 +115,7 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path) -> None:
     """In processes of their own, where nothing but the file makes it known."""
 
     def run(words: str, *, plugin: str = "--plugin hose.py ") -> str:
-        command = [sys.executable, "-m", "aacmm_pin.cli", *f"{plugin}{words}".split()]
+        command = [sys.executable, "-m", "aacmm_pin", *f"{plugin}{words}".split()]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         assert done.returncode == (0 if plugin else 1), done.stderr
         return done.stdout if plugin else done.stderr

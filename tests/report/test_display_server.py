@@ -145,7 +145,7 @@ def run(*words: str | Path) -> tuple[int, str, str]:
 
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
 def test_the_command_serves_until_it_is_interrupted(sent: signal.Signals, status: int) -> None:
-    command = [sys.executable, "-m", "aacmm_pin.cli", "show", "sino6", *POINT, "--no-browser", "--count", "12"]
+    command = [sys.executable, "-m", "aacmm_pin", "show", "sino6", *POINT, "--no-browser", "--count", "12"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         url = process.stdout.readline().strip()

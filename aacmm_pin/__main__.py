@@ -1,4 +1,4 @@
-"""The console script ``aacmm-pin``: it answers signals from its first moment, while the package is still being imported."""
+"""``aacmm-pin`` and ``python -m aacmm_pin``: signals are answered from the first moment, before the rest is imported."""
 
 from __future__ import annotations
 

@@ -1,0 +1,54 @@
+from .accuracy.comprehensive_accuracy import comprehensive_accuracy, configuration_weights
+from .accuracy.single_point import SinglePoint, single_point_statistics
+from .accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
+from .accuracy.workspace import WorkspaceMap, map_workspace
+from .arm.arm import Arm
+from .arm.parameter import Parameter
+from .arm.poses import Poses
+from .calibration import Calibration, calibrate
+from .diagnosis import Diagnosis, diagnose
+from .effects import Effect
+from .effects.conditions import Conditions
+from .effects.error_model import ErrorModel
+from .errors import AacmmError
+from .measurements.records import Measurements
+from .measurements.simulate import simulate_measurements
+from .planning import MeasurementPlan, plan_measurements
+from .postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
+from .postures.curve_sampling import Flexibility
+from .postures.general_ik import ReachingPostures, reaching_postures
+
+__version__: str
+
+__all__ = [
+    "AacmmError",
+    "AccuracyVolume",
+    "Arm",
+    "Calibration",
+    "Conditions",
+    "ConfigurationCircle",
+    "Diagnosis",
+    "Effect",
+    "ErrorModel",
+    "Flexibility",
+    "MeasurementPlan",
+    "Measurements",
+    "Parameter",
+    "Poses",
+    "ReachingPostures",
+    "SinglePoint",
+    "WorkspaceMap",
+    "accuracy_volume",
+    "calibrate",
+    "circle_accuracy",
+    "comprehensive_accuracy",
+    "configuration_circle",
+    "configuration_circles",
+    "configuration_weights",
+    "diagnose",
+    "map_workspace",
+    "plan_measurements",
+    "reaching_postures",
+    "simulate_measurements",
+    "single_point_statistics",
+]
