@@ -66,7 +66,7 @@ def numbers_of(commands: list[str]) -> dict[str, float]:
     with TemporaryDirectory() as name:
         folder = Path(name)
         for command in tqdm(commands, unit="command"):
-            words = [sys.executable, "-m", "aacmm_pin", *command.split()]
+            words = [sys.executable, "-m", "aacmm_pin.cli", *command.split()]
             done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
             if done.returncode != 0:
                 raise RuntimeError(f"aacmm-pin {command}: exit status {done.returncode}\n{done.stderr}")

@@ -24,7 +24,6 @@ ROOMS = [
     "papers",
     "report",
     "cli",
-    "__main__",
 ]
 SPEAK_TO_PINOCCHIO = {"arm.arm", "arm.corrected_urdf", "arm.poses", "report.scenes.accuracy_set", "report.scenes.arm_parts"}
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in ROOT.rglob("*.py")}

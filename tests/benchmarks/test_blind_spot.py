@@ -80,7 +80,7 @@ def ours(spot: BlindSpot, folder: Path) -> Diagnosed:
 
 
 def _shell(folder: Path, *words: str) -> str:
-    done = subprocess.run([sys.executable, "-m", "aacmm_pin", *words], capture_output=True, text=True, cwd=folder)
+    done = subprocess.run([sys.executable, "-m", "aacmm_pin.cli", *words], capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

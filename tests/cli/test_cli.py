@@ -232,7 +232,7 @@ def test_existing_files_are_kept_unless_forced(tmp_path: Path) -> None:
 
 def stopped(words: list[str], sent: signal.Signals, ready: object) -> None:
     """Start a command in a process of its own and send it a signal when it is ``ready``; it leaves no word on stdout."""
-    command = [sys.executable, "-m", "aacmm_pin", *words]
+    command = [sys.executable, "-m", "aacmm_pin.cli", *words]
     pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **pipes, start_new_session=True) as process:
         try:

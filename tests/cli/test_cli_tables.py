@@ -56,7 +56,7 @@ def check(text: str, width: int = 80) -> None:
 def test_a_diagnosis_in_readable_units(data: Path, tmp_path: Path) -> None:
     """In a pipe of 200 columns; JSON in a file beside it."""
     target = tmp_path / "d.json"
-    words = [sys.executable, "-m", "aacmm_pin", "diagnose", "sino6", data, *NOISE, "--no-held-out", "--json", target]
+    words = [sys.executable, "-m", "aacmm_pin.cli", "diagnose", "sino6", data, *NOISE, "--no-held-out", "--json", target]
     environment = {k: v for k, v in os.environ.items() if k != "FORCE_COLOR"} | {"COLUMNS": "200"}
     done = subprocess.run([str(w) for w in words], capture_output=True, text=True, env=environment, check=True)
     wide, found = done.stdout, json.loads(target.read_text(encoding="utf-8"))

@@ -19,7 +19,7 @@ from aacmm_pin.cli.common import Stopped
 
 
 def started(*words: str, **named: Any) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "aacmm_pin", *words]
+    command = [sys.executable, "-m", "aacmm_pin.cli", *words]
     return subprocess.Popen(command, **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | named)
 
 
@@ -82,7 +82,7 @@ def test_streams_that_take_nothing() -> None:
     os.close(read)
     devices += [(started("urdf", "sino6", stdout=write), "Broken pipe")]
     os.close(write)
-    closed = [sys.executable, "-m", "aacmm_pin", "causes"]
+    closed = [sys.executable, "-m", "aacmm_pin.cli", "causes"]
     devices += [(subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE), "closed")]
     for process, words in devices:
         status, said = ended(process)

@@ -17,7 +17,8 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin import Arm, Diagnosis, ErrorModel, Measurements, calibrate, diagnose, plan_measurements, simulate_measurements
-from aacmm_pin.cli import app, common
+from aacmm_pin.cli import common
+from aacmm_pin.cli.commands import app
 from aacmm_pin.effects import (
     CAUSES,
     Displacement,
@@ -115,7 +116,7 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path) -> None:
     """In processes of their own, where nothing but the file makes it known."""
 
     def run(words: str, *, plugin: str = "--plugin hose.py ") -> str:
-        command = [sys.executable, "-m", "aacmm_pin", *f"{plugin}{words}".split()]
+        command = [sys.executable, "-m", "aacmm_pin.cli", *f"{plugin}{words}".split()]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         assert done.returncode == (0 if plugin else 1), done.stderr
         return done.stdout if plugin else done.stderr

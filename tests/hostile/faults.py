@@ -116,7 +116,7 @@ Run = subprocess.Popen[bytes]
 
 def start(words: list[str], folder: Path, limit: Callable[[], None] | None = None, **options: Any) -> Run:
     """A command as the shell starts it, in a session of its own."""
-    command = [sys.executable, "-m", "aacmm_pin", *words]
+    command = [sys.executable, "-m", "aacmm_pin.cli", *words]
     streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE} | options
     return subprocess.Popen(command, cwd=folder, start_new_session=True, preexec_fn=limit, **streams)
 

@@ -18,7 +18,7 @@ from meshcat.geometry import Box
 from typer.testing import CliRunner
 
 from aacmm_pin import Arm
-from aacmm_pin.cli import app
+from aacmm_pin.cli.commands import app
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Scene, Server
@@ -145,7 +145,7 @@ def run(*words: str | Path) -> tuple[int, str, str]:
 
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
 def test_the_command_serves_until_it_is_interrupted(sent: signal.Signals, status: int) -> None:
-    command = [sys.executable, "-m", "aacmm_pin", "show", "sino6", *POINT, "--no-browser", "--count", "12"]
+    command = [sys.executable, "-m", "aacmm_pin.cli", "show", "sino6", *POINT, "--no-browser", "--count", "12"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         url = process.stdout.readline().strip()

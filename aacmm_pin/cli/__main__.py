@@ -1,4 +1,4 @@
-"""``aacmm-pin`` and ``python -m aacmm_pin``: signals are answered from the first moment, before the rest is imported."""
+"""``aacmm-pin`` and ``python -m aacmm_pin.cli``: signals are answered from the first moment, before the rest is imported."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) != signal.SIG_IGN:  # as nohup wants it, and shells for jobs in the background
             signal.signal(number, _end)
-    from aacmm_pin.cli import app
+    from aacmm_pin.cli.commands import app
 
     app()
 
