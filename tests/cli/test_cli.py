@@ -124,7 +124,7 @@ def test_unusable_input_is_one_message_and_status_1() -> None:
         refused(*words, said=said)
 
 
-def test_numbers_that_no_option_takes() -> None:
+def test_numbers_that_no_option_takes(tmp_path: Path) -> None:
     """The same numbers are refused by Python, which says them in SI; work that would fill the memory is not begun."""
     tip, sizes = ["--tip", "--axis", "0", "0", "-1"], ["map", "sino6", "--cells", "3", "3"]
     bars, plan = ["simulate", "sino6", "--plan", "ball-bar", "--bar-length-mm"], ["plan", "sino6", "--records", "5"]
@@ -132,7 +132,7 @@ def test_numbers_that_no_option_takes() -> None:
         (["accuracy", "sino6", *POINT, "--count", "1000000000"], ["count", "1000000000", "400000", "4 GB"]),
         (["configurations", "sino6", *POINT, "--count", "9" * 40], ["count", "400000"]),
         (["map", "sino6", "--cells", "1000000", "1000000"], ["cells", "1000000000000", "4000000"]),
-        (["demo", "--cells", "1000000", "1000000"], ["cells", "1000000000000"]),
+        (["demo", "-o", tmp_path / "out", "--cells", "1000000", "1000000"], ["cells", "1000000000000"]),
         ([*sizes, "--sectors", "1000000"], ["sectors", "1000000"]),
         ([*sizes, "--processes", "100000"], ["processes", "100000"]),
         ([*sizes, "--extent-mm", "0", "1.2", "-1.2", "1.2"], ["SINO6", "out of reach", "--extent-mm"]),

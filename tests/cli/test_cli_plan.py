@@ -120,7 +120,7 @@ def test_bad_input_is_one_message_and_no_file(tmp_path: Path) -> None:
         ([*PAIR, "--data", "nowhere.csv"], "nowhere.csv: no such file"),
         ([*PAIR, "--reference-frame", "moon"], "unknown reference frame 'moon'"),
         ([*PAIR, "--postures", "3"], "postures is 3"),
-        ([*PAIR, "--encoder-noise-rad", "8"], "aacmm-pin: --encoder-noise-rad is 8, expected at most"),
+        ([*PAIR, "--encoder-noise-rad", "8"], "aacmm-pin: --encoder-noise-rad is 8 rad, expected 0 to 0.005"),
     ):
         refused("plan", "sino6", *QUICK, *words, "-o", tmp_path / "plan.csv", said=[said])
     assert list(tmp_path.iterdir()) == []

@@ -149,7 +149,7 @@ def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_record
     assert "unit" in found.next_measurements
     assert "more records" not in found.next_measurements
     assert "far smaller than the stated noise" in found.notes[-1]
-    with pytest.raises(AacmmError, match=r"encoder_noise is 8 rad, expected at most 0\.005 rad; is it in another unit"):
+    with pytest.raises(AacmmError, match=r"encoder_noise\[0\] is 8 rad, expected 0 to 0\.005 rad"):
         diagnose(sino6, compliant, encoder_noise=8.0)
 
 
