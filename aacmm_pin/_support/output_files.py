@@ -62,7 +62,7 @@ class OutputFiles:
         targets = [self._target(path) for path in paths]
         for path, target in zip(paths, targets, strict=True):
             if targets.count(target) > 1:
-                raise OutputError(f"{path}: is to hold two results; expected a file for each")
+                raise _asked_twice(path)
 
     def _target(self, path: str | Path) -> Path:
         """The regular file that is meant, links followed; a pipe or device as it was named."""
@@ -91,7 +91,7 @@ class OutputFiles:
         target = self._target(path)
         self._last = Path(path)
         if target in self._files:
-            raise OutputError(f"{path}: is to hold two results; expected a file for each")
+            raise _asked_twice(path)
         with _told(path):
             if _is_stream(target):
                 temporary = Path(self._stack.enter_context(tempfile.TemporaryDirectory())) / "stream"
@@ -204,6 +204,10 @@ def _kept(target: Path, folder: Path) -> Path:
 def _refusal(path: str | Path | None, error: OSError) -> OutputError:
     where = "standard output" if str(path) in STDOUT else path
     return OutputError(f"{where}: cannot be written: {error.strerror or error}")
+
+
+def _asked_twice(path: str | Path) -> OutputError:
+    return OutputError(f"{path}: is to hold two results; expected a file for each")
 
 
 @contextmanager

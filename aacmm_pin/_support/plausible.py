@@ -19,10 +19,8 @@ LONGEST = 100.0
 """Largest length, to either side [m]."""
 SMALLEST_ARM = 1e-6
 """An arm whose lengths add up to less has none [m]."""
-MOST_TURNS = 1e4
-"""Largest angle, to either side [turns]: an encoder counts a few, a wide limit stands for none."""
-LARGEST_ANGLE = MOST_TURNS * 2.0 * math.pi
-"""The same [rad]."""
+LARGEST_ANGLE = 1e4 * 2.0 * math.pi
+"""Largest angle, to either side [rad]: an encoder counts a few turns, a wide limit stands for none."""
 MOST_TYPICAL = 1e5
 """Parameters of causes are at most so many times as large as usual on a measuring arm."""
 LATEST = 1e12

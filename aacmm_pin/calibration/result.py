@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
@@ -34,6 +35,20 @@ HARDLY = 0.1
 """A parameter that nobody stated and whose u is more than this part of what it may be off is hardly known."""
 UNCHANGED = 0.95
 """A parameter whose u is more than this part of the stated one has learnt nothing from the data."""
+
+
+def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
+    """One row a record: line in the file, labels, tip minus target by each of the named fits to the same records [mm]."""
+    records = next(iter(fits.values())).problem.measurements
+    table: dict[str, Any] = {"row": records.row}
+    for name in ("record", "operator", "seat", "marker", "session"):
+        labels = getattr(records.conditions if name in COLUMNS else records, name)
+        table |= {} if labels is None else {name: labels}
+    for name, each in fits.items():
+        deviation = each.solution.system.deviation
+        table |= {f"{axis}_{name}_mm": deviation[:, k] / MM for k, axis in enumerate("xyz")}
+        table[f"{name}_mm"] = np.linalg.norm(deviation, axis=1) / MM
+    return pd.DataFrame(table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,17 +157,7 @@ class Calibration(Shown):
     @cached_property
     def residuals(self) -> pd.DataFrame:
         """One row a record: line in the file, seat, tip minus target before and after [mm], whether it was used."""
-        records = self.fit.problem.measurements
-        before, after = self.before.solution.system.deviation, self.fit.solution.system.deviation
-        table: dict[str, Any] = {"row": records.row}
-        for name in ("record", "operator", "seat", "marker", "session"):
-            labels = getattr(records.conditions if name in COLUMNS else records, name)
-            table |= {} if labels is None else {name: labels}
-        for when, deviation in (("before", before), ("after", after)):
-            table |= {f"{axis}_{when}_mm": deviation[:, k] / MM for k, axis in enumerate("xyz")}
-            table[f"{when}_mm"] = np.linalg.norm(deviation, axis=1) / MM
-        table["used"] = self.fit.used
-        return pd.DataFrame(table)
+        return residuals_by_record({"before": self.before, "after": self.fit}).assign(used=self.fit.used)
 
     @property
     def excluded(self) -> pd.DataFrame:

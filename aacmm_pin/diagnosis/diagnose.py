@@ -24,7 +24,6 @@ from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.findings import UNLIKELY, findings_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
-from aacmm_pin.diagnosis.residual_tables import residuals_by_group
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, too_good
 from aacmm_pin.diagnosis.significance import Place, Strength, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by
@@ -142,7 +141,6 @@ def _concluded(
         held_out=held,
         unexplained=unexplained,
         cannot_tell_apart=tuple(pair for pair in look_alikes(choice) if not told.intersection(pair)),
-        simulation_groups=residuals_by_group(before, model.covariance()),
         noise=_floor(extended),
         visible=shown,
         notes=(*notes_of(extended), *_size(extended), *_clock(extended), *_too_good(extended), *repeated),

@@ -16,18 +16,18 @@ BINS = 4
 """Ranges into which joints, time and temperature are divided, with as many records in each."""
 
 
-def residuals_by_group(before: Fit, covariance: Array) -> pd.DataFrame:
+def residuals_by_group(before: Fit) -> pd.DataFrame:
     """:func:`groups_table` of the arm as it was, against what the stated uncertainties predict: ``S U Sᵀ`` plus noise.
 
     Scatter that was found beside a stated noise is what the simulation gets wrong, and is not predicted.
 
     Args:
         before: the arm as it was, set-up fitted.
-        covariance: of the parameters of the arm, and of others after them (p, p) [their units].
     """
-    sensitivity = before.problem.model.arm.sensitivity(before.problem.measurements.q)
+    model = before.problem.model
+    sensitivity = model.arm.sensitivity(before.problem.measurements.q)
     sensitivity = before.solution.point.frame.rotation @ sensitivity
-    own = covariance[: sensitivity.shape[2], : sensitivity.shape[2]]
+    own = model.covariance()[: sensitivity.shape[2], : sensitivity.shape[2]]
     return groups_table(before, before.stated_noise + sensitivity @ own @ sensitivity.transpose(0, 2, 1))
 
 

@@ -19,6 +19,7 @@ from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
 from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.diagnosis.residual_tables import residuals_by_group
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect
@@ -100,7 +101,6 @@ class Diagnosis(Shown):
         held_out: residuals of records left out of choosing and fitting, or None.
         unexplained: structure without a cause.
         cannot_tell_apart: causes of usual size that these records would not tell apart.
-        simulation_groups: residuals by seat, joint range, time, … of the arm as it was, against what is predicted.
         noise: RMS that the noise alone would give [m].
         visible: how many causes of usual size these records would have shown, and of how many.
         notes: what was assumed.
@@ -116,7 +116,6 @@ class Diagnosis(Shown):
     held_out: Gain | None
     unexplained: Unexplained
     cannot_tell_apart: tuple[tuple[str, ...], ...]
-    simulation_groups: pd.DataFrame
     noise: float
     visible: tuple[int, int]
     notes: tuple[str, ...]
@@ -129,6 +128,11 @@ class Diagnosis(Shown):
     def next_measurements(self) -> str:
         """What would settle what is open, in a sentence; where two causes are alike, with the command that plans it."""
         return str(report().next_measurements.next_measurements(self))
+
+    @cached_property
+    def simulation_groups(self) -> pd.DataFrame:
+        """Residuals by seat, joint range, time, … of the arm as it was, against what is predicted."""
+        return residuals_by_group(self.before)
 
     @property
     def converged(self) -> bool:

@@ -11,6 +11,7 @@ import pandas as pd
 
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis.result import SETTLED
 from aacmm_pin.diagnosis.significance import Alias
@@ -244,17 +245,11 @@ def look_alikes(result: Diagnosis) -> pd.DataFrame:
 
 def residuals_table(result: Diagnosis) -> pd.DataFrame:
     """One row a record: line of the file, labels, tip minus target by each model and held out [mm], whether it was used."""
-    records = result.extended.problem.measurements
-    table: dict[str, Any] = {"row": records.row}
-    for holder, names in ((records, ("record", "operator")), (records.conditions, ("seat", "marker", "session"))):
-        table |= {name: getattr(holder, name) for name in names if getattr(holder, name) is not None}
-    for name, fit in models(result).items():
-        deviation = fit.solution.system.deviation / MM
-        table |= {f"{axis}_{name}_mm": deviation[:, k] for k, axis in enumerate("xyz")}
-        table[f"{name}_mm"] = np.linalg.norm(deviation, axis=1)
+    table = residuals_by_record(models(result))
     if (held := result.held_out) is not None:
-        table |= {"part": held.part} | {f"held_out_{n}_mm": getattr(held, n) / MM for n in ("recalibrated", "extended")}
-    return pd.DataFrame(table | {"used": result.extended.used})
+        names = ("recalibrated", "extended")
+        table = table.assign(part=held.part, **{f"held_out_{name}_mm": getattr(held, name) / MM for name in names})
+    return table.assign(used=result.extended.used)
 
 
 # Sections ----------------------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves
+from tests.process_group import outlived
 
 CELLS, SECTORS = (4, 6), 12
 
@@ -312,11 +313,4 @@ def test_control_c_stops_everything(tmp_path: Path) -> None:
             assert run.wait(timeout=90) != 0  # it would end with 0 if it went on
         finally:
             run.kill()
-    for _ in range(100):  # the group is gone as soon as none of its processes is left
-        try:
-            os.killpg(run.pid, 0)
-        except ProcessLookupError:
-            return
-        time.sleep(0.05)
-    os.killpg(run.pid, signal.SIGKILL)
-    pytest.fail("a worker outlived the map")
+    assert not outlived(run.pid, 5.0), "a worker outlived the map"

@@ -13,6 +13,7 @@ import pytest
 
 from aacmm_pin._support import workers
 from aacmm_pin.errors import AacmmError
+from tests.process_group import outlived
 
 FOR_EVER = "import time; from aacmm_pin._support import workers\n"
 FOR_EVER += "with workers.results(time.sleep, [60, 60], 2) as r: print('begun', flush=True); list(r)"
@@ -42,11 +43,4 @@ def test_workers_end_with_their_parent() -> None:
         assert parent.stdout is not None
         assert parent.stdout.readline() == b"begun\n"
         parent.kill()
-    for _ in range(300):
-        try:
-            os.killpg(parent.pid, 0)
-        except ProcessLookupError:
-            return
-        time.sleep(0.1)
-    os.killpg(parent.pid, signal.SIGKILL)
-    pytest.fail("a worker outlived its parent")
+    assert not outlived(parent.pid, 30.0), "a worker outlived its parent"
