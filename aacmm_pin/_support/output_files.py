@@ -2,7 +2,7 @@
 
 Each is first written into a hidden folder beside its place, which its process holds locked. When all are complete they are
 put in their places; if that fails, what was there before is put back. Folders that a killed process left are removed by the
-next one that writes beside them.
+next one that writes beside them; a mark in them says that they are ours.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import stat
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -27,6 +27,8 @@ from aacmm_pin.errors import OutputError
 
 HIDDEN = ".aacmm-pin-"
 """How the hidden folders begin."""
+MARK = ".of-aacmm-pin"
+"""The file in them without which a folder of such a name is somebody else's."""
 STDOUT = ("-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -40,11 +42,13 @@ class OutputFiles:
     """The files that one piece of work writes; a context, at whose end they take their places.
 
     Symbolic links are followed, a replaced file keeps its mode. What is written for a pipe, a terminal or ``-`` (standard
-    output) is passed on when all files are in place.
+    output) is passed on when all files are in place. ``inputs`` are files that the work reads: they are never replaced, by
+    whatever name.
     """
 
-    def __init__(self, force: bool = False) -> None:
+    def __init__(self, force: bool = False, inputs: Iterable[str | Path] = ()) -> None:
         self._force = force
+        self._inputs = tuple(inputs)
         self._stack = ExitStack()
         self._hidden: dict[Path, Path] = {}  # the hidden folder in each folder that is written to
         self._files: dict[Path, Path] = {}  # temporary file by the regular file that it becomes
@@ -56,8 +60,8 @@ class OutputFiles:
         """Look, before long work begins, whether files can be written.
 
         Raises:
-            OutputError: one exists and ``force`` is not given, is neither a regular file nor a pipe, its folder does not
-                exist or cannot be written to, or two are the same.
+            OutputError: one exists and ``force`` is not given, is an input, is neither a regular file nor a pipe, its
+                folder does not exist or cannot be written to, or two are the same.
         """
         targets = [self._target(path) for path in paths]
         for path, target in zip(paths, targets, strict=True):
@@ -74,6 +78,8 @@ class OutputFiles:
                 raise OutputError(f"{path}: is a folder, expected the name of a file")
             if path.exists() and not path.is_file():
                 raise OutputError(f"{path}: is not a regular file and is left as it is")
+            if path.exists() and any(os.path.exists(read) and os.path.samefile(path, read) for read in self._inputs):
+                raise OutputError(f"{path}: is read by this command and is left as it is; expected another name")
             if path.exists() and not self._force:
                 raise OutputError(f"{path}: exists already; --force replaces it")
             target = Path(os.path.realpath(path))
@@ -228,15 +234,12 @@ def _check_folder(path: Path, folder: Path) -> None:
 
 @contextmanager
 def _locked_folder(parent: Path) -> Iterator[Path]:
-    """A hidden folder that is locked as long as this process lives; it is removed in the end."""
-    while True:
-        folder = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=parent))
-        lock = os.open(folder, os.O_RDONLY)
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if folder.exists():  # else somebody took it for one that was left, before it was locked
-            break
-        os.close(lock)
+    """A hidden folder that is locked as long as this process lives, and marked as ours; it is removed in the end."""
+    folder = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=parent))
+    lock = os.open(folder, os.O_RDONLY)
     try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        (folder / MARK).touch()  # when it is locked: nobody takes it for one that was left
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -244,12 +247,12 @@ def _locked_folder(parent: Path) -> Iterator[Path]:
 
 
 def _remove_what_dead_processes_left(parent: Path) -> None:
-    for folder in parent.glob(f"{HIDDEN}*"):
+    for mark in parent.glob(f"{HIDDEN}*/{MARK}"):
         with suppress(OSError):  # locked: of a living process; or not ours to open
-            lock = os.open(folder, os.O_RDONLY)
+            lock = os.open(mark.parent, os.O_RDONLY | os.O_NOFOLLOW)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder, ignore_errors=True)
+                shutil.rmtree(mark.parent, ignore_errors=True)
             finally:
                 os.close(lock)
 

@@ -35,7 +35,7 @@ def accuracy(
     force: Force = False,
 ) -> None:
     """How accurate the arm is at a point, in which posture, and why."""
-    with Results(force, output, plot=plot, json_=json_) as results:
+    with Results(force, output, plot=plot, json_=json_, reads=arm.files) as results:
         model, encoder_noise = arm.model(), noise.encoder_noise_rad
         if arm.urdf and not any((arm.translation_half_width_mm, arm.rotation_half_width_rad, encoder_noise)):
             raise AacmmError(

@@ -33,6 +33,11 @@ class AnyArm:
         str | None, typer.Option("--frame", metavar="NAME", help="With --urdf: the frame whose origin is the tip.")
     ] = None
 
+    @property
+    def files(self) -> tuple[str | None, ...]:
+        """What is read."""
+        return self.arm, self.urdf
+
     def model(self, **half_widths: float) -> ErrorModel:
         """The arm with its effects; half-widths are those of a URDF's joint placements [m, rad].
 
@@ -74,6 +79,11 @@ class ArmAndData(UncertainArm):
     """An arm and a file of measurements; with ``--urdf`` the file is the only argument."""
 
     data: Annotated[str | None, typer.Argument(metavar="DATA", help="Measurement file (CSV).", show_default=False)] = None
+
+    @property
+    def files(self) -> tuple[str | None, ...]:
+        """See :attr:`AnyArm.files`."""
+        return *super().files, self.data
 
     def model_and_data(self) -> tuple[ErrorModel, str]:
         """The arm with its effects, and the path of the file.

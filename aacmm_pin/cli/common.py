@@ -13,13 +13,13 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import MISSING, fields, is_dataclass
 from importlib.metadata import entry_points, version
 from pathlib import Path
 from types import FrameType, ModuleType
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, ClassVar, get_type_hints
 
 import typer
 from typer.core import TyperGroup
@@ -202,7 +202,17 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that exist."
 class Results(OutputFiles):
     """The files of one command and what it prints in their stead: all of it in the end, or nothing."""
 
-    def __init__(self, force: bool, *paths: Path | None, plot: Path | None = None, json_: str | None = None) -> None:
+    plugins: ClassVar[tuple[str, ...]] = ()
+    """What ``--plugin`` named, which every command reads."""
+
+    def __init__(
+        self,
+        force: bool,
+        *paths: Path | None,
+        plot: Path | None = None,
+        json_: str | None = None,
+        reads: Iterable[str | None] = (),
+    ) -> None:
         """Look, before long work begins, whether everything can be written.
 
         Args:
@@ -210,11 +220,12 @@ class Results(OutputFiles):
             paths: files that will be written; None where one was not asked for.
             plot: a picture.
             json_: a file for JSON, ``-`` for stdout.
+            reads: files that the command reads, which it never replaces; names of bundled arms among them are no files.
 
         Raises:
-            AacmmError: a file cannot be written, is there already, or is asked for twice.
+            AacmmError: a file cannot be written, is there already, is read by the command, or is asked for twice.
         """
-        super().__init__(force)
+        super().__init__(force, [*self.plugins, *(name for name in reads if name is not None)])
         self.check(*[path for path in (*paths, plot, json_) if path is not None])
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}")
@@ -249,6 +260,7 @@ def _root(
     version_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
 ) -> None:
     """Options of the command itself."""
+    Results.plugins = tuple(plugin or ())
     loaders: list[tuple[str, Callable[[], Any]]] = []
     loaders += [(f"--plugin {name}", functools.partial(_import, name)) for name in plugin or []]
     loaders += [(f"entry point {point.name}", point.load) for point in entry_points(group="aacmm_pin.causes")]

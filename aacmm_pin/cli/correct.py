@@ -24,7 +24,7 @@ OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U)
 @command("correct")
 def correct(arm: ArmAndData, noise: EncoderNoise, output: Output = None, force: Force = False) -> None:
     """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty, as CSV."""
-    with Results(force, output) as results:
+    with Results(force, output, reads=arm.files) as results:
         model, path = arm.model_and_data()
         table, _ = read_table(path)
         for name in table.columns.intersection(list(CORRECTED)):

@@ -47,7 +47,7 @@ def plan_(
     force: Force = False,
 ) -> None:
     """What to measure next to tell causes apart: postures and set-up, as a measurement file to be filled in."""
-    with Results(force, output, set_up_arm, json_=json_) as results:
+    with Results(force, output, set_up_arm, json_=json_, reads=[*arm.files, data]) as results:
         model = arm.model()
         if set_up_arm is not None:
             model.arm.require_dh(f"{set_up_arm}, an arm file,")

@@ -43,7 +43,7 @@ def simulate(
     if unknown and plan != "seats":
         raise typer.BadParameter("--unknown goes with --plan seats")
     rng = np.random.default_rng(seed)
-    with Results(force, output, truth) as results:
+    with Results(force, output, truth, reads=arm.files) as results:
         model = arm.model()
         effects = [stated_cause(text, model) for text in effect or []]
         if perturb:

@@ -17,5 +17,5 @@ ArmName = Annotated[str, typer.Argument(metavar="ARM", help=f"Bundled arm ({BUND
 @command("urdf")
 def urdf(arm: ArmName, output: Output = None, force: Force = False) -> None:
     """URDF of an arm, from its DH table."""
-    with Results(force, output) as results:
+    with Results(force, output, reads=[arm]) as results:
         results.text(urdf_text(load_arm_file(arm), with_stylus_offset=True), output)

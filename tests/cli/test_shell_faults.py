@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shell import done, refused, run
+from shell import POINT, done, refused, run
 
 from aacmm_pin._support.text_escaping import printable
 from aacmm_pin.cli.common import Stopped
@@ -123,6 +123,32 @@ def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert "\x1b" not in out + err
     refused("calibrate", "sino6", f"{strange}.none", said=[r"bad\udcff\x1b.csv.none"])
     assert r"bad\udcff\u001b.csv" in Path("a.json").read_text(encoding="utf-8")
+
+
+def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hose.py").write_text("")
+    done("simulate", "sino6", "--records", "40", "-o", "data.csv", "--truth", "arm.toml")
+    done("urdf", "sino6", "-o", "arm.urdf")
+    read = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    urdf = ["--urdf", "arm.urdf", "--frame", "tip"]
+    for words, inputs in (
+        (["calibrate", "arm.toml", "data.csv", "--report"], ["arm.toml", "data.csv"]),
+        (["diagnose", "arm.toml", "data.csv", "--extended-arm"], ["arm.toml", "data.csv"]),
+        (["calibrate", *urdf, "data.csv", "--urdf-out"], ["arm.urdf", "data.csv"]),
+        (["correct", "arm.toml", "data.csv", "-o"], ["arm.toml", "data.csv"]),
+        (["simulate", "arm.toml", "--truth"], ["arm.toml"]),
+        (["plan", "arm.toml", "--data", "data.csv", "--set-up-arm"], ["arm.toml", "data.csv"]),
+        (["map", "arm.toml", "-o", "map.nc", "--json"], ["arm.toml"]),
+        (["show", "arm.toml", "-o"], ["arm.toml"]),
+        (["urdf", "arm.toml", "-o"], ["arm.toml"]),
+        (["configurations", *urdf, *POINT, "-o"], ["arm.urdf"]),
+        (["accuracy", *urdf, *POINT, "--json"], ["arm.urdf"]),
+        (["--plugin", "hose.py", "urdf", "sino6", "-o"], ["hose.py"]),
+    ):
+        for name in inputs:
+            refused(*words, name, "--force", said=[name, "is read"])
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == read
 
 
 def test_text_that_a_terminal_would_act_on() -> None:

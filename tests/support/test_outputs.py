@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from aacmm_pin._support.output_files import HIDDEN, OutputFiles, whole_file
+from aacmm_pin._support.output_files import HIDDEN, MARK, OutputFiles, whole_file
 from aacmm_pin.errors import OutputError
 
 
@@ -187,6 +187,32 @@ def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path) -> No
         write(tmp_path / "out")
         assert len(list(tmp_path.glob(f"{HIDDEN}*"))) == 1
     assert listing(tmp_path) == {"living": "ours", "out": "new"}
+
+
+def test_a_folder_without_our_mark_is_somebody_elses(tmp_path: Path) -> None:
+    theirs, elsewhere = tmp_path / f"{HIDDEN}theirs", tmp_path / "elsewhere"
+    for folder in (theirs, elsewhere):
+        folder.mkdir()
+        (folder / "notes.txt").write_text("keep")
+    (elsewhere / MARK).touch()
+    (tmp_path / f"{HIDDEN}link").symlink_to(elsewhere)
+    before = listing(tmp_path)
+    write(tmp_path / "out")
+    assert listing(tmp_path) == before | {"out": "new"}
+
+
+def test_what_is_read_is_never_replaced(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    data.write_text("old")
+    (tmp_path / "link").symlink_to("data")
+    (tmp_path / "hard").hardlink_to(data)
+    for name in ("data", "link", "hard", "../" + tmp_path.name + "/data"):
+        with pytest.raises(OutputError, match="is read"):
+            OutputFiles(True, [data, "none"]).check(tmp_path / "new", tmp_path / name)
+    for name in ("link", "hard"):
+        with pytest.raises(OutputError, match="is read"), OutputFiles(True, [tmp_path / name]) as files:
+            files.file(data)
+    assert data.read_text() == "old"
 
 
 def test_places_that_cannot_be_written_to(tmp_path: Path) -> None:
