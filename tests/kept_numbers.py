@@ -6,10 +6,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -18,9 +18,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: the order of sums depends on it
+
 import pandas as pd
 import xarray as xr
 from tqdm import tqdm
+from typer.testing import CliRunner
+
+from aacmm_pin.cli.commands import app
 
 NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
 AT_SEATS = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.01 --probe-noise-mm 0.005"
@@ -62,15 +67,12 @@ OTHERWISE = {"seconds", "version", "source", "commit", "date"}
 
 def numbers_of(commands: list[str]) -> dict[str, float]:
     """Runs the commands in one new folder; every number of every file they write, by file and place in it."""
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[1])}
-    with TemporaryDirectory() as name:
-        folder = Path(name)
+    with TemporaryDirectory() as name, contextlib.chdir(name):
         for command in tqdm(commands, unit="command"):
-            words = [sys.executable, "-m", "aacmm_pin.cli", *command.split()]
-            done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
-            if done.returncode != 0:
-                raise RuntimeError(f"aacmm-pin {command}: exit status {done.returncode}\n{done.stderr}")
-        return {f"{p.name}/{place}": v for p in sorted(folder.iterdir()) for place, v in _flat(_read(p))}
+            done = CliRunner().invoke(app, command.split())
+            if done.exit_code != 0:
+                raise RuntimeError(f"aacmm-pin {command}: exit status {done.exit_code}\n{done.output}") from done.exception
+        return {f"{p.name}/{place}": v for p in sorted(Path().iterdir()) for place, v in _flat(_read(p))}
 
 
 def of_results(numbers: Mapping[str, float]) -> dict[str, float]:
