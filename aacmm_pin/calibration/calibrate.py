@@ -144,8 +144,9 @@ def notes_of(after: Fit) -> list[str]:
             f"{after.unmodelled / MM:.1f} mm of scatter is far more than an arm has: are the columns, their units and the "
             "reference frame right?"
         )
-    free = [p for p, stated in zip(problem.vector.parameters, problem.stated, strict=True) if not stated]
-    if any(p.unit in ASSEMBLED for p in free):
+    units = [term.unit for effect in problem.vector.effects for term in effect.terms]
+    free = [unit for unit, stated in zip(units, problem.stated, strict=True) if not stated]
+    if any(unit in ASSEMBLED for unit in free):
         count = f"{len(free)} parameter{'s' * (len(free) != 1)}"
         found.append(
             f"uncertainty of {count} not given: taken as ±{ASSEMBLED['m'] / MM:g} mm and "

@@ -24,8 +24,8 @@ def geometric_parameters(arm: Arm, effect: Effect) -> list[Parameter]:
     """The arm's own parameters that a geometric effect changes, in the order of its terms; none for other effects."""
     if isinstance(effect, JointPlacement):
         return [p for p in arm.parameters if p.joint == effect.joint]
-    kind = KIND_OF.get(type(effect))
-    return [] if kind is None else [p for p in arm.parameters if p.kind == kind and p.joint == effect.row]
+    kind, row = KIND_OF.get(type(effect)), effect.row
+    return [] if kind is None else [p for p in arm.parameters if p.kind == kind and p.joint == row]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
+from functools import cache
 from numbers import Integral
 from typing import Any, ClassVar, NamedTuple, Protocol, Self, get_type_hints
 
@@ -214,11 +215,13 @@ class Effect(Shown, ABC):
         return [(d.place, d.columns @ np.array(self.values)) for d in self.displacements(state)]
 
     @classmethod
+    @cache  # asked for thousands of times in a calibration
     def structure(cls) -> tuple[str, ...]:
         """Names of the fields that say which one it is: ``joint``, ``order``, …"""
         return tuple(f.name for f in fields(cls) if f.name not in ("values", "u"))
 
     @classmethod
+    @cache
     def site(cls) -> str | None:
         """The field that says where it sits: ``joint``, ``link``, ``seat`` or ``marker``; None for the whole arm."""
         return next((name for name in PLACES if name in cls.structure()), None)

@@ -199,11 +199,12 @@ class Measurements(Shown):
         A record within :data:`REPEATED` of a posture's first record repeats it.
         """
         tree = scipy.spatial.KDTree(self.q)
+        nearest = tree.query(self.q, 2, p=np.inf, distance_upper_bound=2.0 * REPEATED)[0][:, 1]
         found = np.full(self.n, -1, dtype=np.intp)
         number = 0
-        for k in range(self.n):
+        for k, alone in enumerate((nearest > REPEATED).tolist()):
             if found[k] < 0:
-                near = np.asarray(tree.query_ball_point(self.q[k], REPEATED, p=np.inf))
+                near = np.array([k]) if alone else np.asarray(tree.query_ball_point(self.q[k], REPEATED, p=np.inf))
                 found[near[found[near] < 0]] = number
                 number += 1
         return found
