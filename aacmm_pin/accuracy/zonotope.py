@@ -57,11 +57,12 @@ def largest_deviation(generators: Array) -> Array:
 
 
 def _corners(generators: Array) -> Iterator[Array]:
-    """Points among which is one of each two opposite vertices, in four parts (n, pairs, 3).
+    """Points among which is one of each two opposite vertices, in two parts (n, pairs, 3).
 
     A vertex is ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is spanned by some g_i and g_j;
     its signs are those of ``n·g_k`` with the face's normal n = g_i × g_j, where that is zero (in the face) those of
-    ±(n × g_i)·g_k, where that is zero too (parallel to g_i) those of ±g_i·g_k; and the set is symmetric.
+    ±(n × g_i)·g_k, where that is zero too (parallel to g_i) those of ±g_i·g_k; and the set is symmetric. The sign of
+    n × g_i may be left: of the edges at a vertex the one with the least i lies between two faces, on either side of it.
     """
     first, second = _pairs(generators.shape[2])
     g = generators.transpose(0, 2, 1)  # (n, p, 3)
@@ -71,10 +72,9 @@ def _corners(generators: Array) -> Iterator[Array]:
     normal = np.cross(along, unit[:, second])  # (n, pairs, 3)
     inwards = np.cross(normal, along)
     above, beside, ahead = (_clear_sign(v @ unit.transpose(0, 2, 1)) for v in (normal, inwards, along))
-    for s in (1.0, -1.0):
-        for t in (1.0, -1.0):
-            sign = np.where(above != 0, above, np.where(beside != 0, s * beside, t * ahead))
-            yield sign @ g
+    for t in (1.0, -1.0):
+        sign = np.where(above != 0, above, np.where(beside != 0, beside, t * ahead))
+        yield sign @ g
 
 
 def _clear_sign(values: Array) -> Array:

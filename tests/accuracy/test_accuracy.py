@@ -86,8 +86,9 @@ def test_zonotope_and_jointwise_are_sums_of_determinants(arm: Arm) -> None:
         def total(columns: Array) -> float:
             return 8 * sum(abs(np.linalg.det(columns[:, list(c)])) for c in combinations(range(columns.shape[1]), 3))
 
-        assert full.volume[k] == pytest.approx(total(g), rel=1e-6)
-        assert by_joint.volume[k] == pytest.approx(sum(total(g[:, joints == j]) for j in np.unique(joints)), rel=1e-6)
+        assert full.volume[k] == pytest.approx(total(g), rel=1e-6, abs=0.0)
+        of_joints = sum(total(g[:, joints == j]) for j in np.unique(joints))
+        assert by_joint.volume[k] == pytest.approx(of_joints, rel=1e-6, abs=0.0)
         assert by_joint.volume[k] < 0.2 * full.volume[k]
 
 
@@ -117,6 +118,8 @@ def test_monte_carlo_hull_nears_the_zonotope_from_inside(
     exact = accuracy_volume(arm, q)
     hull = accuracy_volume(arm, q, method="monte-carlo", rng=rng, draws=draws)
     assert hull.sampling_error is not None
+    half = accuracy_volume(arm, q[:1], method="monte-carlo", rng=np.random.default_rng(20190427), draws=draws // 2)
+    np.testing.assert_allclose(hull.sampling_error[0], hull.volume[0] - half.volume[0], rtol=1e-9)
     assert (hull.sampling_error > 0).all()
     second_order = 1e-3  # errors of 1e-4 relative turn the generators by as much
     assert (hull.volume < exact.volume * (1 + second_order)).all()
@@ -308,6 +311,7 @@ def test_parts_of_a_batch_have_their_own_conditions(sino6: Arm) -> None:
     np.testing.assert_allclose(whole.covariance[last], part.covariance, rtol=1e-12, atol=1e-25)
     np.testing.assert_allclose(whole.largest_deviation[last], part.largest_deviation, rtol=1e-12)
     assert (part.u > 1.05 * first.u).any()
+    assert np.square(whole.budget()["u_mm"]).sum() == pytest.approx(1e6 * np.square(whole.u).mean(), rel=1e-12)
 
 
 def test_shows_itself(sino6: Arm) -> None:

@@ -43,7 +43,7 @@ def test_what_weights_have_in_common(rng: np.random.Generator) -> None:
         turns = 2 * np.pi * rng.integers(-3, 4, n)
         np.testing.assert_allclose(configuration_weights(-theta3 + turns, point), weights, atol=1e-13)
         np.testing.assert_allclose(configuration_weights(np.full(n, 0.3), LEVEL), np.full(n, 1 / n), rtol=1e-12)
-        assert comprehensive_accuracy(np.full(n, 3e-12), theta3, point) == pytest.approx(3e-12, rel=1e-12)
+        assert comprehensive_accuracy(np.full(n, 3e-12), theta3, point) == pytest.approx(3e-12, rel=1e-12, abs=0.0)
     theta3, point = rng.uniform(0, np.pi, 9), np.array([0.5, 0.1, 0.2])
     away = np.abs(theta3 - preferred_theta3(point))
     np.testing.assert_array_equal(np.argsort(configuration_weights(theta3, point)), np.argsort(-away))
@@ -69,7 +69,7 @@ def test_parts_add_up_to_the_whole(rng: np.random.Generator) -> None:
             result = single_point_statistics(points, part)
             assert result.part_n == g
             whole = (n - 1) * result.sigma**2
-            assert g * result.part**2 + (n - g) * result.rest**2 == pytest.approx(whole, rel=1e-12)
+            assert g * result.part**2 + (n - g) * result.rest**2 == pytest.approx(whole, rel=1e-12, abs=0.0)
             squares = np.linalg.norm(points - points.mean(axis=0), axis=1) ** 2
             assert result.part == pytest.approx(np.sqrt(squares[part].mean()), rel=1e-12)
         none, every = (single_point_statistics(points, np.full(n, flag)) for flag in (False, True))

@@ -14,10 +14,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.accuracy.parameter_draws import exact_positions
+from aacmm_pin.accuracy.parameter_draws import _errors, exact_positions
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.dh import CHUNK
 from aacmm_pin.arm.file import Covariance, load_arm_file
 from aacmm_pin.effects import (
     BaseCompliance,
@@ -126,7 +127,10 @@ def test_exact_positions_are_those_of_models_made_anew(extended: ErrorModel, rng
     np.testing.assert_allclose(exact_positions(sources, q, WARM, errors), expected, atol=1e-7)
     no_lengths = np.where([p.unit == "m" for p in sources.parameters], 0.0, errors)
     expected = np.array([rebuilt(extended, dict(zip(names, e, strict=True)), q, WARM) for e in no_lengths])
-    np.testing.assert_allclose(exact_positions(sources, q, WARM, no_lengths), expected, atol=2e-8)
+    few = exact_positions(sources, q, WARM, no_lengths)
+    np.testing.assert_allclose(few, expected, atol=2e-8)
+    many = np.vstack([np.zeros((CHUNK, errors.shape[1])), no_lengths])  # the last ones in a part of their own
+    np.testing.assert_allclose(exact_positions(sources, q, WARM, many)[CHUNK:], few, atol=1e-14)
 
 
 def test_uncertain_effects_enlarge_what_the_arm_alone_says(extended: ErrorModel) -> None:
@@ -138,6 +142,7 @@ def test_uncertain_effects_enlarge_what_the_arm_alone_says(extended: ErrorModel)
     assert (whole.largest_deviation > alone.largest_deviation).all()
     bounds = {p.name: (p.half_width, p.u) for p in whole.sources.parameters}
     assert bounds["link_bending:3"] == (4e-5, 2e-5)
+    assert whole.sources.taken_as_exact == alone.sources.taken_as_exact
     assert len(whole.to_frame()) == 5
 
 
@@ -153,6 +158,16 @@ def test_certain_effects_change_nothing_to_speak_of(sino6: Arm) -> None:
     bare = accuracy_volume(ErrorModel(sino6), q, encoder_noise=1e-5)
     np.testing.assert_array_equal(bare.volume, alone.volume)
     np.testing.assert_array_equal(bare.covariance, alone.covariance)
+
+
+def test_noise_of_readings_behind_a_rigid_row() -> None:
+    """By way of an effect of size zero, and by the arm alone."""
+    file = load_arm_file("sino6")
+    first = file.joints[0].model_copy(update={"fixed": True, "limits_rad": None, "encoder_noise_rad": None})
+    arm = Arm.from_file(file.model_copy(update={"joints": [first, *file.joints[1:]]}))
+    model, q, noise = ErrorModel(arm, (EncoderEccentricity(joint=3),)), some(arm, 3), np.linspace(1e-5, 5e-5, 5)
+    found, alone = (accuracy_volume(m, q, encoder_noise=noise).covariance for m in (model, arm))
+    np.testing.assert_allclose(found, alone, rtol=1e-9, atol=1e-20)
 
 
 def test_the_wrist_does_not_feel_the_stylus(sino6: Arm) -> None:
@@ -257,7 +272,7 @@ def test_covariance_with_correlations(calibrated: ErrorModel) -> None:
     np.testing.assert_allclose(result.covariance[0], s @ c @ s.T, rtol=1e-10, atol=1e-20)
     shuffled = accuracy_volume(calibrated, q, conditions=WARM, encoder_noise=1e-5, method="ellipsoid")
     assert shuffled.volume[0] == pytest.approx(
-        4 / 3 * np.pi * 7.814727903**1.5 * np.sqrt(np.linalg.det(s @ c @ s.T)), rel=1e-8
+        4 / 3 * np.pi * 7.814727903**1.5 * np.sqrt(np.linalg.det(s @ c @ s.T)), rel=1e-8, abs=0.0
     )
 
 
@@ -318,6 +333,9 @@ def test_calibrated_parameters_are_drawn_from_their_normal_distribution(rng: np.
     result = accuracy_volume(model, q, method="monte-carlo", rng=rng, draws=draws)
     expected = accuracy_volume(model, q)
     assert (result.u / expected.u) ** 2 == pytest.approx(1.0, abs=7 / np.sqrt(draws))
+    sources = result.sources
+    beyond = (np.abs(_errors(sources, rng, 1000)) > sources.half_widths).any(axis=0)
+    assert {p.name for p, far in zip(sources.parameters, beyond, strict=True) if far} == {"d3", "theta_offset3"}
 
 
 def test_monte_carlo_of_effects_and_with_correlations(
@@ -387,7 +405,7 @@ def test_jointwise_takes_correlations_inside_a_row_and_causes_of_the_whole_arm()
         rows = {p.joint for p in parameters}
         assert None in rows  # thermal expansion
         total = sum(volume(generators[k][:, [p.joint == row for p in parameters]]) for row in rows)
-        assert result.volume[k] == pytest.approx(total, rel=1e-9)
+        assert result.volume[k] == pytest.approx(total, rel=1e-9, abs=0.0)
 
 
 # --- budget

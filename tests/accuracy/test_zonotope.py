@@ -23,12 +23,21 @@ def triple_sum(generators: Array) -> float:
 
 def _degenerate(rng: np.random.Generator, p: int) -> dict[str, Array]:
     g = rng.normal(size=(3, p))
-    flat, twins, nothing, thin = g.copy(), g.copy(), g.copy(), g.copy()
+    flat, twins, nothing, thin, last = g.copy(), g.copy(), g.copy(), g.copy(), g.copy()
     flat[2] = 0.0
     twins[:, p // 2 :] = twins[:, : p - p // 2] * rng.uniform(-2, 2, p - p // 2)
     nothing[:, ::2] = 0.0
     thin[1:] *= 1e-9
-    return {"general": g, "in a plane": flat, "parallel": twins, "zeros": nothing, "needle": thin, "all zero": 0.0 * g}
+    last[:, :-1] = 0.0
+    return {
+        "general": g,
+        "in a plane": flat,
+        "parallel": twins,
+        "zeros": nothing,
+        "needle": thin,
+        "last": last,
+        "none": 0.0 * g,
+    }
 
 
 def test_volume_is_the_sum_of_determinants_and_that_of_the_hull(rng: np.random.Generator) -> None:
