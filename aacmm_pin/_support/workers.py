@@ -1,56 +1,91 @@
-"""Worker processes that end at once when their work is no longer wanted, and with the process that started them."""
+"""Independent pieces of work, here, in worker processes, or wherever an executor has them done.
+
+Worker processes end at once when their work is no longer wanted, and with the process that started them.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import ExitStack, contextmanager
+from itertools import chain, islice
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from typing import TypeVar
 
+from aacmm_pin._support.checks import whole
 from aacmm_pin.errors import AacmmError
 
 J = TypeVar("J")
 R = TypeVar("R")
+Workers = int | Executor
+"""How many processes, or a ``concurrent.futures.Executor``, which is used as it is and not shut down."""
 OF_PARENT = (signal.SIGINT, signal.SIGHUP)
 """Signals that a terminal sends to all processes, and that are for the parent to answer."""
+MOST_WAITING = 256
+"""Jobs that are handed out at once: as many as there can be processes; more would only take memory."""
 
 
 @contextmanager
-def results(work: Callable[[J], R], jobs: Sequence[J], processes: int) -> Iterator[Iterator[tuple[int, R]]]:
-    """Numbers and results of all jobs as they come, from so many processes; when the context ends, so do they.
+def results(work: Callable[[J], R], jobs: Iterable[J], workers: Workers) -> Iterator[Iterator[tuple[int, R]]]:
+    """Numbers and results of all jobs as they come; when the context ends, nothing is worked out any more.
+
+    Args:
+        work: a function of a module, for it is sent by its name.
+        jobs: taken from the iterable as they are handed out.
+        workers: see :data:`Workers`; one process is this one.
 
     Raises:
-        AacmmError: a process was killed.
+        AacmmError: a process was killed, or there are not so many.
     """
-    if min(processes, len(jobs)) == 1:
+    if isinstance(workers, Executor):
+        with _handed_out(workers, work, iter(jobs)) as found:
+            yield found
+        return
+    count, jobs = whole(workers, 1, "processes"), iter(jobs)
+    first = list(islice(jobs, count))
+    jobs = chain(first, jobs)
+    if len(first) <= 1 or count == 1:
         yield enumerate(map(work, jobs))
         return
     context = get_context("spawn")
-    ending, alive = context.Pipe(duplex=False)
-    with _held_from_children():
-        pool = ProcessPoolExecutor(min(processes, len(jobs)), context, _end_with_parent, (ending,))
-    try:
+    with ExitStack() as ends:
+        ending, alive = context.Pipe(duplex=False)
+        ends.callback(ending.close)
         with _held_from_children():
-            futures = {pool.submit(work, job): number for number, job in enumerate(jobs)}
-        yield _as_they_come(futures)
+            pool = ProcessPoolExecutor(len(first), context, _end_with_parent, (ending,))
+            ends.callback(pool.shutdown, cancel_futures=True)
+            ends.callback(alive.close)
+            found = ends.enter_context(_handed_out(pool, work, jobs))  # which starts the processes
+        yield found
         pool.shutdown()
-    except BrokenProcessPool:
+
+
+@contextmanager
+def _handed_out(pool: Executor, work: Callable[[J], R], jobs: Iterator[J]) -> Iterator[Iterator[tuple[int, R]]]:
+    numbered, waiting = enumerate(jobs), dict[Future[R], int]()
+
+    def hand_out() -> None:
+        for number, job in islice(numbered, MOST_WAITING - len(waiting)):
+            waiting[pool.submit(work, job)] = number
+
+    def as_they_come() -> Iterator[tuple[int, R]]:
+        while waiting:
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                yield waiting.pop(future), future.result()
+            hand_out()
+
+    try:
+        hand_out()
+        yield as_they_come()
+    except BrokenExecutor:
         raise AacmmError("a worker process was killed, as happens when memory runs out; fewer take less") from None
     finally:
-        alive.close()
-        pool.shutdown(cancel_futures=True)
-        ending.close()
-
-
-def _as_they_come(futures: dict[Future[R], int]) -> Iterator[tuple[int, R]]:
-    for future in as_completed(futures):
-        yield futures[future], future.result()
+        for future in waiting:
+            future.cancel()
 
 
 def _end_with_parent(ending: Connection) -> None:

@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support import workers
 from aacmm_pin._support.checks import Array, vector, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.plausible import COORDINATE, SMALLEST_ARM
 from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM, MM3
+from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
 from aacmm_pin.accuracy.volume import METHODS, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
@@ -135,7 +135,7 @@ def map_workspace(
     extent: ArrayLike | None = None,
     conditions: Conditions | None = None,
     method: Method = "zonotope",
-    processes: int = 1,
+    workers: Workers = 1,
     progress: bool = True,
 ) -> WorkspaceMap:
     """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the half-plane.
@@ -150,7 +150,7 @@ def map_workspace(
         extent: x from, x to, z from, z to (4,) [m]; default 0, R, -R, R with the reach R to two digits.
         conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
         method: how accuracy volumes are found (not ``monte-carlo``).
-        processes: worker processes.
+        workers: how many processes, or a ``concurrent.futures.Executor``; a piece of work is several hundred cells.
         progress: show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
@@ -163,7 +163,7 @@ def map_workspace(
     if min(cells) < 1:
         raise AacmmError(f"cells are {cells}, expected at least 1 each way")
     whole(cells[0] * cells[1], 1, "cells")
-    sectors, processes = whole(sectors, 1, "sectors"), whole(processes, 1, "processes")
+    sectors = whole(sectors, 1, "sectors")
     arm = ErrorModel.arm_of(model)
     box = _extent(arm, extent)
     not_included = _check_method(model, conditions, method)
@@ -173,9 +173,9 @@ def map_workspace(
     found: list[dict[str, Array]] = [{} for _ in jobs]
     with (
         bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving,
-        workers.results(_work, jobs, processes) as results,
+        results(_work, jobs, workers) as worked,
     ):
-        for number, result in results:
+        for number, result in worked:
             found[number] = result
             moving.update(len(jobs[number].points))
     seconds = time.perf_counter() - started

@@ -41,7 +41,7 @@ def map_(
         for caveat in map_caveats(model.arm):
             note(f"note: {caveat}")
         extent = None if extent_mm is None else np.array(extent_mm) * MM
-        result = map_workspace(model, cells, sectors, extent=extent, method=cast(Method, method), processes=processes)
+        result = map_workspace(model, cells, sectors, extent=extent, method=cast(Method, method), workers=processes)
         if result.unreachable == cells[0] * cells[1]:
             raise AacmmError(f"{result}; is --extent-mm in another unit?")
         if output is not None:

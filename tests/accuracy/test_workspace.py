@@ -230,7 +230,7 @@ def test_what_cannot_be_asked(sino6: Arm, extended: ErrorModel, monkeypatch: pyt
         ({"extent": [0, np.nan, -1, 1]}, ShapeError, "finite"),
         ({"cells": (0, 5)}, AacmmError, "at least 1"),
         ({"sectors": 0}, AacmmError, "at least 1"),
-        ({"processes": 0}, AacmmError, "at least 1"),
+        ({"workers": 0}, AacmmError, "at least 1"),
         ({"method": "monte-carlo"}, AacmmError, "monte-carlo"),
         ({"method": "box", "extent": [2, 3, 0, 1]}, AacmmError, "zonotope"),
         (two, ShapeError, "conditions are of 2 records"),
@@ -266,7 +266,7 @@ def test_two_processes_and_parts_of_a_map_do_not_show(extended: ErrorModel, monk
     options: dict[str, Any] = {"extent": BOX, "conditions": Conditions(1, temperature=np.array([35.0])), "progress": False}
     whole = map_workspace(extended, (2, 3), 7, **options)
     monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 4)
-    one, two = (map_workspace(extended, (2, 3), 7, processes=n, **options) for n in (1, 2))
+    one, two = (map_workspace(extended, (2, 3), 7, workers=n, **options) for n in (1, 2))
     one.data.attrs.pop("seconds")
     two.data.attrs.pop("seconds")
     xr.testing.assert_identical(one.data, two.data)
@@ -288,7 +288,7 @@ def test_a_stopped_worker_leaves_no_process(
     monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 2)
     monkeypatch.setattr(workspace, "_work", worker)
     with pytest.raises(error):
-        map_workspace(sino6, (4, 4), 3, processes=2, progress=False)
+        map_workspace(sino6, (4, 4), 3, workers=2, progress=False)
     assert multiprocessing.active_children() == []
 
 
@@ -297,7 +297,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.accuracy.workspace import map_workspace
 if __name__ == "__main__":
     print("begin", flush=True)
-    map_workspace(Arm.load("sino6"), (200, 200), 12, processes=2, progress=False)
+    map_workspace(Arm.load("sino6"), (200, 200), 12, workers=2, progress=False)
 """
 
 
