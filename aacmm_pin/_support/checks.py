@@ -91,12 +91,12 @@ def _floats(values: ArrayLike, name: str) -> Array:
     if array.dtype.kind not in "iuf" or isinstance(values, np.ma.MaskedArray):
         kind = "masked" if isinstance(values, np.ma.MaskedArray) else array.dtype
         raise ShapeError(f"{name} is not an array of numbers: it is {kind}")
-    return array.astype(np.float64)
+    return array.astype(np.float64, copy=False)
 
 
 def _finite(array: Array, name: str, unit: str) -> None:
-    bad = np.argwhere(~np.isfinite(array))
-    if bad.size:
+    if array.size and not np.isfinite([array.min(), array.max()]).all():  # NaN is the smallest and the largest
+        bad = np.argwhere(~np.isfinite(array))
         where = ", ".join(str(i) for i in bad[0])
         raise ShapeError(f"{name}[{where}] is {array[tuple(bad[0])]}, expected a finite number")
     if unit in RANGES:

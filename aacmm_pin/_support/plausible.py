@@ -62,6 +62,8 @@ class Range(NamedTuple):
             AacmmError: of the class ``error``, with the first of them.
         """
         array: NDArray[Any] = np.asarray(values, dtype=np.float64)
+        if array.size and self.least <= array.min() and array.max() <= self.most:  # NaN is neither
+            return
         wrong = np.argwhere(self.outside(array) | np.isnan(array))
         if len(wrong):
             place = f"[{', '.join(map(str, wrong[0]))}]" if array.ndim else ""

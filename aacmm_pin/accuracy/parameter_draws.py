@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array, whole
-from aacmm_pin._support.progress import watched
+from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.dh import chunks
 from aacmm_pin.effects import Displacement, Effect, Term
@@ -106,31 +105,28 @@ class _DrawnElastic(_Drawn):
 
 
 def exact_volume(
-    sources: ErrorSources,
-    q: Array,
-    conditions: Conditions | None,
-    rng: np.random.Generator,
-    draws: int,
+    sources: ErrorSources, draws: int, piece: tuple[Array, Conditions | None, list[np.random.Generator]]
 ) -> tuple[Array, Array, Array]:
-    """Accuracy volume, its sampling error and the covariance of the position, from ``draws`` at each configuration.
+    """Accuracy volume, covariance of the position and sampling error, from ``draws`` at each configuration of a piece.
+
+    Args:
+        sources: what may be off.
+        draws: for each configuration, and as many once more for the covariance.
+        piece: configurations (n, nq) [rad], their conditions, and a generator for each.
 
     Returns:
-        volume (n,) [m³], how far half of the draws change it (n,) [m³], covariance (n, 3, 3) [m²].
-
-    Raises:
-        AacmmError: fewer than 100 draws, or too many.
+        volume (n,) [m³], covariance (n, 3, 3) [m²], how far half of the draws change the volume (n,) [m³].
     """
-    draws = whole(draws, FEWEST_DRAWS, "draws")
+    q, conditions, generators = piece
     volume, error, covariance = np.empty(len(q)), np.empty(len(q)), np.empty((len(q), 3, 3))
-    generators = sources.generators(sources.sensitivity(q, conditions))
-    with watched(range(len(q)), True, "Monte Carlo", "posture") as postures:
-        for k in postures:
-            record = None if conditions is None else conditions.take([k])
-            corners = exact_positions(sources, q[k : k + 1], record, _corners(sources, generators[k], rng, draws))
-            volume[k] = scipy.spatial.ConvexHull(corners).volume
-            error[k] = volume[k] - scipy.spatial.ConvexHull(corners[: draws // 2]).volume
-            covariance[k] = np.cov(exact_positions(sources, q[k : k + 1], record, _errors(sources, rng, draws)).T)
-    return volume, error, covariance
+    bounds = sources.generators(sources.sensitivity(q, conditions))
+    for k, rng in enumerate(generators):
+        record = None if conditions is None else conditions.take([k])
+        corners = exact_positions(sources, q[k : k + 1], record, _corners(sources, bounds[k], rng, draws))
+        volume[k] = scipy.spatial.ConvexHull(corners).volume
+        error[k] = volume[k] - scipy.spatial.ConvexHull(corners[: draws // 2]).volume
+        covariance[k] = np.cov(exact_positions(sources, q[k : k + 1], record, _errors(sources, rng, draws)).T)
+    return volume, covariance, error
 
 
 def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator, m: int) -> Array:

@@ -6,9 +6,9 @@ model instead and is the check on the rest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
@@ -17,14 +17,16 @@ import scipy
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, batch, vector
+from aacmm_pin._support.checks import Array, Index, batch, vector, whole
 from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM
+from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy import zonotope
-from aacmm_pin.accuracy.parameter_draws import exact_volume
+from aacmm_pin.accuracy.parameter_draws import FEWEST_DRAWS, exact_volume
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.dh import chunks
+from aacmm_pin.arm.dh import CHUNK, chunks
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
@@ -40,6 +42,10 @@ METHODS: tuple[Method, ...] = get_args(Method)
 COVERAGE = 0.95
 COVERAGE_FACTOR = float(np.sqrt(scipy.special.chdtri(3, 1.0 - COVERAGE)))
 """k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM 102:2011, table 1)."""
+DRAWN_AT_ONCE = 4
+"""Configurations of one piece of work of ``monte-carlo``."""
+MANY = 50_000
+"""More configurations than this take more than a moment, and show a bar."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +59,7 @@ class AccuracyVolume(Shown):
         volume: accuracy volume (n,) [m³].
         covariance: covariance of the position, all sources (n, 3, 3) [m²]; with ``monte-carlo`` that of the draws.
         sampling_error: Monte Carlo only: how far half of the draws change the volume (n,) [m³].
-        conditions: of the n configurations; None where nothing was stated.
+        conditions: of the n configurations, or of one record that hold for all; None where nothing was stated.
     """
 
     sources: ErrorSources
@@ -78,7 +84,7 @@ class AccuracyVolume(Shown):
     def largest_deviation(self) -> Array:
         """Largest distance that the bounded parameters together can cause, to first order: (n,) [m]."""
         found = [np.empty(0)]
-        for _, q, conditions in _parts(self.q, self.conditions):
+        for q, conditions in _parts(self.q, self.conditions):
             generators = self.sources.generators(self.sources.sensitivity(q, conditions))
             found.append(zonotope.largest_deviation(generators))
         return np.concatenate(found)
@@ -95,7 +101,7 @@ class AccuracyVolume(Shown):
             ``u_mm`` (its root mean square contribution) and ``share`` (of the variance; the shares sum to 1).
         """
         together = np.zeros((len(self.sources.parameters),) * 2)
-        for _, q, conditions in _parts(self.q, self.conditions):
+        for q, conditions in _parts(self.q, self.conditions):
             together += self.sources.shared_variance(self.sources.sensitivity(q, conditions))
         parameters = self.sources.parameters
         table = pd.DataFrame(
@@ -193,6 +199,7 @@ def accuracy_volume(
     encoder_noise: ArrayLike | None = None,
     rng: np.random.Generator | None = None,
     draws: int = 4000,
+    workers: Workers = 1,
 ) -> AccuracyVolume:
     """Accuracy volume and covariance of an arm, or of an arm with its effects, at ``q``.
 
@@ -214,7 +221,9 @@ def accuracy_volume(
         at: frame whose origin is looked at; default the tip, ``frame5`` for the wrist.
         method: one of the four.
         encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what the arm states.
-        rng, draws: for ``monte-carlo``: the generator, which it needs, and draws for each configuration.
+        rng, draws: for ``monte-carlo``: the generator, which it needs, and draws for each configuration, every one with a
+            generator that is spawned from it.
+        workers: how many processes, or a ``concurrent.futures.Executor``; the results do not depend on it.
 
     Raises:
         ShapeError: ``q`` is not a finite (n, nq) array, or ``conditions`` are of another number of records.
@@ -224,36 +233,39 @@ def accuracy_volume(
     """
     if method not in METHODS:
         raise UnknownNameError("method", method, list(METHODS))
-    arm = ErrorModel.arm_of(model)
+    arm, drawn = ErrorModel.arm_of(model), method == "monte-carlo"
     q = batch(q, arm.nq, "q", "rad")
-    conditions = _for_each(conditions, len(q))
+    if conditions is not None and conditions.n not in (1, len(q)):
+        raise ShapeError(f"conditions are of {conditions.n} records, expected {len(q)} as q has, or 1")
     sources = ErrorSources.of(model, at, _noise(arm, encoder_noise), q, conditions)
-    if method == "monte-carlo":
+    work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)
+    size, pieces = CHUNK, cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
+    volume, covariance, error = np.empty(len(q)), np.empty((len(q), 3, 3)), np.empty(len(q) if drawn else 0)
+    if drawn:
         if rng is None:
             raise AacmmError("method 'monte-carlo' needs rng, a numpy.random.Generator such as numpy.random.default_rng(1)")
-        volume, error, covariance = exact_volume(sources, q, conditions, rng, draws)
-        return AccuracyVolume(sources, q, method, volume, covariance, error, conditions)
-    volume, covariance = np.empty(len(q)), np.empty((len(q), 3, 3))
-    for part, some, known in _parts(q, conditions):
-        sensitivity = sources.sensitivity(some, known)
-        covariance[part] = sources.covariance_of(sensitivity)
-        volume[part] = _volume(method, sources, sensitivity, covariance[part])
-    return AccuracyVolume(sources, q, method, volume, covariance, conditions=conditions)
+        size, work = DRAWN_AT_ONCE, partial(exact_volume, sources, whole(draws, FEWEST_DRAWS, "draws"))
+        pieces = ((*piece, rng.spawn(len(piece[0]))) for piece in _parts(q, conditions, size))
+    with (
+        bar(drawn or len(q) > MANY, "Monte Carlo" if drawn else "accuracy", "posture", total=len(q)) as moving,
+        results(work, pieces, workers) as worked,
+    ):
+        for number, values in worked:
+            part = slice(number * size, (number + 1) * size)
+            for whole_, some in zip((volume, covariance, error), values, strict=False):
+                whole_[part] = some
+            moving.update(len(values[0]))
+    return AccuracyVolume(sources, q, method, volume, covariance, error if drawn else None, conditions)
 
 
-def _for_each(conditions: Conditions | None, n: int) -> Conditions | None:
-    """Conditions of n records; those of a single one hold for all."""
-    if conditions is None or conditions.n == n:
-        return conditions
-    if conditions.n != 1:
-        raise ShapeError(f"conditions are of {conditions.n} records, expected {n} as q has, or 1")
-    return conditions.take(np.zeros(n, dtype=np.intp))
-
-
-def _parts(q: Array, conditions: Conditions | None) -> Iterator[tuple[slice, Array, Conditions | None]]:
-    """Some configurations at a time, with their conditions."""
-    for part in chunks(len(q)):
-        yield part, q[part], None if conditions is None else conditions.take(part)
+def _parts(q: Array, conditions: Conditions | None, size: int = CHUNK) -> Iterator[tuple[Array, Conditions | None]]:
+    """Some configurations at a time, with their conditions; those of a single record hold for all."""
+    for part in chunks(len(q), size):
+        some = q[part]
+        if conditions is None:
+            yield some, None
+        else:
+            yield some, conditions.take(part if conditions.n == len(q) else np.zeros(len(some), dtype=np.intp))
 
 
 def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
@@ -263,6 +275,13 @@ def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
     noise = vector(each, arm.nq, "encoder_noise", "rad")
     plausible.ENCODER_NOISE.check(noise, "encoder_noise")
     return noise
+
+
+def _first_order(sources: ErrorSources, method: Method, piece: tuple[Array, Conditions | None]) -> tuple[Array, Array]:
+    """Volume (n,) [m³] and covariance (n, 3, 3) [m²] of some configurations."""
+    sensitivity = sources.sensitivity(*piece)
+    covariance = sources.covariance_of(sensitivity)
+    return _volume(method, sources, sensitivity, covariance), covariance
 
 
 def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covariance: Array) -> Array:

@@ -60,7 +60,8 @@ class Conditions(Shown):
         for field in fields(self)[1:]:
             values = getattr(self, field.name)
             chosen[field.name] = None if values is None else values[rows]
-        return Conditions(len(np.arange(self.n)[rows]), **chosen)
+        count = len(range(self.n)[rows]) if isinstance(rows, slice) else len(np.arange(self.n)[rows])
+        return Conditions(count, **chosen)
 
     @property
     def present(self) -> tuple[str, ...]:
