@@ -46,16 +46,9 @@ def off(found: dict[str, Any], hidden: Draw) -> dict[str, float]:
     return away
 
 
-CAUSES = [
-    ("encoder_eccentricity", "free", 3),
-    ("encoder_ellipticity", "free", 4),
-    ("joint_periodic_error", "free", 5),
+CAUSES = [  # files of the gate in ``tests/blind`` hide the others
     ("joint_error_curve", "free", 6),
-    ("joint_compliance", "free", 1),
-    ("link_bending", "free", 1),
-    ("thermal_expansion", "free", 2),
     ("encoder_slip", "free", 7),
-    ("zero_drift", "free", 8),
     ("encoder_eccentricity", "seats", 9),
     ("joint_hysteresis", "seats", 3),
     ("encoder_gain", "seats", 4),
@@ -93,9 +86,9 @@ def test_look_alikes_are_said(tmp_path: Path) -> None:
     assert "aacmm-pin plan" in found["next_measurements"]
 
 
-@pytest.mark.parametrize(("plan", "seed"), [("free", 30000), ("free", 30002), ("seats", 30003), ("seats", 30004)])
-def test_two_causes_are_both_named(tmp_path: Path, plan: str, seed: int) -> None:
-    found, drawn = diagnosis(tmp_path, seed=seed, cause="any", count=2, plan=plan)
+@pytest.mark.parametrize("seed", [30003, 30004])
+def test_two_causes_are_both_named(tmp_path: Path, seed: int) -> None:
+    found, drawn = diagnosis(tmp_path, seed=seed, cause="any", count=2, plan="seats")
     told = {*named(found), *((a["cause"], a["joint"]) for f in found["findings"] for a in f["aliases"][:1])}
     assert {(h.cause, h.joint) for h in drawn.hidden} <= told
     assert len(found["findings"]) == 2
@@ -155,9 +148,11 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path: Path) -> None:
     assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
-def test_many_records(tmp_path: Path) -> None:
-    found, drawn = diagnosis(tmp_path, seed=3, cause="encoder_eccentricity", records=3000)
+def test_columns_of_many_records_are_in_single_precision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aacmm_pin.diagnosis.design_matrix.MOST_DOUBLE", 0)
+    found, drawn = diagnosis(tmp_path, seed=3, cause="encoder_eccentricity")
     assert named(found) == [("encoder_eccentricity", drawn.hidden[0].joint)]
+    assert max(off(found, drawn).values()) < LIMIT
 
 
 def test_a_plan_that_nobody_filled_in_is_refused(tmp_path: Path) -> None:

@@ -112,26 +112,27 @@ def test_it_is_calibrated_planned_and_known(hose: Any, hidden: Measurements, sin
     assert isinstance(example(hose), hose)
 
 
-def test_the_shell_knows_it_by_a_plugin(folder: Path) -> None:
-    """In processes of their own, where nothing but the file makes it known."""
+def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing but the file makes it known: each command begins without it, the first in a process of its own."""
+    monkeypatch.chdir(folder)
 
     def run(words: str, *, plugin: str = "--plugin hose.py ") -> str:
-        command = [sys.executable, "-m", "aacmm_pin.cli", *f"{plugin}{words}".split()]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-        assert done.returncode == (0 if plugin else 1), done.stderr
+        CAUSES.pop("hose_pull", None)
+        done = CliRunner().invoke(app, f"{plugin}{words}".split())
+        assert done.exit_code == (0 if plugin else 1), done.stderr
         return done.stdout if plugin else done.stderr
 
-    run("simulate sino6 --effect hose_pull:3,turn_rad_per_m=3e-3 --plan free --records 120 -o data.csv")
+    words = "--plugin hose.py simulate sino6 --effect hose_pull:3,turn_rad_per_m=3e-3 --plan free --records 120 -o data.csv"
+    subprocess.run([sys.executable, "-m", "aacmm_pin.cli", *words.split()], check=True)
     noise = f"--encoder-noise-rad {NOISE} --no-held-out"
     out = json.loads(run(f"diagnose sino6 data.csv {noise} -o page.html --extended-arm extended.toml --json -"))
     assert [(f["cause"], f["joint"]) for f in out["findings"]] == [("hose_pull", 3)]
-    assert "Hose pull of joint 3" in (folder / "page.html").read_text(encoding="utf-8")
-    run("correct extended.toml data.csv -o corrected.csv")
+    assert "Hose pull of joint 3" in Path("page.html").read_text(encoding="utf-8")
     run(f"calibrate sino6 data.csv --effect hose_pull:3 {noise} -o calibrated.toml --report calibration.html")
-    assert "hose pull of joint 3" in (folder / "calibration.html").read_text(encoding="utf-8")
+    assert "hose pull of joint 3" in Path("calibration.html").read_text(encoding="utf-8")
     run("plan sino6 --split hose_pull:3 encoder_gain:3 --records 8 --postures 40 -o plan.csv")
-    assert "hose_pull:JOINT" in run("causes")
     assert "A hose from the wrist" in run("causes hose_pull")
+    run("correct extended.toml data.csv -o corrected.csv")
     assert "unknown cause 'hose_pull'" in run("correct extended.toml data.csv -o again.csv", plugin="")
 
 

@@ -107,10 +107,9 @@ def test_what_geometry_alone_predicts(measured: Measured) -> None:
 
 def test_which_records_are_left_out_together_hardly_matters(measured: Measured) -> None:
     usual, few = held_out(measured.usual), measured.case.arm is arms.fanuc  # 24 postures, which stay together
-    for seed in (2, 3):
-        other = held_out(measured.calibrated(rng=np.random.default_rng(seed)))
-        assert other[0] == pytest.approx(usual[0], rel=0.1 if few else MARGIN)
-        assert other[1] == pytest.approx(usual[1], rel=0.3 if few else 0.15)  # ten blocks of joint space are few
+    other = held_out(measured.calibrated(rng=np.random.default_rng(2)))
+    assert other[0] == pytest.approx(usual[0], rel=0.1 if few else MARGIN)
+    assert other[1] == pytest.approx(usual[1], rel=0.3 if few else 0.15)  # ten blocks of joint space are few
 
 
 @pytest.mark.parametrize(("name", "expected"), [("ur10", 0.435), ("fanuc", 0.248)])
