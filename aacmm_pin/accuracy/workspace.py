@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -21,23 +22,26 @@ from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
-from aacmm_pin.accuracy.volume import METHODS, Method, accuracy_volume
+from aacmm_pin.accuracy.map_parts import MapParts, digits
+from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
 from aacmm_pin.arm.limits import AT_LIMIT
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import WRIST
 from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
+from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, spread_angles, wrist_curves, wrist_system
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
 CELLS_AT_ONCE = 576
+PROBES = 64
+"""Postures whose accuracy tells one model, with its causes and conditions, from another."""
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
 SEEDS_PER_TURN = 3
 """Held angles of each joint for a map; with the spread seeds they find every component that twenty-four find."""
@@ -136,6 +140,7 @@ def map_workspace(
     conditions: Conditions | None = None,
     method: Method = "zonotope",
     workers: Workers = 1,
+    parts: str | Path | None = None,
     progress: bool = True,
 ) -> WorkspaceMap:
     """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the half-plane.
@@ -151,10 +156,12 @@ def map_workspace(
         conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
         method: how accuracy volumes are found (not ``monte-carlo``).
         workers: how many processes, or a ``concurrent.futures.Executor``; a piece of work is several hundred cells.
+        parts: a folder for what is done; of a map that was interrupted, that is not worked out again.
         progress: show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
-        AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an uncertainty.
+        AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an uncertainty; ``parts`` of
+            another map.
         ShapeError: ``conditions`` of more than one record.
         UnknownNameError: no such method for a map.
         UnsupportedArmError: no DH table, or one without the joints that this needs; see :func:`accuracy_volume`.
@@ -166,22 +173,37 @@ def map_workspace(
     sectors = whole(sectors, 1, "sectors")
     arm = ErrorModel.arm_of(model)
     box = _extent(arm, extent)
-    not_included = _check_method(model, conditions, method)
+    probe = _probe(model, conditions, method)
     points = np.stack(np.meshgrid(*_centres(box, cells), indexing="ij"), axis=-1).reshape(-1, 3)
-    parts = chunks(len(points), CELLS_AT_ONCE)
-    jobs = [_Job(model, conditions, points[part], sectors, method) for part in parts]
-    found: list[dict[str, Array]] = [{} for _ in jobs]
-    with (
-        bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving,
-        results(_work, jobs, workers) as worked,
-    ):
-        for number, result in worked:
-            found[number] = result
-            moving.update(len(jobs[number].points))
+    pieces = chunks(len(points), CELLS_AT_ONCE)
+    kept = None if parts is None else MapParts.of(parts, _question(arm, probe, box, cells, sectors))
+    merged: dict[str, Array] = {}
+    with bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving:
+
+        def take(number: int, found: dict[str, Array]) -> None:
+            part = pieces[number]
+            for name, values in found.items():
+                if name not in merged:
+                    merged[name] = np.empty((len(points), *values.shape[1:]), values.dtype)
+                merged[name][part] = values
+            moving.update(part.stop - part.start)
+
+        todo = []
+        for number, part in enumerate(pieces):
+            found = None if kept is None else kept.load(number, part.stop - part.start)
+            if found is None:
+                todo.append(number)
+            else:
+                take(number, found)
+        jobs = (_Job(model, conditions, points[pieces[number]], sectors, method) for number in todo)
+        with results(_work, jobs, workers) as worked:
+            for place, found in worked:
+                if kept is not None:
+                    kept.save(todo[place], found)
+                take(todo[place], found)
     seconds = time.perf_counter() - started
-    merged = {name: np.concatenate([part[name] for part in found]) for name in found[0]}
     data = _dataset(arm, merged, box, cells, sectors, method, seconds)
-    return WorkspaceMap(data.assign_attrs(not_included="; ".join(not_included)), seconds)
+    return WorkspaceMap(data.assign_attrs(not_included="; ".join(probe.not_included)), seconds)
 
 
 @dataclass(frozen=True)
@@ -249,13 +271,36 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
     return box
 
 
-def _check_method(model: Arm | ErrorModel, conditions: Conditions | None, method: Method) -> tuple[str, ...]:
-    """Refuse, before the work begins, what the first cell would refuse; labels of causes that are left out."""
+def _probe(model: Arm | ErrorModel, conditions: Conditions | None, method: Method) -> AccuracyVolume:
+    """The accuracy of a few postures: it refuses, before the work begins, what the first cell would refuse."""
     if method == "monte-carlo" or method not in METHODS:
         raise UnknownNameError("method", method, [m for m in METHODS if m != "monte-carlo"], "of a map")
+    if conditions is not None and conditions.n != 1:
+        raise ShapeError(f"conditions are of {conditions.n} records, expected 1 that hold everywhere")
     arm = ErrorModel.arm_of(model)
-    q = np.clip(np.zeros((1, arm.nq)), arm.limits[:, 0], arm.limits[:, 1])
-    return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method).not_included
+    q = np.clip(spread_angles(PROBES, arm.nq), arm.limits[:, 0], arm.limits[:, 1])
+    return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method)
+
+
+def _question(arm: Arm, probe: AccuracyVolume, box: Array, cells: tuple[int, int], sectors: int) -> dict[str, Any]:
+    """All that the numbers of a map depend on; causes, uncertainties and conditions by what they do to some postures."""
+    dh = arm.require_dh("a map of the workspace")
+    return {
+        "version": version("aacmm-pin"),
+        "arm": arm.name,
+        "convention": dh.convention,
+        "rows": digits(dh.values()),
+        "moving": dh.moving.tolist(),
+        "limits_rad": digits(arm.limits),
+        "up": digits(arm.up),
+        "extent_mm": digits(box / MM),
+        "cells": list(cells),
+        "cells_of_a_part": CELLS_AT_ONCE,
+        "sectors": sectors,
+        "method": probe.method,
+        "volumes_mm3": digits(probe.volume / MM3),
+        "u_mm": digits(probe.u / MM),
+    }
 
 
 def map_caveats(arm: Arm) -> tuple[str, ...]:
@@ -290,7 +335,9 @@ def _dataset(
     merged = merged | {"count": merged["works"].sum(axis=1)}
 
     def over_cells(name: str, unit: str, text: str, kind: type = float) -> Any:
-        values: Any = (merged[name] / UNITS[unit] if UNITS[unit] != 1.0 else merged[name]).astype(kind)
+        values: Any = merged.pop(name).astype(kind, copy=False)
+        if UNITS[unit] != 1.0:
+            values /= UNITS[unit]
         dims = ("x_mm", "z_mm", *{"works": ("sector",)}.get(name, ("joint",) if name.endswith("_q") else ()))
         return dims, values.reshape(cells + values.shape[1:]), {"units": unit, "long_name": text}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, cast
 
 import numpy as np
@@ -29,6 +30,10 @@ def map_(
     ] = None,
     method: Annotated[str, typer.Option(help="One of zonotope, jointwise, ellipsoid.")] = "zonotope",
     processes: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
+    parts: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Keep what is done here; an interrupted map goes on from it."),
+    ] = None,
     output: Output = None,
     plot: Plot = None,
     json_: Json = None,
@@ -41,7 +46,8 @@ def map_(
         for caveat in map_caveats(model.arm):
             note(f"note: {caveat}")
         extent = None if extent_mm is None else np.array(extent_mm) * MM
-        result = map_workspace(model, cells, sectors, extent=extent, method=cast(Method, method), workers=processes)
+        asked = {"extent": extent, "method": cast(Method, method), "workers": processes, "parts": parts}
+        result = map_workspace(model, cells, sectors, **asked)
         if result.unreachable == cells[0] * cells[1]:
             raise AacmmError(f"{result}; is --extent-mm in another unit?")
         if output is not None:

@@ -273,6 +273,46 @@ def test_two_processes_and_parts_of_a_map_do_not_show(extended: ErrorModel, monk
     xr.testing.assert_allclose(one.data, whole.data, rtol=1e-6)
 
 
+def test_an_interrupted_map_goes_on_from_its_parts(
+    extended: ErrorModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 2)
+    folder, work, done = tmp_path / "parts", workspace._work, []
+    asked: dict[str, Any] = {"cells": (2, 3), "sectors": 4, "extent": BOX, "progress": False}
+
+    def second_fails(job: Any) -> dict[str, Array]:
+        if len(done) == 1:
+            raise KeyboardInterrupt
+        done.append(job)
+        return work(job)
+
+    monkeypatch.setattr(workspace, "_work", second_fails)
+    with pytest.raises(KeyboardInterrupt):
+        map_workspace(extended, parts=folder, **asked)
+    monkeypatch.setattr(workspace, "_work", lambda job: done.append(job) or work(job))
+    continued = map_workspace(extended, parts=folder, **asked)
+    assert len(done) == 3, "a part was worked out twice"
+    again, afresh = map_workspace(extended, parts=folder, **asked), map_workspace(extended, **asked)
+    assert len(done) == 6, "a map that was complete was worked out again"
+    for other in (again, afresh):
+        other.data.attrs["seconds"] = continued.data.attrs["seconds"]
+        xr.testing.assert_identical(continued.data, other.data)
+
+    hotter = Conditions(1, temperature=np.array([35.0]))
+    stiffer = extended.with_effects(extended.effects[0].at(tuple(2 * v for v in extended.effects[0].values)))
+    for model, changed in ((extended, {"sectors": 5}), (extended, {"conditions": hotter}), (stiffer, {})):
+        with pytest.raises(AacmmError, match="parts of another map"):
+            map_workspace(model, parts=folder, **(asked | changed))
+    part = folder / "part000002.nc"
+    part.write_bytes(part.read_bytes()[:100])
+    with pytest.raises(AacmmError, match=r"part000002\.nc: is no part of a map"):
+        map_workspace(extended, parts=folder, **asked)
+    with pytest.raises(AacmmError, match="new folder"):
+        map_workspace(extended, parts=tmp_path, **asked)
+    with pytest.raises(AacmmError, match="cannot be used"):
+        map_workspace(extended, parts=part, **asked)
+
+
 def stopped(job: object) -> dict[str, Array]:
     raise KeyboardInterrupt
 

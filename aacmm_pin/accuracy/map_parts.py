@@ -1,0 +1,109 @@
+"""Pieces of a map in a folder, so that a map that was interrupted goes on from what it had."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.output_files import HIDDEN, json_text, whole_file
+from aacmm_pin.errors import AacmmError, OutputError
+
+QUESTION = "question.json"
+"""The file that says what map the pieces are of."""
+
+
+@dataclass(frozen=True)
+class MapParts:
+    """A folder with ``question.json``, what was asked, and a netCDF file (64-bit offsets) for each piece that is done.
+
+    Attributes:
+        folder: where they are.
+        question: SHA-256 of what was asked, which each piece holds.
+    """
+
+    folder: Path
+    question: str
+
+    @staticmethod
+    def of(folder: str | Path, question: dict[str, Any]) -> MapParts:
+        """The folder, made where there is none.
+
+        Args:
+            folder: an earlier one of the same map, an empty one, or a new name.
+            question: all that the numbers depend on, as JSON has it.
+
+        Raises:
+            OutputError: it is a file, holds something else, or cannot be written to.
+            AacmmError: it holds pieces of another map.
+        """
+        folder = Path(folder)
+        path, text = folder / QUESTION, json_text({"schema": "aacmm-pin/map-parts/1"} | question)
+        try:
+            folder.mkdir(exist_ok=True)
+            if not path.exists() and any(not entry.name.startswith(HIDDEN) for entry in folder.iterdir()):
+                raise OutputError(
+                    f"{folder}: is not empty and has no {QUESTION}, expected the parts of a map, or a new folder"
+                )
+        except OSError as error:
+            raise OutputError(f"{folder}: cannot be used for the parts of a map: {error.strerror}") from None
+        if not path.exists():
+            with whole_file(path) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+        try:
+            there = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise AacmmError(f"{path}: is no JSON: {error}") from None
+        asked = json.loads(text)
+        other = [key for key in asked if not isinstance(there, dict) or there.get(key) != asked[key]]
+        if other:
+            raise AacmmError(f"{folder}: holds parts of another map, with another {', '.join(other)}; expected a new folder")
+        return MapParts(folder, hashlib.sha256(text.encode()).hexdigest())
+
+    def load(self, number: int, cells: int) -> dict[str, Array] | None:
+        """What is there of a piece, by name (cells,) or (cells, any); None where it is not done.
+
+        Raises:
+            AacmmError: it is a file of another map, or none.
+        """
+        import xarray as xr
+
+        path = self._path(number)
+        if not path.exists():
+            return None
+        try:
+            with xr.open_dataset(path, engine="scipy") as data:
+                question, found = data.attrs.get("question"), {str(n): v.to_numpy().copy() for n, v in data.items()}
+        except (TypeError, ValueError, OSError) as error:
+            raise AacmmError(f"{path}: is no part of a map ({error}); remove it, and it is worked out again") from None
+        if question != self.question or any(len(values) != cells for values in found.values()):
+            raise AacmmError(f"{path}: is a part of another map; remove it, and it is worked out again")
+        return found
+
+    def save(self, number: int, found: dict[str, Array]) -> None:
+        """Keep a piece, whole or not at all.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        import xarray as xr
+
+        variables = {
+            name: (("cell", *[f"{name}_{k}" for k in range(1, values.ndim)]), values) for name, values in found.items()
+        }
+        data = xr.Dataset(variables, attrs={"question": self.question})
+        with whole_file(self._path(number), force=True) as temporary:
+            data.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
+
+    def _path(self, number: int) -> Path:
+        return self.folder / f"part{number + 1:06d}.nc"
+
+
+def digits(values: Array) -> Any:
+    """Numbers as JSON has them, to nine digits: machines differ in the sixteenth."""
+    return np.vectorize(lambda v: float(f"{v:.9g}"), otypes=[float])(values).tolist()
