@@ -46,8 +46,8 @@ def map_(
         for caveat in map_caveats(model.arm):
             note(f"note: {caveat}")
         extent = None if extent_mm is None else np.array(extent_mm) * MM
-        asked = {"extent": extent, "method": cast(Method, method), "workers": processes, "parts": parts}
-        result = map_workspace(model, cells, sectors, **asked)
+        method_ = cast(Method, method)
+        result = map_workspace(model, cells, sectors, extent=extent, method=method_, workers=processes, parts=parts)
         if result.unreachable == cells[0] * cells[1]:
             raise AacmmError(f"{result}; is --extent-mm in another unit?")
         if output is not None:
