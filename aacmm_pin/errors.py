@@ -43,6 +43,18 @@ class UnsupportedArmError(AacmmError):
     """The arm's geometry lacks what this computation needs."""
 
 
+class CauseError(AacmmError):
+    """A cause of one's own does not do what a cause has to.
+
+    Attributes:
+        label: the cause and where it sits.
+    """
+
+    def __init__(self, label: str, message: str) -> None:
+        self.label = label
+        super().__init__(f"{label}: {message}")
+
+
 class OutputError(AacmmError):
     """A result cannot be written where it was asked to be."""
 

@@ -12,9 +12,10 @@ import os
 import signal
 import sys
 import threading
+import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import MISSING, fields, is_dataclass
 from importlib.metadata import entry_points, version
 from pathlib import Path
@@ -93,6 +94,22 @@ def _told() -> Iterator[None]:
         _end(128 + signal.SIGINT, INTERRUPTED)
     except Stopped as stopped:
         _end(128 + stopped.number, INTERRUPTED)
+    except Exception as error:
+        if (said := _of_a_plugin(error)) is None:
+            raise
+        _end(1, said)
+
+
+def _of_a_plugin(error: Exception) -> str | None:
+    """What a class that a plugin registered has raised, in one line; None where the mistake is ours."""
+    from aacmm_pin.effects.causes import CAUSES, raised
+
+    passed = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
+    for cause in CAUSES.values():
+        file = getattr(sys.modules.get(cause.__module__), "__file__", None)
+        if file in passed and not cause.__module__.startswith("aacmm_pin."):
+            return f"{cause.cause}: {raised(error, file)}"
+    return None
 
 
 def _end(status: int, message: str) -> None:
@@ -266,15 +283,20 @@ def _root(
     loaders += [(f"entry point {point.name}", point.load) for point in entry_points(group="aacmm_pin.causes")]
     for what, load in loaders:
         try:
-            load()
-        except Exception as error:
-            raise AacmmError(f"{what}: {type(error).__name__}: {error}") from None
+            with redirect_stdout(sys.stderr):  # what a module prints is no result
+                load()
+        except (Exception, SystemExit) as error:
+            from aacmm_pin.effects.causes import raised
+
+            raise AacmmError(f"{what}: {raised(error, os.path.abspath(what.removeprefix('--plugin ')))}") from None
 
 
 def _import(name: str) -> ModuleType:
     """A module by its name or by the path of its file."""
     if not name.endswith(".py"):
         return importlib.import_module(name)
+    if Path(name).exists() and not Path(name).is_file():  # reading a pipe may never end
+        raise AacmmError("is not a regular file, expected a module of Python")
     spec = importlib.util.spec_from_file_location(Path(name).stem, name)
     assert spec is not None
     assert spec.loader is not None

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import re
-from collections.abc import Iterator
+import traceback
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
-from typing import TypeVar
+from functools import cache, wraps
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +21,7 @@ from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects.compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.drift_and_hysteresis import JointHysteresis, ZeroDrift
-from aacmm_pin.effects.effect import Effect, Records
+from aacmm_pin.effects.effect import Displacement, Effect, Records, Term
 from aacmm_pin.effects.encoder import (
     EncoderEccentricity,
     EncoderEllipticity,
@@ -30,8 +33,9 @@ from aacmm_pin.effects.encoder import (
 from aacmm_pin.effects.geometry import JointDistance, JointPlacement, JointZeroOffset, LinkLength, LinkTilt, LinkTwist
 from aacmm_pin.effects.mounting import BaseCompliance, ReferenceFrame, SeatError
 from aacmm_pin.effects.probing import StylusBending, StylusOffset
+from aacmm_pin.effects.state import State
 from aacmm_pin.effects.thermal import ThermalExpansion
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
 CAUSES: dict[str, type[Effect]] = {
     effect.cause: effect
@@ -75,18 +79,68 @@ def register(cause: _Own) -> _Own:
     may name it, and pages and pictures show it. At the shell ``aacmm-pin --plugin MODULE …`` imports the module that
     registers it, as does an entry point in the group ``aacmm_pin.causes``. It lasts as long as the process: a program that
     reads an arm file with the cause registers it first. A class that is defined anew, as in a notebook, takes its own place.
+    Whatever its ``displacements`` give is checked, each time.
 
     Raises:
-        AacmmError: the name is of no use in a file, or another class has it.
+        AacmmError: it is no :class:`Effect`, the name is of no use in a file, or another class has it.
+        CauseError: it has no ``displacements``, or its ``terms`` are none.
     """
+    if not (isinstance(cause, type) and issubclass(cause, Effect)):
+        raise AacmmError(f"{cause!r} is registered as a cause, expected a class derived from aacmm_pin.effects.Effect")
     name = getattr(cause, "cause", None)
     if not (isinstance(name, str) and re.fullmatch("[a-z][a-z0-9_]*", name)):
         raise AacmmError(f"{cause.__name__}: cause is {name!r}, expected a name of small letters, digits and _")
     there = CAUSES.get(name, cause)
     if (there.__module__, there.__qualname__) != (cause.__module__, cause.__qualname__):
         raise AacmmError(f"{cause.__name__}: the cause {name} is there already, {there.__module__}.{there.__qualname__}")
+    if cause.__abstractmethods__:
+        raise CauseError(name, f"{cause.__name__} lacks {', '.join(sorted(cause.__abstractmethods__))}")
+    terms = inspect.getattr_static(cause, "terms")
+    if not isinstance(terms, property) and not (isinstance(terms, tuple) and terms and {*map(type, terms)} == {Term}):
+        raise CauseError(name, f"terms is {terms!r}, expected a tuple of one Term or more, such as (Term(…),)")
+    if not hasattr(cause.displacements, "__wrapped__"):
+        cause.displacements = _checked(cause.displacements)  # type: ignore[method-assign]
     CAUSES[name] = cause
     return cause
+
+
+def _checked(displacements: Callable[[Any, State], list[Displacement]]) -> Callable[[Any, State], list[Displacement]]:
+    """The same, with a :class:`CauseError` for whatever is wrong with it but what an :class:`AacmmError` says."""
+    file = displacements.__code__.co_filename
+
+    @wraps(displacements)
+    def checked(self: Effect, state: State) -> list[Displacement]:
+        try:
+            found = list(displacements(self, state))
+            for displacement in found:
+                _check(self, displacement, state)
+        except AacmmError:
+            raise
+        except Exception as error:
+            raise CauseError(self.label, f"displacements: {raised(error, file)}") from error
+        return found
+
+    return checked
+
+
+def _check(effect: Effect, displacement: Displacement, state: State) -> None:
+    place, columns, last = displacement.place, np.asarray(displacement.columns), state.arm.chain.tip
+    if place not in range(last + 1):
+        raise CauseError(effect.label, f"displacements: place is {place!r}, expected a whole number from 0 to {last}")
+    expected = f"expected ({state.n}, 6, {len(effect.terms)}) or (1, 6, {len(effect.terms)}): records, twist, parameters"
+    if columns.shape[1:] != (6, len(effect.terms)) or len(columns) not in (1, state.n):
+        raise CauseError(effect.label, f"displacements: columns have shape {columns.shape}, {expected}")
+    wrong = np.flatnonzero(~np.isfinite(columns).all(axis=(1, 2)))
+    if wrong.size:
+        came = f"numbers that are not finite in {wrong.size} of {len(columns)} records, the first at number {wrong[0] + 1}"
+        raise CauseError(effect.label, f"displacements: columns have {came}")
+
+
+def raised(error: BaseException, file: str) -> str:
+    """An exception in one line, with the last line of ``file`` on its way, if it came by there."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    where = f" ({Path(file).name}, line {lines[-1]})" if lines else ""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{where}"
 
 
 def cause_named(name: str) -> type[Effect]:

@@ -26,7 +26,7 @@ from aacmm_pin.arm.parameter import Parameter, Scope
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
 PLACES = {"joint": "joint", "link": "link", "seat": "seat", "marker": "target"}
 """Fields that say where a cause sits, and what people call such a place."""
@@ -291,6 +291,8 @@ class Effect(Shown, ABC):
         q = np.zeros((1, arm.nq)) if records is None else records.q[:1]
         try:
             self.displacements(State(arm, q, conditions, arm.chain.tip))
+        except CauseError:  # a mistake of the class, and none of the place
+            raise
         except AacmmError:
             return False
         return True

@@ -17,6 +17,8 @@ from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table
 
 WIDTH = 118
 """Columns of a table in a pipe or a file, where nothing says how wide it may be."""
+LONGEST = 30
+"""Longer words are broken."""
 LABEL = re.compile(r"[a-z_]+:?\w*")
 """A cause and its place, a parameter."""
 
@@ -50,14 +52,21 @@ def _print_table(table: Table) -> None:
     for row in cells.itertuples(index=False):
         grid.add_row(*row)
     known = sys.stdout.isatty() or "COLUMNS" in os.environ
-    Console(width=None if known else WIDTH, markup=False, highlight=False, emoji=False).print(grid)
+    console = Console(width=None if known else WIDTH, markup=False, highlight=False, emoji=False)
+    width = console.width
+    with console.capture() as first:
+        console.print(grid, crop=False)
+    if (beyond := max(map(len, first.get().splitlines())) - width) > 0:  # names are in one piece: the rest has to be narrower
+        console.width = max(1, width - beyond)
+    console.print(grid, crop=False)  # a terminal that is too narrow even so breaks the lines; nothing is left out
     if len(cells) < len(table.frame):
         say(f"  … and {len(table.frame) - len(cells)} more")
 
 
 def _column(name: object, texts: list[str]) -> Column:
-    """Numbers to the right; labels, as commands take them, in one piece; long texts on several lines."""
+    """Numbers to the right; names, as commands and files take them, in one piece; long texts on several lines."""
     labels = all(LABEL.fullmatch(text) for text in texts)
-    word = max(map(len, str(name).split()))
+    names = [word for text in texts for word in text.split() if "_" in word and len(word) <= LONGEST]
+    least = max(map(len, [*str(name).split(), *names]))
     right = are_numbers(texts)
-    return Column(str(name), justify="right" if right else "left", no_wrap=labels, overflow="fold", min_width=word)
+    return Column(str(name), justify="right" if right else "left", no_wrap=labels, overflow="fold", min_width=least)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -136,16 +137,64 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.Monkey
     assert "unknown cause 'hose_pull'" in run("correct extended.toml data.csv -o again.csv", plugin="")
 
 
+def refusal(*words: str) -> str:
+    """Why a command ends with status 1, in one line behind notes."""
+    done = CliRunner().invoke(app, list(words))
+    assert isinstance(done.exception, SystemExit), done.exception
+    *notes, said = done.stderr.splitlines()
+    assert (done.exit_code, done.stdout, {note[:6] for note in notes} - {"note: "}) == (1, "", set()), done.output
+    return said
+
+
 def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, said in {"nothere.py": "FileNotFoundError", "not_a_module": "ModuleNotFoundError"}.items():
-        done = CliRunner().invoke(app, ["--plugin", name, "causes"])
-        assert done.exit_code == 1
-        assert f"--plugin {name}: {said}" in done.stderr
+    monkeypatch.chdir(folder)
+    os.mkfifo("pipe.py")
+    Path("folder.py").mkdir()
+    for name, text in {"leaves.py": "import sys\nsys.exit(0)", "syntax.py": "def f(:", "fails.py": "\n\n1 / 0"}.items():
+        Path(name).write_text(text)
+    for name, said in {
+        "nothere.py": "FileNotFoundError",
+        "not_a_module": "ModuleNotFoundError",
+        "pipe.py": "AacmmError: is not a regular file",
+        "folder.py": "AacmmError: is not a regular file",
+        "leaves.py": "SystemExit: 0 (leaves.py, line 2)",
+        "syntax.py": "SyntaxError: invalid syntax",
+        "fails.py": "ZeroDivisionError: division by zero (fails.py, line 3)",
+    }.items():
+        assert f"--plugin {name}: {said}" in refusal("--plugin", name, "causes")
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setattr(common, "entry_points", lambda group: [EntryPoint("hose", "hose", group)])
     monkeypatch.delitem(sys.modules, "hose", raising=False)
     done = CliRunner().invoke(app, ["causes"])
     assert "hose_pull:JOINT" in done.stdout, done.stderr
+
+
+def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose: Any, folder: Path, tmp_path: Path) -> None:
+    records, wrong = tmp_path / "data.csv", folder / "wrong.py"
+    simulate_measurements(Arm.load("sino6"), "free", 30, rng=np.random.default_rng(1)).save(records)
+    tried = ("diagnose", "sino6", str(records))
+    given = ("simulate", "sino6", "--records", "20", "--effect", "hose_pull:3,turn_rad_per_m=1e-4")
+    moment, last = "moment[:, None]", "return [about_axis(state, self.joint, moment[:, None])]"
+    terms = 'terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/m", 1e-4, "turn_rad_per_m"),)'
+    for old, new, words, said in (
+        (moment, "moment", tried, ":1: displacements: "),
+        (moment, "np.nan * moment[:, None]", given, ":3: displacements: columns have numbers that are not finite in"),
+        (moment, "moment[1:, None]", given, ":3: displacements: columns have shape (999, 6, 1)"),
+        (moment, "np.ones((1, 2))", tried, ":1: displacements: columns have shape (1, 6, 2)"),
+        (last, "return [Displacement(99, np.ones((1, 6, 1)))]", given, ":3: displacements: place is 99"),
+        (last, "return [5]", given, ":3: displacements: AttributeError"),
+        (last, "pass", tried, ":1: displacements: TypeError"),
+        (last, "return nothing", tried, ":1: displacements: NameError: name 'nothing' is not defined (wrong.py, line 26)"),
+        ("self, state: State", "self", tried, ":1: displacements: TypeError"),
+        ("def displacements", "def displacement", ("causes",), ": HosePull lacks displacements"),
+        (terms, "terms: ClassVar[Term] = None", ("causes",), ": terms is None"),
+        (terms, "@property\n    def terms(self):\n        return 1 / 0", ("causes",), ": ZeroDivisionError"),
+    ):
+        assert old in HOSE
+        wrong.write_text(HOSE.replace(old, new), encoding="utf-8")
+        del CAUSES["hose_pull"]
+        assert f"hose_pull{said}" in refusal("--plugin", str(wrong), *words)
+        CAUSES["hose_pull"] = hose
 
 
 @dataclass(frozen=True)
