@@ -6,8 +6,11 @@ import os
 import re
 import sys
 from collections.abc import Iterable
+from typing import Literal
 
+import pandas as pd
 from rich.box import SIMPLE
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Column
 from rich.table import Table as Grid
@@ -17,7 +20,9 @@ from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table
 
 WIDTH = 118
 """Columns of a table in a pipe or a file, where nothing says how wide it may be."""
-LONGEST = 30
+GAP = 2
+"""Columns of the terminal beside each column of a table."""
+LONGEST = 40
 """Longer words are broken."""
 LABEL = re.compile(r"[a-z_]+:?\w*")
 """A cause and its place, a parameter."""
@@ -47,26 +52,35 @@ def _print_table(table: Table) -> None:
     if table.caption:
         say(f"{table.caption}:")
     cells = table.cells().map(printable).rename(columns=printable)
-    grid = Grid(*(_column(head, list(texts)) for head, texts in cells.items()), box=SIMPLE, pad_edge=False)
-    grid.collapse_padding = True
-    for row in cells.itertuples(index=False):
-        grid.add_row(*row)
     known = sys.stdout.isatty() or "COLUMNS" in os.environ
     console = Console(width=None if known else WIDTH, markup=False, highlight=False, emoji=False)
-    width = console.width
-    with console.capture() as first:
-        console.print(grid, crop=False)
-    if (beyond := max(map(len, first.get().splitlines())) - width) > 0:  # names are in one piece: the rest has to be narrower
-        console.width = max(1, width - beyond)
-    console.print(grid, crop=False)  # a terminal that is too narrow even so breaks the lines; nothing is left out
+    columns = _columns(cells, console.width)
+    console.width = max(console.width, sum(column.width or 0 for column in columns) + GAP * len(columns))
+    grid = Grid(*columns, box=SIMPLE, pad_edge=False, collapse_padding=True)
+    for row in cells.itertuples(index=False):
+        grid.add_row(*row)
+    console.print(grid, crop=False)  # a terminal that is too narrow for the names breaks the lines; nothing is left out
     if len(cells) < len(table.frame):
         say(f"  … and {len(table.frame) - len(cells)} more")
 
 
-def _column(name: object, texts: list[str]) -> Column:
-    """Numbers to the right; names, as commands and files take them, in one piece; long texts on several lines."""
-    labels = all(LABEL.fullmatch(text) for text in texts)
-    names = [word for text in texts for word in text.split() if "_" in word and len(word) <= LONGEST]
-    least = max(map(len, [*str(name).split(), *names]))
-    right = are_numbers(texts)
-    return Column(str(name), justify="right" if right else "left", no_wrap=labels, overflow="fold", min_width=least)
+def _columns(cells: pd.DataFrame, width: int) -> list[Column]:
+    """Numbers to the right; the widest are narrowed, to their words and, if need be, to the names of files and commands."""
+    columns = {str(head): [str(text) for text in texts] for head, texts in cells.items()}
+    widths = [max(map(cell_len, (head, *texts))) for head, texts in columns.items()]
+    for kept in (r"\S+", r"\S*_\S*"):
+        least = [_least(head, texts, kept) for head, texts in columns.items()]
+        while sum(widths) + GAP * len(widths) > width:
+            wide = [w if w > few else 0 for w, few in zip(widths, least, strict=True)]
+            if not any(wide):
+                break
+            widths[wide.index(max(wide))] -= 1
+    ways: list[Literal["right", "left"]] = ["right" if are_numbers(texts) else "left" for texts in columns.values()]
+    return [Column(head, justify=way, width=w, overflow="fold") for head, way, w in zip(columns, ways, widths, strict=True)]
+
+
+def _least(head: str, texts: list[str], kept: str) -> int:
+    """Width of a column in which numbers, labels, words of the head and words that match ``kept`` are in one piece."""
+    in_one = are_numbers(texts) or all(LABEL.fullmatch(text) for text in texts)
+    words = texts if in_one else [word for text in texts for word in re.findall(kept, text)]
+    return max([*map(cell_len, head.split()), *(min(LONGEST, cell_len(word)) for word in words)])

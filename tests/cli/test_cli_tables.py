@@ -15,7 +15,7 @@ import pytest
 from shell import NOISE, POINT, run
 
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects import EncoderEccentricity, JointCompliance
+from aacmm_pin.effects import CAUSES, EncoderEccentricity, JointCompliance, example
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report import terminal
@@ -109,6 +109,14 @@ def test_accuracy_map_and_plan(tmp_path: Path) -> None:
     first = next(pair for pair in pairs if not pair["why_not"])
     line = next(line for line in text.splitlines() if line.split()[:2] == [first["cause"], first["other"]])
     assert float(line.split()[2]) == pytest.approx(first["T"], rel=0.01)
+
+
+def test_names_are_in_one_piece_however_narrow_the_terminal_is() -> None:
+    known = {cause.cause + (f":{site.upper()}" if (site := cause.site()) else "") for cause in CAUSES.values()}
+    known |= {key for cause in CAUSES.values() if (effect := example(cause)) for key in [*effect.described()][:1]}
+    known |= {"temperature_c", "time_s"}
+    for columns in (40, 80, 200):
+        assert known <= set(told("causes", columns=columns).replace(",", " ").split()), columns
 
 
 def test_markup_is_text_and_long_cells_are_wrapped(
