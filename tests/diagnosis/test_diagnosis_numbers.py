@@ -26,6 +26,7 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import chow_test as groups
 from aacmm_pin.diagnosis import cross_validation as gain
+from aacmm_pin.diagnosis import gram_matrix
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import covariates
@@ -189,7 +190,8 @@ def beside(rows: Array, nuisances: int, blocks: Sequence[slice]) -> tuple[Array,
 
 
 @pytest.mark.parametrize("left_out", [(), (1,), (0, 3)])
-def test_inner_products(case: Case, left_out: tuple[int, ...]) -> None:
+def test_inner_products(case: Case, left_out: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gram_matrix, "CHUNK", 7)  # several in every part
     choice = case.choice
     gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
     rows = dense(case, choice.parts, left_out)

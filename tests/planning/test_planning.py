@@ -31,7 +31,7 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.planning import MeasurementPlan, advice
-from aacmm_pin.planning.detection_power import Size
+from aacmm_pin.planning.detection_power import Size, power_of
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.search import Choosing, informing, telling
 
@@ -123,7 +123,9 @@ def test_the_distances_are_those_of_dense_least_squares(sino6: Arm) -> None:
         (BearingTilt(3), JointPeriodicError(3, 7.0)),
     ):
         plan = planned(sino6, split, as_it_stands=True)
-        assert (plan.after.one, plan.after.other) == pytest.approx(brute(plan, sino6, split), rel=EXACT)
+        expected = brute(plan, sino6, split)
+        assert (plan.after.one, plan.after.other) == pytest.approx(expected, rel=EXACT)
+        assert plan.after.least == pytest.approx(min(expected), rel=EXACT)
 
 
 def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: Arm) -> None:
@@ -244,13 +246,20 @@ def test_odds_are_those_of_two_known_directions() -> None:
     """``Φ(√T/2)``-like in the limit of two orthogonal causes: the formula for correlation zero."""
     from scipy.stats import norm
 
-    from aacmm_pin.planning.detection_power import power_of
-
     size = 3.0
     power = power_of(size * np.eye(2), (slice(0, 1), slice(1, 2)), (Size(np.eye(1)),) * 2, np.random.default_rng(1))
     a = size / np.sqrt(2)
     assert (power.one, power.other) == (pytest.approx(9.0), pytest.approx(9.0))
     assert power.probability == pytest.approx(norm.cdf(a) ** 2 + norm.cdf(-a) ** 2, abs=0.01)
+
+
+def test_causes_that_do_the_same_or_nothing(rng: np.random.Generator) -> None:
+    blocks, sizes = (slice(0, 1), slice(1, 2)), (Size(np.eye(1)),) * 2
+    same = power_of(np.ones((3, 2)), blocks, sizes, rng)
+    assert (same.probability, same.open, same.silent) == (0.5, (False, False), (False, False))
+    nothing = power_of(np.diag([1e-4, 3.0]), blocks, sizes, rng)
+    assert (nothing.open, nothing.silent, nothing.same) == ((False, True), (True, False), True)
+    np.testing.assert_allclose(np.square(Size(np.eye(2)).drawn(9, rng)).sum(axis=0), 2.0)
 
 
 # --- set-ups
