@@ -99,7 +99,7 @@ def register(cause: _Own) -> _Own:
     if not isinstance(terms, property) and not (isinstance(terms, tuple) and terms and {*map(type, terms)} == {Term}):
         raise CauseError(name, f"terms is {terms!r}, expected a tuple of one Term or more, such as (Term(…),)")
     if not hasattr(cause.displacements, "__wrapped__"):
-        cause.displacements = _checked(cause.displacements)  # type: ignore[method-assign]
+        cause.displacements = _checked(cause.displacements)  # type: ignore[method-assign, assignment]
     CAUSES[name] = cause
     return cause
 

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -23,7 +25,7 @@ from aacmm_pin._support.checks import Array, Index, batch, vector
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import csv_text, csv_unquoted
-from aacmm_pin._support.units import DEG, MM
+from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels
 from aacmm_pin.errors import MeasurementFileError, ShapeError, UnknownNameError
 from aacmm_pin.measurements import csv_columns as names
@@ -39,6 +41,9 @@ REPEATED = 1e-3
 A UR10 sent to one pose 255 times reads within 3e-4 rad, and its other poses are more than 0.03 rad apart; a Fanuc's repeats
 state the very same angles. A tip moves by about a millimetre over such a step, and what depends on posture hardly changes.
 """
+
+EXACT = 1e-6
+"""What is nearer to a whole number of micrometres, or half of one, is it [µm]: a double at 100 m has 1e-8."""
 
 
 class Bar(NamedTuple):
@@ -183,14 +188,18 @@ class Measurements(Shown):
     def copies(self) -> Index:
         """Number of the first record (n,) that each says the same as; its own where it is the first.
 
-        Copies agree in every column, to the last digit, but for ``time_s``, ``record``, ``operator`` and unknown columns:
-        no second measurement does, while a file that was appended to itself does.
+        Copies agree in every column, to the last digit, but for ``time_s``, ``record``, ``operator``, unknown columns, and
+        for a reference that one of them states rounded to a micrometre: no second measurement does, while a file that was
+        appended to itself, or to another export of the same measurement, does.
         """
         if not pd.DataFrame(self.q).duplicated().any():
             return np.arange(self.n)
         table = self.to_frame().drop(columns=["time_s", "record", "operator", *self.extra.columns], errors="ignore")
-        group = table.groupby(list(table.columns), sort=False, dropna=False).ngroup().to_numpy()
-        return np.asarray(np.unique(group, return_index=True)[1][group], dtype=np.intp)
+        same = _numbered(table)
+        if self.known.any():
+            same = _joined(same, _numbered(table.drop(columns=list(names.REFERENCE))), self.reference / UM)
+        _, first, number = np.unique(same, return_index=True, return_inverse=True)
+        return np.asarray(first[number], dtype=np.intp)
 
     @cached_property
     def postures(self) -> Index:
@@ -275,6 +284,30 @@ class Measurements(Shown):
             f"{self.source}: {self.n} records of {self.nq} joints, {self.known.sum()} with reference, "
             f"{len(self.seats())} seats, {len(self.bars())} bars{unknown}"
         )
+
+
+# --- copies
+
+
+def _numbered(table: pd.DataFrame) -> Index:
+    """A number (n,) that rows share which are alike."""
+    return table.groupby(list(table.columns), sort=False, dropna=False).ngroup().to_numpy(dtype=np.intp)
+
+
+def _joined(same: Index, but_for_reference: Index, micrometres: Array) -> Index:
+    """The numbers ``same`` (n,), those of references (n, 3) [µm] as of the whole numbers that they are rounded to.
+
+    Half a micrometre is rounded up by some programs, to the even number or down by others.
+    """
+    whole = (np.abs(micrometres - np.rint(micrometres)) < EXACT).all(axis=1)
+    rounded = {(but_for_reference[k], *np.rint(micrometres[k])): same[k] for k in np.flatnonzero(whole)}
+    others = np.bincount(but_for_reference)[but_for_reference] > 1
+    joined: dict[int, int] = {}
+    for k in np.flatnonzero(~whole & others & np.isfinite(micrometres).all(axis=1)):
+        for near in product(*(sorted({math.floor(m + 0.5 - EXACT), math.floor(m + 0.5 + EXACT)}) for m in micrometres[k])):
+            if (but_for_reference[k], *near) in rounded:
+                joined[same[k]] = rounded[but_for_reference[k], *near]
+    return np.array([joined.get(number, number) for number in same], dtype=np.intp)
 
 
 # --- from a table

@@ -31,6 +31,8 @@ def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Gene
     once, twice = (calibrate(sino6, several(table, k), progress=False) for k in (1, 2))
     assert not any("copies" in note for note in once.notes)
     (note,) = (note for note in twice.notes if "copies" in note)
+    exports = pd.concat([table, table.round({"x_mm": 3, "y_mm": 3, "z_mm": 3})], ignore_index=True)
+    assert Measurements.from_frame(exports).copies().tolist() == [*range(60), *range(60)]
     assert "60 records" in note
     assert "rows 62 to 121" in note
     pd.testing.assert_frame_equal(once.parameters, twice.parameters)
@@ -55,7 +57,12 @@ def test_what_makes_a_copy() -> None:
     records = Measurements.from_frame(table.assign(**labels))
     assert records.copies().tolist() == [0, 0, 2, 3]
     other = Measurements.from_frame(table.assign(z_mm=[3.0, 3.0000001, 3.0, 3.0], approach1=[1, 1, -1, 1], approach2=1))
-    assert other.copies().tolist() == [0, 1, 2, 0]
+    assert other.copies().tolist() == [0, 0, 2, 0]
+    x = {"x_mm": [1.23456, 1.235, 1.2354, 1.2356], "y_mm": [-2.0005, -2.001, -2.0005, -2.0005]}
+    exports = Measurements.from_frame(table.assign(**x))
+    assert exports.copies().tolist() == [0, 0, 0, 3]
+    assert exports.take([0, 2, 3]).copies().tolist() == [0, 1, 2]  # none of them is rounded
+    assert Measurements.from_frame(table.assign(**x, approach1=[1, -1, 1, 1], approach2=1)).copies().tolist() == [0, 1, 2, 3]
     kept, notes = counted_once(records.take([0, 2, 1]))
     assert kept.row.tolist() == [2, 4]
     assert "rows 3" in notes[0]
