@@ -10,6 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.compiled import twin_of
+from aacmm_pin.accuracy import zonotope_loop
 from aacmm_pin.arm.dh import chunks
 
 CHUNK = 256
@@ -23,13 +25,21 @@ def volume(generators: Array) -> Array:
 
     Source: P. McMullen, "On zonotopes", Trans. AMS 159 (1971); the factor 8 because each s runs over [-1, 1].
     """
+    volumes = np.empty(len(generators))
+    sum_of_determinants(np.require(generators, np.float64, "W"), volumes)
+    return 8.0 * volumes
+
+
+@twin_of(zonotope_loop.sum_of_determinants, zonotope_loop.SIGNATURE)
+def sum_of_determinants(generators: Array, total: Array) -> None:
+    """Fill ``Σ_{i<j<k} |det(g_i, g_j, g_k)|`` for generators (n, 3, p) [m]: (n,) [m³]."""
     n, _, count = generators.shape
-    volumes = np.zeros(n)
-    if count < 3:
-        return volumes
+    total[:] = 0.0
     first, second = _pairs(count)
     for part in chunks(n, CHUNK):
-        g = np.ascontiguousarray(generators[part].transpose(1, 2, 0))  # (3, p, n)
+        width = len(total[part])
+        g = np.zeros((3, count, max(width, 2)))  # NumPy sums a single column in another order
+        g[:, :, :width] = generators[part].transpose(1, 2, 0)
         a, b = g[:, first], g[:, second]
         normal = np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
         for k in range(2, count):
@@ -37,8 +47,7 @@ def volume(generators: Array) -> Array:
             triple = normal[0, :upto] * g[0, k]
             triple += normal[1, :upto] * g[1, k]
             triple += normal[2, :upto] * g[2, k]
-            volumes[part] += np.abs(triple, out=triple).sum(axis=0)
-    return 8.0 * volumes
+            total[part] += np.abs(triple, out=triple).sum(axis=0)[:width]
 
 
 def largest_deviation(generators: Array) -> Array:

@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index, batch
+from aacmm_pin._support.compiled import twin_of
 from aacmm_pin._support.display import Shown
+from aacmm_pin.arm import dh_loop
 from aacmm_pin.errors import ShapeError, UnknownNameError
 
 Convention = Literal["standard-dh", "modified-dh"]
@@ -78,10 +80,13 @@ class DHTable(Shown):
         """
         q = batch(q, self.nq, "q", "rad")
         row = self.rows if row is None else row
-        positions = np.empty((q.shape[0], 3))
-        for part in chunks(q.shape[0]):
-            these = errors[part] if errors is not None and errors.ndim == 3 else errors
-            positions[part] = self.axes(q[part], these, row)[3][row].T
+        positions, none = np.empty((len(q), 3)), np.empty((3, 4 * self.rows, 0))
+        for part in chunks(len(q)):
+            if errors is None:
+                walk(*self._motions(q[part], self.values(), row), self.standard, part.start, positions, none)
+            else:
+                these = errors[part] if errors.ndim == 3 else errors
+                positions[part] = self.axes(q[part], these, row)[3][row].T
         return positions
 
     def links(self) -> Array:
@@ -111,18 +116,16 @@ class DHTable(Shown):
         ``∂p/∂d_i = z_{i-1}``, ``∂p/∂a_i = x_i``, ``∂p/∂θ_i = z_{i-1} × (p - o_{i-1})``, ``∂p/∂α_i = x_i × (p - o_i)``.
         In modified DH the axis of a and alpha is x_{i-1}, the axis of d and theta is z_i. Rows beyond ``row`` give zeros.
         """
+        return self.position_and_sensitivity(q, row)[1]
+
+    def position_and_sensitivity(self, q: Array, row: int | None = None) -> tuple[Array, Array]:
+        """Both :meth:`positions` (n, 3) [m] and :meth:`sensitivity` (n, 3, 4 rows) in one walk."""
         q = batch(q, self.nq, "q", "rad")
         row = self.rows if row is None else row
-        columns = np.zeros((3, 4 * self.rows, q.shape[0]))
-        for part in chunks(q.shape[0]):
-            x, _, z, o = self.axes(q[part], None, row)
-            for i in range(row):
-                z_frame, x_frame = (i, i + 1) if self.standard else (i + 1, i)
-                columns[:, 4 * i, part] = x[x_frame]
-                columns[:, 4 * i + 1, part] = z[z_frame]
-                cross(x[x_frame], o[row] - o[x_frame], columns[:, 4 * i + 2, part])
-                cross(z[z_frame], o[row] - o[z_frame], columns[:, 4 * i + 3, part])
-        return columns.transpose(2, 0, 1)
+        columns, position = np.zeros((3, 4 * self.rows, len(q))), np.empty((len(q), 3))
+        for part in chunks(len(q)):
+            walk(*self._motions(q[part], self.values(), row), self.standard, part.start, position, columns)
+        return position, columns.transpose(2, 0, 1)
 
     def axes(self, q: Array, errors: Array | None = None, row: int | None = None) -> tuple[Array, Array, Array, Array]:
         """Axes and origins of the frames 0..row in the base, for already checked ``q`` (n, nq).
@@ -130,21 +133,23 @@ class DHTable(Shown):
         Returns:
             x, y, z, o: each (row + 1, 3, n), components along the middle axis, the batch last.
         """
-        row = self.rows if row is None else row
         values = self.values() if errors is None else self.values() + errors  # (rows, 4) or (n, rows, 4)
-        frames = np.empty((4, row + 1, 3, len(q)))
-        frames[:, 0] = np.eye(4, 3)[:, :, None]
-        joint_of_row = np.cumsum(self.moving) - 1
-        for i in range(row):
-            # Plain floats where all configurations share the values: NumPy multiplies by them fastest.
-            a, d, alpha, theta = values[i].tolist() if values.ndim == 2 else values[:, i].T
-            frames[:, i + 1] = frames[:, i]
-            x, y, z, o = frames[:, i + 1]
-            screws = [(x, y, z, q[:, joint_of_row[i]] + theta if self.moving[i] else theta, d), (y, z, x, alpha, a)]
-            for screw in screws if self.standard else reversed(screws):
-                _move(o, *screw)
-        x, y, z, o = frames
+        values = values.transpose(1, 2, 0) if values.ndim == 3 else values
+        x, y, z, o = _frames(*self._motions(q, values, self.rows if row is None else row), self.standard)
         return x, y, z, o
+
+    def _motions(self, q: Array, values: Array, row: int) -> tuple[Array, Array, Array]:
+        """Cosines and sines of the turns about z of the first ``row`` rows (row, n), and a, d, cos α, sin α of each.
+
+        ``values`` are (rows, 4), or (rows, 4, n) where configurations have their own; so are the constants, without the
+        rows beyond.
+        """
+        turns, joints = np.empty((row, len(q))), iter(q.T)
+        for turn, moves, offset in zip(turns, self.moving, values[:, 3], strict=False):
+            turn[:] = next(joints) + offset if moves else offset
+        constants = values[:row].copy()
+        constants[:, 2], constants[:, 3] = np.cos(values[:row, 2]), np.sin(values[:row, 2])
+        return np.cos(turns), np.sin(turns), constants
 
     @property
     def joint_frames(self) -> Index:
@@ -153,9 +158,44 @@ class DHTable(Shown):
         return rows if self.standard else rows + 1
 
 
-def _move(o: Array, u: Array, v: Array, axis: Array, angle: float | Array, length: float | Array) -> None:
+def _frames(cosine: Array, sine: Array, constants: Array, standard: bool) -> Array:
+    """x, y, z and origins of the frames (4, rows + 1, 3, n) for what :meth:`DHTable._motions` gives."""
+    rows, n = cosine.shape
+    frames = np.empty((4, rows + 1, 3, n))
+    frames[:, 0] = np.eye(4, 3)[:, :, None]
+    for i in range(rows):
+        # Plain floats where all configurations share the values: NumPy multiplies by them fastest.
+        a, d, its_cosine, its_sine = constants[i].tolist() if constants.ndim == 2 else constants[i]
+        frames[:, i + 1] = frames[:, i]
+        x, y, z, o = frames[:, i + 1]
+        screws = [(x, y, z, cosine[i], sine[i], d), (y, z, x, its_cosine, its_sine, a)]
+        for screw in screws if standard else reversed(screws):
+            _move(o, *screw)
+    return frames
+
+
+@twin_of(dh_loop.walk, dh_loop.SIGNATURE)
+def walk(cosine: Array, sine: Array, constants: Array, standard: bool, start: int, position: Array, columns: Array) -> None:
+    """Origin of the last frame into ``position`` (all, 3), from ``start`` on, and its sensitivity into ``columns``.
+
+    These are (3, ≥ 4 rows, all) as in :meth:`DHTable.sensitivity`, or (3, any, 0) where they are not wanted. The other
+    arguments are those that :meth:`DHTable._motions` gives, with constants that all configurations share.
+    """
+    rows, part = len(cosine), slice(start, start + cosine.shape[1])
+    x, _, z, o = _frames(cosine, sine, constants, standard)
+    position[part] = o[rows].T
+    for i in range(rows if columns.shape[2] else 0):
+        z_frame, x_frame = (i, i + 1) if standard else (i + 1, i)
+        columns[:, 4 * i, part] = x[x_frame]
+        columns[:, 4 * i + 1, part] = z[z_frame]
+        cross(x[x_frame], o[rows] - o[x_frame], columns[:, 4 * i + 2, part])
+        cross(z[z_frame], o[rows] - o[z_frame], columns[:, 4 * i + 3, part])
+
+
+def _move(
+    o: Array, u: Array, v: Array, axis: Array, cosine: float | Array, sine: float | Array, length: float | Array
+) -> None:
     """A screw motion of a frame in place: u and v turn about the axis, the origin o shifts along it."""
-    cosine, sine = np.cos(angle), np.sin(angle)
     turned = cosine * u
     turned += sine * v
     v *= cosine

@@ -1,0 +1,127 @@
+"""Loops for numba beside their NumPy twins: to the last bit, when they are loaded, and what goes wrong with what is kept."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aacmm_pin._support import compiled
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE, WHEN_WORTH, Twins
+from aacmm_pin.accuracy import zonotope
+from aacmm_pin.arm.dh import CHUNK, table
+from aacmm_pin.errors import UnknownNameError
+
+numba = pytest.importorskip("numba")
+
+LOOP = """
+def add_one(values):
+    for i in range(len(values)):
+        values[i] += 1.0
+"""
+
+
+def add_one(values: Array) -> None:
+    values += 1.0
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for what is compiled."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
+    return tmp_path / "kept"
+
+
+def twins(folder: Path) -> Twins:
+    """As a new process would have them."""
+    path = folder / "loop.py"
+    if not path.exists():
+        path.write_text(LOOP, encoding="utf-8")
+    spec = spec_from_file_location("loop", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return Twins(add_one, module.add_one, "void(f8[::1])")
+
+
+def of_both(monkeypatch: pytest.MonkeyPatch, work: Any) -> list[Array]:
+    found = []
+    for way in (NEVER, ALWAYS):
+        monkeypatch.setenv(VARIABLE, way)
+        found.append(np.concatenate([np.ravel(part) for part in work()]))
+    return found
+
+
+@pytest.mark.parametrize("convention", ["standard-dh", "modified-dh"])
+def test_walk_along_any_table(convention: Any, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    for rows in (1, 6, 7):
+        for n in (0, 1, 3, 129, CHUNK + 2):
+            values = rng.normal(size=(rows, 4)) * rng.integers(0, 2, size=(rows, 4))
+            dh = table(values, convention, list(rng.random(rows) < 0.8))
+            q = rng.uniform(-4.0, 4.0, (n, dh.nq))
+            for row in (rows, rows - 1):
+                plain, loop = of_both(
+                    monkeypatch, lambda d=dh, q=q, r=row: (d.positions(q, r), *d.position_and_sensitivity(q, r))
+                )
+                np.testing.assert_array_equal(plain, loop)
+
+
+def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    for count in (0, 2, 3, 7, 24):
+        for n in (0, 1, 2, 31, 33, zonotope.CHUNK + 1):
+            g = rng.normal(size=(3, count, n)).transpose(2, 0, 1)
+            g.flags.writeable = False
+            plain, loop = of_both(monkeypatch, lambda g=g: (zonotope.volume(g), zonotope.volume(np.ascontiguousarray(g))))
+            np.testing.assert_array_equal(plain, loop)
+
+
+def test_loaded_when_worth_it(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    values = np.zeros(200_000)
+    monkeypatch.setenv(VARIABLE, WHEN_WORTH)
+    monkeypatch.setattr(compiled, "_spent", 0.0)
+    both = twins(tmp_path)
+    both(values)
+    assert compiled._spent > 0.0
+    assert not kept.exists()
+    spent = compiled._spent = compiled.WORTH_SECONDS
+    both(values)
+    assert compiled._spent == spent
+    assert [*kept.rglob("*.nbi")]
+    monkeypatch.setenv(VARIABLE, NEVER)
+    both(values)
+    assert compiled._spent > spent
+    np.testing.assert_array_equal(values, 3.0)
+    monkeypatch.setenv(VARIABLE, "yes")
+    with pytest.raises(UnknownNameError, match=f"{VARIABLE}.*'yes'.*always, never"):
+        both(values)
+
+
+def test_what_is_kept_may_be_damaged_or_have_no_folder(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, ALWAYS)
+    values = np.zeros(3)
+    twins(tmp_path)(values)
+    for file in kept.rglob("*.nb?"):
+        file.write_bytes(file.read_bytes()[:100])  # as a full disk leaves it
+    twins(tmp_path)(values)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "loop.py"))
+    twins(tmp_path)(values)
+    np.testing.assert_array_equal(values, 3.0)
+
+
+def test_without_numba_numpy_does_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, ALWAYS)
+    values = np.zeros(3)
+    with monkeypatch.context() as debugging:
+        debugging.setenv("NUMBA_DISABLE_JIT", "1")
+        assert twins(tmp_path).compiled is None
+    monkeypatch.setitem(sys.modules, "numba", None)
+    both = twins(tmp_path)
+    both(values)
+    assert both.compiled is None
+    np.testing.assert_array_equal(values, 1.0)
