@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +50,7 @@ def places(cause: type[Effect], arm: Arm, records: Taken | None) -> list[object]
     return [variants[0].place for variants in cause.candidates(arm, records)]
 
 
-def test_places(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
+def test_places(sino6: Arm, zero6: Arm, robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
     bare = taken(rng)
     every, without = list(range(1, 7)), [1, 2, 3, 5, 6]
     approach = np.zeros((N, 6))
@@ -92,6 +94,9 @@ def test_places(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
         assert [e.joint for e in first] == every
         assert [e.torque for e in first] == [torque] * 6
         assert [len(e.bodies) for e in first] == [max(bodies - k, 0) for k in range(6)]
+    finger = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
+    vars(finger)["masses"] = None  # where the property keeps it
+    assert places(JointCompliance, finger, replace(bare, q=np.zeros((N, 8)))) == []  # a joint slides beyond all others
     assert zero6.masses is None
     assert places(JointCompliance, zero6, None) == []
 
@@ -121,6 +126,7 @@ def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
     assert len(near) == NEAR
     assert {48.5, 549.5, 1050.5} <= set(near)
     assert near == sorted(near)
+    assert min(e.time_s for e in EncoderSlip(1, 0.0).refined(records)) == 0.0  # before the first
     assert min(e.time_s for e in EncoderSlip(1, 1150.0).refined(records)) > 1100.0
     slow = [e.time_constant_s for e in ZeroDrift(1, 600.0).refined(records)]
     assert [min(slow), max(slow)] == [200.0, 1800.0]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -31,9 +32,11 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError, UnsupportedArmError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.planning import MeasurementPlan, advice
+from aacmm_pin.planning.candidate_design import Layout, Situation
 from aacmm_pin.planning.detection_power import Size, power_of
 from aacmm_pin.planning.measurement_conditions import possible_conditions
 from aacmm_pin.planning.search import Choosing, informing, telling
+from aacmm_pin.planning.separability import _best_for
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
 NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERENCE}
@@ -131,10 +134,12 @@ def test_the_distances_are_those_of_dense_least_squares(sino6: Arm) -> None:
 def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: Arm) -> None:
     split, noise = (JointCompliance(2), EncoderEccentricity(2)), Noise.of(6, encoder=U_READING)
     existing = simulate_measurements(sino6, "free", 15, rng=np.random.default_rng(3), noise=noise)
-    plan = planned(sino6, split, existing=existing, reference_frame="external")
+    more, nothing = np.vstack([existing.q, existing.q[:2]]), np.full((2, 3), np.nan)  # two records that say nothing
+    old = Measurements.of(more, np.vstack([existing.reference, nothing]))
+    plan = planned(sino6, split, existing=old, reference_frame="external")
     # How the frame is turned does not matter to isotropic references, so the brute computation leaves it where it is.
     expected = brute(plan, sino6, split, existing, external=True)
-    assert plan.existing == 15
+    assert plan.existing == 17
     assert plan.before is not None
     assert plan.before.least < plan.after.least
     assert (plan.after.one, plan.after.other) == pytest.approx(expected, rel=1e-7)
@@ -157,6 +162,7 @@ def test_rank_updates_are_the_inverse(rng: np.random.Generator) -> None:
     first = choice.taken[0]
     gains = [np.linalg.slogdet(start + rows.T @ rows)[1] for rows in pool]
     assert first == int(np.argmax(gains))
+    np.testing.assert_allclose(informing(Choosing(pool, start)), gains - np.linalg.slogdet(start)[1], rtol=1e-9)
     choice.drop(choice.taken[2])
     information = start + sum(pool[k].T @ pool[k] for k in choice.taken)
     np.testing.assert_allclose(choice.covariance, np.linalg.inv(information), rtol=1e-9, atol=1e-12)
@@ -169,6 +175,24 @@ def test_rank_updates_are_the_inverse(rng: np.random.Generator) -> None:
         both = [np.trace(np.linalg.inv(covariance[np.ix_(c, c)])) for c in (one, other)]
         worth.append(min(both) + 1e-3 * max(both))
     np.testing.assert_allclose(telling(one, other, sizes)(choice), worth, rtol=1e-9)
+
+
+def test_the_record_that_tells_one_pair_best(rng: np.random.Generator) -> None:
+    """Causes of one column and of two behind two nuisances, beside a third, by inverses of whole matrices."""
+    layout = Layout(np.arange(7), np.ones(7), 2, (), (slice(0, 1), slice(1, 3), slice(3, 5)))
+    known, rows, nothing = np.eye(2, 7), rng.normal(size=(20, 3, 7)), cast("Any", None)
+    situation, choice = Situation(nothing, nothing, layout, known, rows, 0), Choosing(rows, np.eye(7))
+    for k in (4, 9):
+        choice.take(k)
+    for pair in itertools.combinations(range(3), 2):
+        ends = 2 + np.cumsum([0, *(len(layout.columns(k)) for k in pair)])
+        columns, worth = np.r_[:2, layout.columns(pair[0]), layout.columns(pair[1])], []
+        for k in range(20):
+            part = np.vstack([known, *rows[[4, 9, k]]])[:, columns]
+            covariance = np.linalg.inv(part.T @ part + 1e-6 * np.diag(np.arange(len(columns)) > 1))
+            both = [np.trace(np.linalg.inv(covariance[a:b, a:b])) for a, b in itertools.pairwise(ends)]
+            worth.append(-np.inf if k in (4, 9) else min(both) + 1e-3 * max(both))
+        assert _best_for(pair, situation, choice) == int(np.argmax(worth))
 
 
 def test_a_plan_tells_more_than_chance(sino6: Arm) -> None:
@@ -303,6 +327,9 @@ def test_what_looks_the_same_on_a_level_mount_needs_another(sino6: Arm) -> None:
     assert stays.after.same
     assert not stays.decided
     assert "do the same in every posture" in stays.sentence()
+    hardly = planned(sino6, (BearingTilt(1, values=(1e-7,)), BaseCompliance(values=(1e-7,))))
+    assert hardly.changes_arm
+    assert hardly.after.probability < 0.55
 
 
 def test_conditions_that_causes_depend_on_are_varied(sino6: Arm) -> None:
@@ -438,6 +465,9 @@ def test_a_plan_for_everything(sino6: Arm, zero6: Arm) -> None:
         random = replace(plan, measurements=Measurements.of(q, conditions=conditions))
         by_chance.append(min(min(brute(random, sino6, pair)) for pair in hardest))
     assert worst["T"] > 1.5 * np.median(by_chance)
+    fewer = planned(sino6, None, 4, postures=400).pairs
+    assert fewer is not None
+    assert (fewer["why_not"] == "too small").sum() > (plan.pairs["why_not"] == "too small").sum()
     without_masses = planned(zero6, None, 20)
     assert without_masses.pairs is not None
     assert not without_masses.pairs["cause"].str.contains("compliance").any()
