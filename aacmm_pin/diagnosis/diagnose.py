@@ -24,7 +24,7 @@ from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.findings import UNLIKELY, findings_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
-from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, too_good
+from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, too_good
 from aacmm_pin.diagnosis.significance import Place, Strength, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
@@ -143,7 +143,14 @@ def _concluded(
         cannot_tell_apart=tuple(pair for pair in look_alikes(choice) if not told.intersection(pair)),
         noise=_floor(extended),
         visible=shown,
-        notes=(*notes_of(extended), *_size(extended), *_clock(extended), *_too_good(extended), *repeated),
+        notes=(
+            *notes_of(extended),
+            *_below_zero(findings),
+            *_size(extended),
+            *_clock(extended),
+            *_too_good(extended),
+            *repeated,
+        ),
     )
 
 
@@ -153,6 +160,16 @@ def _size(extended: Fit) -> list[str]:
     if held is None:
         return []
     return [f"no coordinates and no bar tell the arm's size: the length of {held.label} is taken as the arm's file has it"]
+
+
+def _below_zero(findings: Sequence[Finding]) -> list[str]:
+    """Values that nature has above zero only."""
+    return [
+        f"{finding.label}: {key} is negative beyond its U (k = 2), where nature has it above zero only: something else acts "
+        "like this cause, or the sign of what it rests on (gravity, torques, temperatures) is wrong"
+        for finding in findings
+        for key in finding.below_zero
+    ]
 
 
 def _clock(extended: Fit) -> list[str]:

@@ -15,6 +15,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.units import MM
+from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
@@ -75,6 +76,12 @@ class Finding(Shown):
     def borne_out(self) -> bool:
         """Whether held-out records are predicted better with it beyond doubt, as far as there are groups to ask."""
         return self.brought is None or self.brought.low > 0.0
+
+    @property
+    def below_zero(self) -> tuple[str, ...]:
+        """Keys of values that are negative beyond their U (k = 2), though nature has them above zero only."""
+        known = zip(self.effect.terms, self.effect.values, self.effect.u, strict=True)
+        return tuple(term.key for term, value, u in known if term.positive and value + COVERAGE_FACTOR * u < 0.0)
 
     @property
     def label(self) -> str:
@@ -237,6 +244,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         if finding.brought is None
         else {"gain": finding.brought.gain, "gain_ci95": list(finding.brought[1:])},
         "parameters": _with_u(finding.parameters),
+        "below_zero": list(finding.below_zero),
         "inner": _with_u(finding.inner),
         "aliases": [_alias(a) for a in finding.aliases],
     }

@@ -31,8 +31,8 @@ def verdict_of(
 
     Returns:
         ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the noise cannot be told; nothing
-        was found, and these records would not have shown most causes; held-out groups do not bear a name out; or something
-        may be left that nothing was found for.
+        was found, and these records would not have shown most causes; held-out groups do not bear a name out; a value is
+        below zero that nature has above it; or something may be left that nothing was found for.
         ``ambiguous``: a name has a look-alike that these records cannot exclude. ``explained``, ``no-discrepancy``: else.
     """
     if not all(fit.solution.converged and fit.tells_noise for fit in fits):
@@ -45,4 +45,5 @@ def verdict_of(
     if doubtful:
         rivals = all(any(alias.probability >= RIVAL for alias in finding.aliases) for finding in doubtful)
         return "ambiguous" if rivals else "inconclusive"
-    return "explained" if all(finding.borne_out for finding in findings) and p_left >= LEFT else "inconclusive"
+    sound = all(finding.borne_out and not finding.below_zero for finding in findings)
+    return "explained" if sound and p_left >= LEFT else "inconclusive"

@@ -69,7 +69,8 @@ class ZeroDrift(Effect):
 class JointHysteresis(Effect):
     """Friction, a cable or a coupling holds the joint back on the side that it came from: ``δ = h s``, s = -1, 0, 1.
 
-    Unit rad, half of the reversal error; typical 2e-5 to 2e-4. Source: ISO 230-2 reversal value. Needs ``approachN``.
+    Unit rad, half of the reversal error, of either sign, as the encoder sits before or behind what gives; typical 2e-5 to
+    2e-4. Source: ISO 230-2 reversal value. Needs ``approachN``.
     Confused with: hysteresis of neighbours that always move together.
     """
 

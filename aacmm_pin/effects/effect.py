@@ -54,7 +54,7 @@ class Term:
         scale: one of the file's units in SI.
         read_in: the unit in which people read it, and one of it in SI; None for the SI unit with the prefix that makes
             ``typical`` a number of few digits.
-        positive: True where nature has it above zero only.
+        positive: True where nature has it above zero only: a finding that is surely negative explains nothing.
     """
 
     name: str

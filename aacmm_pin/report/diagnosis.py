@@ -102,10 +102,17 @@ def verdict_in_words(result: Diagnosis) -> str:
 
 
 def _wrong_in_words(result: Diagnosis) -> str:
-    """What the simulation lacks, and which of its values are wrong: of the geometry, of the places of seats."""
+    """What the simulation lacks, or may lack, and which of its values are wrong: of the geometry, of the places of seats."""
     values = [f for f in result.findings if geometric(result, f) or f.effect.corrects_seat]
-    causes = _named([f for f in result.findings if f not in values])
-    text = f"the simulation lacks {causes}" if causes else "no cause is missing in the simulation"
+    causes = [f for f in result.findings if f not in values]
+    helps = result.held_out is None or result.held_out.interval[0] > 0.0
+    sound = [f for f in causes if f.borne_out and (helps or f.brought is not None) and not f.below_zero]
+    sure = [f for f in sound if f.probability >= SETTLED]
+    told = [("lacks", sure), ("may lack", [f for f in causes if f not in sure])]
+    text = " and ".join(f"{how} {_named(some)}" for how, some in told if some)
+    text = f"the simulation {text}" if text else "no cause is missing in the simulation"
+    if causes and not helps:
+        text += f", but adding {'it' if len(causes) == 1 else 'them'} does not help to predict held-out records"
     return f"{text}; its stated values are off by unusually much: {_named(values)}" if values else text
 
 
@@ -126,9 +133,12 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
     if not result.findings:
         seen, of = result.visible
         return f"no cause was found; of {count(of, 'cause')} of usual size these records would show {seen}, and {left}"
-    doubtful = [f.effect for f in result.findings if not f.borne_out]
-    but = f"held-out records do not confirm {several_in_words(doubtful)}" if doubtful else left
-    return f"these records suggest that {wrong}, but {but}"
+    told = {
+        "held-out records do not confirm {}": [f.effect for f in result.findings if not f.borne_out],
+        "nature has no {} below zero": [f.effect for f in result.findings if f.below_zero],
+    }
+    but = " and ".join(words.format(several_in_words(effects)) for words, effects in told.items() if effects)
+    return f"these records suggest that {wrong}; but {but or left}"
 
 
 def _not_explained(result: Diagnosis) -> str:
@@ -186,8 +196,10 @@ def unexplained_in_words(left: Unexplained) -> str:
     """What structure is left, or that none is."""
     p, covariates = p_equals(left.p_value), [name for name in left.depends_on if name in left.acts_on]
     if not covariates:
-        over = "Structure, over no single column," if left.p_value < CHANCE else "Nothing"
-        return f"{over} is left beyond chance ({p})."
+        if left.groups:
+            return f"Groups of records do not agree with the others ({p})."
+        what = "Structure over several columns together may be" if left.p_value < CHANCE else "Nothing is"
+        return f"{what} left beyond chance ({p})."
     worth = "" if left.gain is None else f" On held-out records it removes {percent(left.gain)} of what the causes leave."
     return (
         f"The residuals depend on {listed(covariates)} ({p}) in a way that no cause of the library has. The smooth "

@@ -42,6 +42,11 @@ def next_measurements(result: Diagnosis) -> str:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
     if result.held_out is not None and result.held_out.interval[0] <= 0.0:
         return "more records, at other postures: the extended model does not yet predict held-out records better"
+    if negative := [finding.label for finding in findings if finding.below_zero]:
+        return (
+            f"check the signs of what {' and '.join(negative)} rests on: gravity in the arm's file, torques, temperatures; "
+            "if they are right, more records at other postures may tell what acts like it"
+        )
     if verdict == "inconclusive":
         return "more records, at other postures: something is left in the residuals that may be another cause"
     return "nothing is open; check the extended arm on new records, over all ranges of its joints, with `aacmm-pin correct`"

@@ -19,6 +19,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report.diagnosis import verdict_in_words
 
 NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012", "--probe-noise-mm", "0.012"]
 ECCENTRIC = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
@@ -158,4 +159,5 @@ def test_a_gain_that_is_not_borne_out_asks_for_more_records(sino6: Arm, complian
     assert found.verdict == "explained"
     assert found.held_out is not None
     assert found.held_out.interval[0] <= 0
+    assert "lacks" not in verdict_in_words(found)
     assert "more records" in found.next_measurements

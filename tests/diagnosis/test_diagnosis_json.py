@@ -95,6 +95,7 @@ FINDING = fields(
         "p_value": SHARE,
         "retained_fraction": SHARE,
         "parameters": parameters,
+        "below_zero": several(text),
         "inner": lambda v: not v or (set(v) <= set(INNER) and all(VALUE(entry) for entry in v.values())),
         "held_out": none_or(fields({"gain": number(most=1.0), "gain_ci95": interval})),
         "aliases": several(ALIAS),

@@ -21,7 +21,16 @@ from aacmm_pin.diagnosis.evidence import MAGNITUDES, Scatter, evidence_of
 from aacmm_pin.diagnosis.result import Finding, _finding
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.verdict import verdict_of
-from aacmm_pin.effects import Displacement, Effect, EncoderEccentricity, EncoderGain, SeatError, Term, ZeroDrift
+from aacmm_pin.effects import (
+    Displacement,
+    Effect,
+    EncoderEccentricity,
+    EncoderGain,
+    JointCompliance,
+    SeatError,
+    Term,
+    ZeroDrift,
+)
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
@@ -157,11 +166,10 @@ def test_pairs_that_cannot_be_told_apart_leave_out_what_was_told(sino6: Arm) -> 
     assert not [pair for pair in pairs["hidden"] if hidden.label in pair]
 
 
-def finding(probability: float, low: float | None = 0.1, alias: float = 0.0) -> Finding:
+def finding(probability: float, low: float | None = 0.1, alias: float = 0.0, effect: Effect | None = None) -> Finding:
     brought = None if low is None else Brought(0.2, low, 0.3)
     aliases = (Alias("encoder_gain:4", 0.9, alias),)
-    effect = EncoderEccentricity(3)
-    return Finding(effect, {}, probability, 1e-6, 0.5, aliases, brought)
+    return Finding(effect or EncoderEccentricity(3), {}, probability, 1e-6, 0.5, aliases, brought)
 
 
 def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
@@ -176,6 +184,8 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
         ("inconclusive", [], False, 90, fit, 1e-9),
         ("explained", [finding(0.99, None)], False, 90, fit),
         ("inconclusive", [finding(0.99, -0.01)], False, 90, fit),
+        ("explained", [finding(0.99, effect=JointCompliance(2, values=(-1e-6,), u=(1e-6,)))], False, 90, fit),
+        ("inconclusive", [finding(0.99, effect=JointCompliance(2, values=(-3e-6,), u=(1e-6,)))], False, 90, fit),
         ("ambiguous", [finding(0.7, alias=0.3)], False, 90, fit),
         ("inconclusive", [finding(0.7)], False, 90, fit),
         ("unexplained", [finding(0.99)], True, 90, fit),
@@ -186,6 +196,14 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
     ]
     for verdict, findings, structure, seen, at, *p_left in cases:
         assert verdict_of(findings, structure, (p_left or [0.5])[0], (seen, 100), (fit, at)) == verdict
+
+
+def test_a_value_that_nature_does_not_have_explains_nothing(sino6: Arm) -> None:
+    model = ErrorModel(sino6, (JointCompliance(2, values=(-3e-5,)),))
+    data = simulate_measurements(model, "free", 100, rng=np.random.default_rng(1))
+    found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
+    assert (found.verdict, [f.below_zero for f in found.findings]) == ("inconclusive", [("compliance_rad_per_nm",)])
+    assert any("joint_compliance:2" in note for note in found.notes)
 
 
 def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6: Arm) -> None:
