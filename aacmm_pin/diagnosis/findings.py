@@ -113,15 +113,16 @@ def _geometry(choice: Choice) -> Iterator[Finding]:
 def _moved(choice: Choice) -> list[tuple[Effect, float]]:
     """Values of a DH table that the data move farther than stated, as changes with u, and their p-values; the surest first.
 
-    If the stated values are right to within their u₀, the change to an estimate with u has variance u₀² - u². The estimate
-    is the one with everything in it that was admitted, covariates included: what they do is not geometry's. The two-sided
-    p-values are Bonferroni's over all values that are judged.
+    A change is what the records alone say of it: from the estimate x with u, which weighs it with the stated u₀, that is
+    taken out again, ``x / (1 - u²/u₀²)`` with variance ``1 / (1/u² - 1/u₀²)``. If the stated values are right to within
+    their u₀, it has variance u₀² besides. The estimate is the one with everything in it that was admitted, covariates
+    included: what they do is not geometry's. The two-sided p-values are Bonferroni's over all values that are judged.
     """
     problem, design, left = choice.fit.problem, choice.design, choice.left
     own, vector = design.nuisances, problem.vector
     stays = vector.slices[-design.taken_out].start if design.taken_out else vector.size
     steps = design.scales[:own] * left.projection.solution()[:own]
-    us = design.scales[:own] * np.sqrt(np.diag(left.covariance)[:own])
+    us = design.scales[:own] * np.sqrt(np.diag(left.projection.covariance)[:own])
     of_own = {int(i): (float(step), float(u)) for i, step, u in zip(design.kept, steps, us, strict=True)}
     found = []
     for effect, place in vector:
@@ -129,9 +130,11 @@ def _moved(choice: Choice) -> list[tuple[Effect, float]]:
         if type(effect) not in KIND_OF or not problem.stated[i] or vector.of_arm[i] is None or i >= stays or i not in of_own:
             continue
         (step, u), stated = of_own[i], float(problem.widths[i])
-        if u < np.sqrt(1.0 - LEAST_SHARE**2) * stated:
-            change = float(choice.fit.solution.point.x[i] + step - problem.start[i])
-            chance = float(chi2_sf(change**2 / (stated**2 - u**2), 1))
+        told = 1.0 - (u / stated) ** 2
+        u = np.sqrt(left.variance / max(told, 1e-12)) * u
+        if u < np.sqrt(1.0 / LEAST_SHARE**2 - 1.0) * stated:
+            change = float(choice.fit.solution.point.x[i] + step - problem.start[i]) / told
+            chance = float(chi2_sf(change**2 / (stated**2 + u**2), 1))
             found.append((effect, change, u, chance))
     judged = [(e.at((change,), (u,)), min(chance * len(found), 1.0)) for e, change, u, chance in found]
     return sorted(((e, p) for e, p in judged if p < MOVED), key=lambda pair: pair[1])

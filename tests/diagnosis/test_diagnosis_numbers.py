@@ -26,6 +26,7 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import chow_test as groups
 from aacmm_pin.diagnosis import cross_validation as gain
+from aacmm_pin.diagnosis import findings as geometric
 from aacmm_pin.diagnosis import gram_matrix
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import candidates
@@ -459,6 +460,28 @@ def test_chow_s_test_is_uniform_when_nothing_is_there(free_case: Case, monkeypat
     cut = np.minimum(np.array(chances), 1.0)
     assert np.mean(cut == 1.0) == pytest.approx(1 - 1 / sessions, abs=0.2)
     assert kstest(cut[cut < 1.0], "uniform").pvalue > 1e-3
+
+
+def test_a_geometric_finding_is_what_the_records_alone_say(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One zero offset six stated u off, all other values drawn: (value - truth)/u is standard normal, whatever is stated."""
+    monkeypatch.setattr(geometric, "MOVED", 2.0)
+    monkeypatch.setattr(geometric, "LEAST_SHARE", 0.1)
+    choice, vector = narrowed(replace(free_case.choice, admitted=())), free_case.choice.fit.problem.vector
+    own = covariance_of_records(free_case.records)[range(RECORDS), range(RECORDS)]
+    nuisances, rng = choice.design.nuisances, np.random.default_rng(31)
+    number = next(places.start for effect, places in vector if effect.label == "joint_zero_offset:4")
+    u = free_case.choice.fit.problem.widths[number]
+    start, away = prior_rows(free_case)[:, -1], []
+    for _ in range(40):
+        off = np.einsum("nij,nj->ni", np.linalg.cholesky(own), rng.standard_normal((RECORDS, 3)))
+        truth = rng.standard_normal(nuisances)
+        truth[number] = 6.0
+        tips = free_case.records.reference + off - choice.design.jacobian[:, :, :nuisances] @ (truth - start)
+        design = replace(choice.design, tips=tips)
+        drawn = replace(choice, design=design, gram=Gram(products_of(design, choice.parts)))
+        effect = next(e for e, _ in geometric._moved(drawn) if e.label == "joint_zero_offset:4")
+        away.append((effect.values[0] - 6.0 * u) / effect.u[0])
+    assert kstest(away, "norm").pvalue > 1e-3
 
 
 @pytest.mark.parametrize("cause", [None, "encoder_eccentricity"])
