@@ -43,23 +43,42 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     """The groups that stand out when all that was admitted is refitted without them, worst first.
 
     Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other records, ν₋ their
-    degrees of freedom and n what the group adds to these; Bonferroni's bound over the groups.
+    degrees of freedom and n what the group adds to these; Bonferroni's bound over the groups. Where the noise of the
+    encoders is not stated, all of the scatter may be theirs: see :func:`_by_readings`.
     """
-    found = []
+    found, admitted, used = [], tuple(sorted(choice.admitted)), choice.fit.used
     for what, names, part in _groupings(choice.fit.problem.measurements, choice):
         gram = Gram(products_of(choice.design, part))
-        whole = Projection(gram, choice.admitted)
+        whole = Projection(gram, admitted)
         for number, name in enumerate(names):
-            others = Projection(gram.without(number), choice.admitted)
+            others = Projection(gram.without(number), admitted)
             more = whole.dof - others.dof
             if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
                 continue
             ratio = max((whole.chi2 - others.chi2) / more, 0.0) / (others.chi2 / others.dof)
-            p_value = min(1.0, len(names) * float(f_sf(ratio, more, others.dof)))
-            if p_value < ODD:
-                records = int(np.sum(choice.fit.used & (part == number)))
+            chance = float(f_sf(ratio, more, others.dof))
+            if choice.fit.problem.setup.encoder_noise is None:
+                (own, sure), (rest, of_rest) = (
+                    _by_readings(choice, used & some) for some in (part == number, part != number)
+                )
+                chance = max(chance, float(f_sf(ratio * rest / own, more * sure, others.dof * of_rest)))
+            if (p_value := min(1.0, len(names) * chance)) < ODD:
+                records = int(np.sum(used & (part == number)))
                 found.append(OddGroup(f"{what} {name}", records, float(np.sqrt(ratio)), p_value))
     return sorted(found, key=lambda group: group.p_value)
+
+
+def _by_readings(choice: Choice, some: NDArray[np.bool_]) -> tuple[float, float]:
+    """What some records (n,) scatter by if it is all by their readings, whose errors move far tips, and in few directions.
+
+    Returns:
+        Mean square of a whitened coordinate, one rad of noise in each encoder; and as certain as which part of all the
+        coordinates it is: ``(Σ tr C)² / (3 n Σ tr C²)`` with the covariance C of each record (Satterthwaite 1946).
+    """
+    whiten = choice.fit.noise.whitening[some]
+    each = whiten @ choice.fit.problem.reading_covariance[some].sum(axis=1) @ whiten.transpose(0, 2, 1)
+    total, count = float(np.trace(each, axis1=1, axis2=2).sum()), 3 * len(each)
+    return total / count, total**2 / (count * float(np.square(each).sum()))
 
 
 def _groupings(records: Measurements, choice: Choice) -> Iterator[tuple[str, list[str], Index]]:
