@@ -18,7 +18,6 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -220,10 +219,3 @@ def _pipe() -> tuple[int, int]:
         for end in ends:
             os.close(end)
     return read, write
-
-
-@pytest.fixture(scope="module")
-def page() -> Iterator[Page]:
-    """A browser for the tests of one module."""
-    with Page() as opened:
-        yield opened

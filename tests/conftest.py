@@ -49,10 +49,29 @@ def _close_figures() -> None:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Page]:
-    """A browser for the tests of one module."""
-    with Page() as page:
-        yield page
+def page() -> Iterator[Page]:
+    """A browser for the tests of one module; not for longer, for a page that moves keeps it busy."""
+    with Page() as opened:
+        yield opened
+
+
+LONGEST = (
+    "test_diagnosis_of_real_arms",
+    "test_blind_gate",
+    "test_real_arms",
+    "test_diagnosis",
+    "test_documented_code",
+    "test_report",
+    "test_table3_diagnosis",
+    "test_planning",
+)
+"""Files that take half a minute or more, the longest first."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files come first, lest one worker is busy with one at the end while the others have nothing to do."""
+    order = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path.stem, len(order)))
 
 
 @pytest.hookimpl(optionalhook=True)

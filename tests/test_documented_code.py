@@ -21,7 +21,6 @@ import json
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
 import tokenize
@@ -121,8 +120,6 @@ def lines(text: str) -> list[str]:
 
 
 def shell(line: str) -> str:
-    if line.startswith("aacmm-pin show ") and " -o " not in line:
-        return served(line)
     if line.startswith("aacmm-pin "):
         with patch.dict(CAUSES, KNOWN, clear=True):  # what a page makes known a new process does not know
             done = CliRunner().invoke(app, shlex.split(line, comments=True)[1:], env=PLAIN)
@@ -133,18 +130,6 @@ def shell(line: str) -> str:
     if status != 0:
         raise AssertionError(f"{line}: exit status {status}\n{said}") from error
     return said
-
-
-def served(line: str) -> str:
-    """A command that serves until it is interrupted; it is interrupted once it says where."""
-    line = line.replace(" show ", " show --no-browser ", 1)
-    with subprocess.Popen(["bash", "-c", f"exec {line}"], env=environment(), stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        url = process.stdout.readline()
-        process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 0, line
-        assert url.startswith("http://127.0.0.1:")
-        return url
 
 
 def environment() -> dict[str, str]:

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,7 +23,6 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves
-from tests.process_group import outlived
 
 CELLS, SECTORS = (4, 6), 12
 
@@ -311,46 +304,3 @@ def test_an_interrupted_map_goes_on_from_its_parts(
         map_workspace(extended, parts=tmp_path, **asked)
     with pytest.raises(AacmmError, match="cannot be used"):
         map_workspace(extended, parts=part, **asked)
-
-
-def stopped(job: object) -> dict[str, Array]:
-    raise KeyboardInterrupt
-
-
-def died(job: object) -> dict[str, Array]:
-    os._exit(3)
-
-
-@pytest.mark.parametrize(("worker", "error"), [(stopped, KeyboardInterrupt), (died, Exception)])
-def test_a_stopped_worker_leaves_no_process(
-    sino6: Arm, monkeypatch: pytest.MonkeyPatch, worker: Callable[[object], object], error: type[BaseException]
-) -> None:
-    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 2)
-    monkeypatch.setattr(workspace, "_work", worker)
-    with pytest.raises(error):
-        map_workspace(sino6, (4, 4), 3, workers=2, progress=False)
-    assert multiprocessing.active_children() == []
-
-
-INTERRUPTED = """
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.accuracy.workspace import map_workspace
-if __name__ == "__main__":
-    print("begin", flush=True)
-    map_workspace(Arm.load("sino6"), (200, 200), 12, workers=2, progress=False)
-"""
-
-
-def test_control_c_stops_everything(tmp_path: Path) -> None:
-    (tmp_path / "long_map.py").write_text(INTERRUPTED, encoding="utf-8")
-    words = [sys.executable, str(tmp_path / "long_map.py")]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True) as run:
-        assert run.stdout is not None
-        assert run.stdout.readline() == b"begin\n"
-        time.sleep(1.5)
-        os.killpg(run.pid, signal.SIGINT)  # as a terminal does: to all processes of the group
-        try:
-            assert run.wait(timeout=90) != 0  # it would end with 0 if it went on
-        finally:
-            run.kill()
-    assert not outlived(run.pid, 5.0), "a worker outlived the map"

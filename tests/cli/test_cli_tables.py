@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,12 +51,10 @@ def check(text: str, width: int = 80) -> None:
 
 
 def test_a_diagnosis_in_readable_units(data: Path, tmp_path: Path) -> None:
-    """In a pipe of 200 columns; JSON in a file beside it."""
+    """At 200 columns; JSON in a file beside it."""
     target = tmp_path / "d.json"
-    words = [sys.executable, "-m", "aacmm_pin.cli", "diagnose", "sino6", data, *NOISE, "--no-held-out", "--json", target]
-    environment = {k: v for k, v in os.environ.items() if k != "FORCE_COLOR"} | {"COLUMNS": "200"}
-    done = subprocess.run([str(w) for w in words], capture_output=True, text=True, env=environment, check=True)
-    wide, found = done.stdout, json.loads(target.read_text(encoding="utf-8"))
+    wide = told("diagnose", "sino6", data, *NOISE, "--no-held-out", "--json", target, columns=200)
+    found = json.loads(target.read_text(encoding="utf-8"))
     check(wide, 200)
     assert [f["cause"] for f in found["findings"]] == ["joint_compliance", "encoder_eccentricity"]
     for finding in found["findings"]:

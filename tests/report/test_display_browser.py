@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import Page, page
 from meshcat.geometry import Box
 
 from aacmm_pin import Arm, circle_accuracy, configuration_circle
@@ -16,8 +15,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Scene
-
-__all__ = ["page"]
+from tests.browser import Page
 
 POINT = np.array([33.6323, -671.8702, 182.9355]) * MM
 DESK, PHONE, STRIP = (1200, 800), (390, 800), (300, 1000)

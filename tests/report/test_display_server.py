@@ -143,17 +143,16 @@ def run(*words: str | Path) -> tuple[int, str, str]:
     return result.exit_code, result.stdout, result.stderr
 
 
-@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
-def test_the_command_serves_until_it_is_interrupted(sent: signal.Signals, status: int) -> None:
+def test_the_command_serves_until_it_is_interrupted() -> None:
     command = [sys.executable, "-m", "aacmm_pin.cli", "show", "sino6", *POINT, "--no-browser", "--count", "12"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         url = process.stdout.readline().strip()
         with urlopen(Request(url), timeout=20) as answer:
             assert "SINO6: wrist at 33.6, -671.9, 182.9 mm" in answer.read().decode()
-        process.send_signal(sent)
+        process.send_signal(signal.SIGINT)
         rest, said = process.communicate(timeout=60)
-    assert process.returncode == status
+    assert process.returncode == 0
     assert rest == ""
     assert "Traceback" not in said
     with pytest.raises(ConnectionRefusedError):

@@ -81,23 +81,23 @@ def test_demo_data_agree(demo: DemoSummary) -> None:
         assert f"{size:.3f} mm" in lines[0]
 
 
-def test_demo_pages_in_a_browser(demo: DemoSummary, browser: Browser) -> None:
+def test_demo_pages_in_a_browser(demo: DemoSummary, page: Browser) -> None:
     for name in ("postures", "workspace"):
-        browser.open(demo.folder / f"{name}.html")
-        browser.wait_for("!!document.querySelector('canvas')")
-        assert browser.errors == []
-        assert {request.split(":")[0] for request in browser.requests} <= {"file", "data", "about", "blob"}
+        page.open(demo.folder / f"{name}.html")
+        page.wait_for("!!document.querySelector('canvas')")
+        assert page.errors == []
+        assert {request.split(":")[0] for request in page.requests} <= {"file", "data", "about", "blob"}
     for name in ("index", "papers", "diagnosis"):  # on a phone
-        browser.open(demo.folder / f"{name}.html", (390, 800), touch=True)
-        assert browser.evaluate("document.scrollingElement.scrollWidth") <= 390
+        page.open(demo.folder / f"{name}.html", (390, 800), touch=True)
+        assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
         sizes = "[...document.querySelectorAll('p')].map(p => parseFloat(getComputedStyle(p).fontSize))"
-        assert browser.evaluate(f"Math.min(...{sizes})") > 13
-        assert browser.errors == []
+        assert page.evaluate(f"Math.min(...{sizes})") > 13
+        assert page.errors == []
 
 
-def test_demo_is_at_most_six_sheets_of_a4(demo: DemoSummary, browser: Browser) -> None:
-    browser.open(demo.folder / "index.html")
-    assert browser.printed_pages() <= 6
+def test_demo_is_at_most_six_sheets_of_a4(demo: DemoSummary, page: Browser) -> None:
+    page.open(demo.folder / "index.html")
+    assert page.printed_pages() <= 6
 
 
 def test_demo_finds_what_it_hides(demo: DemoSummary) -> None:

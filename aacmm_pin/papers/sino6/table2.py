@@ -85,7 +85,7 @@ def reproduce_table2(grid: int = GRID, *, progress: bool = True) -> Table2:
     """
     arm = sino6_nominal()
     theta2, theta4, points = generating_grid(arm, grid)
-    with watched(np.array_split(points, 12), progress, "Table 2, exact", "part") as parts:
+    with watched(np.array_split(points, 4), progress, "Table 2, exact", "part") as parts:
         exact = np.concatenate([exact_sectors(arm, part) for part in parts])
     cells = pd.DataFrame(
         {
