@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.effects import Displacement, Effect
-from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import moved
 from aacmm_pin.effects.error_model import settled
 from aacmm_pin.effects.state import State
@@ -60,10 +58,9 @@ class Columns:
     varying: tuple[_Varying, ...]
 
     @staticmethod
-    def of(arm: Arm, q: Array, conditions: Conditions, effects: Iterable[Effect]) -> Columns:
-        """Work out what stays."""
-        state = State(arm, q, conditions, arm.chain.tip)
-        vector = ParameterVector(arm, tuple(effects))
+    def of(state: State, effects: Iterable[Effect]) -> Columns:
+        """Work out what stays, from the arm in its records as drawn."""
+        vector = ParameterVector(state.arm, tuple(effects))
         varying: list[_Varying] = []
         constant: list[tuple[int, Array, int, bool]] = []
         for effect, own in vector:

@@ -14,6 +14,7 @@ from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.state import State
 from aacmm_pin.measurements.records import Measurements
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
@@ -126,8 +127,9 @@ class Problem:
 
     @cached_property
     def _columns(self) -> Columns:
-        records = self.measurements
-        return Columns.of(self.model.arm, records.q, records.conditions, (*self.model.effects, *self.vector.effects))
+        records, arm = self.measurements, self.model.arm
+        drawn = State(arm, records.q, records.conditions, arm.chain.tip)
+        return Columns.of(drawn, (*self.model.effects, *self.vector.effects))
 
     @cached_property
     def reading_covariance(self) -> Array:

@@ -46,9 +46,10 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     degrees of freedom and n what the group adds to these; Bonferroni's bound over the groups. Where the noise of the
     encoders is not stated, all of the scatter may be theirs: see :func:`_by_readings`.
     """
-    found, admitted, used = [], tuple(sorted(choice.admitted)), choice.fit.used
+    found, used = [], choice.fit.used
+    design, admitted = choice.design.of(sorted(choice.admitted)), tuple(range(len(choice.admitted)))
     for what, names, part in _groupings(choice.fit.problem.measurements, choice):
-        gram = Gram(products_of(choice.design, part))
+        gram = Gram(products_of(design, part))
         whole = Projection(gram, admitted)
         for number, name in enumerate(names):
             others = Projection(gram.without(number), admitted)

@@ -191,11 +191,9 @@ def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], out: M
     """Distances of the records ``out`` by a model fitted to ``training``."""
     steps, key = training.products.steps, (training.left_out, admitted)
     if key not in steps:
-        left = Projection(training, admitted)
-        steps[key] = left.refitted, left.solution()
-    refitted, step = steps[key]
+        steps[key] = Projection(training, admitted).solution()
     rows = np.flatnonzero(out)
-    tips = choice.design.tips[rows] + choice.design.jacobian[np.ix_(rows, np.arange(3), refitted)] @ step
+    tips = choice.design.moved(admitted, steps[key], rows)
     return distances(choice.fit.problem.measurements.take(rows), tips)
 
 

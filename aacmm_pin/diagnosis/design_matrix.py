@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 
 import numpy as np
@@ -24,8 +25,6 @@ TYPICAL_TURN = 2.0
 """… at a joint [rad] for each metre of that …"""
 TYPICAL_GROWTH = 1.0
 """… and of all lengths [1] for each metre of that."""
-MOST_DOUBLE = 10_000_000
-"""More numbers than this are held in single precision: 6e-8 of a column is far below the noise of any record."""
 AT_ONCE = 100
 """Columns that are worked out at once."""
 TYPICAL_MISTAKE = 1e-3
@@ -40,11 +39,13 @@ class Block:
         candidate: number of the candidate.
         variant: number of the variant.
         columns: which columns.
+        source: what they come from.
     """
 
     candidate: int
     variant: int
     columns: slice
+    source: Effect | Carried
 
     @property
     def size(self) -> int:
@@ -54,7 +55,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Columns of all that is considered, at the point where a calibration ended.
+    """Columns of all that is considered, at the point where a calibration ended; worked out when they are asked for.
 
     Attributes:
         fit: the calibration.
@@ -62,8 +63,7 @@ class Design:
         causes: number of causes of the library among them.
         blocks: their columns.
         nuisances: number of nuisance columns, which come first.
-        scales: by which each column was multiplied, so that all are of one order (columns,).
-        jacobian: (n, 3, columns), scaled [m].
+        scales: by which each column is multiplied, so that all are of one order (columns,).
         kept: which of the fit's own parameters are nuisances.
         prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances + 1).
         tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m].
@@ -76,11 +76,62 @@ class Design:
     blocks: tuple[Block, ...]
     nuisances: int
     scales: Array
-    jacobian: Array
     kept: Index
     prior: Array
     tips: Array
     taken_out: int
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return self.scales.size
+
+    def of(self, numbers: Sequence[int]) -> Design:
+        """The same with some of the blocks alone, in this order."""
+        chosen = [self.blocks[k] for k in numbers]
+        ends = self.nuisances + np.cumsum([0, *(b.size for b in chosen)])
+        blocks = (replace(b, columns=slice(int(a), int(c))) for b, a, c in zip(chosen, ends[:-1], ends[1:], strict=True))
+        scales = np.concatenate([self.scales[: self.nuisances], *(self.scales[b.columns] for b in chosen)])
+        return replace(self, blocks=tuple(blocks), scales=scales)
+
+    def strips(self) -> Iterator[tuple[slice, Array]]:
+        """The columns of all in turn, a limited number at once: which, and (n, 3, q), scaled [m]."""
+        yield slice(0, self.nuisances), self.columns(None)
+        for _, group in groupby(self.blocks, key=lambda b: b.columns.start // AT_ONCE):
+            for _, same in groupby(group, key=lambda b: isinstance(b.source, Carried)):
+                some = list(same)
+                columns = slice(some[0].columns.start, some[-1].columns.stop)
+                yield columns, self._of([b.source for b in some]) * self.scales[columns]
+
+    def columns(self, block: int | None) -> Array:
+        """The columns of a block, or of the nuisances where it is None, scaled (n, 3, q) [m]; kept."""
+        if block not in self._kept:
+            if block is None:
+                own = self.fit.solution.point.prediction.jacobian[:, :, self.kept]
+                self._kept[block] = own * self.scales[: self.nuisances]
+            else:
+                self._kept[block] = self._of([self.blocks[block].source]) * self.scales[self.blocks[block].columns]
+        return self._kept[block]
+
+    def moved(self, admitted: Sequence[int], step: Array, rows: Index | slice = slice(None)) -> Array:
+        """Tips (n, 3) of some records with a step of the nuisances and of these blocks, in this order [m]."""
+        columns = np.concatenate([self.columns(block)[rows] for block in (None, *admitted)], axis=2)
+        return np.asarray(self.tips[rows] + columns @ step)
+
+    @cached_property
+    def _kept(self) -> dict[int | None, Array]:
+        return {}
+
+    def _of(self, sources: Sequence[Effect | Carried]) -> Array:
+        """Columns of causes alone, or of covariates alone (n, 3, q) [m/unit]."""
+        effects = [source for source in sources if isinstance(source, Effect)]
+        if effects:
+            return self._calibrated.columns(effects)
+        return np.concatenate([self._calibrated.carried(way) for way in sources if isinstance(way, Carried)], axis=2)
+
+    @cached_property
+    def _calibrated(self) -> _Calibrated:
+        return _Calibrated(self.fit)
 
 
 def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate], taken_out: int = 0) -> Design:
@@ -102,67 +153,46 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     within = stays + np.flatnonzero(arm_u[stays:] > 0.0)
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
     tips = point.prediction.tips - own[:, :, stays:width] @ point.x[stays:width]
-    variants = [variant for variants in library for variant in variants]
-    carried = [way for covariate in others for way in covariate.variants]
-    typical = [ParameterVector(problem.model.arm, (variant,)).typical for variant in variants]
     left = np.sqrt(np.square(fit.solution.system.deviation[fit.used]).mean())
-    typical += [np.full(way.functions.shape[1] * len(way.quantities), _typical(way, left)) for way in carried]
-    counts = [*(len(variants) for variants in library), *(len(covariate.variants) for covariate in others)]
-    owners = [(number, which) for number, count in enumerate(counts) for which in range(count)]
-    ends = kept.size + np.cumsum([0, *(t.size for t in typical)])
-    blocks = [Block(*owner, slice(int(ends[k]), int(ends[k + 1]))) for k, owner in enumerate(owners)]
+    candidates: list[Sequence[Effect | Carried]] = [*library, *(covariate.variants for covariate in others)]
+    blocks, typical, first = [], [], kept.size
+    for number, variants in enumerate(candidates):
+        for which, source in enumerate(variants):
+            typical.append(_typical(source, left))
+            blocks.append(Block(number, which, slice(first, first := first + typical[-1].size), source))
     scales = np.concatenate([problem.scales[:stays], arm_u[within], problem.scales[width:], *typical])
-    size = len(own) * 3 * scales.size
-    jacobian = np.empty((len(own), 3, scales.size), dtype=np.float64 if size <= MOST_DOUBLE else np.float32)
-    first = 0
-    for columns in _every(fit, own[:, :, kept], variants, carried):
-        last = first + columns.shape[2]
-        np.multiply(columns, scales[first:last], out=jacobian[:, :, first:last], casting="same_kind")
-        first = last
     names = (*(variants[0].label for variants in library), *(covariate.name for covariate in others))
     prior = np.zeros((width + within.size, kept.size + 1))
     prior[:width, :stays] = problem.prior[:, :stays]
     prior[:width, -1] = problem.prior[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
     prior[width:, stays : stays + within.size] = np.eye(within.size)
-    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, jacobian, kept, prior, tips, taken_out)
+    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, kept, prior, tips, taken_out)
 
 
-def _every(fit: Fit, nuisances: Array, variants: Sequence[Effect], carried: Sequence[Carried]) -> Iterator[Array]:
-    """The columns of all in turn, a limited number at once (n, 3, …) [m/unit]."""
-    yield nuisances
-    vector = ParameterVector(fit.problem.model.arm, tuple(variants))
-    for _, some in groupby(vector, key=lambda entry: entry[1].start // AT_ONCE):
-        yield _columns_of(fit, [effect for effect, _ in some])[0]
-    carriers = _Carriers(fit) if carried else None
-    for way in carried:
-        assert carriers is not None
-        yield carriers.columns(way)
-
-
-def _columns_of(fit: Fit, effects: Sequence[Effect]) -> tuple[Array, State]:
-    """∂(tip)/∂parameters of effects that are all zero, in the calibrated arm and the frame of the references (n, 3, p)."""
-    problem, point = fit.problem, fit.solution.point
-    given = ParameterVector(problem.model.arm, (*problem.model.effects, *fit.solution.effects))
-    records = problem.measurements
-    columns = Columns.of(problem.model.arm, records.q, records.conditions, (*given.effects, *effects))
-    state = columns.at(np.pad(given.values, (0, columns.vector.size - given.size)))
-    found = columns.jacobian(state)[:, :, given.size :]
-    return (point.frame.rotation @ found if problem.external else found), state
-
-
-class _Carriers:
-    """What covariates act on, at every record."""
+class _Calibrated:
+    """The calibrated arm in its records."""
 
     def __init__(self, fit: Fit) -> None:
-        arm = fit.problem.model.arm
-        self.rows = [place // 2 for place in arm.chain.moving_axes()]
-        self.of_angles, self.state = _columns_of(fit, [JointZeroOffset(row) for row in self.rows])
-        self.frame = fit.solution.point.frame.rotation if fit.problem.external else np.eye(3)
+        problem, point = fit.problem, fit.solution.point
+        arm, records = problem.model.arm, problem.measurements
+        self.drawn = State(arm, records.q, records.conditions, arm.chain.tip)
+        given = ParameterVector(arm, (*problem.model.effects, *fit.solution.effects))
+        self.state = Columns.of(self.drawn, given.effects).at(given.values)
+        self.frame = point.frame.rotation if problem.external else np.eye(3)
+        self.rows = arm.chain.moving_rows()
 
-    def columns(self, way: Carried) -> Array:
+    def columns(self, effects: Sequence[Effect]) -> Array:
+        """∂(tip)/∂parameters of effects that are all zero, in the frame of the references (n, 3, p) [m/unit]."""
+        return np.asarray(self.frame @ Columns.of(self.drawn, effects).jacobian(self.state))
+
+    def carried(self, way: Carried) -> Array:
         """Shift of the tip by each function on each axis of the carrier (n, 3, functions · axes) [m/unit]."""
         axes = self._axes(way.carrier)
         return np.asarray(np.einsum("nm,nij->nimj", way.functions, axes).reshape(len(axes), 3, -1))
+
+    @cached_property
+    def _of_angles(self) -> Array:
+        return self.columns([JointZeroOffset(row) for row in self.rows])
 
     def _axes(self, carrier: str) -> Array:
         what, _, row = carrier.partition(" ")
@@ -174,11 +204,15 @@ class _Carriers:
             return np.asarray(self.frame @ self.state.rotation[axis(int(row)) - 1])
         if what == "angle":
             number = self.rows.index(int(row))
-            return self.of_angles[:, :, number : number + 1]
+            return self._of_angles[:, :, number : number + 1]
         return np.asarray((self.state.position @ self.frame.T)[:, :, None])
 
 
-def _typical(way: Carried, left: float) -> float:
+def _typical(source: Effect | Carried, left: float) -> Array:
+    """Usual magnitudes of the columns (q,)."""
+    if isinstance(source, Effect):
+        return np.array([term.typical for term in source.terms])
     shift = max(TYPICAL_SHIFT, left)
     sizes = {"angle": TYPICAL_TURN * shift, "lengths": TYPICAL_GROWTH * shift, "target": TYPICAL_MISTAKE}
-    return sizes.get(way.carrier.split(" ")[0], shift)
+    typical = sizes.get(source.carrier.split(" ")[0], shift)
+    return np.full(source.functions.shape[1] * len(source.quantities), typical)

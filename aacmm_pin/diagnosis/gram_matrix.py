@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -17,10 +18,10 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.measurements.observations import Elimination
 
+MOST_DOUBLE = 10_000_000
+"""More numbers than this are held in single precision: 6e-8 of a column is far below the noise of any record."""
 CHUNK = 400
 """Rows of which products are taken at once."""
-STRIP = 64
-"""Columns that are whitened at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +71,14 @@ class Products:
         of_size: numbers of the blocks of each size.
         columns: of these blocks, for each size q (blocks, q).
         place: size of a block, by its id, and its number among those of that size.
-        steps: columns refitted, and their best steps, without some parts and with some blocks, as far as they are known:
-            the same sets are predicted when a cause has to survive, and when it is said what it brings.
+        steps: best steps of the columns refitted, without some parts and with some blocks, as far as they are known: the
+            same sets are predicted when a cause has to survive, and when it is said what it brings.
     """
 
     def __init__(self, design: Design, parts: list[Part]) -> None:
         self.design, self.parts = design, parts
-        self.steps: dict[tuple[frozenset[int], tuple[int, ...]], tuple[Index, Array]] = {}
-        prior = np.zeros((len(design.prior), design.jacobian.shape[2] + 1))
+        self.steps: dict[tuple[frozenset[int], tuple[int, ...]], Array] = {}
+        prior = np.zeros((len(design.prior), design.width + 1))
         prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
         self.prior = Part(prior, 0)
         self._strips: dict[tuple[int | None, int, int], Array] = {}
@@ -151,7 +152,7 @@ class Gram:
     @property
     def residual(self) -> Array:
         """Products of the residual with all columns and itself (columns + 1,)."""
-        last = self.products.design.jacobian.shape[2]
+        last = self.products.design.width
         return np.asarray(self.strip(slice(last, last + 1))[0])
 
     def insides(self, size: int) -> Array:
@@ -186,14 +187,13 @@ def products_of(design: Design, part: Index) -> Products:
     owners = (part, np.where(observations.known, of_seat, -1), of_bar)
     own = [[np.flatnonzero(owner == k) for owner in owners] for k in range(int(part.max(initial=0)) + 1)]
     counts = [3 * records.size + 3 * seats.size + bars.size for records, seats, bars in own]
-    width = design.jacobian.shape[2]
-    found = [np.empty((count, width + 1), dtype=design.jacobian.dtype) for count in counts]
-    for first in range(0, width + 1, STRIP):
-        last = (off,) if first + STRIP > width else ()
-        strip = whiten @ np.concatenate([design.jacobian[:, :, first : min(first + STRIP, width)], *last], axis=2)
-        _, *whole = elimination.eliminated(strip, residual=bool(last))
+    width = design.width
+    kind = np.float64 if off.size * width <= MOST_DOUBLE else np.float32
+    found = [np.empty((count, width + 1), dtype=kind) for count in counts]
+    for columns, strip in chain(design.strips(), [(slice(width, width + 1), off)]):
+        _, *whole = elimination.eliminated(whiten @ strip, residual=strip is off)
         for into, chosen in zip(found, own, strict=True):
             rows = [each[some].reshape(-1, strip.shape[2]) for each, some in zip(whole, chosen, strict=True)]
-            into[:, first : first + strip.shape[2]] = np.concatenate(rows)
+            into[:, columns] = np.concatenate(rows)
     seats = np.bincount(of_seat[of_seat >= 0], minlength=len(own))
     return Products(design, [Part(r, max(n - 3 * int(s), 0)) for r, n, s in zip(found, counts, seats, strict=True)])

@@ -76,8 +76,7 @@ class Choice:
     @property
     def tips(self) -> Array:
         """Tips (n, 3) with all that was admitted, covariates included, refitted [m]."""
-        left = self.left.projection
-        return np.asarray(self.design.tips + self.design.jacobian[:, :, left.refitted] @ left.solution())
+        return self.design.moved(self.admitted, self.left.projection.solution())
 
     @property
     def effects(self) -> list[Effect]:
@@ -91,7 +90,7 @@ class Choice:
 
     def in_one_part(self, block: int) -> bool:
         """Whether a block moves only records that are left out together, so that the others say nothing of it."""
-        moved = self.design.jacobian[:, :, self.question.blocks[block].columns].any(axis=(1, 2))
+        moved = self.design.columns(block).any(axis=(1, 2))
         inside, every = (np.unique(self.parts[records]).size for records in (moved & self.fit.used, self.fit.used))
         return bool(inside == 1 < every)
 

@@ -77,7 +77,7 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     count = len(way.quantities)
     # Each function has one column for each quantity; the first function is the constant where there is one.
     sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
-    axes = _axes(design, columns, way, count)
+    axes = _axes(design, block, way, count)
     off = choice.tips - choice.fit.observations.targets(choice.fit.solution.point.seats)
     each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
     covariate = choice.others[design.blocks[block].candidate - design.causes]
@@ -87,11 +87,11 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     return table[choice.fit.used].sort_values(list(covariate.values.columns), ignore_index=True)
 
 
-def _axes(design: Design, columns: slice, way: Carried, count: int) -> Array:
+def _axes(design: Design, block: int, way: Carried, count: int) -> Array:
     """Shift of the tip for one unit of each quantity (n, 3, quantities)."""
     strongest = np.argmax(
         np.abs(way.functions), axis=1
     )  # a column is a function times the shift; divide by one that is there
-    own = (design.jacobian[:, :, columns] / design.scales[columns]).reshape(len(strongest), 3, -1, count)
+    own = (design.columns(block) / design.scales[design.blocks[block].columns]).reshape(len(strongest), 3, -1, count)
     row = np.arange(len(strongest))
     return np.asarray(own[row, :, strongest] / way.functions[row, strongest][:, None, None])

@@ -18,6 +18,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.state import State
 
 
 def test_columns_of_all_effects_are_those_of_each(sino6: Arm, rng: np.random.Generator) -> None:
@@ -30,7 +31,7 @@ def test_columns_of_all_effects_are_those_of_each(sino6: Arm, rng: np.random.Gen
         LinkLength(2), LinkTwist(3), JointZeroOffset(1), StylusOffset(),
         EncoderEccentricity(4), ThermalExpansion(), BearingTilt(2), SeatError("A"),
     ]  # fmt: skip
-    columns = Columns.of(sino6, q, known, effects)
+    columns = Columns.of(State(sino6, q, known, sino6.chain.tip), effects)
     x = rng.normal(size=columns.vector.size) * columns.vector.typical
     model = ErrorModel(sino6, tuple(e.at(tuple(x[own])) for e, own in columns.vector))
     state = columns.at(x)

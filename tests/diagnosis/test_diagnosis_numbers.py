@@ -119,7 +119,8 @@ def covariance_of_records(records: Measurements) -> Array:
 def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Array:
     """Rows of the kept records, columns and residual, unknown points taken out; each part has points of its own."""
     design, records = case.choice.design, case.records
-    n, width = records.n, design.jacobian.shape[2]
+    n, width = records.n, design.width
+    jacobian = np.concatenate([columns for _, columns in design.strips()], axis=2)
     covariance = covariance_of_records(records)
     seat = records.conditions.seat
     unknown = seat is not None and not records.known.any()
@@ -129,7 +130,7 @@ def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Arr
     for number in np.unique(part[kept]):
         mine = np.flatnonzero(kept & (part == number))
         lower = np.linalg.cholesky(covariance[np.ix_(mine, mine)].transpose(0, 2, 1, 3).reshape(3 * mine.size, -1))
-        raw = np.concatenate([design.jacobian[mine], (design.tips - target)[mine][:, :, None]], axis=2)
+        raw = np.concatenate([jacobian[mine], (design.tips - target)[mine][:, :, None]], axis=2)
         rows = np.linalg.solve(lower, raw.reshape(3 * mine.size, -1))
         if unknown and seat is not None:
             labels = sorted(set(seat[mine]))
@@ -161,7 +162,7 @@ def prior_rows(case: Case) -> Array:
     """What is known of the nuisances (m, columns + 1), in units of their widths."""
     problem, x = case.choice.design.fit.problem, case.choice.design.fit.solution.point.x
     kept = case.choice.design.kept
-    rows = np.zeros((kept.size, case.choice.design.jacobian.shape[2] + 1))
+    rows = np.zeros((kept.size, case.choice.design.width + 1))
     rows[:, : kept.size] = np.eye(kept.size)
     rows[:, -1] = ((x - problem.start) / problem.widths)[kept]
     return rows
@@ -380,9 +381,9 @@ def narrowed(choice: Choice) -> Choice:
         if names[c].endswith((":2", ":3")) and choice.question.contained.get(c) is None
     ]
     number = {c: k for k, c in enumerate(few)}
-    blocks = tuple(replace(b, candidate=number[b.candidate]) for b in choice.question.blocks if b.candidate in number)
     prior = choice.question.log_prior[few]
-    design = replace(choice.design, blocks=blocks)
+    design = choice.design.of([k for k, b in enumerate(choice.question.blocks) if b.candidate in number])
+    design = replace(design, blocks=tuple(replace(b, candidate=number[b.candidate]) for b in design.blocks))
     return replace(choice, question=replace(choice.question, design=design, log_prior=prior, contained={}), design=design)
 
 
@@ -390,7 +391,7 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
     """P(p ≤ α) ≤ α for the best of all candidates in noise, and p is not so large that it never says anything."""
     monkeypatch.setattr(findings, "DRAWS", 100)
     choice = narrowed(case.choice)
-    products, _ = nothing_there(case, 120, 11)
+    products, _ = nothing_there(replace(case, choice=choice), 120, 11)
     gram = Gram(products_of(choice.design, choice.parts))
     rng = np.random.default_rng(12)
     found = []
@@ -454,7 +455,7 @@ def test_chow_s_test_is_uniform_when_nothing_is_there(free_case: Case, monkeypat
     for _ in range(60):
         off = np.einsum("nij,nj->ni", np.linalg.cholesky(own), rng.standard_normal((RECORDS, 3)))
         step = rng.standard_normal(scales) - start
-        tips = target + off - choice.design.jacobian[:, :, :scales] @ step
+        tips = target + off - choice.design.columns(None) @ step
         drawn = groups.odd_groups(replace(narrow, design=replace(narrow.design, tips=tips)))
         chances.append(next(g.p_value for g in drawn if g.name == f"session {labels[0]}"))
     cut = np.minimum(np.array(chances), 1.0)

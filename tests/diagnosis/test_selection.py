@@ -48,12 +48,12 @@ class Small:
         self.owners = list(range(len(columns))) if owners is None else list(owners)
         self.ones = np.ones((len(residual), 1))
         ends = 1 + np.cumsum([0, *(c.shape[1] for c in columns)])
-        blocks = tuple(Block(c, k, slice(int(ends[k]), int(ends[k + 1]))) for k, c in enumerate(self.owners))
+        nothing: Any = None
+        blocks = tuple(Block(c, k, slice(int(ends[k]), int(ends[k + 1])), nothing) for k, c in enumerate(self.owners))
         names = max(self.owners) + 1 if prior is None else len(prior)
         self.log_prior = np.log(np.full(names, 1.0 / names) if prior is None else np.array(prior))
-        nothing: Any = None
         width, known = int(ends[-1]), np.array([[1.0, *START]])
-        design = Design(nothing, (), names, blocks, 1, np.ones(width), np.empty((0, 3, width)), nothing, known, nothing, 0)
+        design = Design(nothing, (), names, blocks, 1, np.ones(width), nothing, known, nothing, 0)
         rows = np.column_stack([self.ones, *columns, residual])
         self.gram = Gram(Products(design, [Part(rows[:7], 7), Part(rows[7:], len(rows) - 7)]))
         self.question = Question(design, self.log_prior, stated, contained or {})
