@@ -182,7 +182,9 @@ class _Search:
         if len(admitted) > 2:
             return admitted
         best, value = admitted, self.log_evidence(admitted)
-        for pair in self.pairs((), NEAR):
+        pairs = self.pairs((), NEAR)
+        self.gram.prepare(k for pair in pairs for k in pair)
+        for pair in pairs:
             if (found := self.log_evidence(pair)) > value + EQUAL:
                 best, value = pair, found
         return best
@@ -202,6 +204,7 @@ class _Search:
             rest = _without(admitted, k)
             pairs = [pair for pair in self.pairs(rest, INSTEAD) if k not in pair]
             if pairs and len(rest) + 2 <= MOST_CAUSES:
+                self.gram.prepare(k for pair in pairs for k in pair)
                 found, best = max((self.log_evidence(_ordered((*rest, *pair))), pair) for pair in pairs)
                 if found > value + SURE:
                     return _ordered((*rest, *best))
@@ -211,13 +214,14 @@ class _Search:
         """Each of the leading candidates with its best second, beside ``rest``."""
         odds, blocks = self.odds(rest)
         evidences = odds - self.question.log_prior
+        leading = [blocks[k] for k in np.argsort(-odds)[:count] if np.isfinite(evidences[k]) and evidences[k] > 0]
+        self.gram.prepare(leading)
         found = []
-        for first in np.argsort(-odds)[:count]:
-            if np.isfinite(evidences[first]) and evidences[first] > 0:
-                second, others = self.odds(_ordered((*rest, blocks[first])))
-                if np.isfinite(second).any():
-                    pair = self.question.joined((blocks[first],), others[int(np.argmax(second))])
-                    found += [pair] if len(pair) == 2 else []
+        for first in leading:
+            second, others = self.odds(_ordered((*rest, first)))
+            if np.isfinite(second).any():
+                pair = self.question.joined((first,), others[int(np.argmax(second))])
+                found += [pair] if len(pair) == 2 else []
         return list(dict.fromkeys(found))
 
     def log_evidence(self, admitted: tuple[int, ...]) -> float:

@@ -8,7 +8,7 @@ observations are projected out of the rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 
@@ -36,9 +36,9 @@ class Part:
     rows: Array
     free: int
 
-    def strip(self, columns: slice) -> Array:
+    def strip(self, columns: Index) -> Array:
         """Products of some columns with all, and with the residual (q, columns + 1)."""
-        found = np.zeros((columns.stop - columns.start, self.rows.shape[1]))
+        found = np.zeros((columns.size, self.rows.shape[1]))
         for rows in self._exact():
             found += rows[:, columns].T @ rows
         return found
@@ -50,12 +50,13 @@ class Part:
             found += rows[:, :-1].T @ rng.standard_normal((len(rows), draws))
         return found
 
-    def insides(self, columns: Index) -> Array:
-        """Products of the columns of each block with one another, for columns (blocks, q): (blocks, q, q)."""
-        found = np.zeros((*columns.shape, columns.shape[1]))
+    def insides(self, columns: Mapping[int, Index]) -> dict[int, Array]:
+        """Products of the columns of each block with one another, for columns (blocks, q) of each size q: (blocks, q, q)."""
+        found = {size: np.zeros((*own.shape, size)) for size, own in columns.items()}
         for rows in self._exact():
-            mine = rows.T[columns]
-            found += mine @ mine.transpose(0, 2, 1)
+            for size, own in columns.items():
+                mine = rows.T[own]
+                found[size] += mine @ mine.transpose(0, 2, 1)
         return found
 
     def _exact(self) -> Iterator[Array]:
@@ -82,7 +83,8 @@ class Products:
         prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
         self.prior = Part(prior, 0)
         self._strips: dict[tuple[int | None, int, int], Array] = {}
-        sizes, starts = (np.array(each) for each in zip(*((b.size, b.columns.start) for b in design.blocks), strict=True))
+        sizes = np.array([b.size for b in design.blocks], dtype=np.intp)
+        starts = np.array([b.columns.start for b in design.blocks], dtype=np.intp)
         self.of_size = {int(q): np.flatnonzero(sizes == q) for q in np.unique(sizes)}
         self.columns = {q: starts[own][:, None] + np.arange(q) for q, own in self.of_size.items()}
         self.place = {id(design.blocks[b]): (q, k) for q, own in self.of_size.items() for k, b in enumerate(own)}
@@ -90,16 +92,21 @@ class Products:
 
     def strip(self, part: int | None, columns: slice) -> Array:
         """Products of some columns with all, and with the residual (q, columns + 1): of one part, or of all with prior."""
-        key = (part, columns.start, columns.stop)
-        if key not in self._strips:
-            if part is None:
-                found = self.prior.strip(columns)
-                for each in self.parts:
-                    found += each.strip(columns)
-            else:
-                found = self.parts[part].strip(columns)
-            self._strips[key] = found
-        return self._strips[key]
+        self.prepare(part, [columns])
+        return self._strips[part, columns.start, columns.stop]
+
+    def prepare(self, part: int | None, strips: Iterable[slice]) -> None:
+        """Work out several strips that will be asked for: the rows are read once for all of them."""
+        wanted = {(s.start, s.stop) for s in strips if (part, s.start, s.stop) not in self._strips}
+        if wanted:
+            columns = np.concatenate([np.arange(*ends) for ends in wanted])
+            parts = [self.prior, *self.parts] if part is None else [self.parts[part]]
+            found = parts[0].strip(columns)
+            for each in parts[1:]:
+                found += each.strip(columns)
+            last = np.cumsum([stop - start for start, stop in wanted])
+            for ends, strip in zip(wanted, np.split(found, last[:-1]), strict=True):
+                self._strips[part, *ends] = strip
 
     def insides(self, part: int | None) -> dict[int, Array]:
         """Products of the columns of each block with one another: size -> (blocks of that size, q, q)."""
@@ -108,7 +115,7 @@ class Products:
                 each = [self.insides(k) for k in range(len(self.parts))]
                 self._insides[part] = {size: np.sum([one[size] for one in each], axis=0) for size in self.columns}
             else:
-                self._insides[part] = {size: self.parts[part].insides(own) for size, own in self.columns.items()}
+                self._insides[part] = self.parts[part].insides(self.columns)
         return self._insides[part]
 
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
@@ -141,6 +148,12 @@ class Gram:
     def free(self) -> int:
         """Rows less the unknown points that were projected out."""
         return sum(self.products.parts[k].free for k in self.parts)
+
+    def prepare(self, blocks: Iterable[int]) -> None:
+        """Work out at once what is needed to admit each of some blocks."""
+        strips = [self.products.design.blocks[k].columns for k in blocks]
+        for part in (None, *self.left_out):
+            self.products.prepare(part, strips)
 
     def strip(self, columns: slice, others: slice | Index = slice(None)) -> Array:
         """Products of some columns with others, or with all and with the residual (q, columns + 1)."""

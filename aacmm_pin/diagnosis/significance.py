@@ -237,6 +237,7 @@ def look_alikes(choice: Choice) -> list[tuple[str, str]]:
     single = [k for k, owner in enumerate(question.owners) if owner < causes and alone[owner]]
     informations = {k: left.information(question.blocks[k]) for k in single}
     shown = [k for k in single if np.trace(informations[k]) >= SHOWS * len(informations[k])]
+    choice.gram.prepare(shown)
     found = []
     for n, i in enumerate(shown):
         for j in shown[n + 1 :]:
