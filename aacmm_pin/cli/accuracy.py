@@ -20,8 +20,8 @@ from aacmm_pin.report.accuracy import accuracy_document
 from aacmm_pin.report.json_summaries import accuracy_summary, accuracy_table
 
 
-@command("accuracy")
-def accuracy(
+@command
+def run(
     point: Point,
     arm: UncertainArm,
     orientation: Orientation,

@@ -21,8 +21,8 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 
 
-@command("calibrate")
-def calibrate_(
+@command
+def run(
     arm: ArmAndData,
     how: MeasuredHow,
     parameters: Annotated[str, typer.Option(help="One of zero-offsets, geometry.")] = "geometry",

@@ -8,8 +8,8 @@ from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.cli.pose_options import Orientation, Point
 
 
-@command("configurations")
-def configurations(point: Point, arm: AnyArm, orientation: Orientation, output: Output = None, force: Force = False) -> None:
+@command
+def run(point: Point, arm: AnyArm, orientation: Orientation, output: Output = None, force: Force = False) -> None:
     """Every configuration that reaches a point, as CSV."""
     with Results(force, output, reads=arm.files) as results:
         circle = orientation.postures(arm.model().arm, point)

@@ -21,8 +21,8 @@ OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U)
 """Columns that say where the tip should be have no part in where the readings put it."""
 
 
-@command("correct")
-def correct(arm: ArmAndData, noise: EncoderNoise, output: Output = None, force: Force = False) -> None:
+@command
+def run(arm: ArmAndData, noise: EncoderNoise, output: Output = None, force: Force = False) -> None:
     """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty, as CSV."""
     with Results(force, output, reads=arm.files) as results:
         model, path = arm.model_and_data()

@@ -10,8 +10,8 @@ import typer
 from aacmm_pin.cli.common import Force, command, say
 
 
-@command("demo")
-def demo(
+@command
+def run(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("out"),
     cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells of the map.")] = (48, 48),
     force: Force = False,

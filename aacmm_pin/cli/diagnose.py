@@ -15,8 +15,8 @@ from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.measurements.records import Measurements
 
 
-@command("diagnose")
-def diagnose_(
+@command
+def run(
     arm: ArmAndData,
     how: MeasuredHow,
     no_held_out: Annotated[bool, typer.Option("--no-held-out", help="Do not measure the gain.")] = False,

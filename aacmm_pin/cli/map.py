@@ -19,8 +19,8 @@ from aacmm_pin.report.accuracy import map_document
 from aacmm_pin.report.json_summaries import map_summary
 
 
-@command("map")
-def map_(
+@command
+def run(
     arm: AnyArm,
     cells: Annotated[tuple[int, int], typer.Option(metavar="NX NZ", help="Cells along x and z.")] = (48, 48),
     sectors: Sectors = 12,

@@ -19,8 +19,8 @@ from aacmm_pin.report import terminal
 from aacmm_pin.report.plan import plan_document
 
 
-@command("plan")
-def plan_(
+@command
+def run(
     arm: UncertainArm,
     how: MeasuredHow,
     split: Annotated[

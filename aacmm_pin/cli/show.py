@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from aacmm_pin.report.scenes import Scene
 
 
-@command("show")
-def show(
+@command
+def run(
     arm: UncertainArm,
     point: Annotated[
         Triple | None,

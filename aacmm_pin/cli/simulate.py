@@ -20,8 +20,8 @@ BAR_LENGTH_MM = 500.0
 """Length of a ball bar where none is stated."""
 
 
-@command("simulate")
-def simulate(
+@command
+def run(
     arm: UncertainArm,
     plan: Annotated[str, typer.Option(help=f"One of {', '.join(PLANS)}.")] = "seats",
     records: Annotated[int, typer.Option(help="Number of records.")] = 300,

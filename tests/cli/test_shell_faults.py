@@ -15,7 +15,7 @@ import pytest
 from shell import POINT, done, refused, run
 
 from aacmm_pin._support.text_escaping import printable
-from aacmm_pin.cli.common import Stopped
+from aacmm_pin.cli.shell import Stopped
 
 
 def started(*words: str, **named: Any) -> subprocess.Popen[bytes]:
@@ -56,7 +56,7 @@ def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch: pytest.Monkey
 def test_signals_are_as_they_were_when_a_command_has_ended() -> None:
     every = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in every]
-    done("--version")
+    done("urdf", "sino6")
     assert [signal.getsignal(number) for number in every] == before
 
 

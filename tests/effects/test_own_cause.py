@@ -18,8 +18,8 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin import Arm, Diagnosis, ErrorModel, Measurements, calibrate, diagnose, plan_measurements, simulate_measurements
-from aacmm_pin.cli import common
-from aacmm_pin.cli.commands import app
+from aacmm_pin.cli import shell
+from aacmm_pin.cli.shell import app
 from aacmm_pin.effects import (
     CAUSES,
     Displacement,
@@ -57,7 +57,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def hose(folder: Path) -> Iterator[Any]:
     """The class, as a program has it that imports the file; known as long as this file's tests run."""
     before = dict(CAUSES)
-    yield common._import(str(folder / "hose.py")).HosePull
+    yield shell._import(str(folder / "hose.py")).HosePull
     CAUSES.clear()
     CAUSES.update(before)
 
@@ -163,7 +163,7 @@ def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytes
     }.items():
         assert f"--plugin {name}: {said}" in refusal("--plugin", name, "causes")
     monkeypatch.syspath_prepend(str(folder))
-    monkeypatch.setattr(common, "entry_points", lambda group: [EntryPoint("hose", "hose", group)])
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [EntryPoint("hose", "hose", group)])
     monkeypatch.delitem(sys.modules, "hose", raising=False)
     done = CliRunner().invoke(app, ["causes"])
     assert "hose_pull:JOINT" in done.stdout, done.stderr

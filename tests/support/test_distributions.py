@@ -44,6 +44,6 @@ def test_a_command_starts_without_what_it_may_not_need() -> None:
         "meshcat",
         "IPython",
     )
-    code = f"import sys, aacmm_pin.cli.commands; print([name for name in {heavy!r} if name in sys.modules])"
+    code = f"import sys, aacmm_pin.cli.shell; print([name for name in {heavy!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
