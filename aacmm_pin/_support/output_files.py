@@ -235,15 +235,15 @@ def _check_folder(path: Path, folder: Path) -> None:
 @contextmanager
 def _locked_folder(parent: Path) -> Iterator[Path]:
     """A hidden folder that is locked as long as this process lives, and marked as ours; it is removed in the end."""
-    folder = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=parent))
-    lock = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        (folder / MARK).touch()  # when it is locked: nobody takes it for one that was left
+    with ExitStack() as stack:
+        with _signals_wait():  # or one that comes now would leave a folder that nothing takes away
+            folder = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=parent))
+            lock = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, lock)
+            stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            (folder / MARK).touch()  # when it is locked: nobody takes it for one that was left
         yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        os.close(lock)
 
 
 def _remove_what_dead_processes_left(parent: Path) -> None:
