@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -14,7 +16,9 @@ from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
 
 NOISE = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) * 1e-6
 FRAME = Frame(Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix(), np.array([1.0, 2.0, -0.5]))
@@ -67,6 +71,22 @@ def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator) -> None:
         delta, length, promised = step.within(part * full[1])
         assert length == pytest.approx(min(part, 1.0) * full[1], rel=1e-2)
         assert promised == pytest.approx(gained(delta), rel=1e-6)
+
+
+def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generator) -> None:
+    """From a start that is off, parameters as they are: no step of the ends by themselves is left."""
+    noise = Noise.of(6, encoder=8e-6, probe=5e-6)
+    data = simulate_measurements(sino6, "ball-bar", 60, rng=rng, noise=noise, known=False, bar_length=0.5)
+    setup = Setup.of(sino6, encoder_noise=8e-6, probe_noise=5e-6)
+    problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
+    model = NoiseModel.of(problem, Frame.identity(), 0.0)
+    search = solver._Search(problem, model, np.ones(60), False, solver.SETTLED)
+    begun = solver.begin(problem, model.observations)
+    start = replace(begun, seats=begun.seats + rng.normal(scale=2e-3, size=begun.seats.shape))
+    still = np.zeros(problem.scales.size)
+    assert len(model.observations.ends) > 0
+    assert np.abs(search.system(start).seats(still)).max() > 1e-3
+    assert np.abs(search.seats_at_best(start, search.system(start))[1].seats(still)).max() < 1e-7
 
 
 def test_a_promise_that_nothing_comes_of_ends_the_search(sino6: Arm, rng: np.random.Generator) -> None:

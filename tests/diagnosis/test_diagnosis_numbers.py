@@ -10,8 +10,11 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from blind import chains, draw
 from numpy.typing import NDArray
@@ -30,13 +33,14 @@ from aacmm_pin.diagnosis import findings as geometric
 from aacmm_pin.diagnosis import gram_matrix
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import candidates
-from aacmm_pin.diagnosis.covariates import covariates
+from aacmm_pin.diagnosis.covariates import _cosines, covariates
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
 from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.effects import Effect
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 
@@ -44,7 +48,6 @@ Array = NDArray[np.float64]
 ENCODER, REFERENCE, PROBE, LENGTH = 8e-6, 12e-6, 10e-6, 20e-6
 RECORDS = 60
 MAGNITUDES = (0.2, 0.5, 1.0, 2.0, 10.0)
-ADMITTED = 10.0  # of blocks with few columns, as here
 PLANS = ("free", "seats", "unknown-seats")
 
 
@@ -183,10 +186,15 @@ def some_blocks(choice: Choice) -> list[int]:
     return sorted(set(sizes.values()))
 
 
+def freedom(block: slice) -> float:
+    """Within how many typical magnitudes the parameters of an admitted block are free."""
+    return 10.0 if block.stop - block.start < 8 else 2.0
+
+
 def beside(rows: Array, nuisances: int, blocks: Sequence[slice]) -> tuple[Array, Array]:
     """Rows with those of admitted blocks' own priors, and the columns that are refitted."""
     width = rows.shape[1]
-    extra = np.eye(width)[[i for s in blocks for i in range(s.start, s.stop)]] / ADMITTED
+    extra = np.vstack([np.eye(width)[s] / freedom(s) for s in blocks] or [np.empty((0, width))])
     rows = np.vstack([rows, extra])
     return rows, np.concatenate([rows[:, :nuisances], *(rows[:, s] for s in blocks)], axis=1)
 
@@ -217,13 +225,14 @@ def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case) -> None:
     assert gram.free == len(rows) - case.choice.design.nuisances
 
 
-@pytest.mark.parametrize("admitted", [(), (5,), (5, -1)])
+@pytest.mark.parametrize("admitted", [(), (5,), (5, -1), (5, None)])  # None: one with many columns
 @pytest.mark.parametrize("left_out", [(), (1,)])
-def test_conditional_and_evidence(case: Case, admitted: tuple[int, ...], left_out: tuple[int, ...]) -> None:
+def test_conditional_and_evidence(case: Case, admitted: tuple[int | None, ...], left_out: tuple[int, ...]) -> None:
     """χ², gradient, information by least squares; evidence as the ratio of two Gaussian marginal likelihoods."""
     choice = case.choice
     question = choice.question
-    admitted = tuple(k % len(question.blocks) for k in admitted)
+    many = max(range(len(question.blocks)), key=lambda k: question.blocks[k].size)
+    admitted = tuple(many if k is None else k % len(question.blocks) for k in admitted)
     variance = 1.7
     gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
     left = Conditional(Projection(gram, admitted), variance)
@@ -264,7 +273,7 @@ def log_bayes_factor(
     With a variance factor v, all that was known beforehand is as much less sure as the records are.
     """
     start = rows[len(data) : len(data) + nuisances, -1]  # the nuisances are where -start is, give or take one
-    known = np.concatenate([data[:, :nuisances], *(ADMITTED * data[:, s] for s in admitted)], axis=1)
+    known = np.concatenate([data[:, :nuisances], *(freedom(s) * data[:, s] for s in admitted)], axis=1)
     residual = data[:, -1] - data[:, :nuisances] @ start
     nothing = variance * (np.eye(len(data)) + known @ known.T)
     columns = data[:, block]
@@ -280,7 +289,11 @@ def test_evidence_without_one_of_the_admitted(case: Case, taken_out: int, left_o
     choice, question, variance = case.choice, case.choice.question, 1.7
     admitted = (5, 17, len(question.blocks) - 1)
     gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
-    found = Conditional(Projection(gram, admitted), variance).evidences_without(admitted[taken_out])
+    whole = Conditional(Projection(gram, admitted), variance)
+    found = whole.evidences_without(admitted[taken_out])
+    place = findings.Place.of(replace(choice, gram=gram), whole, admitted[taken_out])
+    odds = question.odds(question.without(question.struck_out(place.left.projection.admitted), found))
+    np.testing.assert_allclose(place.odds, odds, atol=1e-6)
     rest = [k for k in admitted if k != admitted[taken_out]]
     slices = [question.blocks[k].columns for k in rest]
     all_rows = dense(case, choice.parts, left_out)
@@ -331,6 +344,60 @@ def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
         if min(min(np.linalg.svd(off[:, x.columns])[1]) for x in (a, b)) > 1e-3 * np.abs(off[:, a.columns]).max():
             wanted = np.cos(subspace_angles(*spans).min())
             assert findings.canonical(left, a, b) == pytest.approx(wanted, abs=1e-5)
+
+
+def test_pairs_that_cannot_be_told_apart(case: Case) -> None:
+    """By what the other cause, within its largest size, leaves of each; where either of two shows at all."""
+    choice = narrowed(case.choice)
+    choice, rows = replace(choice, gram=Gram(products_of(choice.design, choice.parts))), dense(case, choice.parts)
+    basis = np.linalg.qr(rows[:, : choice.design.nuisances])[0]
+    off = rows - basis @ (basis.T @ rows)
+    blocks = choice.question.blocks
+    alone = [b for b in blocks if sum(other.candidate == b.candidate for other in blocks) == 1]
+    shown = [b for b in alone if np.square(off[:, b.columns]).sum() >= 15.0 * b.size]
+
+    def apart(mine: Block, its: Block) -> float:
+        could = np.vstack([off[:, its.columns], np.eye(its.size) / MAGNITUDES[-1]])
+        does = np.vstack([off[:, mine.columns], np.zeros((its.size, mine.size))])
+        return float(np.square(does - could @ np.linalg.lstsq(could, does)[0]).sum()) / mine.size
+
+    wanted = [
+        (choice.design.names[one.candidate], choice.design.names[other.candidate])
+        for one, other in itertools.combinations(shown, 2)
+        if min(apart(one, other), apart(other, one)) < 2.0 * np.log(19.0)
+    ]
+    assert findings.look_alikes(choice) == wanted
+
+
+def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> None:
+    n, time = 80, np.sort(rng.uniform(0.0, 5e3, 80))
+    q, session = rng.uniform(-2.0, 2.0, (n, 6)), np.array(["a"] * 30 + ["b"] * 50, dtype=object)
+    records = Measurements.of(q, sino6.positions(q), conditions=Conditions(n, time=time, session=session))
+    found = {covariate.name: covariate for covariate in covariates(sino6, records)}
+    assert [way.carrier for way in found["joint 3"].variants] == ["before 3"]
+    angles = [f"angle {row}" for row in range(1, 7)]
+    assert [way.carrier for way in found["time"].variants] == ["room", *angles, "lengths", "room", "room"]
+
+    def same(functions: Array, columns: Sequence[Array]) -> None:
+        wanted = np.stack(columns, axis=1)
+        np.testing.assert_allclose(functions, wanted / np.sqrt(np.square(wanted).mean(axis=0)), rtol=1e-9, atol=1e-12)
+
+    inside = [(session == name).astype(float) for name in ("a", "b")]
+    same(found["time"].variants[-1].functions, [s * (time - time @ s / s.sum()) ** k for k in range(3) for s in inside])
+    for way, acts, turns in zip(found["joint 2 × joint 4"].variants, (1, 3), (3, 1), strict=True):
+        assert way.carrier == f"angle {acts + 1}"
+        own, other = q[:, acts], q[:, turns]
+        same(way.functions, [f * g(other) for f in (np.ones(n), np.cos(own), np.sin(own)) for g in (np.cos, np.sin)])
+
+
+def test_smooth_functions_are_orthonormal_over_the_records(rng: np.random.Generator) -> None:
+    functions = _cosines(pd.Series(rng.permutation(40) ** 2.0), 6)
+    np.testing.assert_allclose(functions.T @ functions / 40.0, np.eye(7), atol=1e-12)
+
+
+def test_ratio_and_its_directions() -> None:
+    left: Any = SimpleNamespace(information=lambda _: np.diag([3.99, 0.99, 8.99]), gradient=np.array([7.0, 4.0, 2.0, 0.0]))
+    assert findings.Ratio.of(left, Block(0, 0, slice(1, 4))) == pytest.approx((8.0, 2.0))
 
 
 # --- chances when nothing is there
@@ -407,6 +474,20 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
 
 
 # --- groups, and records left out
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_causes_have_to_prove_themselves(known: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the noise is known a cause may harm by chance, else it has to help by more; groups of their own stay."""
+    error = 1.0 / np.sqrt(3.0)  # of the mean of the four parts below
+    for mean in (-3.0, -1.7, -1.6, 1.6, 1.7):
+        better = mean * error + np.array([-1.0, 1.0, -1.0, 1.0])
+        monkeypatch.setattr(gain, "_losses", lambda choice, training, blocks, b=better: 0.0 * b if 7 in blocks else b)
+        fit_: Any = SimpleNamespace(stated=True, unmodelled=0.0 if known else 1e-5)
+        for whole in (True, False):
+            choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda block, whole=whole: whole)
+            stays = whole or mean > (-1.64 if known else 1.64)
+            assert gain.survivors(choice, (7,), choice) == ((7,) if stays else ()), (mean, whole)
 
 
 def misfit(rows: Array, nuisances: int, measured: int) -> tuple[float, float]:

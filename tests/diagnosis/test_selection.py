@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from aacmm_pin.diagnosis import forward_backward_selection
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.forward_backward_selection import SURE, WEAKEST, Question, _Search, search
 from aacmm_pin.diagnosis.gram_matrix import Gram, Part, Products
+from aacmm_pin.diagnosis.significance import Place
 
 Array = NDArray[np.float64]
 Blocks = tuple[int, ...]
@@ -236,6 +238,8 @@ def test_what_contains_two_stands_for_both() -> None:
         assert small.found() == small.found(0, 1) == wanted
         assert small.question.struck_out((2,)) == {0, 1, 2}
         assert small.question.joined((0, 1), 2) == (2,)
+        beside: Any = SimpleNamespace(left=small.steps.left((2,)), question=small.question, admitted=(2,))
+        assert np.isfinite(Place.beside(beside, 0).odds).tolist() == [True, False, False]  # what is asked for competes
 
 
 def test_a_candidate_without_a_block() -> None:
