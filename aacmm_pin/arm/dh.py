@@ -80,13 +80,12 @@ class DHTable(Shown):
         """
         q = batch(q, self.nq, "q", "rad")
         row = self.rows if row is None else row
-        positions, none = np.empty((len(q), 3)), np.empty((3, 4 * self.rows, 0))
+        if errors is None:
+            return self._walked(q, row, 0)[0]
+        positions = np.empty((len(q), 3))
         for part in chunks(len(q)):
-            if errors is None:
-                walk(*self._motions(q[part], self.values(), row), self.standard, part.start, positions, none)
-            else:
-                these = errors[part] if errors.ndim == 3 else errors
-                positions[part] = self.axes(q[part], these, row)[3][row].T
+            these = errors[part] if errors.ndim == 3 else errors
+            positions[part] = self.axes(q[part], these, row)[3][row].T
         return positions
 
     def links(self) -> Array:
@@ -103,11 +102,8 @@ class DHTable(Shown):
 
     def position_and_jacobian(self, q: Array) -> tuple[Array, Array]:
         """Origin of the last frame and its derivative, for already checked ``q`` (n, nq): (n, 3) [m], (n, 3, nq) [m/rad]."""
-        _, _, z, o = self.axes(q)
-        jacobian = np.empty((self.nq, 3, q.shape[0]))
-        for joint, frame in enumerate(self.joint_frames):
-            cross(z[frame], o[-1] - o[frame], jacobian[joint])
-        return np.ascontiguousarray(o[-1].T), np.ascontiguousarray(jacobian.transpose(2, 1, 0))
+        position, columns = self._walked(q, self.rows, 1)
+        return position, np.ascontiguousarray(columns[:, self.moving, 0].transpose(2, 0, 1))
 
     def sensitivity(self, q: Array, row: int | None = None) -> Array:
         """∂(origin of frame ``row``)/∂(a, d, alpha, theta of each row), closed form: (n, 3, 4 rows) [m/m, m/rad].
@@ -121,11 +117,15 @@ class DHTable(Shown):
     def position_and_sensitivity(self, q: Array, row: int | None = None) -> tuple[Array, Array]:
         """Both :meth:`positions` (n, 3) [m] and :meth:`sensitivity` (n, 3, 4 rows) in one walk."""
         q = batch(q, self.nq, "q", "rad")
-        row = self.rows if row is None else row
-        columns, position = np.zeros((3, 4 * self.rows, len(q))), np.empty((len(q), 3))
+        position, columns = self._walked(q, self.rows if row is None else row, len(KINDS))
+        return position, columns.reshape(3, 4 * self.rows, len(q)).transpose(2, 0, 1)
+
+    def _walked(self, q: Array, row: int, kinds: int) -> tuple[Array, Array]:
+        """Origin of frame ``row`` (n, 3) and its derivatives, the last ``kinds`` of each row: (3, rows, kinds, n)."""
+        position, columns = np.empty((len(q), 3)), np.zeros((3, self.rows, kinds, len(q)))
         for part in chunks(len(q)):
             walk(*self._motions(q[part], self.values(), row), self.standard, part.start, position, columns)
-        return position, columns.transpose(2, 0, 1)
+        return position, columns
 
     def axes(self, q: Array, errors: Array | None = None, row: int | None = None) -> tuple[Array, Array, Array, Array]:
         """Axes and origins of the frames 0..row in the base, for already checked ``q`` (n, nq).
@@ -176,20 +176,22 @@ def _frames(cosine: Array, sine: Array, constants: Array, standard: bool) -> Arr
 
 @twin_of(dh_loop.walk, dh_loop.SIGNATURE)
 def walk(cosine: Array, sine: Array, constants: Array, standard: bool, start: int, position: Array, columns: Array) -> None:
-    """Origin of the last frame into ``position`` (all, 3), from ``start`` on, and its sensitivity into ``columns``.
+    """Origin of the last frame into ``position`` (all, 3), from ``start`` on, and its derivatives into ``columns``.
 
-    These are (3, ≥ 4 rows, all) as in :meth:`DHTable.sensitivity`, or (3, any, 0) where they are not wanted. The other
-    arguments are those that :meth:`DHTable._motions` gives, with constants that all configurations share.
+    These are (3, ≥ rows, 4, all) as in :meth:`DHTable.sensitivity`, (…, 1, all) for those by theta alone, or (…, 0, all).
+    The other arguments are those that :meth:`DHTable._motions` gives, with constants that all configurations share.
     """
     rows, part = len(cosine), slice(start, start + cosine.shape[1])
     x, _, z, o = _frames(cosine, sine, constants, standard)
     position[part] = o[rows].T
-    for i in range(rows if columns.shape[2] else 0):
+    kinds = columns.shape[2]
+    for i in range(rows if kinds else 0):
         z_frame, x_frame = (i, i + 1) if standard else (i + 1, i)
-        columns[:, 4 * i, part] = x[x_frame]
-        columns[:, 4 * i + 1, part] = z[z_frame]
-        cross(x[x_frame], o[rows] - o[x_frame], columns[:, 4 * i + 2, part])
-        cross(z[z_frame], o[rows] - o[z_frame], columns[:, 4 * i + 3, part])
+        cross(z[z_frame], o[rows] - o[z_frame], columns[:, i, kinds - 1, part])
+        if kinds > 1:
+            columns[:, i, 0, part] = x[x_frame]
+            columns[:, i, 1, part] = z[z_frame]
+            cross(x[x_frame], o[rows] - o[x_frame], columns[:, i, 2, part])
 
 
 def _move(

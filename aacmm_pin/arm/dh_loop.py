@@ -6,16 +6,18 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 
-SIGNATURE = "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], b1, i8, f8[:, ::1], f8[:, :, ::1])"
+SIGNATURE = "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], b1, i8, f8[:, ::1], f8[:, :, :, ::1])"
 LANES = 128
-"""Configurations side by side in the processor's wide registers; their frames stay in its nearest cache."""
+"""Configurations side by side in the processor's wide registers; their frames stay in its nearer caches."""
 
 
 def walk(cosine: Array, sine: Array, constants: Array, standard: bool, start: int, position: Array, columns: Array) -> None:
     """As :data:`aacmm_pin.arm.dh.walk`: every operation, and its order, so that the last bit is the same."""
     rows, n = cosine.shape
+    kinds = columns.shape[2]
     frame, origin = np.empty((3, 3, LANES)), np.empty((rows + 1, 3, LANES))  # of each axis, and of each frame
-    lever, turn, c, s = np.empty((3, LANES)), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    along, lever = np.empty((2 * rows, 3, LANES)), np.empty((3, LANES))  # the axis that each step turns about
+    turn, c, s = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     for first in range(0, n, LANES):
         width, here = min(LANES, n - first), start + first
         frame[:], origin[:] = 0.0, 0.0
@@ -23,14 +25,13 @@ def walk(cosine: Array, sine: Array, constants: Array, standard: bool, start: in
             frame[axis, axis] = 1.0
         for step in range(2 * rows):
             i, about_z = step // 2, (step % 2 == 0) == standard
-            turning = 2 if about_z else 0
-            length, kind = constants[i, 1 if about_z else 0], 4 * i + (1 if about_z else 0)
+            turning, length = (2, constants[i, 1]) if about_z else (0, constants[i, 0])
             for lane in range(width):
                 c[lane] = cosine[i, first + lane] if about_z else constants[i, 2]
                 s[lane] = sine[i, first + lane] if about_z else constants[i, 3]
             for axis in range(3):
                 u, v, w = frame[(turning + 1) % 3, axis], frame[(turning + 2) % 3, axis], frame[turning, axis]
-                o, moved = origin[i + step % 2, axis], origin[i + 1, axis]
+                o, moved, its = origin[i + step % 2, axis], origin[i + 1, axis], along[step, axis]
                 for lane in range(width):
                     turn[lane] = c[lane] * u[lane] + s[lane] * v[lane]
                 for lane in range(width):
@@ -39,28 +40,26 @@ def walk(cosine: Array, sine: Array, constants: Array, standard: bool, start: in
                     u[lane] = turn[lane]
                 for lane in range(width):
                     moved[lane] = o[lane] + length * w[lane]
-                if columns.shape[2] > 0:
-                    out = columns[axis, kind, here : here + width]
-                    for lane in range(width):
-                        out[lane] = w[lane]
+                for lane in range(width):
+                    its[lane] = w[lane]
         for axis in range(3):
             for lane in range(width):
                 position[here + lane, axis] = origin[rows, axis, lane]
-        if columns.shape[2] == 0:
-            continue
-        for step in range(2 * rows):
-            i, kind = step // 2, 4 * (step // 2) + (1 if (step % 2 == 0) == standard else 0)
-            before, direction = origin[i + step % 2], frame[0]
+        for step in range(2 * rows if kinds > 0 else 0):
+            i, about_z = step // 2, (step % 2 == 0) == standard
+            if kinds == 1 and not about_z:
+                continue
             for axis in range(3):
-                its, along = columns[axis, kind, here : here + width], direction[axis]
-                tip, foot, its_lever = origin[rows, axis], before[axis], lever[axis]
+                tip, foot, its = origin[rows, axis], origin[i + step % 2, axis], lever[axis]
                 for lane in range(width):
-                    along[lane] = its[lane]
-                for lane in range(width):
-                    its_lever[lane] = tip[lane] - foot[lane]
+                    its[lane] = tip[lane] - foot[lane]
             for axis in range(3):
                 j, k = (axis + 1) % 3, (axis + 2) % 3
-                uj, uk, lj, lk = direction[j], direction[k], lever[j], lever[k]
-                out = columns[axis, kind + 2, here : here + width]
+                uj, uk, lj, lk = along[step, j], along[step, k], lever[j], lever[k]
+                turned = columns[axis, i, kinds - 1 if about_z else 2, here : here + width]
                 for lane in range(width):
-                    out[lane] = uj[lane] * lk[lane] - uk[lane] * lj[lane]
+                    turned[lane] = uj[lane] * lk[lane] - uk[lane] * lj[lane]
+                if kinds > 1:
+                    its, shifted = along[step, axis], columns[axis, i, 1 if about_z else 0, here : here + width]
+                    for lane in range(width):
+                        shifted[lane] = its[lane]

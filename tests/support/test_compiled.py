@@ -14,7 +14,7 @@ from aacmm_pin._support import compiled
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE, WHEN_WORTH, Twins
 from aacmm_pin.accuracy import zonotope
-from aacmm_pin.arm.dh import CHUNK, table
+from aacmm_pin.arm.dh import CHUNK, DHTable, table
 from aacmm_pin.errors import UnknownNameError
 
 numba = pytest.importorskip("numba")
@@ -65,11 +65,16 @@ def test_walk_along_any_table(convention: Any, rng: np.random.Generator, monkeyp
             values = rng.normal(size=(rows, 4)) * rng.integers(0, 2, size=(rows, 4))
             dh = table(values, convention, list(rng.random(rows) < 0.8))
             q = rng.uniform(-4.0, 4.0, (n, dh.nq))
-            for row in (rows, rows - 1):
-                plain, loop = of_both(
-                    monkeypatch, lambda d=dh, q=q, r=row: (d.positions(q, r), *d.position_and_sensitivity(q, r))
+
+            def both(dh: DHTable = dh, q: Array = q, row: int = rows - 1) -> tuple[Array, ...]:
+                return (
+                    dh.positions(q, row),
+                    *dh.position_and_sensitivity(q),
+                    dh.sensitivity(q, row),
+                    *dh.position_and_jacobian(q),
                 )
-                np.testing.assert_array_equal(plain, loop)
+
+            np.testing.assert_array_equal(*of_both(monkeypatch, both))
 
 
 def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
