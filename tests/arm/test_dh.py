@@ -8,6 +8,7 @@ import pytest
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import screws
 from aacmm_pin.arm.dh import CHUNK, DHTable, table
 from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.errors import AacmmError, ShapeError
@@ -28,6 +29,13 @@ def test_errors_move_the_arm_as_a_changed_table_does(dh: DHTable, rng: np.random
     one_each = np.concatenate([t.positions(q[k : k + 1]) for k, t in enumerate(changed)])
     np.testing.assert_allclose(dh.positions(q, errors=errors), one_each, rtol=0, atol=1e-14)
     np.testing.assert_allclose(dh.positions(q, errors=errors[0]), changed[0].positions(q), rtol=0, atol=1e-14)
+
+
+def test_links_between_joints_make_the_arm(dh: DHTable, rng: np.random.Generator) -> None:
+    (q,), (first, *links) = random_q(dh, rng, 1), dh.links()
+    for turn, link in zip(screws(q, 0.0, 2), links, strict=True):
+        first = first @ turn @ link
+    np.testing.assert_allclose(first[:3, 3], dh.positions(q[None])[0], rtol=0, atol=1e-14)
 
 
 def test_chunking_does_not_change_results(dh: DHTable, rng: np.random.Generator) -> None:

@@ -11,10 +11,13 @@ from scipy.spatial.transform import Rotation
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import solver
-from aacmm_pin.calibration.noise_model import NoiseModel
+from aacmm_pin.calibration.fit import deleted_distances
+from aacmm_pin.calibration.identifiability import Observability
+from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.parameters import problem_of
-from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
@@ -44,19 +47,27 @@ def test_noise_of_readings_in_a_turned_frame(sino6: Arm, rng: np.random.Generato
     np.testing.assert_allclose(white, np.broadcast_to(np.eye(3), white.shape), atol=1e-9)
 
 
-def system_of(problem: Problem, scatter: float = 0.0) -> solver.Solution:
-    """The system where the search begins, the frame known."""
-    point = solver.Point(problem.start, FRAME, np.zeros((0, 3)), problem.predict(problem.start, FRAME))
-    return solver.standing(problem, NoiseModel.of(problem, FRAME, scatter), point, np.ones(problem.measurements.n))
+def system_of(problem: Problem, off: float = 0.0) -> solver.Solution:
+    """The system where the search begins, or so many widths away from it, the frame known."""
+    x = problem.start + off * problem.widths
+    point = solver.Point(x, FRAME, np.zeros((0, 3)), problem.predict(x, FRAME))
+    return solver.standing(problem, NoiseModel.of(problem, FRAME, 0.0), point, np.ones(problem.measurements.n))
 
 
-def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator) -> None:
+def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     """What plain least squares of the same rows gains, and what is left of it in a trust region."""
+    monkeypatch.setattr(solver, "AT_ONCE", 7)  # not all rows at once
     problem = external(sino6, rng, off=1e-4)
-    here = system_of(problem)
+    here = system_of(problem, off=0.3)
     x, scales = here.point.x, problem.scales
     rows = np.vstack([np.pad(problem.prior, ((0, 0), (0, 6))) / scales, here.system.jacobian])
     residual = np.concatenate([problem.beside_prior(x), here.system.residual])
+    assert here.cost == pytest.approx(residual @ residual, rel=1e-9)
+    assert here.cost > 1.0 + here.system.residual @ here.system.residual
+    quarter = solver.standing(problem, here.noise, here.point, 0.25 * here.weights).system
+    np.testing.assert_allclose(quarter.residual, 0.5 * here.system.residual, rtol=1e-12)
+    seen = problem.predict(x, FRAME, here.point.prediction.tips).jacobian
+    np.testing.assert_allclose(seen / scales, here.point.prediction.jacobian / scales, rtol=1e-9, atol=1e-9)
 
     def gained(step: Array) -> float:
         return float(residual @ residual - np.square(residual + rows @ step).sum())
@@ -84,9 +95,34 @@ def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generat
     begun = solver.begin(problem, model.observations)
     start = replace(begun, seats=begun.seats + rng.normal(scale=2e-3, size=begun.seats.shape))
     still = np.zeros(problem.scales.size)
-    assert len(model.observations.ends) > 0
+    seats, bars = len(model.observations.labels), len(model.observations.ends)
+    assert bars > 0
+    assert search.system(start).free == 3 * (60 - seats) + bars
     assert np.abs(search.system(start).seats(still)).max() > 1e-3
     assert np.abs(search.seats_at_best(start, search.system(start))[1].seats(still)).max() < 1e-7
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_distance_from_where_the_others_put_a_seat(sino6: Arm, rng: np.random.Generator, known: bool) -> None:
+    """Each record's seat anew from all others, and from what is stated of it, by weighted least squares."""
+    noise = Noise.of(6, encoder=8e-6, reference=12e-6, probe=5e-6)
+    data = simulate_measurements(sino6, "seats", 24, rng=rng, noise=noise, seats=3, known=known)
+    setup = Setup.of(sino6, encoder_noise=8e-6, reference_noise=12e-6, probe_noise=5e-6)
+    problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
+    model = NoiseModel.of(problem, Frame.identity(), 0.0)
+    begun, weights, observations = solver.begin(problem, model.observations), np.ones(24), model.observations
+    step = solver.standing(problem, model, begun, weights).system.seats(np.zeros(problem.scales.size))
+    best = solver.standing(problem, model, replace(begun, seats=begun.seats + step), weights)
+    assert best.system.free == 3 * 24 - (0 if known else 9)
+    found = deleted_distances(best)
+    tips, covariance = begun.prediction.tips, model.of_residuals
+    for k, seat in enumerate(observations.seat):
+        others = [j for j in np.flatnonzero(observations.seat == seat) if j != k]
+        told = [(np.linalg.inv(covariance[j]), tips[j]) for j in others]
+        told += [(np.eye(3) / 12e-6**2, observations.stated[seat])] if known else []
+        u = np.linalg.inv(sum(information for information, _ in told))
+        off = tips[k] - u @ sum(information @ place for information, place in told)
+        assert found[k] == pytest.approx(off @ np.linalg.solve(covariance[k] + u, off), rel=1e-4)
 
 
 def test_a_promise_that_nothing_comes_of_ends_the_search(sino6: Arm, rng: np.random.Generator) -> None:
@@ -107,6 +143,28 @@ def test_a_promise_that_nothing_comes_of_ends_the_search(sino6: Arm, rng: np.ran
             search.answer = search.answer * np.sqrt(promise / found)
         assert found == pytest.approx(promise, rel=1e-3)
         assert search.run(search.answered(best.point)).converged == converged
+
+
+def test_a_frame_is_no_mirror_image(rng: np.random.Generator) -> None:
+    """Of points in a plane, whose mirror image fits as well."""
+    for _ in range(8):
+        flat = rng.normal(size=(5, 3)) * [1.0, 1.0, 0.0]
+        np.testing.assert_allclose(registered(flat, FRAME.apply(flat)).rotation, FRAME.rotation, atol=1e-9)
+
+
+def test_coordinates_of_a_seat_that_hardly_differ_are_the_same(sino6: Arm) -> None:
+    seats = Conditions(2, seat=np.array(["A", "A"], dtype=object))
+    for apart, labels in ((0.3, ("A",)), (0.4, ())):
+        points = np.array([[0.5, 0.0, 0.0], [0.5 + apart * 1e-5, 0.0, 0.0]])
+        records = Measurements.of(np.zeros((2, 6)), points, np.full((2, 3), 1e-5), conditions=seats)
+        assert observations_of(records, Setup.of(sino6), 0.0).labels == labels
+
+
+def test_observability_by_hand() -> None:
+    """Singular values 4 and 1, and a direction that nothing tells."""
+    found = Observability.of(np.diag([4.0, 1.0, 0.0]), 4)
+    assert (found.o1, found.o2, found.o3, found.o4, found.o5) == pytest.approx((1.0, 0.25, 1.0, 0.25, 0.8))
+    assert found.directions == 2
 
 
 def test_weights_of_gross_errors() -> None:
