@@ -234,8 +234,6 @@ class _Search:
             prediction = self.problem.predict(x, frame)
         except AacmmError:  # it could be evaluated where the search began
             return None
-        if not np.isfinite(prediction.tips).all():
-            return None
         trial = self.answered(Point(x, frame, point.seats + system.seats(step), prediction))
         return trial, self.system(trial)
 

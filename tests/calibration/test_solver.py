@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import solver
+from aacmm_pin.calibration.cross_validation import distances
 from aacmm_pin.calibration.fit import deleted_distances
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
@@ -158,6 +159,14 @@ def test_coordinates_of_a_seat_that_hardly_differ_are_the_same(sino6: Arm) -> No
         points = np.array([[0.5, 0.0, 0.0], [0.5 + apart * 1e-5, 0.0, 0.0]])
         records = Measurements.of(np.zeros((2, 6)), points, np.full((2, 3), 1e-5), conditions=seats)
         assert observations_of(records, Setup.of(sino6), 0.0).labels == labels
+
+
+def test_distances_at_unknown_seats() -> None:
+    """From the mean of the others of a seat, widened; from where others put it; none of a single record."""
+    seats = Conditions(6, seat=np.array([*"AAA", "B", *"CC"], dtype=object))
+    tips = np.array([[0, 0, 0], [3, 0, 0], [0, 3, 0], [1, 1, 1], [3, 4, 0], [0, 0, 2]], dtype=float)
+    found = distances(Measurements.of(np.zeros((6, 6)), conditions=seats), tips, {"C": np.zeros(3)})
+    np.testing.assert_allclose(found, [*np.sqrt(1.5 * np.array([2.0, 5.0, 5.0])), np.nan, 5.0, 2.0])
 
 
 def test_observability_by_hand() -> None:
