@@ -98,7 +98,11 @@ def with_gross_errors(d: Measurements, rng: np.random.Generator) -> Measurements
     )
 
 
-@pytest.mark.parametrize("setup", ["base", "external", "seats", "bars"])
+SETUPS = [("sino6", setup) for setup in ("base", "external", "seats", "bars")]
+SETUPS += [("zero6", "external"), ("zero6", "bars"), ("ur5", "base"), ("ur5", "seats")]
+
+
+@pytest.mark.parametrize(("arm", "setup"), SETUPS, indirect=["arm"])
 def test_every_mistake_is_named(arm: Arm, setup: str, rng: np.random.Generator) -> None:
     options: dict[str, Any] = {"parameters": "zero-offsets" if setup == "seats" else "geometry"}
     if setup in ("base", "external"):
@@ -144,7 +148,7 @@ def test_sound_files_pass(arm: Arm) -> None:
         (EncoderEccentricity(3, values=(2e-4, 1e-4)),),
         (JointZeroOffset(2, values=(2e-3,)),) if arm.dh is not None else (EncoderGain(2, values=(4e-4,)),),
     ]
-    for seed in range(10):
+    for seed in range(6):  # each with both plans
         rng = np.random.default_rng(seed)
         model = ErrorModel(arm).with_effects(*causes[seed % 3])
         plan: Any = ("free", "seats")[seed % 2]
