@@ -291,7 +291,7 @@ class Measurements(Shown):
 
 def _numbered(table: pd.DataFrame) -> Index:
     """A number (n,) that rows share which are alike."""
-    return table.groupby(list(table.columns), sort=False, dropna=False).ngroup().to_numpy(dtype=np.intp)
+    return np.asarray(table.groupby(list(table.columns), sort=False, dropna=False).ngroup(), dtype=np.intp)
 
 
 def _joined(same: Index, but_for_reference: Index, micrometres: Array) -> Index:
