@@ -27,6 +27,8 @@ FEWEST_POSTURES = 3
 """Fewer postures than this tell nothing of what depends on posture."""
 FEWEST_SEATS = 5
 """Fewer seats than this are no groups for a diagnosis to leave out; blocks of joint space are taken instead."""
+ROUNDED = 9
+"""Angles with so many decimals are in the same order, whether they came in degrees or in radians."""
 MOSTLY = 0.9
 """A diagnosis leaves out seats where more than this part of the records touch one."""
 
@@ -95,24 +97,32 @@ def parts_of(fit: Fit, rng: np.random.Generator) -> tuple[str, Index]:
     label = together(label, records.postures)
     count = int(label.max()) + 1
     if count >= FEWEST_SEATS and touched.sum() > MOSTLY * records.n:
-        return "seats", _folds(label, rng)
+        return "seats", _folds(label, records, rng)
     clusters = _blocks(records, min(FOLDS, max(2, records.n // 5)), rng)
     return "blocks", np.unique(clusters, return_inverse=True)[1].astype(np.intp)
 
 
 def _blocks(records: Measurements, most: int, rng: np.random.Generator) -> Index:
-    """Block of joint space of each record (n,), at most ``most``: k-means over the first record of every posture."""
-    first = records.q[np.unique(records.postures, return_index=True)[1]]
-    turns = np.hstack([np.cos(first), np.sin(first)])
-    clusters = scipy.cluster.vq.kmeans2(turns, min(most, len(first)), minit="++", rng=rng)[1]
-    return np.asarray(clusters[records.postures], dtype=np.intp)
+    """Block of joint space of each record (n,), at most ``most``: k-means over one record of every posture."""
+    order = _in_order(records)
+    one = order[np.sort(np.unique(records.postures[order], return_index=True)[1])]
+    turns = np.hstack([np.cos(records.q[one]), np.sin(records.q[one])])
+    clusters = np.empty(len(one), dtype=np.intp)
+    clusters[records.postures[one]] = scipy.cluster.vq.kmeans2(turns, min(most, len(one)), minit="++", rng=rng)[1]
+    return np.asarray(clusters[records.postures])
 
 
-def _folds(labels: Index, rng: np.random.Generator) -> Index:
+def _folds(labels: Index, records: Measurements, rng: np.random.Generator) -> Index:
     """Number of the part, 0 to at most 9, in which each record is left out; records of one label stay together."""
+    first = np.unique(labels[_in_order(records)], return_index=True)[1]
+    part = np.argsort(rng.permutation(first.size)) % FOLDS
     number = np.unique(labels, return_inverse=True)[1]
-    part = np.argsort(rng.permutation(int(number.max()) + 1)) % FOLDS
-    return np.asarray(part[number], dtype=np.intp)
+    return np.asarray(part[np.argsort(np.argsort(first))[number]], dtype=np.intp)
+
+
+def _in_order(records: Measurements) -> Index:
+    """The records in order of their angles (n,), so that what is drawn depends neither on the file's order nor on labels."""
+    return np.asarray(np.lexsort(np.round(records.q, ROUNDED).T[::-1]))
 
 
 def together(labels: Index, postures: Index) -> Index:
@@ -178,7 +188,7 @@ def held_out(before: Fit, after: Fit, rng: np.random.Generator, progress: Progre
         return []
     kind, labels = groups_of(after, rng)
     found = []
-    for name, part in (("records", _folds(records.postures, rng)), (kind, _folds(labels, rng))):
+    for name, part in (("records", _folds(records.postures, records, rng)), (kind, _folds(labels, records, rng))):
         count = np.unique(part[used]).size
         if count >= 2:
             residual = left_out_in_turn(
