@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.calibration.calibrate import counted_once
-from aacmm_pin.calibration.cross_validation import groups_of, parts_of, together
+from aacmm_pin.calibration.cross_validation import groups_of, left_out_in_turn, parts_of, together
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.effects.error_model import ErrorModel
@@ -90,6 +91,26 @@ def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.G
 
 def test_labels_that_share_a_posture_are_one() -> None:
     assert together(np.array([0, 1, 2, 2, 3]), np.array([0, 1, 1, 2, 3])).tolist() == [0, 1, 1, 1, 2]
+
+
+def test_parts_of_few_records(rng: np.random.Generator) -> None:
+    """Two blocks of twelve records; seats where nearly all records touch one."""
+    records = Measurements.of(rng.uniform(-1.0, 1.0, (12, 6)))
+    for touched, wanted in ((0, "blocks"), (10, "blocks"), (11, "seats")):
+        seat = np.where(np.arange(12) < touched, np.arange(12) % 6, -1)
+        observations = SimpleNamespace(seat=seat, clusters=np.arange(6))
+        fit: Any = SimpleNamespace(problem=SimpleNamespace(measurements=records), observations=observations)
+        kind, parts = parts_of(fit, rng)
+        assert kind == wanted
+        assert len(np.unique(parts)) <= (2 if kind == "blocks" else 7)
+
+
+def test_only_used_records_are_left_out() -> None:
+    part, used = np.array([0, 0, 1, 1]), np.array([True, False, True, True])
+    found = left_out_in_turn(
+        part, used, lambda number, out: [np.full(out.sum(), 10.0 * number + out.sum())], "records", None
+    )
+    np.testing.assert_array_equal(found, [[1.0, np.nan, 12.0, 12.0]])
 
 
 @pytest.mark.parametrize("stated", [{}, {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}])

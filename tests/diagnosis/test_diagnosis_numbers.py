@@ -400,6 +400,17 @@ def test_ratio_and_its_directions() -> None:
     assert findings.Ratio.of(left, Block(0, 0, slice(1, 4))) == pytest.approx((8.0, 2.0))
 
 
+def test_structure_that_nothing_has_takes_from_the_probability(free_case: Case) -> None:
+    """By the chance that as many of its ten directions look as strong as the cause, of all that have as many columns."""
+    choice = replace(free_case.choice, admitted=(5,))
+    block, blocks = choice.question.blocks[5], choice.question.blocks
+    own = findings.Ratio.of(findings.Place.of(choice, choice.left, 5).left, block).value
+    alike = len({b.candidate for b in blocks if b.size >= block.size})
+    excess = 10.0 * own / block.size / f.isf(0.3 / alike, block.size, 10.0)
+    with_it, alone = (findings.strengths(choice, e, np.random.default_rng(1))[0].probability for e in (excess, 0.0))
+    assert with_it == pytest.approx(0.7 * alone, rel=1e-6)
+
+
 # --- chances when nothing is there
 
 
