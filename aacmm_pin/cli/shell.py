@@ -187,12 +187,21 @@ def _signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+OF_PROGRAMS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning)
+"""Warnings for those who write programs, and no matter of those who run them."""
+
+
+def _noted(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+    if not issubclass(category, OF_PROGRAMS):
+        note(f"note: {message}")
+
+
 @contextmanager
 def _warnings_as_notes() -> Iterator[None]:
     """What a library warns of, without its file and line; a test that makes errors of warnings still has them."""
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # that its cache has no place is nobody's concern
     with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *_, **__: note(f"note: {message}")
+        warnings.showwarning = _noted
         yield
 
 

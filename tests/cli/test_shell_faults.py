@@ -63,13 +63,14 @@ def test_signals_are_as_they_were_when_a_command_has_ended() -> None:
 def test_what_libraries_warn_of_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
     def warn(*_: object, **__: object) -> str:
         with warnings.catch_warnings():
-            warnings.simplefilter("default")
-            warnings.warn("overflow\x1b", RuntimeWarning, stacklevel=1)
+            warnings.simplefilter("always")
+            for kind in (DeprecationWarning, FutureWarning, RuntimeWarning):
+                warnings.warn(f"{kind.__name__}\x1b", kind, stacklevel=1)
         return ""
 
     monkeypatch.setattr("aacmm_pin.cli.urdf.urdf_text", warn)
     with warnings.catch_warnings():
-        assert run("urdf", "sino6") == (0, "", "note: overflow\\x1b\n")
+        assert run("urdf", "sino6") == (0, "", "note: RuntimeWarning\\x1b\n")
 
 
 def test_streams_that_take_nothing() -> None:
