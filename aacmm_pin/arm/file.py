@@ -286,13 +286,13 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile:
     if len(content) > MOST_BYTES:
         raise ArmFileError(path, "", f"is larger than {MOST_BYTES / 1e6:g} MB, the most that an arm file may have")
     try:
-        data = tomllib.loads(content.decode("utf-8"))
+        data = tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise ArmFileError(path, "", f"not UTF-8 text (byte {error.start})") from None
     except RecursionError:
         raise ArmFileError(path, "", "not TOML: nested too deep") from None
-    except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits, which the message then says
-        raise ArmFileError(path, "", f"not TOML: {error}") from None
+    except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
+        raise ArmFileError(path, "", f"not TOML: {str(error).partition('; use sys.')[0]}") from None
     _check_depth(data, path)
     try:
         return ArmFile.model_validate(data)

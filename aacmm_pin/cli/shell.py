@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import errno
 import functools
+import importlib.machinery
 import importlib.util
 import io
 import logging
@@ -242,25 +243,34 @@ def _root(
     loaders: list[tuple[str, Callable[[], Any]]] = []
     loaders += [(f"--plugin {name}", functools.partial(_import, name)) for name in plugin or []]
     loaders += [(f"entry point {point.name}", point.load) for point in entry_points(group="aacmm_pin.causes")]
+    if loaders:
+        from aacmm_pin.effects.causes import CAUSES, raised
     for what, load in loaders:
+        known = dict(CAUSES)
         try:
             with redirect_stdout(sys.stderr):  # what a module prints is no result
                 load()
         except (Exception, SystemExit) as error:
-            from aacmm_pin.effects.causes import raised
-
             raise AacmmError(f"{what}: {raised(error, os.path.abspath(what.removeprefix('--plugin ')))}") from None
+        if known == CAUSES:
+            note(f"note: {what} registers no cause")
 
 
 def _import(name: str) -> ModuleType:
     """A module by its name or by the path of its file."""
     if not name.endswith(".py"):
         return importlib.import_module(name)
-    if Path(name).exists() and not Path(name).is_file():  # reading a pipe may never end
+    path, stem = Path(name).absolute(), Path(name).stem
+    if path.exists() and not path.is_file():  # reading a pipe may never end
         raise AacmmError("is not a regular file, expected a module of Python")
-    spec = importlib.util.spec_from_file_location(Path(name).stem, name)
+    other = importlib.machinery.PathFinder.find_spec(stem)
+    if stem in sys.stdlib_module_names or (other is not None and other.origin != str(path)):
+        raise AacmmError(f"{stem} is the name of another module, which programs import; expected another name of the file")
+    spec = importlib.util.spec_from_file_location(stem, path)
     assert spec is not None
     assert spec.loader is not None
+    if str(path.parent) not in sys.path:  # worker processes have the same and import it by its name
+        sys.path.append(str(path.parent))
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

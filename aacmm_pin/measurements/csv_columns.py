@@ -75,6 +75,8 @@ OTHER_UNITS = frozenset(["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "
 ENOUGH_RECORDS = 5
 """So many records tell degrees from radians."""
 MOST_PROBLEMS = 10
+LONGEST_NAME = 100
+"""Characters of a column's name that a message has."""
 
 
 @dataclass
@@ -87,7 +89,7 @@ class Problems:
 
     def add(self, column: str, message: str) -> None:
         """A problem of a whole column, or of the whole table where ``column`` is ""."""
-        self.found.append((None, column, message))
+        self.found.append((None, _short(column), message))
 
     def at(self, bad: Mask, column: str, message: str, *values: NDArray[Any]) -> None:
         """A problem of the rows ``bad`` (n,): ``message`` with ``values`` (n,) of the first, and which others share it."""
@@ -108,6 +110,11 @@ class Problems:
         if len(self.found) > MOST_PROBLEMS:
             message += f"\n{self.source}: and {len(self.found) - MOST_PROBLEMS} more problems"
         raise MeasurementFileError(self.source, row, column, message)
+
+
+def _short(name: str) -> str:
+    """A name as messages have it: of a very long one the two ends."""
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME // 2]}…{name[-LONGEST_NAME // 2 :]}"
 
 
 # --- the header
@@ -155,7 +162,7 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
     for name in extra:
         if meant := _near_miss(name, texts):
             other = "if something else is meant, a name that cannot be taken for it"
-            problems.add(name, f"is not a known name; expected {meant}, or {other}")
+            problems.add(name, f"is not a known name; expected {_short(meant)}, or {other}")
     problems.stop()
     header = Header(_unit(texts, problems), {form: _numbered(texts, form, problems) for form in NUMBERED}, tuple(extra))
     joints = _joints(header, texts, nq, problems)
@@ -177,7 +184,7 @@ def _near_miss(name: str, present: Sequence[str]) -> str | None:
     if f"{name.lower()}_mm" in REFERENCE and f"{name.lower()}_mm" not in present:
         return f"{name.lower()}_mm"  # a reference that would be lost in silence
     digits = re.search("[0-9]+", name)
-    known = [form.replace("#", str(int(digits[0]))) for form in NUMBERED] if digits else list(SINGLE)
+    known = [form.replace("#", digits[0].lstrip("0") or "0") for form in NUMBERED] if digits else list(SINGLE)
     letters = {_letters(k): k for k in known}
     if _letters(name) in letters:
         return letters[_letters(name)]
@@ -201,11 +208,12 @@ def _letters(name: str) -> str:
 
 def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str, ...]:
     """The columns of ``form`` in the order of their numbers."""
-    numbers = sorted(int(number) for name in names if (number := _number(name, form)))
-    found = [form.replace("#", str(k)) for k in numbers]
-    if numbers and numbers != list(range(1, len(numbers) + 1)):
+    # As text: Python reads no number of thousands of digits.
+    numbers = sorted((number for name in names if (number := _number(name, form))), key=lambda number: (len(number), number))
+    found = [form.replace("#", number) for number in numbers]
+    if found != named(form, len(found)):
         missing = next(name for name in named(form, len(numbers)) if name not in found)
-        came = ", ".join(map(str, numbers))
+        came = ", ".join(map(_short, numbers))
         problems.add(span(found), f"numbered {came}; expected numbers from 1 without gap, but {missing} is missing")
     return tuple(found)
 

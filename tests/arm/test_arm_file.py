@@ -70,6 +70,8 @@ def test_every_key_is_read_in_its_unit(tmp_path: Path) -> None:
     path.write_text(GOOD, encoding="utf-8")
     arm = load_arm_file(path)
     assert arm == load_arm_file(str(path))
+    path.write_text(GOOD, encoding="utf-8-sig")  # as some editors save it
+    assert arm == load_arm_file(path)
     np.testing.assert_allclose(arm.dh.values(), [[0.1, 0.02, 1.5, 0.1], [0, 0.05, 0, 0]])
     assert (arm.dh.convention, arm.dh.moving.tolist()) == ("modified-dh", [True, False])
     np.testing.assert_array_equal(arm.limits, [[-1, 2]])

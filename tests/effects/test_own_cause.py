@@ -18,6 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin import Arm, Diagnosis, ErrorModel, Measurements, calibrate, diagnose, plan_measurements, simulate_measurements
+from aacmm_pin._support.workers import results
 from aacmm_pin.cli import shell
 from aacmm_pin.cli.shell import app
 from aacmm_pin.effects import (
@@ -137,6 +138,11 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.Monkey
     assert "unknown cause 'hose_pull'" in run("correct extended.toml data.csv -o again.csv", plugin="")
 
 
+def test_worker_processes_know_it(hose: Any) -> None:
+    with results(repr, [hose(1), hose(2)], 2) as found:
+        assert dict(found) == {0: repr(hose(1)), 1: repr(hose(2))}
+
+
 def refusal(*words: str) -> str:
     """Why a command ends with status 1, in one line behind notes."""
     done = CliRunner().invoke(app, list(words))
@@ -150,6 +156,7 @@ def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytes
     monkeypatch.chdir(folder)
     os.mkfifo("pipe.py")
     Path("folder.py").mkdir()
+    Path("numpy.py").write_text("")
     for name, text in {"leaves.py": "import sys\nsys.exit(0)", "syntax.py": "def f(:", "fails.py": "\n\n1 / 0"}.items():
         Path(name).write_text(text)
     for name, said in {
@@ -157,11 +164,16 @@ def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytes
         "not_a_module": "ModuleNotFoundError",
         "pipe.py": "AacmmError: is not a regular file",
         "folder.py": "AacmmError: is not a regular file",
+        "numpy.py": "AacmmError: numpy is the name of another module",
         "leaves.py": "SystemExit: 0 (leaves.py, line 2)",
         "syntax.py": "SyntaxError: invalid syntax",
         "fails.py": "ZeroDivisionError: division by zero (fails.py, line 3)",
     }.items():
         assert f"--plugin {name}: {said}" in refusal("--plugin", name, "causes")
+    Path("nothing.py").write_text("print('no result')")
+    done = CliRunner().invoke(app, ["--plugin", "nothing.py", "urdf", "sino6"])
+    assert done.stdout.startswith("<?xml")
+    assert done.stderr == "no result\nnote: --plugin nothing.py registers no cause\n"
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [EntryPoint("hose", "hose", group)])
     monkeypatch.delitem(sys.modules, "hose", raising=False)

@@ -144,7 +144,7 @@ def placed(model: ErrorModel) -> None:
 def use_plan(path: Path) -> Measurements:
     """Read the records, write them, read them again."""
     read = Measurements.read(path, 6)
-    again = path.with_name("again.csv")
+    again = path.with_name(f"again-{path.name}")  # other formats are tried beside at the same time
     read.save(again, force=True)
     np.testing.assert_allclose(Measurements.read(again, 6).q, read.q, rtol=1e-12, atol=1e-15)
     return read

@@ -239,6 +239,16 @@ def test_a_header_with_a_mistake(tmp_path: Path) -> None:
         Measurements.from_frame(pd.DataFrame({"theta1_deg": [1.0], 7: [2.0]}))
 
 
+def test_a_name_with_thousands_of_digits(tmp_path: Path) -> None:
+    for name, word in (
+        ("theta{}_deg", "theta2_deg is missing"),
+        ("Theta{}_rad", "not a known name"),
+        ("theta0{}_deg", "not"),
+    ):
+        said = str(error_of(tmp_path, f"theta1_deg,{name.format('9' * 5000)}\n1,1\n"))
+        assert (word in said, said.count("\n"), len(said) < 500) == (True, 0, True), said
+
+
 def test_a_slip_in_a_name_is_no_unknown_column(tmp_path: Path) -> None:
     for meant, slips in SLIPS.items():
         for slip in slips:
