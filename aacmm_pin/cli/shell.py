@@ -44,6 +44,8 @@ COMMANDS = (
     "urdf",
 )
 """Each is a module beside this one, and its function ``run``."""
+FOLDERS = [*sys.path]
+"""Where modules are found, before plugins add their folders."""
 INTERRUPTED = "interrupted; every file is there whole, or as it was before"
 
 
@@ -263,7 +265,7 @@ def _import(name: str) -> ModuleType:
     path, stem = Path(name).absolute(), Path(name).stem
     if path.exists() and not path.is_file():  # reading a pipe may never end
         raise AacmmError("is not a regular file, expected a module of Python")
-    other = importlib.machinery.PathFinder.find_spec(stem)
+    other = importlib.machinery.PathFinder.find_spec(stem, FOLDERS)
     if stem in sys.stdlib_module_names or (other is not None and other.origin != str(path)):
         raise AacmmError(f"{stem} is the name of another module, which programs import; expected another name of the file")
     spec = importlib.util.spec_from_file_location(stem, path)
