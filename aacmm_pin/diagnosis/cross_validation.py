@@ -83,14 +83,14 @@ def gain_of(
     used, held, chosen = choice.fit.used, choice.held, []
     part = np.where(np.isin(choice.parts, held.parts), choice.parts, -1)
 
-    def predict(number: int, out: Mask) -> list[Array]:
+    def predict(number: int, _: Mask) -> list[Array]:
         training = held.without(number)
         admitted = survivors(choice, search(choice.question, training), training)
         causes = tuple(k for k in admitted if choice.question.owner(k) < choice.design.causes)
         chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
-        tips = before.solution.point.prediction.tips[out]
-        simulation = distances(choice.fit.problem.measurements.take(out), tips)
-        return [simulation, *(_predicted(choice, training, blocks, out) for blocks in ((), causes, admitted))]
+        rows, records = choice.of_part[number]
+        simulation = distances(records, before.solution.point.prediction.tips[rows])
+        return [simulation, *(_predicted(choice, training, blocks, number) for blocks in ((), causes, admitted))]
 
     simulation, recalibrated, extended, smooth = left_out_in_turn(part, used & (part >= 0), predict, kind, progress)
     if not np.isfinite(extended).any():
@@ -156,8 +156,8 @@ def brought(choice: Choice, admitted: tuple[int, ...], block: int) -> Brought | 
     without = tuple(k for k in admitted if k != block)
     weight = 1.0 / np.trace(choice.fit.residual_noise, axis1=1, axis2=2)
     pairs = [
-        [float(np.nansum(d**2 * weight[out])) for d in distances]
-        for out, distances in _predictions(choice, choice.held, (admitted, without))
+        [float(np.nansum(d**2 * weight[choice.of_part[number][0]])) for d in distances]
+        for number, distances in _predictions(choice, choice.held, (admitted, without))
     ]
     count = len(pairs)
     if count < FEWEST_GROUPS:
@@ -170,16 +170,15 @@ def brought(choice: Choice, admitted: tuple[int, ...], block: int) -> Brought | 
     return Brought(float(gain), float(low), float(high))
 
 
-def _predictions(choice: Choice, training: Gram, sets: tuple[tuple[int, ...], ...]) -> Iterator[tuple[Mask, list[Array]]]:
-    """Each part that takes its turn in being left out: its records (n,), and their distances with each set of blocks [m].
+def _predictions(choice: Choice, training: Gram, sets: tuple[tuple[int, ...], ...]) -> Iterator[tuple[int, list[Array]]]:
+    """Each part that takes its turn in being left out: its number, and distances with each set of blocks [m].
 
     A part that has one record only of each of its unknown seats has nothing to be compared with, and does not count.
     """
     for number in training.parts:
-        out = choice.fit.used & (choice.parts == number)
-        found = [_predicted(choice, training.without(number), blocks, out) for blocks in sets]
+        found = [_predicted(choice, training.without(number), blocks, number) for blocks in sets]
         if np.isfinite(found[0]).any():
-            yield out, found
+            yield number, found
 
 
 def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
@@ -187,14 +186,13 @@ def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
     return np.array([float(np.nanmean(d**2)) for _, (d,) in _predictions(choice, training, (blocks,))])
 
 
-def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], out: Mask) -> Array:
-    """Distances of the records ``out`` by a model fitted to ``training``."""
+def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], number: int) -> Array:
+    """Distances of the records of a part by a model fitted to ``training``."""
     steps, key = training.products.steps, (training.left_out, admitted)
     if key not in steps:
         steps[key] = Projection(training, admitted).solution()
-    rows = np.flatnonzero(out)
-    tips = choice.design.moved(admitted, steps[key], rows)
-    return distances(choice.fit.problem.measurements.take(rows), tips)
+    rows, records = choice.of_part[number]
+    return distances(records, choice.design.moved(admitted, steps[key], rows))
 
 
 def _interval(recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator) -> tuple[float, float]:

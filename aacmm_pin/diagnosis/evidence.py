@@ -19,6 +19,8 @@ SCATTER = 1e-3
 """χ² less likely than this means that the records scatter more than their noise; their variance is then taken from them."""
 MAGNITUDES = np.array([0.2, 0.5, 1.0, 2.0, 10.0])
 """Standard deviations of a cause's parameters that its evidence averages over, in units of the typical magnitude."""
+LARGE = 6
+"""From so many columns on, a Cholesky factor for each magnitude costs less than all eigenvalues."""
 WHOLE = 1.0 - 1e-12
 """The largest part of χ² that a cause may take: all of it, but for rounding."""
 
@@ -137,15 +139,41 @@ def evidence_of(information: Array, gradient: Array, scatter: Scatter = KNOWN) -
     from the records with ν degrees of freedom is integrated over (Zellner 1971, ch. 3): a gain of 2 G in χ² then counts as
     ``-ν/2 log(1 - 2 G/χ²)`` instead of G.
     """
-    values, vectors = np.linalg.eigh(information)
-    values = np.maximum(values, 0.0)
-    scaled = MAGNITUDES[:, None, None] ** 2 * values  # (magnitudes, b, q)
-    shrink, penalty = MAGNITUDES[:, None, None] ** 2 / (1.0 + scaled), np.log1p(scaled).sum(axis=2)
-    # As products of matrices, which BLAS does: (b, magnitudes, q) @ (b, q, draws)
-    along = vectors.transpose(0, 2, 1) @ (gradient if gradient.ndim == 3 else gradient[:, :, None])
-    gain = 0.5 * (shrink.transpose(1, 0, 2) @ np.square(along))
+    gradients = gradient if gradient.ndim == 3 else gradient[:, :, None]
+    try:
+        large = information.shape[1] >= LARGE and gradients.shape[2] == 1
+        gain, penalty = (_by_factors if large else _by_eigenvalues)(information, gradients)
+    except np.linalg.LinAlgError:  # rounding left an eigenvalue far below zero
+        gain, penalty = _by_eigenvalues(information, gradients)
     if np.isfinite(scatter.dof):
         gain = -0.5 * scatter.dof * np.log1p(-np.minimum(2.0 * gain / scatter.chi2, WHOLE))
-    gain -= 0.5 * penalty.T[:, :, None]
+    gain -= penalty[:, :, None]
     total = np.logaddexp.reduce(gain, axis=1) - np.log(len(MAGNITUDES))
     return np.asarray(total if gradient.ndim == 3 else total[:, 0])
+
+
+def _by_eigenvalues(information: Array, gradients: Array) -> tuple[Array, Array]:
+    """``½ γᵀ (S + τ⁻²)⁻¹ γ`` (b, magnitudes, draws) and ``½ log det(1 + τ² S)`` (b, magnitudes)."""
+    values, vectors = np.linalg.eigh(information)
+    values = np.maximum(values, 0.0)
+    scaled = MAGNITUDES[:, None] ** 2 * values[:, None]  # (b, magnitudes, q)
+    # As products of matrices, which BLAS does: (b, magnitudes, q) @ (b, q, draws)
+    along = vectors.transpose(0, 2, 1) @ gradients
+    return 0.5 * (MAGNITUDES[:, None] ** 2 / (1.0 + scaled) @ np.square(along)), 0.5 * np.log1p(scaled).sum(axis=2)
+
+
+def _by_factors(information: Array, gradients: Array) -> tuple[Array, Array]:
+    """The same for one draw, by ``L Lᵀ = S + τ⁻²``, with ``L⁻¹ γ`` as one row more.
+
+    Raises:
+        LinAlgError: rounding left an eigenvalue of ``S`` below the least ``-τ⁻²``.
+    """
+    b, q = information.shape[:2]
+    whole = np.empty((b, MAGNITUDES.size, q + 1, q + 1))
+    whole[:, :, :q, :q] = information[:, None] + np.eye(q) / MAGNITUDES[:, None, None] ** 2
+    whole[:, :, q, :q] = gradients[:, None, :, 0]  # of a symmetric matrix the lower triangle is read
+    whole[:, :, q, q] = np.finfo(np.float64).max
+    factor = np.linalg.cholesky(whole)
+    diagonal = np.diagonal(factor, axis1=2, axis2=3)[:, :, :q]
+    gain = 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3)
+    return gain, np.log(diagonal * MAGNITUDES[:, None]).sum(axis=2)

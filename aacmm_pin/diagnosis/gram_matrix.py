@@ -92,8 +92,10 @@ class Products:
 
     def strip(self, part: int | None, columns: slice) -> Array:
         """Products of some columns with all, and with the residual (q, columns + 1): of one part, or of all with prior."""
-        self.prepare(part, [columns])
-        return self._strips[part, columns.start, columns.stop]
+        key = (part, columns.start, columns.stop)
+        if key not in self._strips:
+            self.prepare(part, [columns])
+        return self._strips[key]
 
     def prepare(self, part: int | None, strips: Iterable[slice]) -> None:
         """Work out several strips that will be asked for: the rows are read once for all of them."""

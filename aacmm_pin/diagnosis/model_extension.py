@@ -22,8 +22,9 @@ from aacmm_pin.diagnosis.design_matrix import Design, design_of
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.forward_backward_selection import Question, search
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
-from aacmm_pin.diagnosis.nuisance_projection import freedom
+from aacmm_pin.diagnosis.nuisance_projection import Projection, freedom
 from aacmm_pin.effects import Effect
+from aacmm_pin.measurements.records import Measurements
 
 MOST_ROUNDS = 10
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
@@ -72,6 +73,17 @@ class Choice:
     def left(self) -> Conditional:
         """What is left beside all that was admitted."""
         return Conditional.of(self.gram, self.admitted, self.question.stated)
+
+    @cached_property
+    def bare(self) -> Conditional:
+        """What is left beside the nuisances alone."""
+        return Conditional(Projection(self.gram, ()))
+
+    @cached_property
+    def of_part(self) -> dict[int, tuple[Index, Measurements]]:
+        """The used records of each part that can be left out, their numbers first."""
+        rows = {number: np.flatnonzero(self.fit.used & (self.parts == number)) for number in self.held.parts}
+        return {number: (own, self.fit.problem.measurements.take(own)) for number, own in rows.items()}
 
     @property
     def tips(self) -> Array:

@@ -92,11 +92,15 @@ class Projection:
         return np.asarray(self._prior + rounding * every)
 
     def _definite(self, added: Array) -> bool:
-        return bool(scipy.linalg.lapack.dpotrf(self._strips(self.refitted) + np.diag(added), lower=1)[1] == 0)
+        return bool(scipy.linalg.lapack.dpotrf(self._own + np.diag(added), lower=1)[1] == 0)
+
+    @cached_property
+    def _own(self) -> Array:
+        return self._strips(self.refitted)
 
     @cached_property
     def _factor(self) -> Array:
-        return np.asarray(np.linalg.cholesky(self._strips(self.refitted) + np.diag(self._added)))
+        return np.asarray(np.linalg.cholesky(self._own + np.diag(self._added)))
 
     @cached_property
     def _prior(self) -> Array:
@@ -153,6 +157,9 @@ class Projection:
 
     def information(self, block: Block) -> Array:
         """Products of a block's columns as they are left (q, q)."""
+        size, number = self.gram.products.place[id(block)]
+        if size in self._informations:
+            return np.asarray(self._informations[size][number])
         white = self.whitened(block.columns)
         return np.asarray(self.gram.inside(block) - white.T @ white)
 

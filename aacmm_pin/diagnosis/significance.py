@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -231,27 +232,28 @@ def look_alikes(choice: Choice) -> list[tuple[str, str]]:
     With one of them true at its typical size β, the other can take up all but ``T = min ‖G_k β - G_l β_l‖²`` of what it
     does; the expected difference of their log evidences is about T/2, which is to be the log odds of :data:`TOLD`.
     """
-    question, names, causes = choice.question, choice.design.names, choice.design.causes
-    left = Conditional(Projection(choice.gram, ()))
+    question, names, left = choice.question, choice.design.names, choice.bare
     alone = np.bincount(question.owners, minlength=len(names)) == 1
-    single = [k for k, owner in enumerate(question.owners) if owner < causes and alone[owner]]
-    informations = {k: left.information(question.blocks[k]) for k in single}
-    shown = [k for k in single if np.trace(informations[k]) >= SHOWS * len(informations[k])]
+    single = [k for k, owner in enumerate(question.owners) if owner < choice.design.causes and alone[owner]]
+    sizes = {k: np.trace(left.information(question.blocks[k])) / question.blocks[k].size for k in single}
+    shown = [k for k in single if sizes[k] >= SHOWS]
+    if not shown:
+        return []
     choice.gram.prepare(shown)
-    found = []
-    for n, i in enumerate(shown):
-        for j in shown[n + 1 :]:
-            cross = left.cross(question.blocks[i], question.blocks[j])
-            apart = min(_apart(informations[i], cross, informations[j]), _apart(informations[j], cross.T, informations[i]))
-            if 0.5 * apart < np.log(TOLD / (1.0 - TOLD)):
-                found.append((names[question.owner(i)], names[question.owner(j)]))
-    return found
-
-
-def _apart(mine: Array, cross: Array, its: Array) -> float:
-    """T for typical values in the mean over all directions, from informations (q, q), (q', q') and cross (q, q')."""
-    taken = cross @ np.linalg.solve(its + np.eye(len(its)) / MAGNITUDES.max() ** 2, cross.T)
-    return float(np.trace(mine - taken)) / len(mine)
+    slices = [question.blocks[k].columns for k in shown]
+    columns = np.concatenate([np.arange(s.start, s.stop) for s in slices])
+    white = left.projection.whitened(columns)
+    products = np.concatenate([choice.gram.strip(s, columns) for s in slices]) - white.T @ white
+    ends = np.cumsum([0, *(s.stop - s.start for s in slices)])
+    taken = np.empty((len(shown), len(shown)))  # of each cause by each other, the sum over its directions
+    for k, (first, last) in enumerate(pairwise(ends)):
+        its = products[first:last]
+        best = np.linalg.solve(its[:, first:last] + np.eye(last - first) / MAGNITUDES.max() ** 2, its)
+        taken[:, k] = np.add.reduceat(np.sum(its * best, axis=0), ends[:-1])
+    apart = np.array([sizes[k] for k in shown])[:, None] - taken / np.diff(ends)[:, None]
+    alike = np.triu(0.5 * np.minimum(apart, apart.T) < np.log(TOLD / (1.0 - TOLD)), 1)
+    owners = [names[question.owner(k)] for k in shown]
+    return [(owners[i], owners[j]) for i, j in np.argwhere(alike)]
 
 
 def visible(choice: Choice) -> tuple[int, int]:
@@ -260,11 +262,10 @@ def visible(choice: Choice) -> tuple[int, int]:
     A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least :data:`SHOWS`; more where
     the noise comes from the same records and few degrees of freedom, so that Student's evidence is as large.
     """
-    left, dof = Conditional(Projection(choice.gram, ())), choice.left.dof
+    question, left, dof = choice.question, choice.bare.projection, choice.left.dof
     least = dof * np.expm1(SHOWS / max(dof, 1.0)) if np.isfinite(dof) else SHOWS
-    best: dict[int, float] = {}
-    for block in choice.design.blocks:
-        if block.candidate < choice.design.causes:
-            size = float(np.diag(left.information(block)).max())
-            best[block.candidate] = max(best.get(block.candidate, 0.0), size)
-    return sum(size >= least for size in best.values()), len(best)
+    sizes = np.empty(len(question.blocks))
+    for size, own in choice.gram.products.of_size.items():
+        sizes[own] = np.diagonal(left.informations(size), axis1=1, axis2=2).max(axis=1)
+    best = np.maximum.reduceat(sizes, question.first)[question.owners[question.first] < choice.design.causes]
+    return int(np.sum(best >= least)), best.size

@@ -21,7 +21,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.plausible import LATEST, MOST_ROWS, MOST_TYPICAL
 from aacmm_pin._support.units import DEG, MM, prefixed
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis
+from aacmm_pin.arm.chain import axis, skew
 from aacmm_pin.arm.parameter import Parameter, Scope
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.state import State
@@ -476,7 +476,7 @@ def moved(state: State, displacement: Displacement) -> Array:
     place, columns = displacement.place, displacement.columns
     lever = state.in_axes_of(place, state.position - state.origin[place])
     v, w = columns[:, :3], columns[:, 3:]
-    local = v + np.cross(w, lever[:, :, None], axis=1) if w.any() else np.broadcast_to(v, (state.n, *v.shape[1:]))
+    local = v - skew(lever) @ w if w.any() else np.broadcast_to(v, (state.n, *v.shape[1:]))
     return np.asarray(state.rotation[place] @ local)
 
 

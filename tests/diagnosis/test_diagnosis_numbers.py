@@ -569,7 +569,7 @@ def test_a_geometric_finding_is_what_the_records_alone_say(free_case: Case, monk
         off = np.einsum("nij,nj->ni", np.linalg.cholesky(own), rng.standard_normal((RECORDS, 3)))
         truth = rng.standard_normal(nuisances)
         truth[number] = 6.0
-        tips = free_case.records.reference + off - choice.design.jacobian[:, :, :nuisances] @ (truth - start)
+        tips = free_case.records.reference + off - choice.design.columns(None) @ (truth - start)
         design = replace(choice.design, tips=tips)
         drawn = replace(choice, design=design, gram=Gram(products_of(design, choice.parts)))
         effect = next(e for e, _ in geometric._moved(drawn) if e.label == "joint_zero_offset:4")
@@ -588,5 +588,5 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
         out = choice.fit.used & (choice.parts == number)
         refit = case.refit(effects, used=choice.fit.used & ~out)
         wanted = np.linalg.norm(refit.solution.point.prediction.tips[out] - case.records.reference[out], axis=1)
-        found = gain._predicted(choice, choice.held.without(number), choice.causes, out)
+        found = gain._predicted(choice, choice.held.without(number), choice.causes, number)
         np.testing.assert_allclose(found, wanted, atol=2e-8)
