@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
+import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -47,3 +49,22 @@ def peer(tmp_path: Path) -> Callable[..., dict[str, Any]]:
         return report
 
     return solve
+
+
+@pytest.fixture(scope="session")
+def c_loop(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Callable[..., None]]:
+    """A function of ``peers/kernels.c`` by its name: of whole numbers and arrays in C order. Skipped without a compiler."""
+    if (compiler := shutil.which("cc")) is None:
+        pytest.skip("no C compiler (cc)")
+    source, library = Path(__file__).parent / "peers" / "kernels.c", tmp_path_factory.mktemp("c") / "kernels.so"
+    subprocess.run([compiler, "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
+    functions = ctypes.CDLL(str(library))
+
+    def function(name: str) -> Callable[..., None]:
+        def call(*arguments: int | NDArray[np.float64]) -> None:
+            assert all(a.flags.c_contiguous for a in arguments if isinstance(a, np.ndarray))
+            functions[name](*(ctypes.c_long(a) if isinstance(a, int) else ctypes.c_void_p(a.ctypes.data) for a in arguments))
+
+        return call
+
+    return function
