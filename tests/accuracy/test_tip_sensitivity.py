@@ -223,6 +223,11 @@ def test_conditions_of_one_record_hold_for_all(extended: ErrorModel) -> None:
     repeated = accuracy_volume(extended, q, conditions=Conditions(5, temperature=np.full(5, 31.0)))
     np.testing.assert_array_equal(same.volume, repeated.volume)
     assert same.budget().set_index("parameter").loc["thermal_expansion", "share"] > 0.01
+    warm = Conditions(2, temperature=np.array([20.0, 120.0]))
+    drawn = accuracy_volume(
+        extended, q[[0, 0]], conditions=warm, method="monte-carlo", rng=np.random.default_rng(1), draws=200
+    )
+    assert drawn.u[1] > 3.0 * drawn.u[0]
     with pytest.raises(ShapeError, match="conditions are of 3 records, expected 5"):
         accuracy_volume(extended, q, conditions=each.take([0, 1, 2]))
 

@@ -19,7 +19,7 @@ import pytest
 from blind import chains, draw
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth, subspace_angles
-from scipy.stats import chi2, f, kstest, multivariate_normal
+from scipy.stats import chi2, f, kstest, multivariate_normal, t
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import parts_of
@@ -30,7 +30,7 @@ from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import chow_test as groups
 from aacmm_pin.diagnosis import cross_validation as gain
 from aacmm_pin.diagnosis import findings as geometric
-from aacmm_pin.diagnosis import gram_matrix
+from aacmm_pin.diagnosis import gram_matrix, model_extension
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import _cosines, covariates
@@ -39,7 +39,7 @@ from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
 from aacmm_pin.diagnosis.nuisance_projection import Projection
-from aacmm_pin.effects import Effect
+from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
@@ -369,6 +369,35 @@ def test_pairs_that_cannot_be_told_apart(case: Case) -> None:
     assert findings.look_alikes(choice) == wanted
 
 
+def test_prior_of_the_candidates(free_case: Case) -> None:
+    """Nine tenths to the library, each cause by how usual it is, one tenth to the covariates alike."""
+    choice = free_case.choice
+    prior, causes = np.exp(choice.question.log_prior), choice.design.causes
+    usual = np.array([variants[0].usual for variants in choice.library])
+    np.testing.assert_allclose(prior[:causes], 0.9 * usual / usual.sum(), rtol=1e-12)
+    np.testing.assert_allclose(prior[causes:], 0.1 / len(choice.others), rtol=1e-12)
+
+
+def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A whole order unless another is far better; the top of a parabola; u of a step by the gaps between the records."""
+    records = Measurements.of(np.zeros((4, 6)), conditions=Conditions(4, time=np.array([0.0, 10.0, 30.0, 70.0])))
+    fit_ = SimpleNamespace(problem=SimpleNamespace(measurements=records))
+    for far, wanted in ((1.0, 4.0), (3.0, 4.11)):
+        choice: Any = SimpleNamespace(variant=lambda _: JointPeriodicError(3, 4.0), fit=fit_)
+        peak = far / 0.11**2  # so much better than the whole order
+        monkeypatch.setattr(
+            model_extension, "_evidences", lambda _, k, tried, p=peak: np.array([-p * (e.order - 4.11) ** 2 for e in tried])
+        )
+        refined = model_extension._refined(choice, 0)
+        assert isinstance(refined, JointPeriodicError)
+        assert refined.order == pytest.approx(wanted, abs=1e-3)
+    slip: Any = SimpleNamespace(variant=lambda _: EncoderSlip(3, 20.0), fit=fit_)
+    monkeypatch.setattr(model_extension, "_evidences", lambda _, k, tried: np.zeros(len(tried)))
+    times = np.array([0.0, 5.0, 20.0, 50.0])
+    variance = times.var() + np.square(np.gradient(times)).mean() / 12.0
+    assert model_extension.u_of_step(slip, 0, "time_s") == pytest.approx(np.sqrt(variance))
+
+
 def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> None:
     n, time = 80, np.sort(rng.uniform(0.0, 5e3, 80))
     q, session = rng.uniform(-2.0, 2.0, (n, 6)), np.array(["a"] * 30 + ["b"] * 50, dtype=object)
@@ -485,6 +514,28 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
 
 
 # --- groups, and records left out
+
+
+def test_what_one_cause_brings(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+    """A ratio of sums over the parts, each distance over its noise, with Student's interval (Cochran 1977, 6.4)."""
+    part, (with_it, without), u = np.arange(20) % 4, rng.uniform(0.5, 2.0, (2, 20)), rng.uniform(1.0, 3.0, 20)
+    each = [(part == k, [with_it[part == k], without[part == k]]) for k in range(4)]
+    monkeypatch.setattr(gain, "_predictions", lambda *_: iter(each))
+    noise = np.square(u)[:, None, None] * np.eye(3)
+    choice: Any = SimpleNamespace(fit=SimpleNamespace(residual_noise=noise), in_one_part=lambda _: False, held=None)
+    left, whole = (np.array([np.square(d / u)[part == k].sum() for k in range(4)]) for d in (with_it, without))
+    share = left.sum() / whole.sum()
+    off = t.ppf(0.975, 3) * np.sqrt(4.0 / 3.0 * np.square(left - share * whole).sum()) / whole.sum()
+    wanted = [1.0 - np.sqrt(max(s, 0.0)) for s in (share, share + off, share - off)]
+    assert gain.brought(choice, (7,), 7) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_the_interval_of_the_gain_is_that_of_many_parts(rng: np.random.Generator) -> None:
+    squares = 1.0 + 0.5 * rng.uniform(-1.0, 1.0, 400)
+    low, high = gain._interval(np.ones(400), np.sqrt(squares), np.arange(400), rng)
+    u = 0.5 * squares.std(ddof=1) / 20.0 / np.sqrt(squares.mean())
+    assert high - low == pytest.approx(2.0 * 1.96 * u, rel=0.08)
+    assert low < 1.0 - np.sqrt(squares.mean()) < high
 
 
 @pytest.mark.parametrize("known", [True, False])
