@@ -42,8 +42,8 @@ class Carried:
     Attributes:
         functions: (n, m), root mean square one, the constant first: whatever depends on something also has a mean.
         carrier: ``room`` (the tip shifts along the axes of the reference frame), ``target`` (along those of the last body),
-            ``before j`` (along those of the body before row j), ``angle j`` (the angle of row j), ``lengths`` (all lengths
-            grow).
+            ``before j`` (along those of the body before row j), ``angle j`` (the angle of row j; ``slide j`` where it
+            slides), ``lengths`` (all lengths grow).
     """
 
     functions: Array
@@ -58,6 +58,7 @@ class Carried:
             "target": "the target sits elsewhere on the last body",
             "before": f"the tip shifts along the body before joint {row}",
             "angle": f"the angle of joint {row} is off",
+            "slide": f"the position of joint {row} is off",
             "lengths": "all lengths grow",
         }
         return words[what]
@@ -66,8 +67,8 @@ class Carried:
     def quantities(self) -> dict[str, float]:
         """What it changes: names with unit, and how many SI units one of them is."""
         what, _, row = self.carrier.partition(" ")
-        if what == "angle":
-            return {f"delta{row}_urad": 1e-6}
+        if what in ("angle", "slide"):
+            return {f"delta{row}_{'urad' if what == 'angle' else 'um'}": 1e-6}
         return {"growth_um_per_m": 1e-6} if what == "lengths" else dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
 
 
@@ -108,7 +109,9 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     found += [_of(name, values, carriers) for name, values, carriers in named]
     products = [_product(measurements.q, one, other) for one, other in itertools.combinations(numbers, 2)]
     single = [_with_time(c, conditions) for c in found if c is not None]
-    return [*single, *products, _place(arm, measurements), _scale(arm, measurements), *_groups(measurements)]
+    sliding = [row for row, slides in zip(rows, arm.chain.prismatic, strict=True) if slides]
+    of_joints = [_along(covariate, sliding) for covariate in (*single, *products)]
+    return [*of_joints, _place(arm, measurements), _scale(arm, measurements), *_groups(measurements)]
 
 
 def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covariate | None:
@@ -128,6 +131,16 @@ def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covaria
     return Covariate(
         name, (name,), tuple(Carried(dummies, carrier) for carrier in carriers), _table(name, labels.to_numpy())
     )
+
+
+def _along(covariate: Covariate, sliding: Sequence[int]) -> Covariate:
+    """The covariate with the positions of joints that slide, and errors of these, as such."""
+    values, variants = covariate.values, covariate.variants
+    for row in sliding:
+        if (name := f"theta{row}_deg") in values and pd.api.types.is_numeric_dtype(values[name]):
+            values = values.assign(**{name: values[name] * (DEG / MM)}).rename(columns={name: f"joint{row}_mm"})
+        variants = tuple(replace(v, carrier=f"slide {row}") if v.carrier == f"angle {row}" else v for v in variants)
+    return replace(covariate, values=values, variants=variants)
 
 
 UNITS = {"time": ("time_s", 1.0), "temperature": ("temperature_c", 1.0)}

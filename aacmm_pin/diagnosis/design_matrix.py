@@ -202,7 +202,7 @@ class _Calibrated:
             return np.asarray(self.frame @ self.state.rotation[-1])
         if what == "before":
             return np.asarray(self.frame @ self.state.rotation[axis(int(row)) - 1])
-        if what == "angle":
+        if what in ("angle", "slide"):
             number = self.rows.index(int(row))
             return self._of_angles[:, :, number : number + 1]
         return np.asarray((self.state.position @ self.frame.T)[:, :, None])

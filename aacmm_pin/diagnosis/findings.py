@@ -51,6 +51,7 @@ def _admitted(choice: Choice, strong: list[Strength]) -> Iterator[Finding]:
             strength.aliases,
             brought(choice, choice.admitted, strength.block),
             _inner_values(choice, effect, strength.block),
+            effect.slides(choice.fit.problem.model.arm),
         )
 
 
@@ -76,7 +77,8 @@ def _changed(model: ErrorModel, choice: Choice) -> Iterator[Finding]:
         misfit = float(change @ np.linalg.pinv(covariance + np.diag(np.square(old.u))) @ change)
         p_value = min(1.0, len(before) * float(chi2_sf(misfit, len(change))))
         if p_value < CHANGED:
-            yield Finding(effect, described(effect, covariance), 1.0 - p_value, p_value, 1.0, ())
+            slides = effect.slides(model.arm)
+            yield Finding(effect, described(effect, covariance), 1.0 - p_value, p_value, 1.0, (), slides=slides)
 
 
 def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:

@@ -66,7 +66,10 @@ def _groups(fit: Fit) -> list[tuple[str, str, NDArray[np.bool_]]]:
         labels = getattr(records.conditions, name)
         if labels is not None:
             found += [(name, str(label), labels == label) for label in dict.fromkeys(labels) if label]
-    numbers: list[tuple[str, Array, float, str]] = [(f"joint {j + 1}", records.q[:, j], DEG, "°") for j in range(records.nq)]
+    numbers: list[tuple[str, Array, float, str]] = [
+        (f"joint {j + 1}", records.q[:, j], *((MM, " mm") if slides else (DEG, "°")))
+        for j, slides in enumerate(fit.problem.model.arm.chain.prismatic)
+    ]
     if records.conditions.time is not None:
         numbers.append(("time", records.conditions.time, 1.0, " s"))
     if records.conditions.temperature is not None:

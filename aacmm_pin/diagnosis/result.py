@@ -51,6 +51,7 @@ class Finding(Shown):
         aliases: look-alikes in these data.
         brought: what it brings on held-out records; None where too few groups say something of it.
         inner: order, time constant or time that these records told, with u: name -> (value, u).
+        slides: True where its joint slides, so that its values in rad are metres.
     """
 
     effect: Effect
@@ -61,6 +62,7 @@ class Finding(Shown):
     aliases: tuple[Alias, ...]
     brought: Brought | None = None
     inner: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    slides: bool = False
 
     @property
     def cause(self) -> str:
@@ -89,7 +91,7 @@ class Finding(Shown):
         return self.effect.label
 
     def __str__(self) -> str:
-        values = values_in_words(self.effect, self.parameters)
+        values = values_in_words(self.effect, self.parameters, self.slides)
         if (waves := self.effect.spectrum()) is not None:
             values = "waves per turn: " + ", ".join(f"{n:.3g} ({a:.2g} rad)" for n, a in waves[:4])
         return f"{self.label} (probability {probability(self.probability)}{', ' + values if values else ''})"

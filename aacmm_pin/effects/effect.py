@@ -352,9 +352,17 @@ class Effect(Shown, ABC):
             return None
         angle = state.angle(self.row)
         if self.period is None:
-            return angle / DEG, f"joint {self.row} [°]"
+            unit, size = state.read_in(self.row)
+            return angle / size, f"joint {self.row} [{unit}]"
         words = f"joint {self.row}, folded into one period of {self.period / DEG:.4g}° [°]"
         return np.mod(angle, self.period) / DEG, words
+
+    def slides(self, arm: Arm) -> bool:
+        """Whether its values are of a joint that slides, so that those in rad are metres."""
+        if self.site() != "joint" or self.row is None or any(term.unit != "rad" for term in self.terms):
+            return False
+        number = int(arm.chain.joint[axis(self.row)])
+        return number >= 0 and bool(arm.chain.prismatic[number])
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters with their values and uncertainties."""

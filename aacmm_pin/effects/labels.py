@@ -48,11 +48,13 @@ def _place_words(effect: Effect) -> str:
     return effect.place_words or PLACES[str(effect.site())]
 
 
-def values_in_words(effect: Effect, values: Mapping[str, tuple[float, float]]) -> str:
-    """Described values of an effect and their u, by their keys, as value ± U (k = 2)."""
+def values_in_words(effect: Effect, values: Mapping[str, tuple[float, float]], slides: bool = False) -> str:
+    """Described values of an effect and their u, by their keys, as value ± U (k = 2); metres where a joint ``slides``."""
     if len(values) > FEW_VALUES:
         return f"free curve of {len(values)} values"
     readings = effect.readings()
+    if slides:
+        readings = {key: reading._replace(unit=reading.unit.replace("rad", "m")) for key, reading in readings.items()}
     return ", ".join(_value(readings[key], value, COVERAGE_FACTOR * u) for key, (value, u) in values.items())
 
 

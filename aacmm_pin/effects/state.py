@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.conditions import Conditions
@@ -87,8 +88,12 @@ class State:
         return row
 
     def angle(self, row: int) -> Array:
-        """Indication of the encoder of ``row`` (n,) [rad]."""
+        """Indication of the encoder of ``row`` (n,) [rad; m where the joint slides]."""
         return self.q[:, self.joint(row)]
+
+    def read_in(self, row: int) -> tuple[str, float]:
+        """Unit in which people read the indication of ``row``, and one of it in SI."""
+        return ("mm", MM) if self.arm.chain.prismatic[self.joint(row)] else ("°", DEG)
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
         """Vectors of the base (n, 3) as components along the axes of ``place`` (n, 3)."""

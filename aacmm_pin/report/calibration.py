@@ -123,7 +123,9 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
     rows = [
         {
             "cause": in_words(effect),
-            "value ± U (k = 2)": values_in_words(effect, described(effect, result.covariance[own, own])),
+            "value ± U (k = 2)": values_in_words(
+                effect, described(effect, result.covariance[own, own]), effect.slides(result.model.arm)
+            ),
         }
         for effect, own in zip(result.fit.solution.effects, vector.slices, strict=True)
         if vector.of_arm[own.start] is None

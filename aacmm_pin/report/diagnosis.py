@@ -222,7 +222,7 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
     rows = [
         {
             "cause": in_words(f.effect),
-            "value ± U (k = 2)": values_in_words(f.effect, f.parameters),
+            "value ± U (k = 2)": values_in_words(f.effect, f.parameters, f.slides),
             "at the tip_mm": motion_of(result, f.effect, state) / MM,
             "probability": probability(f.probability),
             "p": p_value(f.p_value),

@@ -15,13 +15,15 @@ from typer.testing import CliRunner
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli.shell import app
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.effects import JointCompliance
+from aacmm_pin.diagnosis.covariates import covariates
+from aacmm_pin.effects import EncoderGain, JointCompliance, JointHysteresis
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
+from aacmm_pin.report.plots.partial_residuals import partial_residual
 
 NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012", "--probe-noise-mm", "0.012"]
 ECCENTRIC = "encoder_eccentricity:joint=3,amplitude_rad=1e-4,phase_rad=0.5"
@@ -133,6 +135,26 @@ def test_an_arm_with_a_joint_that_slides(tmp_path: Path, slide: int, masses: boo
     found = json.loads(done.stdout)
     assert found["findings"][0]["joint"] == turning
     assert not any(f["joint"] == slide for f in found["findings"])
+
+
+def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
+    path = tmp_path / "slider.urdf"
+    path.write_text(urdf(3, True))
+    arm, hidden = Arm.from_urdf(path, "tip"), JointHysteresis(3, values=(2e-4,))
+    data = simulate_measurements(ErrorModel(arm, (hidden,)), "free", 60, rng=np.random.default_rng(1))
+    found = diagnose(arm, data, encoder_noise=8e-6, hold_out=False, progress=False)
+    (finding,) = found.findings
+    assert finding.label == hidden.label
+    assert "µm" in str(finding)
+    groups = found.simulation_groups
+    ends = groups[groups["by"] == "joint 3"]["group"].str.extract(r"(\d+) to (\d+) mm").astype(float)
+    assert 300 < ends.max().max() <= 400
+    drawn = partial_residual(found, EncoderGain(3, values=(1e-4,)))
+    assert "mm" in drawn.x_label
+    assert 300 < drawn.curve[0].max() <= 400
+    sliding = [c for c in covariates(arm, data) if "joint 3" in c.depends_on]
+    assert all("joint3_mm" in c.values and c.values["joint3_mm"].max() <= 400 for c in sliding)
+    assert not any(way.carrier == "angle 3" for c in sliding for way in c.variants)
 
 
 # --- what makes a verdict worth less than it looks

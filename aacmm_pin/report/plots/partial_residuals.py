@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.units import DEG
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects import Displacement, Effect
@@ -178,7 +177,7 @@ def unit_of_load(unit: str, amount: str) -> str:
 
 
 def _over_angle(effect: Effect, state: State, found: _Amount, there: NDArray[np.bool_]) -> Array:
-    """The fitted cause over the covered range of its joint, x [°] and amount (2, m)."""
+    """The fitted cause over the covered range of its joint, x [°, or mm] and amount (2, m)."""
     assert effect.row is not None
     assert found.direction is not None  # a function of one joint's angle turns about its axis
     number, period = state.joint(effect.row), effect.period
@@ -193,10 +192,10 @@ def _over_angle(effect: Effect, state: State, found: _Amount, there: NDArray[np.
         after = np.clip(np.searchsorted(ordered, grid), 1, len(ordered) - 1)
         away = np.minimum(np.abs(grid - ordered[after - 1]), np.abs(ordered[after] - grid))
         amount[away > AWAY * np.ptp(ordered)] = np.nan
-    return np.stack([grid / DEG, amount])
+    return np.stack([grid / state.read_in(effect.row)[1], amount])
 
 
 def _y_label(effect: Effect, found: _Amount) -> str:
     if effect.site() == "joint" and found.direction is not None:
-        return f"joint angle minus indication [{found.unit}]"
+        return f"joint {'angle' if found.unit == 'µrad' else 'position'} minus indication [{found.unit}]"
     return f"{KINDS[found.unit]} [{found.unit}]"
