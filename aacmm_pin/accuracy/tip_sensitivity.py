@@ -21,10 +21,10 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.effects import CAUSES, Effect, JointZeroOffset
 from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.effect import Effect
 from aacmm_pin.effects.error_model import ErrorModel, displaced
-from aacmm_pin.effects.geometry import of_geometry
+from aacmm_pin.effects.geometry import JointZeroOffset, of_geometry
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 
@@ -200,8 +200,12 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
         alone = ErrorModel(model)
     except UnknownNameError as error:
         raise AacmmError(f"{model.name}: {error}; pass its ErrorModel (ErrorModel.load), not the arm alone") from None
+    if model.file is None or not model.file.effects:
+        return alone, []
+    from aacmm_pin.effects.causes import CAUSES  # loads every cause
+
     labels = []
-    for entry in model.file.effects if model.file is not None else []:
+    for entry in model.file.effects:
         where = next((entry.structure[k] for k in ("joint", "link", "seat", "marker") if k in entry.structure), None)
         if entry.cause not in CAUSES or not CAUSES[entry.cause].of_reference:
             labels.append(entry.cause if where is None else f"{entry.cause}:{where}")

@@ -12,18 +12,12 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
-import pandas as pd
-import scipy
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector, whole
 from aacmm_pin._support.display import Shown, report
-from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin._support.workers import Workers, results
-from aacmm_pin.accuracy import zonotope
-from aacmm_pin.accuracy.parameter_draws import FEWEST_DRAWS, exact_volume
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import CHUNK, chunks
@@ -32,15 +26,17 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
 
+    from aacmm_pin._support.workers import Workers
     from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 
 Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 COVERAGE = 0.95
-COVERAGE_FACTOR = float(np.sqrt(scipy.special.chdtri(3, 1.0 - COVERAGE)))
+COVERAGE_FACTOR = 2.7954834829151074
 """k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM 102:2011, table 1)."""
 DRAWN_AT_ONCE = 4
 """Configurations of one piece of work of ``monte-carlo``."""
@@ -83,6 +79,8 @@ class AccuracyVolume(Shown):
     @cached_property
     def largest_deviation(self) -> Array:
         """Largest distance that the bounded parameters together can cause, to first order: (n,) [m]."""
+        from aacmm_pin.accuracy import zonotope
+
         found = [np.empty(0)]
         for q, conditions in _parts(self.q, self.conditions):
             generators = self.sources.generators(self.sources.sensitivity(q, conditions))
@@ -100,6 +98,8 @@ class AccuracyVolume(Shown):
             A table, largest first: the parameter (or joint, or kind; <NA> for the joint of a cause of the whole arm),
             ``u_mm`` (its root mean square contribution) and ``share`` (of the variance; the shares sum to 1).
         """
+        import pandas as pd
+
         together = np.zeros((len(self.sources.parameters),) * 2)
         for q, conditions in _parts(self.q, self.conditions):
             together += self.sources.shared_variance(self.sources.sensitivity(q, conditions))
@@ -122,6 +122,8 @@ class AccuracyVolume(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each configuration: theta1_deg …, volume_mm3, u_mm, and largest_deviation_mm where it is bounded."""
+        import pandas as pd
+
         table = {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.q.shape[1])}
         table |= {"volume_mm3": self.volume / MM**3, "u_mm": self.u / MM}
         if self.sources.bounded:
@@ -233,6 +235,9 @@ def accuracy_volume(
     """
     if method not in METHODS:
         raise UnknownNameError("method", method, list(METHODS))
+    from aacmm_pin._support.progress import bar
+    from aacmm_pin._support.workers import results
+
     arm, drawn = ErrorModel.arm_of(model), method == "monte-carlo"
     q = batch(q, arm.nq, "q", "rad")
     if conditions is not None and conditions.n not in (1, len(q)):
@@ -242,6 +247,8 @@ def accuracy_volume(
     size, pieces = CHUNK, cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
     volume, covariance, error = np.empty(len(q)), np.empty((len(q), 3, 3)), np.empty(len(q) if drawn else 0)
     if drawn:
+        from aacmm_pin.accuracy.parameter_draws import FEWEST_DRAWS, exact_volume
+
         if rng is None:
             raise AacmmError("method 'monte-carlo' needs rng, a numpy.random.Generator such as numpy.random.default_rng(1)")
         size, work = DRAWN_AT_ONCE, partial(exact_volume, sources, whole(draws, FEWEST_DRAWS, "draws"))
@@ -289,6 +296,8 @@ def _volume(method: Method, sources: ErrorSources, sensitivity: Array, covarianc
     if method == "ellipsoid":
         determinant = np.maximum(np.linalg.det(covariance), 0.0)
         return np.asarray(4.0 / 3.0 * np.pi * COVERAGE_FACTOR**3 * np.sqrt(determinant))
+    from aacmm_pin.accuracy import zonotope
+
     generators = sources.generators(sensitivity)
     if method == "zonotope":
         return zonotope.volume(generators)

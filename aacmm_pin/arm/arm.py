@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -19,10 +19,11 @@ from aacmm_pin.arm.chain import Chain
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import ArmFile, Covariance, calibrated, load_arm_file
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.arm.poses import Poses
 from aacmm_pin.arm.urdf import urdf_text
-from aacmm_pin.arm.urdf_check import read_urdf
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
+
+if TYPE_CHECKING:
+    from aacmm_pin.arm.poses import Poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +119,8 @@ class Arm(Shown):
             UnsupportedArmError: a joint takes more than one number (planar, floating).
             UnknownNameError: no such frame; lists the frames.
         """
+        from aacmm_pin.arm.urdf_check import read_urdf
+
         text = read_urdf(path)
         try:
             model = pin.buildModelFromXML(text)
@@ -257,6 +260,8 @@ class Arm(Shown):
             ShapeError: ``q`` is not a finite (n, nq) array.
             UnknownNameError: no such frame.
         """
+        from aacmm_pin.arm.poses import Poses
+
         return Poses(self.model, batch(q, self.nq, "q", "rad"), _frame_number(self.model, at or self.tip))
 
     def positions(self, q: Array, at: str | None = None) -> Array:

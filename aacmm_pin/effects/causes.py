@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects.compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.drift_and_hysteresis import JointHysteresis, ZeroDrift
@@ -181,6 +180,8 @@ class SomeRecords:
 @cache
 def example(cause: type[Effect]) -> Effect | None:
     """One of its kind in SINO6, for what cannot be asked of a class; None where :meth:`Effect.candidates` has none there."""
+    from aacmm_pin.arm.random_postures import joint_bounds
+
     arm, n = Arm.load("sino6"), 360
     low, high = joint_bounds(arm).T
     part = np.linspace(0.0, 1.0, n)

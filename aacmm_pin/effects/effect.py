@@ -21,11 +21,11 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.plausible import LATEST, MOST_ROWS, MOST_TYPICAL
 from aacmm_pin._support.units import DEG, MM, prefixed
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, skew
+from aacmm_pin.arm.chain import axis as axis
+from aacmm_pin.arm.chain import skew
 from aacmm_pin.arm.parameter import Parameter, Scope
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
 PLACES = {"joint": "joint", "link": "link", "seat": "seat", "marker": "target"}
@@ -461,6 +461,8 @@ def _places(site: str | None, arm: Arm, records: Records | None) -> list[dict[st
     if site == "joint":
         found = arm.chain.moving_rows()
     elif site == "link":
+        from aacmm_pin.effects.tube import tubes
+
         found = tubes(arm)
     elif site is not None and records is not None:
         labels = records.conditions.seat if site == "seat" else records.conditions.marker

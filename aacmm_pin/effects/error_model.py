@@ -11,12 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.output_files import whole_file
-from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin.arm.arm import Arm, require_arm
 from aacmm_pin.arm.file import ArmFile, EffectEntry, arm_text, load_arm_file
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.effects.causes import cause_named
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Effect
 from aacmm_pin.effects.geometry import of_geometry
@@ -101,6 +98,9 @@ class ErrorModel(Shown):
             OutputError: see :func:`aacmm_pin._support.output_files.whole_file`.
             UnsupportedArmError: see :meth:`file`.
         """
+        from aacmm_pin._support.output_files import whole_file
+        from aacmm_pin._support.text_escaping import encodable
+
         text = arm_text(self.file(), comment)
         with whole_file(path, force) as temporary:
             temporary.write_text(encodable(text), encoding="utf-8")
@@ -255,6 +255,8 @@ def _extended(arm: Arm, path: str) -> ErrorModel:
 
 
 def _effect(entry: EffectEntry, arm: Arm, path: str, key: str) -> Effect:
+    from aacmm_pin.effects.causes import cause_named  # loads every cause
+
     try:
         kind = cause_named(entry.cause)
     except UnknownNameError as error:

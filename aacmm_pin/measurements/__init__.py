@@ -1,5 +1,1 @@
 """Records of an arm: read from a file or simulated, and what they say of where the tip was."""
-
-from aacmm_pin.measurements.records import Measurements
-
-__all__ = ["Measurements"]

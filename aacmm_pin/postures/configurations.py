@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.angles import wrapped
@@ -30,6 +29,7 @@ from aacmm_pin.postures.tip_ik import tip_curves, tip_system
 from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
 
 if TYPE_CHECKING:
+    import pandas as pd
     from mpl_toolkits.mplot3d import Axes3D
 
 WRIST = "frame5"

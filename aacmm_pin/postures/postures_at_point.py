@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.angles import wrapped
@@ -17,6 +16,9 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.postures.continuation import Curve
 from aacmm_pin.postures.curve_sampling import Flexibility
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +64,8 @@ class PosturesAtPoint(Shown):
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each configuration, in the columns of ``aacmm-pin configurations``; x, y, z by Pinocchio."""
+        import pandas as pd
+
         broken = [" ".join(str(j + 1) for j in np.flatnonzero(row)) for row in self.broken]
         table: dict[str, ArrayLike] = {"component": self.component, "swivel_deg": self.swivel / DEG}
         table |= {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.arm.nq)}
@@ -72,6 +76,8 @@ class PosturesAtPoint(Shown):
 
     def summary(self) -> pd.DataFrame:
         """One row for each component: its configurations, how many are within limits, joints that are outside somewhere."""
+        import pandas as pd
+
         return pd.DataFrame([self._row(number) for number in np.unique(self.component)])
 
     def _row(self, number: int) -> dict[str, Any]:
