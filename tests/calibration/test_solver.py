@@ -12,7 +12,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import solver
 from aacmm_pin.calibration.cross_validation import distances
-from aacmm_pin.calibration.fit import deleted_distances
+from aacmm_pin.calibration.fit import Chi2, deleted_distances
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.parameters import problem_of
@@ -103,6 +103,15 @@ def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generat
     assert np.abs(search.seats_at_best(start, search.system(start))[1].seats(still)).max() < 1e-7
 
 
+def test_records_without_weight_count_for_nothing(sino6: Arm, rng: np.random.Generator) -> None:
+    problem, weights = external(sino6, rng, off=1e-4), np.ones(12)
+    weights[[2, 7]] = 0.0
+    here = system_of(problem)
+    found = Chi2.of(solver.standing(problem, here.noise, here.point, weights))
+    fewer = system_of(problem.of(problem.measurements.take(np.flatnonzero(weights))))
+    assert tuple(found) == pytest.approx(tuple(Chi2.of(fewer)), rel=1e-6)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_distance_from_where_the_others_put_a_seat(sino6: Arm, rng: np.random.Generator, known: bool) -> None:
     """Each record's seat anew from all others, and from what is stated of it, by weighted least squares."""
@@ -147,10 +156,11 @@ def test_a_promise_that_nothing_comes_of_ends_the_search(sino6: Arm, rng: np.ran
 
 
 def test_a_frame_is_no_mirror_image(rng: np.random.Generator) -> None:
-    """Of points in a plane, whose mirror image fits as well."""
+    """Of points nearly in a plane, whose mirror image fits as well."""
     for _ in range(8):
-        flat = rng.normal(size=(5, 3)) * [1.0, 1.0, 0.0]
-        np.testing.assert_allclose(registered(flat, FRAME.apply(flat)).rotation, FRAME.rotation, atol=1e-9)
+        flat = rng.normal(size=(5, 3)) * [1.0, 1.0, 1e-6]
+        noisy = FRAME.apply(flat) + 1e-6 * rng.normal(size=(5, 3))
+        np.testing.assert_allclose(registered(flat, noisy).rotation, FRAME.rotation, atol=1e-4)
 
 
 def test_coordinates_of_a_seat_that_hardly_differ_are_the_same(sino6: Arm) -> None:

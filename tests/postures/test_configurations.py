@@ -19,10 +19,12 @@ from scipy.spatial import cKDTree
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.accuracy.workspace import map_caveats
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
+from aacmm_pin.postures import three_revolutes
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
 from aacmm_pin.postures.continuation import Curve
 from aacmm_pin.postures.curve_sampling import Components, at_swivel, sector_centres
@@ -366,6 +368,22 @@ def test_angles_are_turned_into_their_limits_by_whole_turns(rng: np.random.Gener
         there = np.isfinite(nearest)
         np.testing.assert_allclose(np.abs(into[there] - (low + high) / 2), nearest[there], atol=1e-8)
     assert (np.abs(into_limits(q[:, None], np.array([[-np.inf, np.inf]]))) <= np.pi + 1e-9).all()
+
+
+def test_closed_form_of_three_revolutes(rng: np.random.Generator) -> None:
+    """The angles with which any such chain reached a place are among the candidates; the first two axes may meet."""
+    n = 60
+    b = np.tile(np.eye(4), (3, n, 1, 1))
+    b[:, :, :3, :3] = exp(rng.normal(size=(3 * n, 6)))[0].reshape(3, n, 3, 3)
+    b[:, :, :3, 3] = rng.normal(size=(3, n, 3))
+    b[1, ::3, :3, 3] = 0.0
+    c, angles = rng.normal(size=(n, 3)), rng.uniform(-np.pi, np.pi, (n, 3))
+    place = np.concatenate([c, np.ones((n, 1))], axis=1)[:, :, None]
+    for k in (2, 1, 0):
+        place = b[k] @ screws(angles[:, k], 0.0, 2) @ place
+    found, who = three_revolutes.candidates(*b, c, place[:, :3, 0])
+    gap = np.abs(wrapped(found - angles[who])).max(axis=1)
+    assert max(gap[who == k].min() for k in range(n)) < 1e-5
 
 
 def test_circle_says_which_limits_are_broken(arm: Arm, circles: list[ConfigurationCircle]) -> None:

@@ -52,6 +52,7 @@ def test_curves_are_closed_even_and_along_the_null_space(panda: Arm, motions: li
             step = np.linalg.norm(way, axis=1)
             assert motion.summary()["travel_rad"][number - 1] == pytest.approx(step.sum())
             assert step.max() < 1.02 * step.min()
+            np.testing.assert_allclose(motion.travel[motion.component == number], np.cumsum(step) - step, atol=1e-9)
             chord = way + np.roll(way, 1, axis=0)
             chord /= np.linalg.norm(chord, axis=1)[:, None]
             moved = np.einsum("nij,nj->ni", panda.poses(q).jacobian, chord)
