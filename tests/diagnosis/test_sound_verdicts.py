@@ -144,7 +144,7 @@ class SquareTilt(Effect):
 
 def test_what_no_cause_has_lends_its_strength_to_no_name(sino6: Arm) -> None:
     model = ErrorModel(sino6, (SquareTilt(3, values=(3e-6,)),))
-    data = simulate_measurements(model, "free", 300, rng=np.random.default_rng(3))
+    data = simulate_measurements(model, "free", 150, rng=np.random.default_rng(3))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
     assert found.verdict == "unexplained"
     assert all(finding.probability < 0.95 for finding in found.findings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 import subprocess
 import sys
@@ -31,6 +32,7 @@ from aacmm_pin import (
     diagnose,
     map_workspace,
     plan_measurements,
+    reaching_postures,
     simulate_measurements,
     single_point_statistics,
 )
@@ -193,6 +195,22 @@ def test_text_is_a_line_in_a_console_and_whole_in_a_card(values: dict[str, Any])
         assert len(pretty(value)) <= 1002, name
         if name in ("Diagnosis", "Calibration", "AccuracyVolume", "ConfigurationCircle", "MeasurementPlan", "WorkspaceMap"):
             assert pretty(value) == str(value)
+
+
+def test_every_result_can_be_pickled(values: dict[str, Any], arm: Arm) -> None:
+    """To be sent to another process, or kept: it shows itself as before, and computes as before where it can."""
+    urdf, circle = values["Arm of a URDF"], values["ConfigurationCircle"]
+    posture, down = urdf.poses(np.full((1, 6), 0.3)), [0.0, 0.0, -1.0]
+    tip = configuration_circle(arm, POINT, tip=True, axis=down, count=6)
+    for value in (
+        *values.values(),
+        posture,
+        tip,
+        reaching_postures(urdf, posture.position[0], axis=down, count=6, most_starts=30),
+    ):
+        copy = pickle.loads(pickle.dumps(value))
+        assert str(copy) == str(value) or str(value).startswith(type(value).__name__), type(value)
+    assert pickle.loads(pickle.dumps(circle)).flexibility(5) == circle.flexibility(5)
 
 
 # Pictures ---------------------------------------------------------------------------------------------------------------
