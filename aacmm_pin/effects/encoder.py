@@ -17,7 +17,6 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import LARGEST_ANGLE, LATEST
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects.effect import Displacement, Effect, Reading, Records, Term, about_axis
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -249,6 +248,8 @@ class JointErrorCurve(Effect):
     @classmethod
     def completed(cls, structure: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
         """Over the range of the joint, where none is typed."""
+        from aacmm_pin.arm.random_postures import joint_bounds
+
         rows = arm.chain.moving_rows()
         low, high = joint_bounds(arm)[rows.index(structure["joint"])] if structure.get("joint") in rows else (-np.pi, np.pi)
         return {"lower_rad": float(low) - 0.01, "upper_rad": float(high) + 0.01, "coefficients": CURVES[0]} | dict(structure)

@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import csv_text, csv_unquoted
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels
@@ -270,6 +269,8 @@ class Measurements(Shown):
         Raises:
             OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
         """
+        from aacmm_pin._support.output_files import whole_file
+
         table = self.to_frame("rad" if names.looks_like_radians(self.q / DEG) else "deg")
         texts = table.select_dtypes(exclude="number")
         # A lone carriage return ends a line for readers, but is no reason to quote for the writer.

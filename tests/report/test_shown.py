@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pickle
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -286,15 +284,6 @@ def test_the_main_picture_of_a_diagnosis_is_its_strongest_cause(found: Diagnosis
         found.plot(2)
     with pytest.raises(UnknownNameError, match="unknown quantity 'u'; known: comprehensive_mm3"):
         values["WorkspaceMap"].plot("u")
-
-
-# The report behind them --------------------------------------------------------------------------------------------------
-
-
-def test_importing_the_package_loads_neither_matplotlib_nor_the_report() -> None:
-    code = "import aacmm_pin, sys; print(*(n for n in sys.modules if n in ('matplotlib', 'aacmm_pin.report', 'jinja2')))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == ""
 
 
 # Names in the place of arms ---------------------------------------------------------------------------------------------

@@ -1,9 +1,6 @@
-"""χ² and F beside scipy.stats, far into their tails; and the package starts without it."""
+"""χ² and F beside scipy.stats, far into their tails."""
 
 from __future__ import annotations
-
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -30,20 +27,3 @@ def test_f() -> None:
         np.testing.assert_allclose(f_sf(value, DOF, other), P[:3] * np.ones(len(DOF)), rtol=1e-9)
         there_and_back = f_sf(f_isf(P, DOF, other), DOF, other)  # where stats says infinite
         np.testing.assert_allclose(there_and_back, P * np.ones(len(DOF)), rtol=1e-9)
-
-
-def test_a_command_starts_without_what_it_may_not_need() -> None:
-    """The command line imports the package itself."""
-    heavy = (
-        "scipy.stats",
-        "scipy.optimize",
-        "scipy.interpolate",
-        "scipy.spatial",
-        "xarray",
-        "matplotlib",
-        "meshcat",
-        "IPython",
-    )
-    code = f"import sys, aacmm_pin.cli.shell; print([name for name in {heavy!r} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -1,0 +1,40 @@
+"""What is loaded with what: modules are counted and named, for seconds depend on the machine."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from shell import POINT
+
+HEAVY = ("matplotlib", "jinja2", "xarray", "meshcat", "numba", "IPython", "scipy.stats", "scipy.optimize", "scipy.spatial")
+
+
+def loaded(code: str) -> set[str]:
+    """Names of the modules that a new process has loaded after ``code``."""
+    told = f"import atexit, sys\natexit.register(lambda: sys.stderr.write('\\n' + ' '.join(sys.modules)))\n{code}"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    return set(done.stderr.splitlines()[-1].split())
+
+
+def command(*words: str) -> str:
+    """The code that runs a command."""
+    return f"from aacmm_pin.cli.shell import app\napp({words!r})"
+
+
+@pytest.mark.parametrize(
+    ("code", "most", "without"),
+    [
+        ("import aacmm_pin", 3, ("numpy", *HEAVY)),
+        ("import aacmm_pin.accuracy.volume", 25, ("pandas", "scipy.special", "tqdm", *HEAVY)),
+        ("import aacmm_pin.diagnosis.diagnose", 74, HEAVY),
+        (command("--help"), 12, ("numpy", "rich", "pandas", *HEAVY)),
+        (command("accuracy", "sino6", *POINT), 70, ("scipy.special", *HEAVY)),
+        (command("configurations", "sino6", *POINT), 50, ("rich", "scipy.special", *HEAVY)),
+    ],
+)
+def test_what_is_loaded(code: str, most: int, without: tuple[str, ...]) -> None:
+    names = loaded(code)
+    assert sum(name.split(".")[0] == "aacmm_pin" for name in names) <= most
+    assert names.isdisjoint(without), names & {*without}
