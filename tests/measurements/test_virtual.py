@@ -196,6 +196,7 @@ def test_postures_go_all_round_the_point(sino6: Arm) -> None:
         solution = least_squares(
             lambda x: sino6.dh.positions(x[None])[0] - point,
             rng.uniform(lower, upper),
+            jac=lambda x: sino6.jacobian(x[None])[0],
             bounds=(lower, upper),
         )
         if solution.cost < 1e-18:

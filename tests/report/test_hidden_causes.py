@@ -27,10 +27,10 @@ def test_every_cause_can_be_chosen_and_acts(sino6: Arm) -> None:
 
 def test_what_is_drawn(sino6: Arm) -> None:
     positive = ("joint_compliance", "link_bending", "thermal_expansion", "stylus_bending", "base_compliance")
-    for seed in range(4):
+    for seed in range(2):
         for name in positive:
             assert min(hidden_cause(sino6, np.random.default_rng(seed), name).values) > 0
-    drawn = [hidden_cause(sino6, np.random.default_rng(seed)) for seed in range(100)]
+    drawn = [hidden_cause(sino6, np.random.default_rng(seed)) for seed in range(50)]
     assert {effect.cause for effect in drawn} == set(hideable(sino6))
     assert drawn[7] == hidden_cause(sino6, np.random.default_rng(7))
     with pytest.raises(UnknownNameError, match="encoder_eccentricity"):
