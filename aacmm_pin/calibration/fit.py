@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -13,11 +12,11 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space, orth
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.distributions import chi2_isf, chi2_sf, f_isf
+from aacmm_pin._support.distributions import chi2_isf, f_isf
 from aacmm_pin.calibration.linear_system import assemble
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.problem import OF_WIDTH, Problem
-from aacmm_pin.calibration.solver import MEDIAN, Point, Solution, begin, deviations, solve, standing
+from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Chi2, Point, Solution, begin, deviations, solve, standing
 from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
@@ -28,10 +27,6 @@ EFFICIENCY = 0.53
 """A scatter taken from the median of χ² with three degrees is as certain as from this part of all the records' numbers."""
 UNEQUAL = 1.5
 """Records far out scatter more, by their readings; where the noise is not stated, they are believed this much farther."""
-LEAST_DOF = 0.5
-"""With fewer degrees of freedom records do not tell their scatter; widths that nobody stated leave a little above zero."""
-MISFIT = 1e-3
-"""χ² with less chance than this is larger than the stated noise explains; with more than one minus this, smaller."""
 MOST_ROUNDS = 12
 NO_SCATTER = 5e-8
 """Scatter below this is none: the search for it ends just above zero, and nobody measures so well [m]."""
@@ -41,29 +36,6 @@ FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
 
 Mask = NDArray[np.bool_]
-
-
-class Chi2(NamedTuple):
-    """χ² of residuals, and its degrees of freedom."""
-
-    value: float
-    dof: float
-
-    @property
-    def acceptable(self) -> bool:
-        """Whether it is no larger than its degrees of freedom allow, or there are none to judge it by."""
-        return self.dof < LEAST_DOF or float(chi2_sf(*self)) >= MISFIT
-
-    @staticmethod
-    def of(solution: Solution) -> Chi2:
-        """Degrees of freedom: rows that count, less what the data determine of the parameters."""
-        system, spectrum = solution.system, solution.spectrum
-        # A parameter that its prior determines costs nothing: trace of (data's information) (whole information)⁻¹.
-        movable = spectrum.movable
-        scaled = spectrum.directions[:, movable] / spectrum.values[movable] * solution.problem.scales[:, None]
-        determined = float(np.linalg.norm(system.jacobian @ scaled)) ** 2
-        left_out = 3 * int(np.sum((solution.weights == 0.0) & np.isfinite(system.distance)))
-        return Chi2(float(system.residual @ system.residual), system.free - left_out - determined)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +225,7 @@ class _Estimation:
     def without_outliers(self, near: Solution) -> tuple[Solution, Mask]:
         """The search without the records that do not belong, judged by the scatter of the better half; and the others."""
         says = self.observations.says
-        count, dof = int(says.sum()), max(Chi2.of(near).dof, 1.0)
+        count, dof = int(says.sum()), max(near.chi2.dof, 1.0)
         scatter = self.scatter_of_median(near.noise, near.point, says, min(1.0, dof / (3 * count)))
         noise = self.noise(near.point, scatter)
         # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
@@ -313,21 +285,21 @@ class _Estimation:
         """The fit with the stated noise alone, if that may be right: by χ² after one more step, which spares the search."""
         alone, weights = self.noise(point, 0.0), used.astype(np.float64)
         here = standing(self.problem, alone, point, weights)
-        total, dof = Chi2.of(here)
+        total, dof = here.chi2
         judged = Chi2(total - here.spectrum.promise(), dof)
         if not judged.acceptable:
             return None, judged
         solution = solve(self.problem, alone, point, weights)
-        return self.fit(solution, used, Chi2.of(solution)), judged
+        return self.fit(solution, used, solution.chi2), judged
 
     def fit(self, solution: Solution, used: Mask, judged: Chi2 | None) -> Fit:
         """The result."""
-        return Fit(solution, self.stated, used, self.observations.says & ~used, judged, Chi2.of(solution).dof)
+        return Fit(solution, self.stated, used, self.observations.says & ~used, judged, solution.chi2.dof)
 
 
 def _variance_component(solution: Solution, used: Mask) -> float:
     """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none [m]."""
-    noise, dof = solution.noise, Chi2.of(solution).dof
+    noise, dof = solution.noise, solution.chi2.dof
     if dof < LEAST_DOF:
         return noise.scatter
     deviation, own = solution.system.deviation[used], noise.without_scatter[used]
@@ -380,7 +352,7 @@ def deleted_distances(solution: Solution) -> Array:
 
 def redundant(solution: Solution) -> bool:
     """Whether the records are enough to tell which of them are wrong: half of them cannot be fitted whatever they say."""
-    return Chi2.of(solution).dof >= 0.5 * solution.system.free
+    return solution.chi2.dof >= 0.5 * solution.system.free
 
 
 def squared_distances(deviation: Array, covariance: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -59,7 +60,7 @@ class NoiseModel:
         """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²]."""
         return np.asarray(self.tips + self.observations.covariance)
 
-    @property
+    @cached_property
     def whitening(self) -> Array:
         """What gives each residual unit variance (n, 3, 3) [1/m]."""
         return np.asarray(np.linalg.inv(np.linalg.cholesky(self.of_residuals)))

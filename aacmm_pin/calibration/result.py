@@ -18,9 +18,10 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import UNTOLD, calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut
-from aacmm_pin.calibration.fit import LEAST_DOF, Fit, fit
+from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.identifiability import Observability, undetermined
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.solver import LEAST_DOF
 from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.error_model import ErrorModel
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.distributions import chi2_isf
+from aacmm_pin._support.distributions import chi2_isf, chi2_sf
 from aacmm_pin.calibration.linear_system import System, assemble
 from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
@@ -49,6 +50,10 @@ AT_ONCE = 4000
 WILD = 2.0
 """Records this many standard deviations off have half weight in the robust search (Cauchy's weight function)."""
 MEDIAN = float(chi2_isf(0.5, 3))
+LEAST_DOF = 0.5
+"""With fewer degrees of freedom records do not tell their scatter; widths that nobody stated leave a little above zero."""
+MISFIT = 1e-3
+"""χ² with less chance than this is larger than the stated noise explains; with more than one minus this, smaller."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +110,18 @@ class Spectrum:
         return float(np.sum(self.along[self.movable] ** 2))
 
 
+class Chi2(NamedTuple):
+    """χ² of residuals, and its degrees of freedom."""
+
+    value: float
+    dof: float
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether it is no larger than its degrees of freedom allow, or there are none to judge it by."""
+        return self.dof < LEAST_DOF or float(chi2_sf(*self)) >= MISFIT
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Where the search ended.
@@ -142,6 +159,17 @@ class Solution:
         """Singular values of the system; not asked for where the search is only a start."""
         return Spectrum.of(self.problem, self.system, self.point.x)
 
+    @cached_property
+    def chi2(self) -> Chi2:
+        """χ² and its degrees of freedom: rows that count, less what the data determine of the parameters."""
+        system, spectrum = self.system, self.spectrum
+        # A parameter that its prior determines costs nothing: trace of (data's information) (whole information)⁻¹.
+        movable = spectrum.movable
+        scaled = spectrum.directions[:, movable] / spectrum.values[movable] * self.problem.scales[:, None]
+        determined = float(np.linalg.norm(system.jacobian @ scaled)) ** 2
+        left_out = 3 * int(np.sum((self.weights == 0.0) & np.isfinite(system.distance)))
+        return Chi2(float(system.residual @ system.residual), system.free - left_out - determined)
+
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The estimated effects with the values found."""
@@ -151,12 +179,13 @@ class Solution:
 def begin(problem: Problem, observations: Observations) -> Point:
     """The start: the frame by a robust registration, the unknown points by medians."""
     frame = Frame.identity()
+    prediction = problem.predict(problem.start, frame)
     if problem.external:
         known = problem.measurements.known
         if known.sum() < 3:
             raise AacmmError(f"{known.sum()} records have reference coordinates, expected 3 or more to find their frame")
-        frame = registered(problem.tips(problem.start, frame)[known], problem.measurements.reference[known])
-    prediction = problem.predict(problem.start, frame)
+        frame = registered(prediction.tips[known], problem.measurements.reference[known])
+        prediction = Prediction(frame.apply(prediction.tips), frame.rotation @ prediction.jacobian)
     return Point(problem.start, frame, observations.start(prediction.tips), prediction)
 
 

@@ -191,7 +191,7 @@ class Measurements(Shown):
         for a reference that one of them states rounded to a micrometre: no second measurement does, while a file that was
         appended to itself, or to another export of the same measurement, does.
         """
-        if not pd.DataFrame(self.q).duplicated().any():
+        if np.unique(self.q[:, 0]).size == self.n or not pd.DataFrame(self.q).duplicated().any():
             return np.arange(self.n)
         table = self.to_frame().drop(columns=["time_s", "record", "operator", *self.extra.columns], errors="ignore")
         same = _numbered(table)

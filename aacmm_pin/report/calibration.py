@@ -12,7 +12,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.file import arm_text
 from aacmm_pin.calibration import Calibration
-from aacmm_pin.calibration.fit import MISFIT
+from aacmm_pin.calibration.solver import MISFIT
 from aacmm_pin.diagnosis.result import described
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import in_words, values_in_words
