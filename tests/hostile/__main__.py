@@ -158,6 +158,7 @@ def main() -> int:
         print(json.dumps(tried(kind, given_.cases, given_.seed, keep)))
         return 0
     rows = [(f"mistakes in {kind.name}", of_format(kind, given_.cases, given_.seed, keep)) for kind in FORMATS]
+    print(table(rows), file=sys.stderr)  # what follows may take long
     with TemporaryDirectory() as folder:
         rows += of_faults(given_.kills, given_.seed, Path(folder))
     head = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True)
