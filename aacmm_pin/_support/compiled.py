@@ -1,6 +1,6 @@
 """Functions in NumPy with a twin in plain loops, which numba compiles where that is worth its time.
 
-Loading numba and a compiled loop takes about half a second, compiling it for the first time some seconds more: far longer
+Loading numba and a compiled loop takes about half a second, compiling it for the first time one or two more: far longer
 than small work takes in NumPy. So the loops are loaded when the NumPy functions have worked for ``WORTH_SECONDS`` in this
 process, which costs at most twice what knowing beforehand would. Both give the same numbers to the last bit, so that no
 result depends on the moment. Where numba is not installed, or does not work with the NumPy there is, NumPy does it all.
@@ -17,8 +17,8 @@ from typing import Any
 
 from aacmm_pin.errors import UnknownNameError
 
-WORTH_SECONDS = 2.0
-"""CPU time of NumPy's way after which the loops are loaded [s]."""
+WORTH_SECONDS = 4.0
+"""CPU time of NumPy's way after which the loops are loaded [s]: about what compiling all of them for the first time takes."""
 VARIABLE, ALWAYS, NEVER, WHEN_WORTH = "AACMM_PIN_COMPILED", "always", "never", "auto"
 
 _spent = 0.0
