@@ -18,7 +18,7 @@ from typing import Any
 from aacmm_pin.errors import UnknownNameError
 
 WORTH_SECONDS = 4.0
-"""CPU time of NumPy's way after which the loops are loaded [s]: about what compiling all of them for the first time takes."""
+"""CPU time in NumPy after which the loops are loaded [s]: about what compiling them all for the first time takes."""
 VARIABLE, ALWAYS, NEVER, WHEN_WORTH = "AACMM_PIN_COMPILED", "always", "never", "auto"
 
 _spent = 0.0
