@@ -240,11 +240,10 @@ def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
         return result
     accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
     table = pd.DataFrame({"cell": found.point, "sector": found.sector, "volume": accuracy.volume, "u": accuracy.u})
-    most_accurate = table.loc[table.groupby(["cell", "sector"])["volume"].idxmin()]
-    for cell in most_accurate["cell"].unique():
-        mine = most_accurate[most_accurate["cell"] == cell]
-        point, theta3 = job.points[cell], q[mine.index, 2]
-        result["comprehensive"][cell] = comprehensive_accuracy(mine["volume"].to_numpy(), theta3, point)
+    best = table.groupby(["cell", "sector"])["volume"].idxmin().to_numpy()  # of each sector, in the order of the cells
+    numbers, first = np.unique(found.point[best], return_index=True)
+    for cell, mine in zip(numbers, np.split(best, first[1:]), strict=True):
+        result["comprehensive"][cell] = comprehensive_accuracy(accuracy.volume[mine], q[mine, 2], job.points[cell])
     cells = table.groupby("cell")
     places = {"best": cells["volume"].idxmin(), "worst": cells["volume"].idxmax()}
     places |= {"least_u": cells["u"].idxmin(), "most_u": cells["u"].idxmax()}

@@ -39,6 +39,8 @@ MOST_STEPS, MOST_ROUNDS = 3000, 50
 fewer than 800 steps and have up to 16 curves."""
 SINGULAR = 1e-6
 """A solution is singular where the smallest singular value of the equations' derivative is this part of the largest."""
+CLEARLY = 10.0
+"""A bound so many times larger than ``SINGULAR`` leaves room for the rounding of a determinant, 1e-8 of its root."""
 FLAT = 1e-4
 """With this part of it, it is next to a singular one: rounding decides what is found there."""
 LONGEST_STEP = 0.20
@@ -258,7 +260,7 @@ class _State:
 def all_curves(system: System, seeds: Array, problem: Index, is_degenerate: bool) -> Curves:
     """Every curve that holds one of the ``seeds`` (n, k + 1), which must be solutions, once."""
     rounds: list[list[Curve]] = []
-    regular = flattest(system, seeds, problem)[0] > SINGULAR
+    regular = _regular(system, seeds, problem)
     singular, of_singular = seeds[~regular], problem[~regular]
     seeds, problem, steps = seeds[regular], problem[regular], 0
     while len(seeds) and steps < MOST_STEPS and len(rounds) < MOST_ROUNDS:
@@ -287,6 +289,22 @@ def degenerate(system: System, spread: Array) -> bool:
     So it is with arms whose axes are parallel, or meet in a point, all of them or nearly.
     """
     return bool(flattest(system, spread, np.zeros(len(spread), dtype=np.intp))[0].max(initial=0.0) < FLAT)
+
+
+def _regular(system: System, q: Array, problem: Index) -> NDArray[np.bool_]:
+    """Which solutions (n, k + 1) are not singular: (n,).
+
+    ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, is no larger than the smallest of them. Only where it is
+    small they are worked out.
+    """
+    jacobian = system(q, problem)[1]
+    gram = jacobian @ jacobian.transpose(0, 2, 1)
+    size = np.trace(gram, axis1=1, axis2=2)[:, None, None]
+    bound = np.sqrt(np.maximum(np.linalg.det(gram / np.where(size > 0, size, 1.0)), 0.0))
+    regular = np.asarray(bound > CLEARLY * SINGULAR)
+    doubtful = np.flatnonzero(~regular)
+    regular[doubtful] = flattest(system, q[doubtful], problem[doubtful])[0] > SINGULAR
+    return regular
 
 
 def flattest(system: System, q: Array, problem: Index) -> tuple[Array, Array]:
@@ -322,8 +340,9 @@ def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> 
     piece as the curve is: from farther away Newton's method finds the solution from a neighbouring curve as well.
     """
     found = np.zeros(len(q), dtype=bool)
-    row_of = {curve.problem: row for row, curve in enumerate(curves)}
-    open_ = np.array([i for i, p in enumerate(problem) if int(p) in row_of], dtype=np.intp)
+    row_of = np.full(max(problem.max(initial=-1), *[curve.problem for curve in curves], -1) + 1, -1)
+    row_of[[curve.problem for curve in curves]] = np.arange(len(curves))
+    open_ = np.flatnonzero(row_of[problem] >= 0)
     if not open_.size:
         return found
     longest = max(len(curve.q) for curve in curves)
@@ -332,7 +351,7 @@ def on_curves(system: System, q: Array, problem: Index, curves: list[Curve]) -> 
         vertices[row, : len(curve.q)] = curve.q
         vertices[row, len(curve.q) :] = curve.q[0]
     lengths = np.array([len(curve.q) for curve in curves])
-    rows = np.array([row_of[int(p)] for p in problem[open_]])
+    rows = row_of[problem[open_]]
     tangents = _null_vectors(system(q[open_], problem[open_])[1])
     nearest = _nearest(q[open_], vertices, lengths, rows)
     for k, side in product(range(nearest.shape[1]), (1, -1)):  # then the next nearest: the first may be on another strand
@@ -355,15 +374,23 @@ def _nearest(q: Array, vertices: Array, lengths: Index, rows: Index) -> Index:
 
     Beyond its ``lengths`` a row is padded; copies of one vertex would crowd out the second and third nearest.
     """
-    count = min(NEAREST, vertices.shape[1])
-    nearest = np.empty((len(q), count), dtype=np.intp)
-    real = np.arange(vertices.shape[1]) < lengths[:, None]
+    longest = vertices.shape[1]
+    nearest = np.empty((len(q), min(NEAREST, longest)), dtype=np.intp)
+    real = np.arange(longest) < lengths[:, None]
     there, here = (_on_circles(vertices) * real[:, :, None]).transpose(0, 2, 1), _on_circles(q)
-    for part in chunks(len(q), max(1, COMPARED // vertices.shape[1])):
-        closeness = (here[part, None, :] @ there[rows[part]])[:, 0, :]  # Σ cos(difference): largest where nearest
-        pick = np.argpartition(-closeness, count - 1, axis=1)[:, :count]
-        order = np.argsort(-np.take_along_axis(closeness, pick, axis=1), axis=1)
-        nearest[part] = np.take_along_axis(pick, order, axis=1)
+    order = np.argsort(rows, kind="stable")
+    ends = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(vertices)))])
+    most = max(1, int(np.diff(ends).max()))  # of one row: the others are filled up to as many
+    for part in chunks(len(vertices), max(1, COMPARED // (most * longest))):
+        mine = order[ends[part.start] : ends[part.stop]]
+        row, place = rows[mine] - part.start, np.arange(ends[part.start], ends[part.stop]) - ends[rows[mine]]
+        filled = np.zeros((part.stop - part.start, most, here.shape[1]))
+        filled[row, place] = here[mine]
+        closeness = filled @ there[part]  # Σ cos(difference): largest where nearest
+        for k in range(nearest.shape[1]):
+            pick = closeness.argmax(axis=2)
+            nearest[mine, k] = pick[row, place]
+            np.put_along_axis(closeness, pick[:, :, None], -np.inf, axis=2)
     return nearest
 
 

@@ -25,7 +25,8 @@ ARC_BINS = 3600
 """Resolution of the fraction of arc: a tenth of a degree of swivel."""
 SAME_SWIVEL = 1e-10
 """How well a wanted swivel angle is met [rad]."""
-MOST_TRIALS = 100
+MOST_TRIALS, NO_LENGTH = 100, 1e-15
+"""Trials after which, and length of a bracket at which, it is met as well as can be [rad]."""
 CURVED = 0.02
 """More than a curve leaves the chord between two of its vertices [rad]."""
 OUTWARDS = np.array([-1.0, 1.0])
@@ -190,26 +191,30 @@ def _between(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """The configuration on each ``piece`` whose swivel is ``wanted``, ``ahead`` of that at its start, and which were found.
 
-    False position with Illinois' halving along the chord; every trial point is moved onto the curve. The bracket never
-    opens, so that a swivel that changes unevenly costs steps but not accuracy.
+    False position between the nearest solutions on either side; every trial point is moved onto the curve. The bracket never
+    opens, so that a swivel that changes unevenly costs steps but not accuracy. An end that stays counts less from step to
+    step: N. Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
     """
-    start, chord, problem = pieces.start[piece], pieces.end[piece] - pieces.start[piece], pieces.problem[piece]
-    low, high = np.zeros(len(piece)), np.ones(len(piece))
+    problem, left = pieces.problem[piece], np.arange(len(piece))
+    low, high = pieces.start[piece], pieces.end[piece]
     gap_low, gap_high = ahead.copy(), ahead - pieces.turn[piece]
-    q, last, there = start.copy(), np.zeros(len(piece)), np.ones(len(piece), dtype=bool)
-    left = np.arange(len(piece))
+    q, last, there = low.copy(), np.zeros(len(piece)), np.ones(len(piece), dtype=bool)
     for _ in range(MOST_TRIALS):
-        part = low[left] + (high - low)[left] * gap_low[left] / (gap_low - gap_high)[left]
-        q[left], there[left] = polish(components.system, start[left] + part[:, None] * chord[left], problem[left])
+        part = (gap_low / (gap_low - gap_high))[left, None]
+        guess = low[left] + part * (high - low)[left]
+        q[left], there[left] = polish(components.system, guess, problem[left])
         gap = wrapped(wanted[left] - components.swivel.angle(components.full(q[left]), components.points[problem[left]]))
         before = np.sign(gap) == np.sign(gap_low[left])  # still on the near side of the wanted swivel
+        with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
+            less = 1.0 - gap / np.where(before, gap_low[left], gap_high[left])
+        less = np.where(less > 0, less, 0.5)
         near, far = left[before], left[~before]
-        low[near], gap_low[near] = part[before], gap[before]
-        high[far], gap_high[far] = part[~before], gap[~before]
-        gap_high[near] *= np.where(last[near] > 0, 0.5, 1.0)
-        gap_low[far] *= np.where(last[far] < 0, 0.5, 1.0)
+        gap_high[near] *= np.where(last[near] > 0, less[before], 1.0)
+        gap_low[far] *= np.where(last[far] < 0, less[~before], 1.0)
+        low[near], gap_low[near] = q[near], gap[before]
+        high[far], gap_high[far] = q[far], gap[~before]
         last[near], last[far] = 1.0, -1.0
-        left = left[(np.abs(gap) > SAME_SWIVEL) & ((high - low)[left] > 1e-14)]
+        left = left[(np.abs(gap) > SAME_SWIVEL) & (np.abs(high - low).max(axis=1)[left] > NO_LENGTH)]
         if not left.size:
             break
     return q, there
@@ -302,8 +307,8 @@ def _covered(problem: Index, start: Array, turn: Array, points: int) -> NDArray[
     low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * (bins / (2 * np.pi))
     first = np.ceil(low - 0.5).astype(np.intp)
     end = np.ceil(low + np.abs(turn) * (bins / (2 * np.pi)) - 0.5).astype(np.intp)
-    marks = np.zeros((points, 2 * bins + 2), dtype=np.intp)
+    marks = np.zeros((points, 2 * bins + 2), dtype=np.int32)
     np.add.at(marks, (problem, first), 1)
     np.add.at(marks, (problem, end), -1)
-    count = np.cumsum(marks, axis=1)
+    count = np.cumsum(marks, axis=1, dtype=np.int32)
     return np.asarray((count[:, :bins] > 0) | (count[:, bins : 2 * bins] > 0))
