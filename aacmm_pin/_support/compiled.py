@@ -11,8 +11,9 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
+from types import FunctionType
 from typing import Any
 
 from aacmm_pin.errors import UnknownNameError
@@ -25,35 +26,29 @@ _spent = 0.0
 
 
 @dataclass(frozen=True)
-class Twins:
-    """A function that fills arrays, written twice.
+class Loop:
+    """A function that fills arrays, in what numba compiles.
 
     Attributes:
-        plain: in NumPy.
-        loop: in what numba compiles, with the same arguments.
-        signature: types of the arguments, in numba's words.
+        loop: the function.
+        signature: types of its arguments, in numba's words.
+        helpers: functions of the same module that it calls, each behind those that it calls itself.
     """
 
-    plain: Callable[..., None]
     loop: Callable[..., None]
     signature: str
+    helpers: tuple[Callable[..., Any], ...] = ()
 
-    def __call__(self, *arguments: Any) -> None:
-        """Call the one that is faster here.
+    def wanted(self, worth: bool) -> Callable[..., None] | None:
+        """The loop, where it is ``worth`` loading and can be; the environment variable overrules.
 
         Raises:
-            UnknownNameError: the variable that chooses says something else than ``always``, ``never`` or ``auto``.
+            UnknownNameError: the variable says something else than ``always``, ``never`` or ``auto``.
         """
-        global _spent
         wanted = os.environ.get(VARIABLE, WHEN_WORTH)
         if wanted not in (ALWAYS, NEVER, WHEN_WORTH):
             raise UnknownNameError(f"environment variable {VARIABLE}", wanted, [ALWAYS, NEVER, WHEN_WORTH])
-        if wanted == ALWAYS or (wanted == WHEN_WORTH and _spent >= WORTH_SECONDS):
-            (self.compiled or self.plain)(*arguments)
-            return
-        start = time.thread_time()
-        self.plain(*arguments)
-        _spent += time.thread_time() - start
+        return self.compiled if wanted == ALWAYS or (wanted == WHEN_WORTH and worth) else None
 
     @cached_property
     def compiled(self) -> Callable[..., None] | None:
@@ -64,13 +59,39 @@ class Twins:
             import numba
         except ImportError:  # also where it is too old or too new for this NumPy
             return None
+        names = dict(self.loop.__globals__)
+        for helper in self.helpers:
+            names[helper.__name__] = numba.njit(nogil=True)(FunctionType(helper.__code__, names))
+        loop = FunctionType(self.loop.__code__, names) if self.helpers else self.loop
         compile_ = partial(numba.njit, self.signature, nogil=True)
         try:
-            return compile_(cache=True)(self.loop)
+            return compile_(cache=True)(loop)
         except Exception:  # no folder to keep it in, a full disk, a file that cannot be read back: numba has no class for it
-            return compile_()(self.loop)
+            return compile_()(loop)
+
+
+@dataclass(frozen=True)
+class Twins(Loop):
+    """A loop and the same in NumPy.
+
+    Attributes:
+        plain: in NumPy, with the same arguments.
+    """
+
+    plain: Callable[..., None] = field(kw_only=True)
+
+    def __call__(self, *arguments: Any) -> None:
+        """Call the one that is faster here."""
+        global _spent
+        loop = self.wanted(_spent >= WORTH_SECONDS)
+        if loop is not None:
+            loop(*arguments)
+            return
+        start = time.thread_time()
+        self.plain(*arguments)
+        _spent += time.thread_time() - start
 
 
 def twin_of(loop: Callable[..., None], signature: str) -> Callable[[Callable[..., None]], Twins]:
     """Decorator of a NumPy function: ``loop`` does the same."""
-    return lambda plain: Twins(plain, loop, signature)
+    return lambda plain: Twins(loop, signature, plain=plain)

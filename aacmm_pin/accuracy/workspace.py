@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-CELLS_AT_ONCE = 576
+CELLS_AT_ONCE = 768
 PROBES = 64
 """Postures whose accuracy tells one model, with its causes and conditions, from another."""
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}

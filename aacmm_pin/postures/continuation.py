@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.dh import chunks
+from aacmm_pin.postures.point_system import PointSystem
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 """``system(q, problem) -> F (n, k), J (n, k, k + 1)`` for angles q (n, k + 1) and the number of each row's problem (n,)."""
@@ -118,6 +119,11 @@ def polish(system: System, q: Array, problem: Index) -> tuple[Array, NDArray[np.
     Returns:
         q (n, k + 1) [rad] and the flags (n,) of those that reached a residual of ``CLOSE_ENOUGH``.
     """
+    if isinstance(system, PointSystem):
+        limits = (CLOSE_ENOUGH, POLISHED, LONGEST_POLISH, SURE_STEP, DAMPING)
+        arrived = system.newton(q, problem, np.empty((0, q.shape[1])), limits, MOST_POLISHES - 1)
+        if arrived is not None:
+            return arrived[0], arrived[2]
     q, best = q.copy(), np.full(len(q), np.inf)
     result = q.copy()
     active = np.arange(len(q))
@@ -416,6 +422,11 @@ def _correct(
     system: System, guess: Array, tangent: Array, problem: Index, iterations: int = MOST_CORRECTIONS
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Newton across the tangent: solutions, their Jacobians, and which of them converged."""
+    if isinstance(system, PointSystem):
+        limits = (CLOSE_ENOUGH, CORRECTED, np.inf, SURE_STEP, DAMPING)
+        arrived = system.newton(guess, problem, tangent, limits, iterations)
+        if arrived is not None:
+            return arrived
     q = guess.copy()
     f, jacobian = system(q, problem)
     good = np.abs(f).max(axis=1) <= CORRECTED

@@ -8,7 +8,6 @@ Newton's method then moves every candidate to the nearest solution, and continua
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import scipy
@@ -18,7 +17,8 @@ from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin.arm.chain import screws
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.errors import UnsupportedArmError
-from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, polish
+from aacmm_pin.postures.continuation import Curves, all_curves, degenerate, polish
+from aacmm_pin.postures.point_system import PointSystem
 from aacmm_pin.postures.three_revolutes import candidates
 
 POSITIONING = 4
@@ -88,14 +88,9 @@ def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
     return extremes[0], extremes[1]
 
 
-def wrist_system(wrist: Wrist, points: Array) -> System:
+def wrist_system(wrist: Wrist, points: Array) -> PointSystem:
     """The wrist's distance (n, 3) [m] from its point among ``points`` (m, 3), as a function of joints 1 to 4."""
-    return partial(_off_point, wrist.table, points)
-
-
-def _off_point(table: DHTable, points: Array, q: Array, problem: Index) -> tuple[Array, Array]:
-    position, jacobian = table.position_and_jacobian(q)
-    return position - points[problem], jacobian
+    return PointSystem(wrist.table, points)
 
 
 def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:

@@ -14,8 +14,12 @@ from aacmm_pin._support import compiled
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE, WHEN_WORTH, Twins
 from aacmm_pin.accuracy import zonotope
+from aacmm_pin.accuracy.workspace import map_workspace
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import CHUNK, DHTable, table
 from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.postures import continuation
+from aacmm_pin.postures.point_system import PointSystem
 
 numba = pytest.importorskip("numba")
 
@@ -47,7 +51,7 @@ def twins(folder: Path) -> Twins:
     assert spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
-    return Twins(add_one, module.add_one, "void(f8[::1])")
+    return Twins(module.add_one, "void(f8[::1])", plain=add_one)
 
 
 def of_both(monkeypatch: pytest.MonkeyPatch, work: Any) -> list[Array]:
@@ -75,6 +79,39 @@ def test_walk_along_any_table(convention: Any, rng: np.random.Generator, monkeyp
                 )
 
             np.testing.assert_array_equal(*of_both(monkeypatch, both))
+
+
+@pytest.mark.parametrize("convention", ["standard-dh", "modified-dh"])
+def test_newton_steps_to_a_point(convention: Any, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shortest steps and steps across the curve, to the same solutions, and the same that are out of reach."""
+    dh = table(rng.uniform(0.1, 1.0, (5, 4)), convention, [True] * 4 + [False])
+    goal, problem = rng.uniform(-3.0, 3.0, (300, 4)), np.arange(300)
+    points = dh.positions(goal)
+    points[::10] *= 100.0
+    start = goal + rng.uniform(-0.02, 0.02, goal.shape)
+    system = PointSystem(dh, points)
+    _, sizes, vectors = np.linalg.svd(system(goal, problem)[1])
+    tangent, here = vectors[:, -1], (sizes[:, 2] > 0.1 * sizes[:, 0]) & (problem % 10 > 0)
+    assert here.sum() > 50
+
+    def work() -> tuple[Array, ...]:
+        polished, arrived = continuation.polish(system, start, problem)
+        q, jacobian, good = continuation._correct(system, start, tangent, problem)
+        assert arrived[here].all()
+        assert good[here].all()
+        return polished[here], q[here], jacobian[here], arrived, good
+
+    plain, loop = of_both(monkeypatch, work)
+    np.testing.assert_allclose(loop, plain, rtol=0, atol=1e-9)
+
+
+def test_a_map_by_loops(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    def work() -> list[Array]:
+        data = map_workspace(sino6, (3, 4), 5, progress=False).data
+        return [data[name].to_numpy() for name in data.data_vars]
+
+    plain, loop = of_both(monkeypatch, work)
+    np.testing.assert_allclose(loop, plain, rtol=1e-7)
 
 
 def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
