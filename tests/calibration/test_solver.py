@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
@@ -184,6 +185,12 @@ def test_observability_by_hand() -> None:
     found = Observability.of(np.diag([4.0, 1.0, 0.0]), 4)
     assert (found.o1, found.o2, found.o3, found.o4, found.o5) == pytest.approx((1.0, 0.25, 1.0, 0.25, 0.8))
     assert found.directions == 2
+
+
+def test_chi2_that_the_noise_does_not_explain() -> None:
+    for chance, acceptable in ((2e-3, True), (5e-4, False)):
+        assert Chi2(float(chi2.isf(chance, 300)), 300.0).acceptable == acceptable
+    assert Chi2(5.0, 0.4).acceptable  # nothing to judge it by
 
 
 def test_weights_of_gross_errors() -> None:

@@ -289,11 +289,12 @@ def test_evidence_without_one_of_the_admitted(case: Case, taken_out: int, left_o
     choice, question, variance = case.choice, case.choice.question, 1.7
     admitted = (5, 17, len(question.blocks) - 1)
     gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
-    whole = Conditional(Projection(gram, admitted), variance)
-    found = whole.evidences_without(admitted[taken_out])
-    place = findings.Place.of(replace(choice, gram=gram), whole, admitted[taken_out])
-    odds = question.odds(question.without(question.struck_out(place.left.projection.admitted), found))
-    np.testing.assert_allclose(place.odds, odds, atol=1e-6)
+    for dof in (50.0, np.inf):  # of a variance that comes from the records, and of a known one
+        whole = Conditional(Projection(gram, admitted), variance, dof)
+        found = whole.evidences_without(admitted[taken_out])
+        place = findings.Place.of(replace(choice, gram=gram), whole, admitted[taken_out])
+        odds = question.odds(question.without(question.struck_out(place.left.projection.admitted), found))
+        np.testing.assert_allclose(place.odds, odds, atol=1e-6)
     rest = [k for k in admitted if k != admitted[taken_out]]
     slices = [question.blocks[k].columns for k in rest]
     all_rows = dense(case, choice.parts, left_out)

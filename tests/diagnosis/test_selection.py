@@ -192,6 +192,17 @@ def test_of_two_that_look_the_same_the_likelier() -> None:
         assert small.found() == small.found(0) == small.found(2) == [int(np.argmax(prior))]
 
 
+def test_that_one_of_two_is_there_may_be_sure_where_neither_is() -> None:
+    neither = 0
+    for size in np.linspace(4.0, 6.0, 41):
+        columns, residual = axes(size)
+        small = Small([columns[0], columns[0]], residual)
+        odds = [small.evidence(k, (), (1.0, np.inf)) + small.log_prior[k] for k in range(2)]
+        assert bool(small.found()) == (logsumexp(odds) >= SURE)
+        neither += max(odds) < SURE <= logsumexp(odds)
+    assert neither
+
+
 def lures(first: float, second: float, *others: float) -> Small:
     """Columns 0 and 1 are there, column 2 is nearly their sum; further ones along axes of their own are there too."""
     columns, residual = axes(first, second, 0.0, *others)
