@@ -91,7 +91,9 @@ def diagnose(
     problem = _extensible(model, measurements, setup)
     recalibrated = first_fit(problem([]))
     if not np.nanmax(np.abs(recalibrated.solution.system.deviation), initial=0.0) > NOTHING:
-        raise AacmmError(f"{measurements.source}: every record agrees with the arm exactly: is the file filled in?")
+        few = recalibrated.problem.scales.size >= 3 * measurements.n
+        why = "they are too few, unless the noise is stated" if few else "is the file filled in?"
+        raise AacmmError(f"{measurements.source}: all {measurements.n} records agree with the fitted arm exactly: {why}")
     kind, parts = parts_of(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem, extra_causes)
     choice = choose(problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True)

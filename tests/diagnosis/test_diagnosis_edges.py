@@ -48,6 +48,12 @@ def diagnosed(folder: Path, table: pd.DataFrame, *options: str) -> dict[str, Any
     return content
 
 
+def test_records_that_are_too_few_are_not_taken_for_a_plan(sino6: Arm) -> None:
+    data = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1), seats=6).take(range(3))
+    with pytest.raises(AacmmError, match="too few"):
+        diagnose(sino6, data, hold_out=False)
+
+
 def test_a_cause_is_named_where_parts_have_seats_with_a_single_record(tmp_path: Path) -> None:
     """Few bars are torn into blocks of joint space, where a seat may have one record that nothing can be compared with."""
     plan = ["ball-bar", "--records", "80", "--seats", "8", "--bar-length-mm", "500"]
