@@ -2,8 +2,9 @@
 
 Loading numba and a compiled loop takes about half a second, compiling it for the first time one or two more: far longer
 than small work takes in NumPy. So the loops are loaded when the NumPy functions have worked for ``WORTH_SECONDS`` in this
-process, which costs at most twice what knowing beforehand would. Both give the same numbers to the last bit, so that no
-result depends on the moment. Where numba is not installed, or does not work with the NumPy there is, NumPy does it all.
+process, which costs at most twice what knowing beforehand would. Twins give the same numbers to the last bit, so that no
+result depends on the moment; a :class:`Loop` without one is chosen by the size of its task.
+Where numba is not installed, or does not work with the NumPy there is, NumPy does it all.
 """
 
 from __future__ import annotations
