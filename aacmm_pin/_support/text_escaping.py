@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 import sys
 import unicodedata
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """How a cell begins that a spreadsheet would compute, perhaps quoted already."""
+
+_NOTHING = ("nan", "None", "<NA>", "NaT")
+"""What NumPy and pandas call a value that is not there."""
 
 
 def printable(text: str) -> str:
@@ -52,16 +57,20 @@ def csv_unquoted(cell: str) -> str:
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
-def csv_text(table: pd.DataFrame, quoting: Literal[0, 2] = csv.QUOTE_MINIMAL) -> str:
-    """A table as CSV, its text quoted; numbers are as they are."""
-    quoted = table.copy()
-    for name in table.select_dtypes(exclude="number"):
-        quoted[name] = table[name].map(_quoted)
-    return encodable(quoted.rename(columns=_quoted).to_csv(None, index=False, lineterminator="\n", quoting=quoting))
+def csv_text(table: pd.DataFrame | Mapping[str, Any], quoting: Literal[0, 2] = csv.QUOTE_MINIMAL) -> str:
+    """A data frame, or columns by their names, as CSV: text is quoted, numbers are as they are, a missing value is empty."""
+    columns = [getattr(column, "tolist", lambda column=column: column)() for _, column in table.items()]
+    text = io.StringIO()
+    writer = csv.writer(text, quoting=quoting, lineterminator="\n")
+    writer.writerow([_quoted(str(name)) for name, _ in table.items()])
+    writer.writerows(map(_quoted, row) for row in zip(*columns, strict=True))
+    return encodable(text.getvalue())
 
 
 def _quoted(value: object) -> object:
-    return csv_quoted(value) if isinstance(value, str) else value
+    if isinstance(value, str):
+        return csv_quoted(value)
+    return "" if str(value) in _NOTHING else value
 
 
 def _is_number(text: str) -> bool:

@@ -14,4 +14,4 @@ def run(point: Point, arm: AnyArm, orientation: Orientation, output: Output = No
     with Results(force, output, reads=arm.files) as results:
         circle = orientation.postures(arm.model().arm, point)
         note(str(circle))
-        results.text(csv_text(circle.to_frame()), output)
+        results.text(csv_text(circle.columns()), output)

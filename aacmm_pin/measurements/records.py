@@ -272,6 +272,8 @@ class Measurements(Shown):
         from aacmm_pin._support.output_files import whole_file
 
         table = self.to_frame("rad" if names.looks_like_radians(self.q / DEG) else "deg")
+        dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])
+        table[dates.columns] = dates.astype("string")  # without the hour where all are of midnight
         texts = table.select_dtypes(exclude="number")
         # A lone carriage return ends a line for readers, but is no reason to quote for the writer.
         returns = any(texts[name].astype(str).str.contains("\r", regex=False, na=False).any() for name in texts)

@@ -29,7 +29,6 @@ from aacmm_pin.postures.tip_ik import tip_curves, tip_system
 from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
 
 if TYPE_CHECKING:
-    import pandas as pd
     from mpl_toolkits.mplot3d import Axes3D
 
 WRIST = "frame5"
@@ -76,11 +75,10 @@ class ConfigurationCircle(PosturesAtPoint):
         """
         return flexibility(self.components, self.arm.limits, sectors)
 
-    def to_frame(self) -> pd.DataFrame:
-        """As :meth:`PosturesAtPoint.to_frame`, with the branch signs behind."""
-        table = super().to_frame()
-        table["shoulder_side"], table["elbow_side"] = self.branch.T
-        return table
+    def columns(self) -> dict[str, Any]:
+        """As :meth:`PosturesAtPoint.columns`, with the branch signs behind."""
+        shoulder, elbow = self.branch.T
+        return super().columns() | {"shoulder_side": shoulder, "elbow_side": elbow}
 
     def plot(self, accuracy: Any = None, postures: int = 5, ax: Axes3D | None = None) -> Axes3D:
         """The path of the elbow round the working point, and the arm in a few of its postures.

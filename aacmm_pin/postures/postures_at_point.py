@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
@@ -63,16 +63,20 @@ class PosturesAtPoint(Shown):
         raise NotImplementedError
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each configuration, in the columns of ``aacmm-pin configurations``; x, y, z by Pinocchio."""
+        """One row for each configuration, as in :meth:`columns`."""
         import pandas as pd
 
+        return pd.DataFrame(self.columns())
+
+    def columns(self) -> dict[str, Any]:
+        """The columns of ``aacmm-pin configurations``, each (n,); x, y, z by Pinocchio."""
         broken = [" ".join(str(j + 1) for j in np.flatnonzero(row)) for row in self.broken]
-        table: dict[str, ArrayLike] = {"component": self.component, "swivel_deg": self.swivel / DEG}
+        table: dict[str, Any] = {"component": self.component, "swivel_deg": self.swivel / DEG}
         table |= {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.arm.nq)}
         table |= {"within_limits": self.within_limits, "broken_limits": broken}
         position = self.arm.poses(self.q, self.at).position / MM
         table |= {f"{axis}_mm": position[:, i] for i, axis in enumerate("xyz")}
-        return pd.DataFrame(table)
+        return table
 
     def summary(self) -> pd.DataFrame:
         """One row for each component: its configurations, how many are within limits, joints that are outside somewhere."""

@@ -240,7 +240,7 @@ def run_demo(
         diagnosis = found.summary() | {"source": "measured.csv", "seed": SEED}
         texts = {
             f"{arm.name.lower()}.urdf": urdf_text(arm_file),
-            "configurations.csv": csv_text(circle.to_frame()),
+            "configurations.csv": csv_text(circle.columns()),
             "accuracy.json": json_text(of_point),
             "map.json": json_text(of_map),
             "diagnosis.json": json_text(diagnosis),

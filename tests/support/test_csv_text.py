@@ -1,0 +1,30 @@
+"""CSV is written as pandas writes it, cells of formulas quoted, and without pandas where the columns are arrays."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.text_escaping import csv_text
+
+COLUMNS = {
+    "whole": [1, 2, 3],
+    "real": [1e-17, np.nan, -1 / 3],
+    "text": ["a,b", 'q"\n', ""],
+    "mixed": [1, "2", None],
+    "yes": [True, False, True],
+    "large": np.array([np.inf, -0.0, 1e300]),
+}
+
+
+def test_a_table_is_written_as_pandas_writes_it() -> None:
+    frame = pd.DataFrame(COLUMNS)
+    frame["count"] = pd.array([1, None, 3], dtype="Int64")
+    frame["said"] = pd.array(["a", None, "b"], dtype="string")
+    quotings: tuple[Literal[0, 2], ...] = (0, 2)
+    for quoting in quotings:
+        assert csv_text(frame, quoting) == frame.to_csv(index=False, lineterminator="\n", quoting=quoting)
+    assert csv_text(COLUMNS) == pd.DataFrame(COLUMNS).to_csv(index=False, lineterminator="\n")
+    assert csv_text({"=head": ["=1+1", "-2", "@x"]}) == "'=head\n'=1+1\n-2\n'@x\n"
