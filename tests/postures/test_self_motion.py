@@ -40,6 +40,7 @@ def test_every_posture_holds_the_pose(panda: Arm, poses: Array, motions: list[Re
     for pose, motion in zip(poses, motions, strict=True):
         assert not motion.notes
         assert motion.search.unseen < 0.011
+        assert motion.search.unseen == pytest.approx(-np.log(0.05) / motion.search.since_new, rel=2e-3)
         np.testing.assert_allclose(panda.poses(motion.q).placement, np.tile(pose, (len(motion), 1, 1)), rtol=0, atol=1e-9)
 
 
