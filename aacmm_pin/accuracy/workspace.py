@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, vector, whole
+from aacmm_pin._support.checks import Array, Index, vector, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.plausible import COORDINATE, SMALLEST_ARM
 from aacmm_pin._support.progress import bar
@@ -239,19 +238,23 @@ def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     if not len(q):
         return result
     accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
-    table = pd.DataFrame({"cell": found.point, "sector": found.sector, "volume": accuracy.volume, "u": accuracy.u})
-    best = table.groupby(["cell", "sector"])["volume"].idxmin().to_numpy()  # of each sector, in the order of the cells
-    numbers, first = np.unique(found.point[best], return_index=True)
+    cells, volume, u = found.point, accuracy.volume, accuracy.u
+    best = _smallest(cells * job.sectors + found.sector, volume)
+    numbers, first = np.unique(cells[best], return_index=True)
     for cell, mine in zip(numbers, np.split(best, first[1:]), strict=True):
-        result["comprehensive"][cell] = comprehensive_accuracy(accuracy.volume[mine], q[mine, 2], job.points[cell])
-    cells = table.groupby("cell")
-    places = {"best": cells["volume"].idxmin(), "worst": cells["volume"].idxmax()}
-    places |= {"least_u": cells["u"].idxmin(), "most_u": cells["u"].idxmax()}
-    for name, place in places.items():
-        result[name][place.index] = table.loc[place, "u" if name.endswith("_u") else "volume"]
+        result["comprehensive"][cell] = comprehensive_accuracy(volume[mine], q[mine, 2], job.points[cell])
+    for name, values in {"best": volume, "worst": -volume, "least_u": u, "most_u": -u}.items():
+        place = _smallest(cells, values)
+        result[name][cells[place]] = np.abs(values[place])
         if f"{name}_q" in result:
-            result[f"{name}_q"][place.index] = q[place]
+            result[f"{name}_q"][cells[place]] = q[place]
     return result
+
+
+def _smallest(groups: Index, values: Array) -> Index:
+    """The place of the smallest value of each group, by their numbers."""
+    order = np.lexsort((values, groups))
+    return np.asarray(order[np.unique(groups[order], return_index=True)[1]])
 
 
 def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
