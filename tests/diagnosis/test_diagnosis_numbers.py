@@ -350,7 +350,8 @@ def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
 def test_pairs_that_cannot_be_told_apart(case: Case) -> None:
     """By what the other cause, within its largest size, leaves of each; where either of two shows at all."""
     choice = narrowed(case.choice)
-    choice, rows = replace(choice, gram=Gram(products_of(choice.design, choice.parts))), dense(case, choice.parts)
+    choice = replace(choice, gram=Gram(products_of(choice.design, choice.parts)))
+    rows = dense(replace(case, choice=choice), choice.parts)
     basis = np.linalg.qr(rows[:, : choice.design.nuisances])[0]
     off = rows - basis @ (basis.T @ rows)
     blocks = choice.question.blocks
@@ -427,7 +428,7 @@ def test_smooth_functions_are_orthonormal_over_the_records(rng: np.random.Genera
 
 def test_ratio_and_its_directions() -> None:
     left: Any = SimpleNamespace(information=lambda _: np.diag([3.99, 0.99, 8.99]), gradient=np.array([7.0, 4.0, 2.0, 0.0]))
-    assert findings.Ratio.of(left, Block(0, 0, slice(1, 4))) == pytest.approx((8.0, 2.0))
+    assert findings.Ratio.of(left, Block(0, 0, slice(1, 4), EncoderSlip(3, 0.0))) == pytest.approx((8.0, 2.0))
 
 
 def test_structure_that_nothing_has_takes_from_the_probability(free_case: Case) -> None:
@@ -520,10 +521,12 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
 def test_what_one_cause_brings(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
     """A ratio of sums over the parts, each distance over its noise, with Student's interval (Cochran 1977, 6.4)."""
     part, (with_it, without), u = np.arange(20) % 4, rng.uniform(0.5, 2.0, (2, 20)), rng.uniform(1.0, 3.0, 20)
-    each = [(part == k, [with_it[part == k], without[part == k]]) for k in range(4)]
+    each = [(k, [with_it[part == k], without[part == k]]) for k in range(4)]
+    of_part = {k: (np.flatnonzero(part == k), None) for k in range(4)}
     monkeypatch.setattr(gain, "_predictions", lambda *_: iter(each))
     noise = np.square(u)[:, None, None] * np.eye(3)
-    choice: Any = SimpleNamespace(fit=SimpleNamespace(residual_noise=noise), in_one_part=lambda _: False, held=None)
+    fit_ = SimpleNamespace(residual_noise=noise)
+    choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda _: False, held=None, of_part=of_part)
     left, whole = (np.array([np.square(d / u)[part == k].sum() for k in range(4)]) for d in (with_it, without))
     share = left.sum() / whole.sum()
     off = t.ppf(0.975, 3) * np.sqrt(4.0 / 3.0 * np.square(left - share * whole).sum()) / whole.sum()
