@@ -138,7 +138,8 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.Monkey
     assert "unknown cause 'hose_pull'" in run("correct extended.toml data.csv -o again.csv", plugin="")
 
 
-def test_worker_processes_know_it(hose: Any) -> None:
+def test_worker_processes_know_it(folder: Path) -> None:
+    hose = shell._import(str(folder / "hose.py")).HosePull  # which the module of that name has, whatever was imported before
     with results(repr, [hose(1), hose(2)], 2) as found:
         assert dict(found) == {0: repr(hose(1)), 1: repr(hose(2))}
 
