@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import solver
 from aacmm_pin.calibration.cross_validation import distances
-from aacmm_pin.calibration.fit import Chi2, deleted_distances
+from aacmm_pin.calibration.fit import deleted_distances
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.parameters import problem_of
@@ -108,9 +108,9 @@ def test_records_without_weight_count_for_nothing(sino6: Arm, rng: np.random.Gen
     problem, weights = external(sino6, rng, off=1e-4), np.ones(12)
     weights[[2, 7]] = 0.0
     here = system_of(problem)
-    found = Chi2.of(solver.standing(problem, here.noise, here.point, weights))
+    found = solver.standing(problem, here.noise, here.point, weights).chi2
     fewer = system_of(problem.of(problem.measurements.take(np.flatnonzero(weights))))
-    assert tuple(found) == pytest.approx(tuple(Chi2.of(fewer)), rel=1e-6)
+    assert tuple(found) == pytest.approx(tuple(fewer.chi2), rel=1e-6)
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -189,8 +189,8 @@ def test_observability_by_hand() -> None:
 
 def test_chi2_that_the_noise_does_not_explain() -> None:
     for chance, acceptable in ((2e-3, True), (5e-4, False)):
-        assert Chi2(float(chi2.isf(chance, 300)), 300.0).acceptable == acceptable
-    assert Chi2(5.0, 0.4).acceptable  # nothing to judge it by
+        assert solver.Chi2(float(chi2.isf(chance, 300)), 300.0).acceptable == acceptable
+    assert solver.Chi2(5.0, 0.4).acceptable  # nothing to judge it by
 
 
 def test_weights_of_gross_errors() -> None:
