@@ -149,7 +149,7 @@ def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path: Path) -> None:
 
 
 def test_columns_of_many_records_are_in_single_precision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("aacmm_pin.diagnosis.design_matrix.MOST_DOUBLE", 0)
+    monkeypatch.setattr("aacmm_pin.diagnosis.gram_matrix.MOST_DOUBLE", 0)
     found, drawn = diagnosis(tmp_path, seed=3, cause="encoder_eccentricity")
     assert named(found) == [("encoder_eccentricity", drawn.hidden[0].joint)]
     assert max(off(found, drawn).values()) < LIMIT
