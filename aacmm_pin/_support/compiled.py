@@ -28,7 +28,7 @@ _spent = 0.0
 
 @dataclass(frozen=True)
 class Loop:
-    """A function that fills arrays, in what numba compiles.
+    """A function of arrays, in what numba compiles.
 
     Attributes:
         loop: the function.
@@ -36,11 +36,11 @@ class Loop:
         helpers: functions of the same module that it calls, each behind those that it calls itself.
     """
 
-    loop: Callable[..., None]
+    loop: Callable[..., Any]
     signature: str
     helpers: tuple[Callable[..., Any], ...] = ()
 
-    def wanted(self, worth: bool) -> Callable[..., None] | None:
+    def wanted(self, worth: bool) -> Callable[..., Any] | None:
         """The loop, where it is ``worth`` loading and can be; the environment variable overrules.
 
         Raises:
@@ -52,7 +52,7 @@ class Loop:
         return self.compiled if wanted == ALWAYS or (wanted == WHEN_WORTH and worth) else None
 
     @cached_property
-    def compiled(self) -> Callable[..., None] | None:
+    def compiled(self) -> Callable[..., Any] | None:
         """The loop, compiled and kept beside its source for the next process; None where numba cannot."""
         if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":  # the loops would run in Python
             return None

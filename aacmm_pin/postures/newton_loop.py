@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 
-SIGNATURE = "void(f8[:, ::1], b1, f8[:, ::1], f8[:, ::1], f8[::1], i8, f8[:, ::1], f8[:, :, ::1], b1[::1])"
+SIGNATURE = "b1[::1](f8[:, ::1], b1, f8[:, ::1], f8[:, ::1], f8[::1], i8, f8[:, ::1], f8[:, :, ::1])"
 
 
 def newton(
@@ -24,8 +24,7 @@ def newton(
     iterations: int,
     q: Array,
     jacobians: Array,
-    good: NDArray[np.bool_],
-) -> None:
+) -> NDArray[np.bool_]:
     """Move four angles until the point is at its goal: as ``polish``, or as ``_correct`` where there are ``tangents``.
 
     Args:
@@ -38,8 +37,11 @@ def newton(
         iterations: steps at most.
         q: angles (n, 4) [rad], moved in place.
         jacobians: (n, 3, 4) [m/rad], filled.
-        good: which arrived (n,), filled.
+
+    Returns:
+        which arrived (n,).
     """
+    good = np.empty(len(q), dtype=np.bool_)
     seen, matrix, gap, nearest, step = np.empty((3, 5)), np.empty((4, 4)), np.empty(4), np.empty(4), np.empty(4)
     shortest = len(tangents) == 0
     for n in range(len(q)):
@@ -81,6 +83,7 @@ def newton(
         good[n] = least <= limits[0 if shortest else 1]
         for joint in range(4 if shortest else 0):
             q[n, joint] = nearest[joint]
+    return good
 
 
 def look(rows: Array, standard: bool, q: Array, seen: Array) -> None:

@@ -44,7 +44,7 @@ class PointSystem:
             return None
         table, angles = self.table, self.table.alpha
         rows = np.column_stack([table.a, table.d, np.cos(angles), np.sin(angles), table.theta_offset, table.moving])
-        q, jacobians, good = q.copy(), np.empty((len(q), 3, 4)), np.empty(len(q), dtype=np.bool_)
+        q, jacobians = q.copy(), np.empty((len(q), 3, 4))
         tangents = np.ascontiguousarray(tangents)
-        loop(rows, table.standard, self.points[problem], tangents, np.array(limits), iterations, q, jacobians, good)
+        good = loop(rows, table.standard, self.points[problem], tangents, np.array(limits), iterations, q, jacobians)
         return q, jacobians, good
