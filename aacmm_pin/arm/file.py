@@ -1,6 +1,6 @@
 """Arm files (TOML): the DH table of an arm with its uncertainties, limits and masses.
 
-The file speaks millimetres and radians; the properties of :class:`ArmFile` speak SI.
+The file speaks millimetres and radians (degrees where a key ends in ``_deg``); the properties of :class:`ArmFile` speak SI.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from aacmm_pin._support.plausible import (
     TemperatureC,
     Text,
 )
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.dh import KINDS, DHTable, table
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.errors import ArmFileError, UnknownNameError
@@ -51,6 +51,9 @@ MOST_BYTES = 32_000_000
 DEEPEST = 20
 """Tables inside one another; those of an arm file are three."""
 
+LARGEST_DEG = 1e6
+"""Whole numbers of TOML may be larger than any float; no angle is."""
+
 _FROM_ARRAY = Field(strict=False)  # TOML has arrays only; strict validation would refuse them where a tuple is meant
 Pair = Annotated[tuple[FiniteFloat, FiniteFloat], _FROM_ARRAY]
 Vector3 = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], _FROM_ARRAY]
@@ -60,7 +63,30 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class Uncertainty(_Part):
+class _WithAngles(_Part):
+    """A table whose keys ``…_rad`` may be written as ``…_deg``, in degrees."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_radians(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        in_degrees = {
+            key: f"{key[:-4]}_rad" for key in data if key.endswith("_deg") and f"{key[:-4]}_rad" in cls.model_fields
+        }
+        found = {key: value for key, value in data.items() if key not in in_degrees}
+        for key, name in in_degrees.items():
+            if name in data:
+                raise ValueError(f"{key} beside {name}, expected one of them")
+            numbers = data[key] if isinstance(data[key], list) else [data[key]]
+            if any(type(number) not in (int, float) for number in numbers):
+                raise ValueError(f"{key} is {reprlib.repr(data[key])}, expected degrees as {name} has radians")
+            radians = [number * DEG if abs(number) < LARGEST_DEG else math.inf for number in numbers]
+            found[name] = radians if isinstance(data[key], list) else radians[0]
+        return found
+
+
+class Uncertainty(_WithAngles):
     """Half-widths of the calibration of one row: each value lies within ± the half-width."""
 
     a_mm: NonNegative
@@ -69,7 +95,7 @@ class Uncertainty(_Part):
     theta_offset_rad: AngleHalfWidth
 
 
-class Row(_Part):
+class Row(_WithAngles):
     """One DH row: a joint, or with ``fixed = true`` a rigid piece such as a stylus."""
 
     a_mm: LengthMm
@@ -90,7 +116,7 @@ class Row(_Part):
         for key, angle, most in angles:
             if abs(angle) > most * 2 * math.pi + 1e-9:
                 raise ValueError(
-                    f"{key} is {angle:g} rad, more than {most} turn(s): expected radians, these look like degrees"
+                    f"{key} is {angle:g} rad, more than {most} turn(s): expected radians, or degrees and a key in _deg"
                 )
         if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
             raise ValueError("a fixed row has no joint: expected no limits_rad and no encoder_noise_rad")

@@ -11,7 +11,7 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import bundled_arms
-from aacmm_pin.cli.common import note
+from aacmm_pin.cli.common import angle_option, note
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 
@@ -61,7 +61,7 @@ class UncertainArm(AnyArm):
         float | None, typer.Option(help="With --urdf: bound of the shifts of every joint placement, in mm.")
     ] = None
     rotation_half_width_rad: Annotated[
-        float | None, typer.Option(help="With --urdf: bound of the turns of every joint placement, in rad.")
+        float | None, angle_option("With --urdf: bound of the turns of every joint placement, in rad or as 20arcsec.")
     ] = None
 
     def model(self, **half_widths: float) -> ErrorModel:
@@ -106,7 +106,7 @@ class EncoderNoise:
     """
 
     encoder_noise_rad: Annotated[
-        float | None, typer.Option(help="Standard uncertainty of one reading of each joint, in rad.")
+        float | None, angle_option("Standard uncertainty of one reading of each joint, in rad or as 8urad, 1.65arcsec.")
     ] = None
 
     def __post_init__(self) -> None:

@@ -14,6 +14,7 @@ from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.text_escaping import note as note
 from aacmm_pin._support.text_escaping import say as say
+from aacmm_pin._support.units import ANGLES, in_radians
 from aacmm_pin.errors import AacmmError
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
@@ -46,6 +47,18 @@ def _fields(group: Any) -> dict[str, tuple[Any, Any]]:
     """Type and default of every option of a group."""
     types = get_type_hints(group, include_extras=True)
     return {f.name: (types[f.name], inspect.Parameter.empty if f.default is MISSING else f.default) for f in fields(group)}
+
+
+def angle_option(help_: str) -> Any:
+    """An option for an angle: in radians, or with its unit behind it."""
+
+    def angle(text: str) -> float:
+        try:
+            return in_radians(text)
+        except ValueError:
+            raise typer.BadParameter(f"{text!r}, expected an angle in rad, or with one of {', '.join(ANGLES)}") from None
+
+    return typer.Option(parser=angle, metavar="ANGLE", help=help_)
 
 
 Json = Annotated[str | None, typer.Option("--json", metavar="FILE", help="Write one JSON object; - for stdout.")]

@@ -54,6 +54,23 @@ TABLE_1 = np.array(
 )
 
 
+def test_angles_in_degrees_by_the_suffix_of_their_keys() -> None:
+    in_degrees = GOOD
+    for key, radians in {"alpha": "1.5", "theta_offset": "0.1", "alpha_": "1e-5", "encoder_noise": "1e-5"}.items():
+        key, degrees = key.rstrip("_"), math.degrees(float(radians))
+        in_degrees = in_degrees.replace(f"{key}_rad = {radians}", f"{key}_deg = {degrees!r}")
+    in_degrees = in_degrees.replace("limits_rad = [-1.0, 2]", f"limits_deg = [{math.degrees(-1)!r}, {math.degrees(2)!r}]")
+    assert in_degrees.count("_deg") == 5
+    known, read = (parse_arm_file(text.encode(), "arm.toml") for text in (GOOD, in_degrees))
+    np.testing.assert_allclose(read.limits, known.limits, rtol=1e-15)
+    for one, other in zip(read.dh_parameters(), known.dh_parameters(), strict=True):
+        np.testing.assert_allclose([one.value, one.u], [other.value, other.u], rtol=1e-15)
+    np.testing.assert_allclose(read.encoder_noise, known.encoder_noise, rtol=1e-15)
+    for bad in ("alpha_deg = 90\nalpha_rad = 1.5", 'alpha_deg = "90"', "alpha_deg = [true]"):
+        with pytest.raises(ArmFileError, match="alpha_deg"):
+            parse_arm_file(GOOD.replace("alpha_rad = 1.5", bad).encode(), "arm.toml")
+
+
 def test_sino6_is_table_1_of_its_paper() -> None:
     assert bundled_arms() == ["sino6", "zero6"]
     parameters = load_arm_file("sino6").dh_parameters()

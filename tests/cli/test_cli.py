@@ -156,6 +156,15 @@ def test_numbers_that_no_option_takes(tmp_path: Path) -> None:
         assert run(*words)[0] == 2, words
 
 
+def test_angles_carry_their_unit() -> None:
+    words = ["accuracy", "sino6", *POINT, "--count", 12, "--method", "ellipsoid"]
+    least = [
+        found(*words, "--encoder-noise-rad", text)["best"]["u_mm"] for text in ("1e-4", "100urad", f"{np.degrees(0.1)}mdeg")
+    ]
+    np.testing.assert_allclose(least, least[0], rtol=1e-12)
+    assert run(*words, "--encoder-noise-rad", "8foo")[0] == 2
+
+
 def test_wrong_usage_is_status_2() -> None:
     with_axis = ["--axis", "0", "0", "1"]
     for words in (
