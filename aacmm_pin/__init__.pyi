@@ -1,4 +1,5 @@
 from .accuracy.comprehensive_accuracy import comprehensive_accuracy, configuration_weights
+from .accuracy.length import LengthUncertainty, length_uncertainty
 from .accuracy.single_point import SinglePoint, single_point_statistics
 from .accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
 from .accuracy.workspace import WorkspaceMap, map_workspace
@@ -31,6 +32,7 @@ __all__ = [
     "Effect",
     "ErrorModel",
     "Flexibility",
+    "LengthUncertainty",
     "MeasurementPlan",
     "Measurements",
     "Parameter",
@@ -46,6 +48,7 @@ __all__ = [
     "configuration_circles",
     "configuration_weights",
     "diagnose",
+    "length_uncertainty",
     "map_workspace",
     "plan_measurements",
     "reaching_postures",

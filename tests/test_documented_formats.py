@@ -61,6 +61,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     for command in (
         "accuracy sino6 --point 400 0 300 --count 12",
         "accuracy sino6 --point 400 0 300 --count 12 --method ellipsoid",
+        "accuracy sino6 --point 400 0 300 --to 400 300 300 --count 6",
         "map sino6 --cells 3 3",
         f"calibrate sino6 {data} {noise}",
         f"calibrate sino6 {external} --reference-frame external {noise}",

@@ -12,12 +12,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support import plausible
+from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.arm.parameter import Parameter
@@ -27,6 +31,9 @@ from aacmm_pin.effects.error_model import ErrorModel, displaced
 from aacmm_pin.effects.geometry import JointZeroOffset, of_geometry
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +64,7 @@ class ErrorSources(Shown):
     def of(
         model: Arm | ErrorModel,
         at: str | None,
-        encoder_noise: Array | None,
+        encoder_noise: ArrayLike | None,
         q: Array,
         conditions: Conditions | None,
     ) -> ErrorSources:
@@ -70,9 +77,9 @@ class ErrorSources(Shown):
         model, not_passed = _with_effects(model)
         left_out = _lacking(model, q, conditions)
         not_included = (*not_passed, *(effect.label for effect in left_out))
-        arm, covariance = model.arm, model.covariance()
+        arm, covariance, stated = model.arm, model.covariance(), _noise(model.arm, encoder_noise)
         silent = {p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()}
-        noise = arm.encoder_noise if encoder_noise is None else encoder_noise
+        noise = arm.encoder_noise if stated is None else stated
         every, u = list(arm.parameters), np.sqrt(np.diag(covariance)).tolist()
         for p, its_u in list(zip(model.parameters, u, strict=True))[len(every) :]:
             every.append(replace(p, u=its_u, half_width=COVERAGE_FACTOR * its_u))
@@ -139,6 +146,12 @@ class ErrorSources(Shown):
             axes[np.ix_(mine, mine)] = vectors * np.sqrt(np.maximum(values, 0.0)) if len(mine) > 1 else 1.0
         return axes
 
+    def positions(self, q: Array) -> Array:
+        """Where frame :attr:`at` is by the arm with the effects that take part: (n, 3) [m]."""
+        if not self.effects:
+            return self.arm.positions(q, self.at)
+        return displaced(self.arm, self.effects, q, Conditions(len(q)), self.arm.place(self.at), False).position
+
     def sensitivity(self, q: Array, conditions: Conditions | None = None) -> Array:
         """∂position/∂source for ``q`` (n, nq) under ``conditions`` of n records: (n, 3, p) [m/unit].
 
@@ -190,6 +203,35 @@ class ErrorSources(Shown):
         if self.correlation is None:
             return np.diag(np.square(scaled).sum(axis=(0, 1)))
         return np.asarray((scaled.transpose(0, 2, 1) @ scaled).sum(axis=0) * self.correlation)
+
+    def budget(self, together: Array, by: str = "parameter") -> pd.DataFrame:
+        """The table of :meth:`aacmm_pin.accuracy.volume.AccuracyVolume.budget` from parts of a variance (p, p) [m²]."""
+        import pandas as pd
+
+        table = pd.DataFrame(
+            {
+                "parameter": [p.name for p in self.parameters],
+                "joint": pd.array([p.joint for p in self.parameters], dtype="Int64"),
+                "kind": [p.kind for p in self.parameters],
+                "scope": [p.scope for p in self.parameters],
+            }
+        )
+        if by != "parameter":
+            group, names = pd.factorize(table[by], use_na_sentinel=False)
+            member = np.eye(len(names))[group]
+            table, together = pd.DataFrame({by: names}), member.T @ together @ member
+        table["u_mm"] = np.sqrt(np.diag(together)) / MM
+        table["share"] = together.sum(axis=1) / together.sum()
+        return table.sort_values("share", ascending=False, ignore_index=True)
+
+
+def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
+    if encoder_noise is None:
+        return None
+    each = np.full(arm.nq, encoder_noise) if np.ndim(encoder_noise) == 0 else encoder_noise
+    noise = vector(each, arm.nq, "encoder_noise", "rad")
+    plausible.ENCODER_NOISE.check(noise, "encoder_noise")
+    return noise
 
 
 def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, batch, vector, whole
+from aacmm_pin._support.checks import Array, Index, batch, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import CHUNK, chunks
+from aacmm_pin.arm.file import COVERAGE_FACTOR as K_OF_ONE_NUMBER
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
@@ -98,27 +98,10 @@ class AccuracyVolume(Shown):
             A table, largest first: the parameter (or joint, or kind; <NA> for the joint of a cause of the whole arm),
             ``u_mm`` (its root mean square contribution) and ``share`` (of the variance; the shares sum to 1).
         """
-        import pandas as pd
-
         together = np.zeros((len(self.sources.parameters),) * 2)
         for q, conditions in _parts(self.q, self.conditions):
             together += self.sources.shared_variance(self.sources.sensitivity(q, conditions))
-        parameters = self.sources.parameters
-        table = pd.DataFrame(
-            {
-                "parameter": [p.name for p in parameters],
-                "joint": pd.array([p.joint for p in parameters], dtype="Int64"),
-                "kind": [p.kind for p in parameters],
-                "scope": [p.scope for p in parameters],
-            }
-        )
-        if by != "parameter":
-            group, names = pd.factorize(table[by], use_na_sentinel=False)
-            member = np.eye(len(names))[group]
-            table, together = pd.DataFrame({by: names}), member.T @ together @ member
-        table["u_mm"] = np.sqrt(np.diag(together) / max(len(self.q), 1)) / MM
-        table["share"] = together.sum(axis=1) / together.sum()
-        return table.sort_values("share", ascending=False, ignore_index=True)
+        return self.sources.budget(together / max(len(self.q), 1), by)
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each configuration: theta1_deg …, volume_mm3, u_mm, and largest_deviation_mm where it is bounded."""
@@ -149,10 +132,13 @@ class AccuracyVolume(Shown):
         without = f"; not included: {', '.join(self.not_included)}" if self.not_included else ""
         if not len(self.q):
             return what + without
-        return (
-            f"{what}: volume {volume.min():.3g} to {volume.max():.3g} mm³, "
-            f"standard uncertainty {self.u.min() / MM:.4f} to {self.u.max() / MM:.4f} mm{without}"
-        )
+        return f"{what}: {expanded(self.u)}, volume {volume.min():.3g} to {volume.max():.3g} mm³{without}"
+
+
+def expanded(u: Array) -> str:
+    """The headline of some uncertainties [m]: from the smallest to the largest, expanded."""
+    low, high = K_OF_ONE_NUMBER * u.min() / MM, K_OF_ONE_NUMBER * u.max() / MM
+    return f"±U (k = {K_OF_ONE_NUMBER:g}) {low:.4f} to {high:.4f} mm"
 
 
 def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
@@ -242,7 +228,7 @@ def accuracy_volume(
     q = batch(q, arm.nq, "q", "rad")
     if conditions is not None and conditions.n not in (1, len(q)):
         raise ShapeError(f"conditions are of {conditions.n} records, expected {len(q)} as q has, or 1")
-    sources = ErrorSources.of(model, at, _noise(arm, encoder_noise), q, conditions)
+    sources = ErrorSources.of(model, at, encoder_noise, q, conditions)
     work: Callable[[Any], tuple[Array, ...]] = partial(_first_order, sources, method)
     size, pieces = CHUNK, cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
     volume, covariance, error = np.empty(len(q)), np.empty((len(q), 3, 3)), np.empty(len(q) if drawn else 0)
@@ -273,15 +259,6 @@ def _parts(q: Array, conditions: Conditions | None, size: int = CHUNK) -> Iterat
             yield some, None
         else:
             yield some, conditions.take(part if conditions.n == len(q) else np.zeros(len(some), dtype=np.intp))
-
-
-def _noise(arm: Arm, encoder_noise: ArrayLike | None) -> Array | None:
-    if encoder_noise is None:
-        return None
-    each = np.full(arm.nq, encoder_noise) if np.ndim(encoder_noise) == 0 else encoder_noise
-    noise = vector(each, arm.nq, "encoder_noise", "rad")
-    plausible.ENCODER_NOISE.check(noise, "encoder_noise")
-    return noise
 
 
 def _first_order(sources: ErrorSources, method: Method, piece: tuple[Array, Conditions | None]) -> tuple[Array, Array]:

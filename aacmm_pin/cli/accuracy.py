@@ -12,12 +12,13 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, circle_accuracy
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm
 from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, Seed, command, note, say
-from aacmm_pin.cli.pose_options import Orientation, Point
+from aacmm_pin.cli.pose_options import Orientation, Point, Triple
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 from aacmm_pin.report import terminal
-from aacmm_pin.report.accuracy import accuracy_document
-from aacmm_pin.report.json_summaries import accuracy_summary, accuracy_table
+from aacmm_pin.report.accuracy import accuracy_document, length_document
+from aacmm_pin.report.json_summaries import accuracy_summary, accuracy_table, length_summary
 
 
 @command
@@ -26,6 +27,10 @@ def run(
     arm: UncertainArm,
     orientation: Orientation,
     noise: EncoderNoise,
+    to: Annotated[
+        Triple | None,
+        typer.Option(metavar="X Y Z", help="A second point, in mm: accuracy of the length between them, in which postures."),
+    ] = None,
     method: Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")] = "zonotope",
     sectors: Sectors = 12,
     seed: Seed = 1,
@@ -43,6 +48,11 @@ def run(
                 "of the joint placements), or --encoder-noise-rad with --method ellipsoid"
             )
         circle = orientation.postures(model.arm, point)
+        if to is not None:
+            if output is not None or plot is not None or method != METHODS[0]:
+                raise typer.BadParameter("--to goes with neither --output, --plot nor --method")
+            _length(results, (circle, orientation.postures(model.arm, to)), model, encoder_noise, json_)
+            return
         result = circle_accuracy(
             circle, model, method=cast(Method, method), encoder_noise=encoder_noise, rng=np.random.default_rng(seed)
         )
@@ -54,8 +64,29 @@ def run(
     if json_ != "-":
         say(str(circle))
         terminal.show(accuracy_document(result, summary))
-        if encoder_noise is None and model.arm.encoder_noise is None:
-            note("note: encoder noise not given; u is of the parameters alone (--encoder-noise-rad adds it)")
+        _note_noise(model, encoder_noise)
+
+
+def _length(
+    results: Results,
+    ends: tuple[PosturesAtPoint, PosturesAtPoint],
+    model: ErrorModel,
+    encoder_noise: float | None,
+    json_: str | None,
+) -> None:
+    """The same of the distance between two points."""
+    from aacmm_pin.accuracy.length import length_between
+
+    length = length_between(*ends, model, encoder_noise)
+    results.json(length_summary(*ends, length), json_)
+    if json_ != "-":
+        terminal.show(length_document(length))
+        _note_noise(model, encoder_noise)
+
+
+def _note_noise(model: ErrorModel, encoder_noise: float | None) -> None:
+    if encoder_noise is None and model.arm.encoder_noise is None:
+        note("note: encoder noise not given; u is of the parameters alone (--encoder-noise-rad adds it)")
 
 
 def _drawn(circle: PosturesAtPoint, result: AccuracyVolume) -> Any:

@@ -6,7 +6,8 @@ from typing import Any
 
 import pandas as pd
 
-from aacmm_pin._support.units import DEG
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.accuracy.length import LengthUncertainty
 from aacmm_pin.accuracy.volume import AccuracyVolume
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.arm.file import COVERAGE_FACTOR
@@ -19,10 +20,10 @@ SHOWN_SOURCES = 8
 """So many sources of a budget are shown."""
 EXPANDED = "U (k = 2)_mm"
 POSTURES = {
-    "best": "smallest volume",
-    "worst": "largest volume",
     "smallest_u": "smallest U",
     "largest_u": "largest U",
+    "best": "smallest volume",
+    "worst": "largest volume",
 }
 """Postures of an accuracy summary in words."""
 
@@ -58,8 +59,8 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
         return Document("Accuracy", [str(accuracy)])
     postures = pd.DataFrame() if summary is None else postures_at_the_ends(summary)
     values = accuracy.to_frame().filter(regex="_mm")
-    values.insert(1, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
-    budget = accuracy.budget()[["parameter", "u_mm", "share"]].rename(columns={"share": "share of variance"})
+    values.insert(0, EXPANDED, COVERAGE_FACTOR * values["u_mm"])
+    budget = accuracy.budget()[["parameter", "u_mm", "share"]]
     postures, over, budget = in_one_unit(postures, spread(values, "over the configurations"), budget)
     comprehensive = None if summary is None else summary["volume_mm3"]["comprehensive"]
     exact = accuracy.sources.taken_as_exact
@@ -68,14 +69,38 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
         "" if comprehensive is None else f"comprehensive accuracy {comprehensive:.4g} mm³",
         Table(postures, f"Postures{', swivel 0 where the elbow is highest' if 'swivel [°]' in postures else ''}"),
         Table(over),
-        Table(
-            budget.head(SHOWN_SOURCES),
-            f"Uncertainty budget, the first {min(SHOWN_SOURCES, len(budget))} of {len(budget)} sources",
-            {"share of variance": lambda share: percent(share, 1)},
-        ),
+        _budget(budget),
         f"no uncertainty is stated for, and so taken as exact: {', '.join(exact)}" if exact else "",
     ]
     return Document("Accuracy", blocks)
+
+
+def _budget(budget: pd.DataFrame) -> Table:
+    return Table(
+        budget.head(SHOWN_SOURCES).rename(columns={"share": "share of variance"}),
+        f"Uncertainty budget, the first {min(SHOWN_SOURCES, len(budget))} of {len(budget)} sources",
+        {"share of variance": lambda share: percent(share, 1)},
+    )
+
+
+@document_of.register
+def length_document(length: LengthUncertainty) -> Document:
+    """Uncertainty of a length, the best and the worst pair of postures for it, and its sources."""
+    rows = []
+    for words, number in (("smallest U", length.u.argmin()), ("largest U", length.u.argmax())):
+        a, b = length.pair(int(number))
+        angles = {"at A": length.q_a[a], "at B": length.q_b[b]}
+        degrees = {f"theta {end}_deg": " ".join(f"{theta:.0f}" for theta in q / DEG) for end, q in angles.items()}
+        rows.append({"postures": words, EXPANDED: COVERAGE_FACTOR * length.u[a, b] / MM, **degrees})
+    ends, budget = in_one_unit(pd.DataFrame(rows), length.budget()[["parameter", "u_mm", "share"]])
+    exact = length.sources.taken_as_exact
+    blocks: list[Block] = [
+        str(length),
+        Table(ends, "Postures for this length"),
+        _budget(budget),
+        f"no uncertainty is stated for, and so taken as exact: {', '.join(exact)}" if exact else "",
+    ]
+    return Document("Length", blocks)
 
 
 def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
@@ -83,7 +108,7 @@ def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:
     rows = [{"posture": words} | summary[name] for name, words in POSTURES.items()]
     table = pd.DataFrame(rows).dropna(axis="columns", how="all")
     table["theta_deg"] = [" ".join(f"{theta:.0f}" for theta in posture) for posture in table["theta_deg"]]
-    table[EXPANDED] = COVERAGE_FACTOR * table.pop("u_mm")
+    table.insert(2, EXPANDED, COVERAGE_FACTOR * table.pop("u_mm"))
     return table
 
 

@@ -11,12 +11,14 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
+from aacmm_pin.accuracy.length import LengthUncertainty
 from aacmm_pin.accuracy.volume import AccuracyVolume, paired
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.postures.general_ik import ReachingPostures
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 
 ACCURACY_SCHEMA = "aacmm-pin/accuracy/1"
+LENGTH_SCHEMA = "aacmm-pin/length/1"
 MAP_SCHEMA = "aacmm-pin/map/1"
 DIGITS = 9
 """Decimals kept of lengths and angles [mm, deg]: hides what binary fractions do to decimal input, and nothing else."""
@@ -59,7 +61,7 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
         "u_mm": _spread(accuracy.u / MM),
         "largest_deviation_mm": _spread(accuracy.largest_deviation / MM) if accuracy.sources.bounded else None,
         **_postures(circle, accuracy),
-        "budget": _budget(accuracy),
+        "budget": _budget(accuracy) if len(inside) else [],
         "taken_as_exact": list(accuracy.sources.taken_as_exact),
         "not_included": list(accuracy.not_included),
     }
@@ -69,6 +71,29 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
     if not len(inside):
         summary["reason"] = circle.reason or "no configuration is within the joint limits"
     return summary
+
+
+def length_summary(a: PosturesAtPoint, b: PosturesAtPoint, length: LengthUncertainty) -> dict[str, Any]:
+    """Schema ``aacmm-pin/length/1``: uncertainty of the distance of two points over the pairs of postures within limits."""
+    ends = {}
+    for name, number in (("best", length.u.argmin()), ("worst", length.u.argmax())):
+        i, j = length.pair(int(number))
+        angles = {"from_theta_deg": _rounded(length.q_a[i] / DEG), "to_theta_deg": _rounded(length.q_b[j] / DEG)}
+        ends[name] = {**angles, "u_mm": float(length.u[i, j] / MM)}
+    return {
+        "schema": LENGTH_SCHEMA,
+        "arm": a.arm.name,
+        "from_mm": _rounded(a.point / MM),
+        "to_mm": _rounded(b.point / MM),
+        "at": a.at,
+        "length_mm": float(length.length / MM),
+        "pairs": length.u.size,
+        "u_mm": _spread(length.u.ravel() / MM),
+        **ends,
+        "budget": _budget(length),
+        "taken_as_exact": list(length.sources.taken_as_exact),
+        "not_included": list(length.sources.not_included),
+    }
 
 
 def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
@@ -143,9 +168,7 @@ def _postures(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> dict[str, di
     }
 
 
-def _budget(accuracy: AccuracyVolume) -> list[dict[str, Any]]:
-    if not len(accuracy.q):
-        return []
+def _budget(accuracy: AccuracyVolume | LengthUncertainty) -> list[dict[str, Any]]:
     table = accuracy.budget("parameter")[["parameter", "joint", "share", "u_mm"]].astype(object)
     return [{str(k): v for k, v in row.items()} for row in table.where(table.notna(), None).to_dict("records")]
 

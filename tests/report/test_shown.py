@@ -35,6 +35,7 @@ from aacmm_pin import (
     single_point_statistics,
 )
 from aacmm_pin._support.display import Shown
+from aacmm_pin.accuracy.length import length_between
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
@@ -99,6 +100,7 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "Flexibility": circle.flexibility(),
         "AccuracyVolume": accuracy,
         "ErrorSources": accuracy.sources,
+        "LengthUncertainty": length_between(circle, configuration_circle(arm, POINT[[1, 0, 2]], count=24), arm),
         "WorkspaceMap": map_workspace(arm, (3, 3), 4, progress=False),
         "SinglePoint": single_point_statistics(rng.normal(size=(9, 3)) * 1e-5, np.arange(9) < 4),
         "Calibration": calibration,

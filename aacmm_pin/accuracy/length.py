@@ -1,0 +1,153 @@
+"""Uncertainty of the distance between two points that the arm touches.
+
+With the unit vector e from the one point to the other and the sensitivities S of both ends,
+
+    u² = s C sᵀ + Σ u²(noise) [(e S_a)² + (e S_b)²],   s = e (S_b - S_a)   (JCGM 100:2008, 5.2.2)
+
+A parameter of the arm has the same error at both ends, and only the difference of what it does there counts: an error of
+the first zero turns both and leaves their distance. What is new in each record, as noise of the encoders, adds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.display import Shown
+from aacmm_pin._support.units import MM
+from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
+from aacmm_pin.accuracy.volume import expanded
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, ShapeError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from aacmm_pin.postures.postures_at_point import PosturesAtPoint
+
+SHORTEST = 1e-9
+"""Points closer than this have no direction between them [m]."""
+MOST_PAIRS = 20_000_000
+"""So many pairs of postures take 0.5 GB."""
+
+
+@dataclass(frozen=True, eq=False)
+class LengthUncertainty(Shown):
+    """A distance between two points, measured in any of some postures at the one and any of some at the other.
+
+    Attributes:
+        sources: what may be off.
+        q_a, q_b: postures at either end, (n, nq) and (m, nq) [rad].
+        length: the distance [m].
+        scaled: what one standard uncertainty of each source does along the length at either end, (n, p) and (m, p) [m].
+    """
+
+    sources: ErrorSources
+    q_a: Array
+    q_b: Array
+    length: float
+    scaled: tuple[Array, Array]
+
+    @cached_property
+    def u(self) -> Array:
+        """Standard uncertainty of the length by the postures at both ends (n, m) [m]."""
+        a, b = (_independent(self.sources, scaled) for scaled in self.scaled)
+        shared = _shared(self.sources)
+        each = np.square(a).sum(axis=1)[:, None] + np.square(b).sum(axis=1)
+        return np.asarray(np.sqrt(np.maximum(each - 2.0 * a[:, shared] @ b[:, shared].T, 0.0)))
+
+    def pair(self, number: int) -> tuple[int, int]:
+        """Numbers of the postures at either end of a pair, as ``u.argmin()`` counts them."""
+        a, b = np.unravel_index(number, self.u.shape)
+        return int(a), int(b)
+
+    def budget(self, by: str = "parameter") -> pd.DataFrame:
+        """Each source's part in the mean variance of the length over all pairs; see :meth:`AccuracyVolume.budget`."""
+        (a, b), shared = self.scaled, _shared(self.sources)
+        both = np.outer(a.mean(axis=0) * shared, b.mean(axis=0) * shared)
+        together = a.T @ a / len(a) + b.T @ b / len(b) - both - both.T
+        correlation = self.sources.correlation
+        return self.sources.budget(together * (np.eye(len(together)) if correlation is None else correlation), by)
+
+    def __str__(self) -> str:
+        without = f"; not included: {', '.join(self.sources.not_included)}" if self.sources.not_included else ""
+        return (
+            f"{self.sources.arm.name} at {self.sources.at}: length {self.length / MM:.4f} mm, {expanded(self.u)} over "
+            f"{len(self.q_a)} × {len(self.q_b)} pairs of postures{without}"
+        )
+
+
+def length_uncertainty(
+    model: Arm | ErrorModel, qa: ArrayLike, qb: ArrayLike, *, at: str | None = None, encoder_noise: ArrayLike | None = None
+) -> Array:
+    """Standard uncertainty of distances, each from the point of ``qa`` to that of ``qb`` in the same row: (n,) [m].
+
+    Args:
+        model: the arm, or the arm with its effects; those that depend on conditions are left out.
+        qa, qb: configurations at either end (n, nq) [rad].
+        at: frame whose origin touches; default the tip.
+        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what the arm states.
+
+    Raises:
+        ShapeError: ``qa`` and ``qb`` are not finite arrays of one shape (n, nq).
+        AacmmError: nothing has an uncertainty, noise is negative, or two points coincide.
+    """
+    arm = ErrorModel.arm_of(model)
+    a, b = batch(qa, arm.nq, "qa", "rad"), batch(qb, arm.nq, "qb", "rad")
+    if len(a) != len(b):
+        raise ShapeError(f"qb has {len(b)} configurations, expected {len(a)} as qa has")
+    sources = ErrorSources.of(model, at, encoder_noise, a, None)
+    direction, _ = _directions(sources.positions(b) - sources.positions(a))
+    first, second = (_independent(sources, _along(sources, q, direction)) for q in (a, b))
+    shared = _shared(sources)
+    new = np.square(first[:, ~shared]).sum(axis=1) + np.square(second[:, ~shared]).sum(axis=1)
+    return np.asarray(np.sqrt(np.square(second[:, shared] - first[:, shared]).sum(axis=1) + new))
+
+
+def length_between(
+    a: PosturesAtPoint, b: PosturesAtPoint, model: Arm | ErrorModel, encoder_noise: ArrayLike | None = None
+) -> LengthUncertainty:
+    """Uncertainty of the distance of two points, for every pair of postures within limits; see :func:`length_uncertainty`.
+
+    Raises:
+        AacmmError: the points coincide, or no posture, or too many pairs of them, are within limits.
+    """
+    q_a, q_b = a.q[a.within_limits], b.q[b.within_limits]
+    for postures, q in ((a, q_a), (b, q_b)):
+        if not len(q):
+            raise AacmmError(f"{postures}; no configuration to judge")
+    if len(q_a) * len(q_b) > MOST_PAIRS:
+        raise AacmmError(f"{len(q_a)} × {len(q_b)} pairs of postures, expected at most {MOST_PAIRS}; take a smaller count")
+    sources = ErrorSources.of(model, a.at, encoder_noise, q_a, None)
+    direction, length = _directions((b.point - a.point)[None])
+    scaled = _along(sources, q_a, direction), _along(sources, q_b, direction)
+    return LengthUncertainty(sources, q_a, q_b, float(length[0]), scaled)
+
+
+def _directions(difference: Array) -> tuple[Array, Array]:
+    """Unit vectors (n, 3) and lengths (n,) [m]."""
+    length = np.linalg.norm(difference, axis=1)
+    if (length < SHORTEST).any():
+        raise AacmmError(f"pair {int(length.argmin())} of points is {length.min() / MM:g} mm apart; expected two points")
+    return difference / length[:, None], length
+
+
+def _along(sources: ErrorSources, q: Array, direction: Array) -> Array:
+    """What one u of each source does along ``direction`` (n, 3) or (1, 3): (n, p) [m]."""
+    return np.asarray((direction[:, None, :] @ sources.sensitivity(q))[:, 0, :] * sources.u)
+
+
+def _independent(sources: ErrorSources, scaled: Array) -> Array:
+    """The same of the principal axes of sources that are correlated."""
+    return scaled if sources.axes is None else scaled @ sources.axes
+
+
+def _shared(sources: ErrorSources) -> NDArray[np.bool_]:
+    """True for each source that is the same at both ends (p,); those of a record are correlated with no other."""
+    return np.array([p.scope != "record" for p in sources.parameters])
