@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Index
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import f_sf
 from aacmm_pin.diagnosis.covariates import FEWEST_GROUPS, FEWEST_RECORDS
@@ -20,6 +20,8 @@ from aacmm_pin.measurements.records import Measurements
 
 ODD = 1e-4
 """Family-wise level at which a group counts as odd."""
+BY_READINGS = (0.0, 0.25, 0.5, 0.75, 0.95)
+"""Parts of a scatter that may be of the readings; not all, for these move some tips in one plane only."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +46,9 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
 
     Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other records, ν₋ their
     degrees of freedom and n what the group adds to these; Bonferroni's bound over the groups. Where the noise of the
-    encoders is not stated, all of the scatter may be theirs: see :func:`_by_readings`.
+    encoders is not stated, both are compared with what the residuals of a group vary by: see :func:`_scatter`.
     """
-    found, used = [], choice.fit.used
+    found, used, scatter = [], choice.fit.used, _scatter(choice)
     design, admitted = choice.design.of(sorted(choice.admitted)), tuple(range(len(choice.admitted)))
     for what, names, part in _groupings(choice.fit.problem.measurements, choice):
         gram = Gram(products_of(design, part))
@@ -57,29 +59,43 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
             if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
                 continue
             ratio = max((whole.chi2 - others.chi2) / more, 0.0) / (others.chi2 / others.dof)
-            chance = float(f_sf(ratio, more, others.dof))
-            if choice.fit.problem.setup.encoder_noise is None:
-                (own, sure), (rest, of_rest) = (
-                    _by_readings(choice, used & some) for some in (part == number, part != number)
-                )
-                chance = max(chance, float(f_sf(ratio * rest / own, more * sure, others.dof * of_rest)))
+            (own, sure), (rest, of_rest) = (_mean(scatter[used & some]) for some in (part == number, part != number))
+            chance = float(f_sf(ratio * rest / own, more * sure, others.dof * of_rest))
             if (p_value := min(1.0, len(names) * chance)) < ODD:
                 records = int(np.sum(used & (part == number)))
                 found.append(OddGroup(f"{what} {name}", records, float(np.sqrt(ratio)), p_value))
     return sorted(found, key=lambda group: group.p_value)
 
 
-def _by_readings(choice: Choice, some: NDArray[np.bool_]) -> tuple[float, float]:
-    """What some records (n,) scatter by if it is all by their readings, whose errors move far tips, and in few directions.
+def _scatter(choice: Choice) -> Array:
+    """Covariance of each whitened residual (n, 3, 3), up to a factor: one, where the noise of the encoders is stated.
 
-    Returns:
-        Mean square of a whitened coordinate, one rad of noise in each encoder; and as certain as which part of all the
-        coordinates it is: ``(Σ tr C)² / (3 n Σ tr C²)`` with the covariance C of each record (Satterthwaite 1946).
+    Else a part of the scatter, the likeliest of ``BY_READINGS``, is taken to be of the readings, whose errors move far tips
+    more, and in few directions.
     """
-    whiten = choice.fit.noise.whitening[some]
-    each = whiten @ choice.fit.problem.reading_covariance[some].sum(axis=1) @ whiten.transpose(0, 2, 1)
-    total, count = float(np.trace(each, axis1=1, axis2=2).sum()), 3 * len(each)
-    return total / count, total**2 / (count * float(np.square(each).sum()))
+    fit, alike = choice.fit, np.broadcast_to(np.eye(3), (len(choice.tips), 3, 3))
+    used = fit.used & fit.observations.says
+    if fit.problem.setup.encoder_noise is not None or not used.any():
+        return alike
+    whiten = fit.noise.whitening
+    left = np.einsum("nij,nj->ni", whiten, choice.tips - fit.observations.targets(fit.solution.point.seats))[used]
+    readings = whiten @ fit.problem.reading_covariance.sum(axis=1) @ whiten.transpose(0, 2, 1)
+    readings = readings * (3.0 / np.trace(readings[used], axis1=1, axis2=2).mean())
+    likely = {}
+    for share in BY_READINGS:
+        mixed = (1.0 - share) * alike + share * readings
+        chi2 = np.einsum("ni,nij,nj->", left, np.linalg.inv(mixed[used]), left)
+        likely[-np.linalg.slogdet(mixed[used])[1].sum() - left.size * np.log(chi2)] = mixed
+    return np.asarray(likely[max(likely)])
+
+
+def _mean(scatter: Array) -> tuple[float, float]:
+    """Mean variance of the residuals' coordinates, covariances (n, 3, 3); and as certain as which part of them it is.
+
+    The part is ``(Σ tr C)² / (3 n Σ tr C²)`` (Satterthwaite 1946).
+    """
+    total, count = float(np.trace(scatter, axis1=1, axis2=2).sum()), 3 * len(scatter)
+    return total / count, total**2 / (count * float(np.square(scatter).sum()))
 
 
 def _groupings(records: Measurements, choice: Choice) -> Iterator[tuple[str, list[str], Index]]:

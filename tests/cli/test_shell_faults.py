@@ -91,7 +91,7 @@ def test_streams_that_take_nothing() -> None:
 
 
 def test_a_terminal_without_letters() -> None:
-    process = started("causes", env=os.environ | {"PYTHONIOENCODING": "ascii"})
+    process = started("causes", env=os.environ | {"PYTHONIOENCODING": "ascii", "COLUMNS": "120"})
     out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, b"")
     assert rb"100 \xb5rad" in out

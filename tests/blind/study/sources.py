@@ -1,4 +1,4 @@
-"""Which code a diagnosis is: the modules that ``aacmm_pin.diagnosis`` imports, as one short hash. Standard library alone."""
+"""Which code a diagnosis is: its modules, causes, and all that these import, as one short hash. Standard library alone."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
-START = "aacmm_pin.diagnosis"
+ROOMS = ("diagnosis", "effects")
+"""Where it starts: what diagnoses, and the causes, which are loaded when they are asked for."""
 
 
 def digest() -> str:
@@ -44,9 +45,8 @@ def _parsed(path: Path) -> list[ast.stmt]:
 
 def modules() -> set[Path]:
     """Files of these modules; imports inside functions, which draw pictures, do not count."""
-    package = ROOT / START.replace(".", "/")
     found: set[Path] = set()
-    waiting = set(package.glob("*.py"))
+    waiting = {path for room in ROOMS for path in (ROOT / "aacmm_pin" / room).glob("*.py")}
     while waiting:
         path = waiting.pop()
         found.add(path)
