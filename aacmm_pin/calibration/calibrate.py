@@ -102,14 +102,14 @@ def calibrate(
 
 
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
-    """The records without copies of others, and words for which these were and for postures that are too few.
+    """The records without copies of others, and words for which these were, how the file was read, and too few postures.
 
     See :meth:`Measurements.copies`; ``row`` still has the line of each record in the file.
     """
     of = measurements.copies()
     copies = np.flatnonzero(of != np.arange(measurements.n))
     kept = measurements.take(np.unique(of))
-    notes = []
+    notes = list(measurements.read_as)
     if copies.size:
         row = measurements.row[copies]
         runs = np.split(row, np.flatnonzero(np.diff(row) != 1) + 1)

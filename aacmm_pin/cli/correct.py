@@ -13,7 +13,8 @@ from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U
-from aacmm_pin.measurements.records import Measurements, read_table
+from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.records import Measurements
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
 """The columns that ``correct`` adds."""
@@ -26,11 +27,13 @@ def run(arm: ArmAndData, noise: EncoderNoise, output: Output = None, force: Forc
     """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty, as CSV."""
     with Results(force, output, reads=arm.files) as results:
         model, path = arm.model_and_data()
-        table, _ = read_table(path)
+        table, _, read_as = read_table(path)
         for name in table.columns.intersection(list(CORRECTED)):
             raise MeasurementFileError(path, 1, name, "is there already; expected readings that were not corrected yet")
         of_readings = ~table.columns.isin(OF_REFERENCES)
         readings = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
+        for line in read_as:
+            note(f"note: {line}")
         rows = _known_rows(model, readings, path)
         known = readings.take(rows)
         found = np.full((readings.n, len(CORRECTED)), np.nan)

@@ -12,7 +12,8 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, say
-from aacmm_pin.measurements.records import Measurements, read_table
+from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning import plan_measurements
 from aacmm_pin.planning.plan import POSTURES, Reference
 from aacmm_pin.report import terminal

@@ -144,6 +144,11 @@ def span(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{names[0]} … {names[-1]}"
 
 
+def is_known(name: str) -> bool:
+    """Whether it names a column that means something."""
+    return name in SINGLE or any(_number(name, form) for form in NUMBERED)
+
+
 def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> Header:
     """Sort the names of columns; ``nq`` is the number of joints of the arm, None where any will do.
 
@@ -158,7 +163,7 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
     for name, count in Counter(texts).items():
         if count > 1 and name.strip():
             problems.add(name, f"is there {count} times, expected each name once in the header")
-    extra = [name for name in dict.fromkeys(texts) if name not in SINGLE and not any(_number(name, f) for f in NUMBERED)]
+    extra = [name for name in dict.fromkeys(texts) if not is_known(name)]
     for name in extra:
         if meant := _near_miss(name, texts):
             other = "if something else is meant, a name that cannot be taken for it"
@@ -219,7 +224,7 @@ def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str,
 
 
 def _unit(names: Sequence[str], problems: Problems) -> AngleUnit:
-    in_degrees, in_radians = (", ".join(n for n in names if _number(n, form)) for form in THETA.values())
+    in_degrees, in_radians = (", ".join(_short(n) for n in names if _number(n, form)) for form in THETA.values())
     if in_degrees and in_radians:
         problems.add("", f"{in_degrees} in degrees beside {in_radians} in radians; expected one unit for all joints")
         problems.stop()

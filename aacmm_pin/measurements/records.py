@@ -6,7 +6,6 @@ The file speaks millimetres and degrees (or radians); :class:`Measurements` spea
 from __future__ import annotations
 
 import csv
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,17 +22,16 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, batch, vector
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.text_escaping import csv_text, csv_unquoted
+from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels
-from aacmm_pin.errors import MeasurementFileError, ShapeError, UnknownNameError
+from aacmm_pin.errors import ShapeError, UnknownNameError
 from aacmm_pin.measurements import csv_columns as names
 from aacmm_pin.measurements.csv_columns import Columns, Problems, checked_columns, named, read_header
+from aacmm_pin.measurements.csv_table import read_table
 
 FIRST_RECORD = 2
 """Line of the first record in a file: the header is line 1."""
-LARGEST_FILE = 100_000_000
-"""Bytes of a measurement file that is read, which are a quarter of a million records; its table takes ten times as much."""
 REPEATED = 1e-3
 """Postures whose readings differ by no more than this in any joint are one, repeated [rad; m where a joint slides].
 
@@ -71,6 +69,7 @@ class Measurements(Shown):
         extra: columns of unknown meaning as they came, n rows.
         row: line of each record in the file (n,), the header being line 1; in a table, the line it would have.
         source: the file as the caller named it, or ``table``.
+        read_as: how the file was read, where that is not as it usually is: separators, decimal commas, comments left out.
     """
 
     q: Array
@@ -85,6 +84,7 @@ class Measurements(Shown):
     extra: pd.DataFrame
     row: Index
     source: str
+    read_as: tuple[str, ...] = ()
 
     @staticmethod
     def read(path: str | Path, nq: int | None = None) -> Measurements:
@@ -94,8 +94,9 @@ class Measurements(Shown):
             MeasurementFileError: the file cannot be read, is not such a table, or a column or cell is not as expected;
                 the message names the row and column of the first ten problems.
         """
-        table, lines = read_table(str(path))
-        return _from_columns(checked_columns(table, lines, nq, str(path)), table, lines, str(path))
+        table, lines, read_as = read_table(str(path))
+        found = _from_columns(checked_columns(table, lines, nq, str(path)), table, lines, str(path))
+        return replace(found, read_as=read_as)
 
     @staticmethod
     def from_frame(table: pd.DataFrame, nq: int | None = None, source: str = "table") -> Measurements:
@@ -324,68 +325,6 @@ def _from_columns(columns: Columns, table: pd.DataFrame, lines: Index, source: s
     q = columns.block(columns.header.theta) * (DEG if columns.header.unit == "deg" else 1.0)
     extra = table[list(columns.header.extra)].reset_index(drop=True)
     return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, **found)
-
-
-def read_table(path: str) -> tuple[pd.DataFrame, Index]:
-    """Cells of a CSV file as text, and the line of each record; pandas would fill short rows up and lose count of the lines.
-
-    Raises:
-        MeasurementFileError: the file cannot be read, or is not such a table.
-    """
-    lines, rows, end = [], [], 0
-    reader = csv.reader(io.StringIO(_text(path), newline=""), strict=True)
-    try:
-        for cells in reader:
-            if cells:
-                lines.append(end + 1)
-                rows.append([csv_unquoted(cell) for cell in cells])
-            end = reader.line_num
-    except csv.Error as error:
-        raise MeasurementFileError(path, end + 1, "", f"not CSV: {error}; look at the quotes") from None
-    header = rows[0]
-    if header[0].lstrip().startswith("#"):
-        message = f"begins with {header[0][:20]!r}: a measurement file has no comments, expected the names of the columns"
-        raise MeasurementFileError(path, lines[0], "", message)
-    for mark, called in ((";", "semicolons"), ("\t", "tabulators")):
-        if len(header) == 1 and mark in header[0]:
-            message = (
-                f"{called} between the names; expected commas between cells, and decimal points in numbers: "
-                f"pandas.read_csv({path!r}, sep={mark!r}, decimal=',').to_csv('new.csv', index=False) makes them"
-            )
-            raise MeasurementFileError(path, lines[0], "", message)
-    problems = Problems(path, np.array(lines, dtype=np.intp))
-    cells_of = np.array([len(cells) for cells in rows])
-    expected = f"{{}} cells, expected {len(header)} as in the header (decimal points; quotes around text with commas)"
-    problems.at(cells_of != len(header), "", expected, cells_of)
-    problems.stop()
-    table = pd.DataFrame({k: cells[1:] for k, cells in enumerate(zip(*rows, strict=True))}, dtype=object)
-    return table.set_axis(header, axis=1), problems.lines[1:]
-
-
-def _text(path: str) -> str:
-    if Path(path).is_dir():
-        raise MeasurementFileError(path, None, "", "is a folder, expected a measurement file, *.csv")
-    try:
-        with open(path, "rb") as file:  # perhaps a pipe, or a device without end
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise MeasurementFileError(path, None, "", f"is larger than {LARGEST_FILE / 1e6:g} MB, expected a smaller file")
-        text = content.decode("utf-8-sig")
-    except FileNotFoundError:
-        raise MeasurementFileError(path, None, "", "no such file") from None
-    except OSError as error:
-        raise MeasurementFileError(path, None, "", f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        expected = "expected a CSV file in UTF-8, as every spreadsheet can save it"
-        message = f"not UTF-8 text (byte {error.start}); {expected}"
-        raise MeasurementFileError(path, line, "", message) from None
-    if "\0" in text:
-        line = text.count("\n", 0, text.index("\0")) + 1
-        raise MeasurementFileError(path, line, "", "has a NUL byte: not text, or in UTF-16; expected a CSV file in UTF-8")
-    if not text.strip():
-        raise MeasurementFileError(path, None, "", "is empty, expected a header and one row a record")
-    return text
 
 
 # --- from arrays
