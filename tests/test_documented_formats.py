@@ -128,14 +128,19 @@ def test_keys_of_the_arm_file() -> None:
 
 
 def test_columns_of_what_commands_write(tmp_path: Path) -> None:
-    data, *tables = (str(tmp_path / f"{name}.csv") for name in ("data", "circle", "accuracy", "residuals", "corrected"))
+    data, *tables = (
+        str(tmp_path / f"{name}.csv") for name in ("data", "circle", "accuracy", "residuals", "corrected", "to")
+    )
     point = "--point 33.6 -671.9 182.9 --count 6 -o"
     run(f"simulate sino6 --plan seats --records 40 --seats 5 -o {data}")
     run(f"configurations sino6 {point} {tables[0]}")
     run(f"accuracy sino6 {point} {tables[1]}")
     run(f"calibrate sino6 {data} --no-held-out --residuals {tables[2]}")
     run(f"correct sino6 {data} -o {tables[3]}")
-    came = [name for path in tables for name in pd.read_csv(path, nrows=1) if not re.fullmatch(r"theta[2-6]_deg", name)]
+    run(f"correct sino6 {data} --nominal sino6 --commands -o {tables[4]}")
+    came = [
+        name for path in tables for name in pd.read_csv(path, nrows=1) if not re.fullmatch(r"(theta|command)[2-6]_deg", name)
+    ]
     of_records = {*measurement_columns.SINGLE, *(f"approach{j}" for j in range(1, 7))}
     explained = {key.removesuffix(" …") for key in documented("CSV that commands write")}
     assert explained == set(came) - (of_records - {"x_mm", "y_mm", "z_mm"})

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Annotated
+
 import numpy as np
+import typer
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.volume import accuracy_volume
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.report.numbers import count
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
 """The columns that ``correct`` adds."""
@@ -23,12 +33,37 @@ OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U)
 
 
 @command
-def run(arm: ArmAndData, noise: EncoderNoise, output: Output = None, force: Force = False) -> None:
+def run(
+    arm: ArmAndData,
+    noise: EncoderNoise,
+    nominal: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ARM",
+            help="The arm as it was believed to be: bundled arm, arm file or, where ARM came as one, URDF; default ARM "
+            "without its effects.",
+        ),
+    ] = None,
+    commands: Annotated[
+        bool,
+        typer.Option(
+            "--commands",
+            help="For robots: the angles are commands; add those by which the tip comes where the --nominal arm has it.",
+        ),
+    ] = False,
+    output: Output = None,
+    force: Force = False,
+) -> None:
     """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty, as CSV."""
-    with Results(force, output, reads=arm.files) as results:
+    if commands and nominal is None:
+        raise typer.BadParameter("--commands goes with --nominal ARM, the arm as its controller believes it to be")
+    with Results(force, output, reads=[*arm.files, nominal]) as results:
         model, path = arm.model_and_data()
+        before = None if nominal is None else _nominal(nominal, model)
         table, _, read_as = read_table(path)
-        for name in table.columns.intersection(list(CORRECTED)):
+        unit = "rad" if "theta1_rad" in table else "deg"
+        names = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)] if commands else list(CORRECTED)
+        for name in table.columns.intersection(names):
             raise MeasurementFileError(path, 1, name, "is there already; expected readings that were not corrected yet")
         of_readings = ~table.columns.isin(OF_REFERENCES)
         readings = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
@@ -36,16 +71,72 @@ def run(arm: ArmAndData, noise: EncoderNoise, output: Output = None, force: Forc
             note(f"note: {line}")
         rows = _known_rows(model, readings, path)
         known = readings.take(rows)
-        found = np.full((readings.n, len(CORRECTED)), np.nan)
+        found = np.full((readings.n, len(names)), np.nan)
         try:
-            found[rows, :3] = model.correct(known.q, known.conditions) / MM
+            if commands and before is not None:
+                found[rows] = _commands(model, before, known, path) / (DEG if unit == "deg" else 1.0)
+            else:
+                tips = model.correct(known.q, known.conditions)
+                found[rows, :3], found[rows, 3] = tips / MM, _u(model, known, noise.encoder_noise_rad) / MM
+                _compare(model, before, table, rows, tips, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
-        found[rows, 3] = _u(model, known, noise.encoder_noise_rad) / MM
-        added = dict(zip(CORRECTED, found.T, strict=True))
-        results.text(csv_text(table.assign(**added)), output)
+        results.text(csv_text(table.assign(**dict(zip(names, found.T, strict=True)))), output)
     effects = ", ".join(effect.label for effect in model.effects) or "no effects"
-    note(f"{path}: {known.n} of {readings.n} readings corrected by {model.arm.name} with {effects}")
+    done = np.isfinite(found[:, 0]).sum()
+    note(f"{path}: {done} of {readings.n} readings corrected by {model.arm.name} with {effects}")
+
+
+def _nominal(name: str, model: ErrorModel) -> ErrorModel:
+    if name.lower().endswith(".urdf"):
+        return ErrorModel(Arm.from_urdf(name, model.arm.tip))
+    return ErrorModel.load(name)
+
+
+def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path: str) -> Array:
+    """Commands (n, nq) [rad]; nan where the tip does not arrive, which is listed."""
+    commands, arrived = joint_commands(model, nominal, known.q, known.conditions)
+    refused = {
+        "is next to a singular posture, or out of reach": ~arrived,
+        "has a command outside the joint limits": broken_limits(commands, model.arm.limits).any(axis=1),
+        "has a command outside the range of an error curve": ~model.known_at(commands).all(axis=1),
+    }
+    for reason, rows in refused.items():
+        for row in known.row[rows]:
+            note(f"{path}: row {row} {reason}; left empty")
+        commands[rows] = np.nan
+    return commands
+
+
+def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, rows: Index, tips: Array, path: str) -> None:
+    """Say how far the tips (n, 3) [m] are from what the file states, by the arm before and after the correction."""
+    if not table.columns.isin([*REFERENCE, BAR[0]]).any() or not len(rows):
+        return
+    try:
+        records = Measurements.from_frame(table, model.arm.nq, path).take(rows)
+    except MeasurementFileError as error:
+        note(f"note: references and bars are not compared: {str(error).splitlines()[0]}")
+        return
+    # Geometry alone, where nobody says what was before: the file may know the effects together with it.
+    first = model.arm.positions(records.q) if before is None else before.correct(records.q, records.conditions)
+    known = records.known
+    if known.any():
+        off = [np.linalg.norm((where - records.reference)[known], axis=1) for where in (first, tips)]
+        _tell(f"distance from {count(int(known.sum()), 'reference')}", off)
+    bars = records.bars()
+    if bars:
+        _tell(f"error of {count(len(bars), 'bar length')}", [records.bar_length_errors(where) for where in (first, tips)])
+
+
+def _tell(what: str, errors: list[Array]) -> None:
+    (rms, rms_after), (most, most_after) = (
+        [f"{size:.4f} mm" for size in sizes]
+        for sizes in (
+            [float(np.sqrt(np.mean(np.square(e)))) / MM for e in errors],
+            [float(np.abs(e).max()) / MM for e in errors],
+        )
+    )
+    note(f"{what}: RMS {rms} before, {rms_after} after; largest {most} before, {most_after} after")
 
 
 def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:

@@ -183,11 +183,13 @@ class LinkBending(_OfTube):
 class Counterbalance(Effect):
     """The spring of a joint does not carry what it should: ``δθ = κ z · (u × down)``.
 
-    u is the direction of the next joint's axis where that stands across this one (the upper tube of SINO6 behind joint 2),
-    else of the body itself; the lever arm of a weight on it goes with its horizontal part, whatever the rest of the arm
-    does. Unit rad, the turn when the body is level; typical 2e-5 to 2e-4. Source: moment of a constant-force
-    counterbalance. Needs no column. Confused with: ``encoder_eccentricity`` of the same joint with the phase that gravity
-    has (the same columns on a level mount), ``joint_compliance`` where the load beyond hardly changes.
+    u is the direction of the next joint's axis where that stands across this one (the upper tube of SINO6 behind joint
+    2), else of the body itself; the lever arm of a weight on it goes with its horizontal part, whatever the rest of the
+    arm does. κ above zero lets u sink: the spring carries too little where u points outwards, and too much where the
+    axis points back to the shoulder, as on SINO6 (d3 < 0). Unit rad, the turn when the body is level; typical 2e-5 to
+    2e-4. Source: moment of a constant-force counterbalance. Needs no column. Confused with: ``encoder_eccentricity`` of
+    the same joint with the phase that gravity has (the same columns on a level mount), ``joint_compliance`` where the
+    load beyond hardly changes.
     """
 
     joint: int

@@ -240,6 +240,14 @@ class Measurements(Shown):
         both = [bar for bar in length if (bar, "A") in seat_at and (bar, "B") in seat_at]
         return [Bar(bar, seat_at[bar, "A"], seat_at[bar, "B"], length[bar]) for bar in both]
 
+    def bar_length_errors(self, tips: Array) -> Array:
+        """Distance of the mean tips (n, 3) [m] at both ends of each bar, minus its length: (b,) [m]."""
+        seat, errors = np.asarray(self.conditions.seat), []
+        for bar in self.bars():
+            a, b = (tips[seat == label].mean(axis=0) for label in (bar.seat_a, bar.seat_b))
+            errors.append(float(np.linalg.norm(a - b)) - bar.length)
+        return np.array(errors)
+
     def to_frame(self, angle_unit: names.AngleUnit = "deg") -> pd.DataFrame:
         """The columns of a measurement file, those that are present, unknown ones last.
 

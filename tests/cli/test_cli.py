@@ -192,6 +192,7 @@ def test_wrong_usage_is_status_2() -> None:
         ["calibrate", "sino6", "data.csv", "--frame", "tip"],
         ["calibrate", "sino6", "data.csv", "--urdf", "a.urdf", "--frame", "tip"],
         ["correct", "sino6"],
+        ["correct", "sino6", "readings.csv", "--commands"],
         ["correct", "sino6", "readings.csv", "--encoder-noise-rad", "small"],
     ):
         status, out, _ = run(*words)

@@ -369,6 +369,40 @@ def test_corrected_coordinates_are_those_of_the_model(extended: Path, folder: Pa
     assert np.sqrt(np.mean(off**2)) < 0.03
 
 
+def test_a_file_with_references_says_what_correction_is_worth(extended: Path, folder: Path, tmp_path: Path) -> None:
+    source = folder / "warm.csv"
+    _, err = done("correct", extended, source, *NOISE, "--nominal", "sino6", "-o", tmp_path / "c.csv")
+    model, read = ErrorModel.load(extended), Measurements.read(source, 6)
+    for tips in (ErrorModel.load("sino6").correct(read.q), model.correct(read.q, read.conditions)):
+        off = np.linalg.norm((tips - read.reference)[read.known], axis=1) / MM
+        for size in (np.sqrt(np.mean(off**2)), off.max()):
+            assert f"{size:.4f} mm" in err
+
+
+def test_lengths_of_bars_are_compared_too(tmp_path: Path) -> None:
+    sino6 = ErrorModel.load("sino6")
+    q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [1.0, -1.0, 0.4, 0.5, 0.2, 0.1]])
+    length = float(np.linalg.norm(np.diff(sino6.predict(q), axis=0))) / MM
+    table = pd.DataFrame(np.repeat(q, 2, axis=0), columns=[f"theta{j}_rad" for j in range(1, 7)])
+    table = table.assign(seat=list("PPQQ"), bar="b", bar_end=list("AABB"), bar_length_mm=length - 0.25)
+    table.to_csv(tmp_path / "r.csv", index=False)
+    _, err = done("correct", "sino6", tmp_path / "r.csv", "-o", tmp_path / "c.csv")
+    assert "1 bar length" in err
+    assert err.count("0.2500 mm") == 4
+
+
+def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended: Path, folder: Path, tmp_path: Path) -> None:
+    source = folder / "warm.csv"
+    done("correct", extended, source, "--commands", "--nominal", "sino6", "-o", tmp_path / "c.csv")
+    table, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(source, 6)
+    commands = np.radians(table[[f"command{j}_deg" for j in range(1, 7)]].to_numpy())
+    there = np.isfinite(commands).all(axis=1)
+    assert there.mean() > 0.7
+    tips = ErrorModel.load(extended).predict(commands[there], read.conditions.take(np.flatnonzero(there)))
+    np.testing.assert_allclose(tips, Arm.load("sino6").positions(read.q[there]), rtol=0, atol=1e-9)
+    assert (np.abs(commands - read.q)[there].max(axis=0) > 1e-6).any()
+
+
 def test_readings_need_nothing_but_angles(tmp_path: Path) -> None:
     text = "\ufefftheta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,seat,note\r\n"
     text += '10,-20,30,-40,50,60,S1,"a, b"\r\n\r\n1e1,-20.0,30,-40,50,60,S2,\r\n'

@@ -1,0 +1,75 @@
+"""Joint commands with which the real arm, as an error model knows it, comes where a nominal model wants it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aacmm_pin._support.checks import Array, batch
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import ShapeError
+
+ARRIVED = 1e-9
+"""A tip nearer to where it shall be than this is there [m; rad of its turn]."""
+MOST_STEPS = 100
+"""The errors of an arm are small: four steps do, but next to a singular posture."""
+LONGEST_STEP = 0.1
+"""No step is longer: next to a singular posture the straight one would lead far away [rad]."""
+SINGULAR = 1e-6
+"""Motions whose singular value is smaller than this part of the largest are not made."""
+OF_A_POSE = 6
+"""Joints with which an arm can take a whole pose; one with fewer brings only its point."""
+
+
+def joint_commands(
+    model: Arm | ErrorModel, nominal: Arm | ErrorModel, q: ArrayLike, conditions: Conditions | None = None
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Commands by which ``model`` has the tip, and with six joints or more its axes, that ``nominal`` has at ``q``.
+
+    Newton's method with the shortest step, so that an arm with more joints than it needs stays near ``q``.
+
+    Args:
+        model: the arm as it is.
+        nominal: the arm as its controller believes it to be.
+        q: commands for the nominal arm (n, nq) [rad].
+        conditions: of the n commands.
+
+    Returns:
+        commands (n, nq) [rad], and True for each that arrives within 1 nm (and 1 nrad) (n,).
+
+    Raises:
+        ShapeError: ``q`` is not a finite (n, nq) array, or the arms have not as many joints as each other.
+        MissingConditionError: an effect depends on a condition that is not there.
+    """
+    model, nominal = ErrorModel.of(model), ErrorModel.of(nominal)
+    if nominal.arm.nq != model.arm.nq:
+        raise ShapeError(f"{nominal.arm.name} has {nominal.arm.nq} joints, expected {model.arm.nq} as {model.arm.name} has")
+    q = batch(q, model.arm.nq, "q", "rad")
+    wanted = nominal.state(q, conditions)
+    position, axes = wanted.position, wanted.rotation[-1]
+    commands, arrived = q.copy(), np.zeros(len(q), dtype=bool)
+    for _ in range(MOST_STEPS):
+        state = model.state(commands, conditions)
+        shift, turn = position - state.position, _turn(axes, state.rotation[-1])
+        if model.arm.nq < OF_A_POSE:
+            turn = np.zeros_like(turn)
+        off = np.concatenate([shift, turn], axis=1)
+        arrived = (np.linalg.norm(shift, axis=1) < ARRIVED) & (np.linalg.norm(turn, axis=1) < ARRIVED)
+        if arrived.all():
+            break
+        jacobian = np.concatenate(model.arm.chain.jacobian(state.rotation, state.origin, state.position), axis=1)
+        if model.arm.nq < OF_A_POSE:
+            jacobian, off = jacobian[:, :3], shift
+        step = (np.linalg.pinv(jacobian, rcond=SINGULAR) @ off[:, :, None])[:, :, 0]
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        commands[~arrived] += (step * (LONGEST_STEP / np.maximum(length, LONGEST_STEP)))[~arrived]
+    return commands, arrived
+
+
+def _turn(to: Array, of: Array) -> Array:
+    """Rotation vectors (n, 3) [rad] of small turns from axes ``of`` to axes ``to``, each (n, 3, 3)."""
+    turn = to @ of.transpose(0, 2, 1)
+    lower, upper = turn[:, [2, 0, 1], [1, 2, 0]], turn[:, [1, 2, 0], [2, 0, 1]]
+    return np.asarray(0.5 * (lower - upper))

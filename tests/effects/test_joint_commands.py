@@ -1,0 +1,58 @@
+"""Commands are checked by the error model they are meant for, and the arm's own Pinocchio model where it has no effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aacmm_pin import Arm, ErrorModel
+from aacmm_pin.effects import EncoderEccentricity, JointCompliance
+from aacmm_pin.effects.joint_commands import joint_commands
+from aacmm_pin.errors import ShapeError
+
+
+@pytest.mark.parametrize(("name", "frame"), [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand")])
+def test_the_tip_comes_where_the_nominal_arm_has_it(
+    name: str, frame: str, robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
+    nominal = Arm.from_urdf(robot_file(name), frame)
+    moved = nominal.with_placements(rng.normal(scale=1e-3, size=(nominal.nq, 6)), None)
+    effects = (JointCompliance(2, values=(2e-5,)), EncoderEccentricity(3, values=(1e-3, 5e-4)))
+    middle, width = nominal.limits.mean(axis=1), np.ptp(nominal.limits, axis=1)
+    q = middle + 0.3 * width * rng.uniform(-1, 1, (30, nominal.nq))
+    # Next to a singular posture a place may be out of the real arm's reach.
+    q = q[np.linalg.svd(nominal.poses(q).jacobian, compute_uv=False)[:, -1] > 0.03]
+    assert len(q) > 15
+    wanted = nominal.poses(q)
+    for model in (ErrorModel(moved), ErrorModel(moved, effects)):
+        commands, arrived = joint_commands(model, nominal, q)
+        print((~arrived).nonzero(), commands[~arrived] - q[~arrived], q[~arrived])
+        assert arrived.all()
+        assert 1e-4 < np.abs(commands - q).max() < 0.2
+        np.testing.assert_allclose(model.predict(commands), wanted.position, rtol=0, atol=1e-9)
+        if not model.effects:
+            np.testing.assert_allclose(moved.poses(commands).placement, wanted.placement, rtol=0, atol=2e-9)
+
+
+def test_a_place_out_of_reach_is_not_reached(sino6: Arm) -> None:
+    assert sino6.file is not None
+    rows = [row.model_copy(update={"a_mm": 2 * row.a_mm, "d_mm": 2 * row.d_mm}) for row in sino6.file.joints]
+    larger = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    q = np.array([[0.3, -1.57, 0.2, 0.0, 0.1, 0.2]])
+    _, arrived = joint_commands(sino6, larger, q)
+    assert not arrived.any()
+    with pytest.raises(ShapeError, match="5 joints, expected 6"):
+        joint_commands(sino6, replace(larger, name="five", model=_five(sino6).model, dh=None), q)
+
+
+def _five(arm: Arm) -> Arm:
+    assert arm.file is not None
+    rows = [
+        row.model_copy(update={"fixed": k == 5, "limits_rad": None if k == 5 else row.limits_rad, "encoder_noise_rad": None})
+        for k, row in enumerate(arm.file.joints)
+    ]
+    return Arm.from_file(arm.file.model_copy(update={"joints": rows}))
