@@ -18,11 +18,13 @@ from .planning import MeasurementPlan, plan_measurements
 from .postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
 from .postures.curve_sampling import Flexibility
 from .postures.general_ik import ReachingPostures, reaching_postures
+from .verification import AcceptanceResult, accept
 
 __version__: str
 
 __all__ = [
     "AacmmError",
+    "AcceptanceResult",
     "AccuracyVolume",
     "Arm",
     "Calibration",
@@ -40,6 +42,7 @@ __all__ = [
     "ReachingPostures",
     "SinglePoint",
     "WorkspaceMap",
+    "accept",
     "accuracy_volume",
     "calibrate",
     "circle_accuracy",

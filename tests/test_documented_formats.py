@@ -18,6 +18,7 @@ from aacmm_pin.arm import file as arm_file
 from aacmm_pin.cli.shell import app
 from aacmm_pin.effects import CAUSES
 from aacmm_pin.measurements import csv_columns as measurement_columns
+from aacmm_pin.verification.touches import ACCEPTANCE
 
 PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
@@ -56,6 +57,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     table = pd.read_csv(data, dtype=str)
     table.loc[8, "x_mm"] = "999.0"
     table.to_csv(external, index=False)
+    touches = str(folder / "touches.csv")
+    table.assign(test="single-point", position=[str(k % 3) for k in range(60)]).to_csv(touches, index=False)
     noise = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
     found: dict[str, set[str]] = {}
     for command in (
@@ -69,6 +72,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         f"diagnose sino6 {hidden} --no-held-out {noise}",
         f"plan sino6 --split encoder_eccentricity:2 joint_compliance:2 --data {data} --records 4 --postures 30",
         "plan sino6 --records 4 --postures 30",
+        f"accept {touches} --mpe SPAT.Max=0.1",
     ):
         content = json.loads(run(f"{command} --json -"))
         found.setdefault(content["schema"], set()).update(keys(content))
@@ -87,7 +91,7 @@ def test_every_schema_has_a_section() -> None:
     assert {f"`{schema}`" for schema in schemas} <= set(SECTIONS), "explain its keys in notebooks/site/formats.md"
 
 
-@pytest.mark.parametrize("schema", ["accuracy", "map", "calibration", "diagnosis", "plan"])
+@pytest.mark.parametrize("schema", ["accuracy", "map", "calibration", "diagnosis", "plan", "acceptance"])
 def test_json_keys_are_those_that_are_written(schema: str, written: dict[str, set[str]]) -> None:
     name = f"aacmm-pin/{schema}/1"
     explained, came = documented(f"`{name}`"), written[name]
@@ -144,6 +148,11 @@ def test_columns_of_what_commands_write(tmp_path: Path) -> None:
     of_records = {*measurement_columns.SINGLE, *(f"approach{j}" for j in range(1, 7))}
     explained = {key.removesuffix(" …") for key in documented("CSV that commands write")}
     assert explained == set(came) - (of_records - {"x_mm", "y_mm", "z_mm"})
+
+
+def test_columns_of_the_acceptance_file() -> None:
+    names = {key.removesuffix(" …") for key in documented("Acceptance file (CSV)")}
+    assert names == {*ACCEPTANCE, *measurement_columns.REFERENCE, "theta1_deg"}
 
 
 def test_columns_of_the_measurement_file() -> None:

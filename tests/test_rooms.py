@@ -21,6 +21,7 @@ ROOMS = [
     "calibration",
     "diagnosis",
     "planning",
+    "verification",
     "papers",
     "report",
     "cli",

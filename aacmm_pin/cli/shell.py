@@ -30,6 +30,7 @@ from aacmm_pin.cli.common import Results
 from aacmm_pin.errors import AacmmError
 
 COMMANDS = (
+    "accept",
     "accuracy",
     "calibrate",
     "causes",

@@ -10,11 +10,23 @@ from pathlib import Path
 
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import encodable
-from aacmm_pin.report import accuracy, arm, calibration, diagnosis, measurements, next_measurements, papers, plan, plots
+from aacmm_pin.report import (
+    acceptance,
+    accuracy,
+    arm,
+    calibration,
+    diagnosis,
+    measurements,
+    next_measurements,
+    papers,
+    plan,
+    plots,
+)
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.html import fragment, page
 
 __all__ = [
+    "acceptance",
     "accuracy",
     "arm",
     "calibration",

@@ -45,6 +45,8 @@ from aacmm_pin.papers.sino6.table2 import reproduce_table2
 from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
+from aacmm_pin.verification.accept import AcceptanceFigure, AcceptanceResult
+from aacmm_pin.verification.figures import DEFINITIONS, Evaluated
 from tests.pages import Page
 
 mpl.use("Agg")
@@ -85,6 +87,7 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
     table2 = reproduce_table2(grid=6)
+    figure = AcceptanceFigure(NASTY, DEFINITIONS[0], Evaluated(1e-5, float("nan"), 50, 0), mpe=2e-5)
     return {
         "Arm": arm,
         "Arm of a URDF": Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5),
@@ -116,6 +119,7 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "Tried": plan.tried[-1],
         "Power": plan.after,
         "Table2": table2,
+        "AcceptanceResult": AcceptanceResult(NASTY, (figure,), (NASTY,)),
     }
 
 

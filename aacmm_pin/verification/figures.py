@@ -1,0 +1,222 @@
+"""The figures of ISO 10360-12 and ASME B89.4.22, from touches.
+
+The standards' own texts rule; the definitions here are those of public descriptions of them. Each evaluation gets the
+touches of one test, see :func:`aacmm_pin.verification.touches.read_touches`; a value needs all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.single_point import single_point_statistics
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere, minimum_circumscribed_sphere
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """One figure's value and its standard uncertainty [m], how many of what it had, and how many are missing.
+
+    ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs to the figure.
+    """
+
+    value: float
+    u: float
+    had: int
+    missing: int
+    why_incomplete: str = ""
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A figure: its name, where it is from, the test whose touches it needs, what it is, and what is counted."""
+
+    name: str
+    standard: str
+    clause: str
+    test: str
+    text: str
+    evaluate: Callable[[pd.DataFrame], Evaluated]
+    counted: str = "touches"
+
+
+def _points(touches: pd.DataFrame) -> Array:
+    return touches[["x", "y", "z"]].to_numpy()
+
+
+def _groups(touches: pd.DataFrame, *by: str) -> list[pd.DataFrame]:
+    return [group for _, group in touches.groupby(list(by), sort=False)]
+
+
+def _short(sizes: Iterable[int], each: int, count: int) -> int:
+    """How many are missing until ``count`` groups, and every one that was begun, have ``each``."""
+    sizes = [*sizes]
+    return sum(max(each - size, 0) for size in [*sizes, *[0] * (count - len(sizes))])
+
+
+def _worst(values: Sequence[float], u: Sequence[float], had: int, missing: int) -> Evaluated:
+    """The value of largest magnitude, with its u; none where something is missing."""
+    if missing or not values:
+        return Evaluated(np.nan, np.nan, had, missing)
+    worst = int(np.abs(values).argmax())
+    return Evaluated(float(values[worst]), float(u[worst]), had, 0)
+
+
+def _of_spheres(touches: pd.DataFrame, by: Sequence[str], each: int, count: int, size: bool) -> Evaluated:
+    """The worst diameter error, or form, of the spheres that ``by`` tells apart."""
+    groups = _groups(touches, *by)
+    missing = _short(map(len, groups), each, count)
+    if missing:
+        return _worst([], [], len(touches), missing)
+    spheres = [_sphere(group) for group in groups]
+    if not size:
+        return _worst([sphere.form for sphere in spheres], [np.nan] * len(groups), len(touches), 0)
+    stated = [group[["feature_diameter", "probe_diameter", "u_length"]].iloc[0] for group in groups]
+    errors = [s.diameter - g["feature_diameter"] - g["probe_diameter"] for s, g in zip(spheres, stated, strict=True)]
+    return _worst(errors, [g["u_length"] for g in stated], len(touches), 0)
+
+
+def _sphere(touches: pd.DataFrame) -> FittedSphere:
+    try:
+        return fitted_sphere(_points(touches))
+    except AacmmError as error:
+        rows = ", ".join(map(str, touches["row"].head(6)))
+        raise AacmmError(f"feature {touches['feature'].iloc[0]}, row {rows}, …: {error}") from None
+
+
+def _location(touches: pd.DataFrame) -> Evaluated:
+    places = [_groups(place, "repeat") for place in _groups(touches, "feature", "position")]
+    missing = sum(_short(map(len, place), 5, 5) for place in places) if places else 25
+    if missing:
+        return _worst([], [], len(touches), missing)
+    found = [minimum_circumscribed_sphere(np.array([_sphere(g).center for g in place]))[1] for place in places]
+    return _worst(found, [np.nan] * len(found), len(touches), 0)
+
+
+def _lengths(touches: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
+    """The lengths of which both ends were touched: their labels, calibrated length, its u, and the error [m]."""
+    rows = []
+    for labels, group in touches.groupby(["length_id", "position", "repeat"], sort=False):
+        ends = _groups(group, "feature")
+        if len(ends) > 2 or any(1 < len(end) < LEAST for end in ends):
+            at = ", ".join(map(str, group["row"].head(6)))
+            came = ", ".join(f"{len(end)} of {end['feature'].iloc[0]}" for end in ends)
+            raise AacmmError(
+                f"length_id, position, repeat {labels} (row {at}, …) has touches: {came}; expected two features with "
+                f"1 touch each, or with {LEAST} and more all over a sphere"
+            )
+        if len(ends) == 2:
+            a, b = (_points(end)[0] if len(end) == 1 else _sphere(end).center for end in ends)
+            stated = group.iloc[0]
+            probe = stated["probe_diameter"] if both_sides else 0.0
+            error = float(np.linalg.norm(a - b)) - stated["length"] - probe
+            rows.append((*labels, stated["length"], stated["u_length"], error))
+    return pd.DataFrame(rows, columns=["length_id", "position", "repeat", "length", "u", "error"])
+
+
+def _length_errors(touches: pd.DataFrame, both_sides: bool) -> Evaluated:
+    lengths = _lengths(touches, both_sides)
+    of_lengths = _groups(lengths, "length_id")
+    missing = 21 * max(5 - len(of_lengths), 0)
+    missing += sum(_short(map(len, _groups(one, "position")), 3, 7) for one in of_lengths)
+    return _worst([*lengths["error"]], [*lengths["u"]], len(lengths), missing)
+
+
+def _volumetric(touches: pd.DataFrame, rms: bool) -> Evaluated:
+    lengths = _lengths(touches, both_sides=False)
+    places = len(lengths[["length_id", "position"]].drop_duplicates())
+    errors = lengths["error"].to_numpy()
+    if places < 20:
+        return _worst([], [], len(errors), 20 - places)
+    if lengths["length_id"].nunique() < 2:
+        return Evaluated(np.nan, np.nan, len(errors), 0, "one calibrated length, expected two")
+    if not rms:
+        return _worst([*errors], [*lengths["u"]], len(errors), 0)
+    # A common error of the calibrated lengths moves the RMS by as much as itself at most.
+    return Evaluated(2 * float(np.sqrt(np.mean(errors**2))), 2 * float(lengths["u"].max(skipna=False)), len(errors), 0)
+
+
+def _single_point(touches: pd.DataFrame, statistic: Callable[[Array], float]) -> Evaluated:
+    places = _groups(touches, "position")
+    missing = _short(map(len, places), 10, 3)
+    found = [] if missing else [statistic(_points(place)) for place in places]
+    return _worst(found, [np.nan] * len(found), len(touches), missing)
+
+
+def _largest_deviation(points: Array) -> float:
+    return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+
+
+def _sigma(points: Array) -> float:
+    return single_point_statistics(points).sigma
+
+
+def _two_sigma(points: Array) -> float:
+    return 2 * _sigma(points)
+
+
+ISO, ASME, PAPER = "ISO 10360-12", "ASME B89.4.22", "Xu You et al. 2019"
+_PLACE = ("feature", "position")
+DEFINITIONS = (
+    Definition(
+        "P_Form.Sph.1x25", ISO, "probing form error", "sphere",
+        "range of the radial distances of 25 touches from their least-squares sphere; the worse of two positions",
+        partial(_of_spheres, by=_PLACE, each=25, count=2, size=False),
+    ),
+    Definition(
+        "P_Size.Sph.1x25", ISO, "probing size error", "sphere",
+        "diameter of the least-squares sphere of 25 touches minus the calibrated one; the worse of two positions",
+        partial(_of_spheres, by=_PLACE, each=25, count=2, size=True),
+    ),
+    Definition(
+        "L_Dia.5x5", ISO, "articulated location error", "location",
+        "diameter of the smallest sphere round the centres of one sphere by five touches in each of five articulations",
+        _location,
+    ),
+    Definition(
+        "E_Uni", ISO, "unidirectional length measurement error", "length-uni",
+        "largest error of five lengths, each in seven positions three times",
+        partial(_length_errors, both_sides=False), "lengths",
+    ),
+    Definition(
+        "E_Bi", ISO, "bidirectional length measurement error", "length-bi",
+        "largest error of five lengths touched from opposite sides, each in seven positions three times",
+        partial(_length_errors, both_sides=True), "lengths",
+    ),
+    Definition(
+        "EffectiveDiameter", ASME, "effective diameter performance test", "effective-diameter",
+        "largest error of the diameter of a sphere touched nine times, in three repeats",
+        partial(_of_spheres, by=(*_PLACE, "repeat"), each=9, count=3, size=True),
+    ),
+    Definition(
+        "SPAT.Max", ASME, "single-point articulation performance test", "single-point",
+        "largest distance of a touch from the mean of one point in ten articulations; the worst of three distances",
+        partial(_single_point, statistic=_largest_deviation),
+    ),
+    Definition(
+        "SPAT.2s", ASME, "single-point articulation performance test", "single-point",
+        "twice the standard deviation of one point in ten articulations; the worst of three distances",
+        partial(_single_point, statistic=_two_sigma),
+    ),
+    Definition(
+        "Volumetric.Max", ASME, "volumetric performance test", "volumetric",
+        "largest error of two calibrated lengths in twenty positions",
+        partial(_volumetric, rms=False), "lengths",
+    ),
+    Definition(
+        "Volumetric.2RMS", ASME, "volumetric performance test", "volumetric",
+        "twice the root mean square error of two calibrated lengths in twenty positions",
+        partial(_volumetric, rms=True), "lengths",
+    ),
+    Definition(
+        "SinglePoint.Sigma", PAPER, "eqs. 16 and 17", "single-point",
+        "standard deviation of the position of one point in ten articulations; the worst of three distances",
+        partial(_single_point, statistic=_sigma),
+    ),
+)  # fmt: skip

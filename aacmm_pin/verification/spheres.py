@@ -1,0 +1,95 @@
+"""Spheres through touches, and round the centres that were found."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from aacmm_pin._support.checks import Array, batch
+from aacmm_pin.errors import AacmmError, ShapeError
+
+LEAST = 4
+"""Points that a sphere of unknown centre and diameter needs."""
+FLAT = 1e-6
+"""Points whose smallest extent is below this part of their largest lie in a plane, where no sphere can be fitted."""
+INSIDE = 1e-10
+"""Part of the radius by which a point may be outside a sphere and still count as on it."""
+
+
+class FittedSphere(NamedTuple):
+    """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances of its points [m]."""
+
+    center: Array
+    diameter: float
+    form: float
+
+
+def fitted_sphere(points: ArrayLike) -> FittedSphere:
+    """The sphere with the smallest sum of squared radial distances of ``points`` (n, 3) [m].
+
+    Raises:
+        ShapeError: fewer than four points, a wrong shape, or numbers that are not finite.
+        AacmmError: the points lie in one plane.
+    """
+    p = batch(points, 3, "points", "m")
+    if len(p) < LEAST:
+        raise ShapeError(f"points has {len(p)} rows, expected at least {LEAST} for a sphere")
+    middle = p.mean(axis=0)
+    extents = np.linalg.svd(p - middle, compute_uv=False)
+    if extents[2] <= FLAT * extents[0]:
+        raise AacmmError(f"{len(p)} points lie in one plane, which determines no sphere; expected touches all over it")
+    scaled = (p - middle) / extents[0]
+
+    # |p|² = 2 c·p + (r² - |c|²) is linear: where the search begins.
+    x, *_ = np.linalg.lstsq(np.column_stack([2 * scaled, np.ones(len(p))]), np.sum(scaled**2, axis=1))
+    radius = np.sqrt(x[3] + x[:3] @ x[:3])
+    found = least_squares(
+        lambda s: np.linalg.norm(scaled - s[:3], axis=1) - s[3],
+        [*x[:3], radius],
+        jac=lambda s: np.column_stack(
+            [(s[:3] - scaled) / np.linalg.norm(scaled - s[:3], axis=1)[:, None], -np.ones(len(p))]
+        ),
+        method="lm",
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+    )
+    size = float(extents[0])
+    return FittedSphere(middle + found.x[:3] * size, 2 * float(found.x[3]) * size, float(np.ptp(found.fun)) * size)
+
+
+def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
+    """Centre (3,) and diameter [m] of the smallest sphere round ``points`` (n, 3), exact (Welzl 1991).
+
+    Raises:
+        ShapeError: no point, a wrong shape, or numbers that are not finite.
+    """
+    p = batch(points, 3, "points", "m")
+    if not len(p):
+        raise ShapeError("points has no rows, expected at least 1")
+    middle = p.mean(axis=0)
+    center, radius = _welzl([*(p - middle)], [])
+    return center + middle, 2 * radius
+
+
+def _welzl(points: list[Array], on: list[Array]) -> tuple[Array, float]:
+    """The smallest sphere round ``points`` that has the points ``on`` on it."""
+    center, radius = _through(on)
+    if len(on) == 4:
+        return center, radius
+    for k, point in enumerate(points):
+        if np.linalg.norm(point - center) > radius * (1 + INSIDE):
+            center, radius = _welzl(points[:k], [*on, point])
+    return center, radius
+
+
+def _through(on: list[Array]) -> tuple[Array, float]:
+    """The smallest sphere with up to four points on it; a radius of -1 holds none."""
+    if not on:
+        return np.zeros(3), -1.0
+    edges = np.array(on[1:]).reshape(-1, 3) - on[0]
+    offset, *_ = np.linalg.lstsq(2 * edges, np.sum(edges**2, axis=1)) if len(edges) else (np.zeros(3),)
+    return on[0] + offset, float(np.linalg.norm(offset))
