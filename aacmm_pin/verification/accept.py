@@ -73,13 +73,11 @@ class AcceptanceResult(Shown):
         path: the file of touches.
         figures: one after the other; of several sets of coordinates those of one set stand together.
         notes: what was assumed.
-        has_indications: whether the coordinates, or some, were made of indications.
     """
 
     path: str
     figures: tuple[AcceptanceFigure, ...]
     notes: tuple[str, ...] = field(default=())
-    has_indications: bool = False
 
     @property
     def failed(self) -> tuple[AcceptanceFigure, ...]:
@@ -154,7 +152,7 @@ def accept(
         raise AacmmError(f"measuring range is {measuring_range}, expected a length above 0")
     models = {name: ErrorModel.of(arm) for name, arm in (arms or {}).items()}
     wanted = [d for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]]
-    sets = read_touches(str(path), models)
+    sets, read_as = read_touches(str(path), models)
     figures = []
     for source, touches in sets.items():
         for definition in wanted:
@@ -165,7 +163,7 @@ def accept(
                 except AacmmError as error:
                     raise AacmmError(f"{path}: {definition.name} by {source}: {error}") from None
                 figures.append(AcceptanceFigure(source, definition, evaluated, limits.get(definition.name, math.nan)))
-    return AcceptanceResult(str(path), tuple(figures), _notes(figures, measuring_range), bool(models))
+    return AcceptanceResult(str(path), tuple(figures), read_as + _notes(figures, measuring_range))
 
 
 def _limits(mpe: Mapping[str, float]) -> dict[str, float]:

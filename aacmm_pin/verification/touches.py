@@ -14,7 +14,8 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U, Problems
-from aacmm_pin.measurements.records import Measurements, read_table
+from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.records import Measurements
 
 NEEDED = {
     "sphere": ("feature", "feature_diameter_mm", "probe_diameter_mm"),
@@ -39,17 +40,17 @@ AS_GIVEN = "coordinates of the file"
 """What touches are called whose coordinates the arm's software gave."""
 
 
-def read_touches(path: str, models: Mapping[str, ErrorModel]) -> dict[str, pd.DataFrame]:
+def read_touches(path: str, models: Mapping[str, ErrorModel]) -> tuple[dict[str, pd.DataFrame], tuple[str, ...]]:
     """The touches of a file, once for its coordinates, if it has them, and once for each arm that makes some.
 
     Each table has the columns of :data:`LABELS`, those of :data:`NUMBERS` and ``x``, ``y``, ``z`` in metres, and ``row``,
-    the line in the file. The coordinates are those of the probe's centre.
+    the line in the file. The coordinates are those of the probe's centre. Behind them stands how the file was read.
 
     Raises:
         MeasurementFileError: a column is missing, a cell is not as expected, or the file has nothing that gives coordinates.
         AacmmError: an arm with an effect that does not know these indications.
     """
-    table, lines = read_table(path)
+    table, lines, read_as = read_table(path)
     problems = Problems(path, lines)
     for name, count in table.columns.value_counts().items():
         if count > 1:
@@ -72,7 +73,7 @@ def read_touches(path: str, models: Mapping[str, ErrorModel]) -> dict[str, pd.Da
         points[AS_GIVEN] = np.column_stack([_numbers(table, n, plausible.COORDINATE, problems, True) for n in given])
     problems.stop()
     points |= _of_indications(table, path, models)
-    return {name: touches.assign(**dict(zip("xyz", at.T, strict=True))) for name, at in points.items()}
+    return {name: touches.assign(**dict(zip("xyz", at.T, strict=True))) for name, at in points.items()}, read_as
 
 
 def _numbers(table: pd.DataFrame, name: str, range_: Range, problems: Problems, needed: bool = False) -> Array:
