@@ -74,12 +74,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
-    """No workers for benchmarks, which want the machine for themselves; else as many as there are cores."""
-    return 0 if config.getoption("benchmark_only") else None
-
-
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20190427)

@@ -2,13 +2,11 @@
 
 Two hundred poses of random angles, tips measured to 10 µm; judged by the tips at poses held out, where the plant says the
 truth without noise. Our half is called as a user would, at the shell. The peer, FIGAROH, knows geometry and joint stiffness
-but no encoder error; it runs in an environment of its own:
+but no encoder error; it runs in an environment of its own, which
 
-    python -m venv figaroh-env && figaroh-env/bin/pip install figaroh
-    export AACMM_PIN_FIGAROH_PYTHON=$PWD/figaroh-env/bin/python
-    pytest tests/benchmarks/test_blind_spot.py --benchmark-only
+    python -m tests.benchmarks --json speed.json --only calibration --quick
 
-Without it, or without ``--benchmark-only``, our half is tested alone. Both calibrate without any stated uncertainty of the
+makes it. Without it our half is tested alone. Both calibrate without any stated uncertainty of the
 geometry, whose errors they have to find as well. ``perfect`` is one who knows the plant and fits all that is wrong with it.
 """
 
@@ -28,11 +26,11 @@ import pandas as pd
 import pytest
 from blind.kinematics import Array
 from blind_spot import ARM, COMPLIANCE, NOISE, BlindSpot
-from pytest_benchmark.fixture import BenchmarkFixture
 
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.arm.urdf import urdf_text
+from tests.benchmarks.environments import ask, is_installed
 
 VISIBLE = 40.0
 """λ of a fault that nobody may overlook: a test of one parameter at 1e-3 sees it in 999 of 1000 data sets."""
@@ -107,25 +105,35 @@ def test_no_compliance_is_named_where_there_is_none(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def theirs(peer: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
+def say(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
+    def print_past_the_capture(text: str) -> None:
+        with capsys.disabled():
+            print(f"\n{text}")
+
+    return print_past_the_capture
+
+
+@pytest.fixture
+def theirs() -> Callable[..., dict[str, Any]]:
     """What FIGAROH reports of the same poses; ``predicted_m`` are its tips at those held out."""
+    if not is_installed("figaroh"):
+        pytest.skip("no environment with figaroh, which `python -m tests.benchmarks --only calibration` makes")
     file = load_arm_file(str(ARM))
     options = ["--repeats", "1", "--gravity", *(f"{g:g}" for g in file.gravity_m_s2)]
 
     def of(spot: BlindSpot, *more: str) -> dict[str, Any]:
         arrays = {"q": spot.q, "positions": spot.positions, "held_out": spot.held_out}
-        return peer("figaroh", urdf_text(file), *options, *more, **arrays)
+        return ask("figaroh", "solve_with_figaroh.py", urdf_text(file), *options, *more, **arrays)
 
     return of
 
 
 def test_figaroh_with_eccentric_encoders_and_compliance(
-    benchmark: BenchmarkFixture, tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
+    tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
 ) -> None:
     spots = [BlindSpot.of(seed) for seed in SEEDS]
     rigid, elastic = ([theirs(spot, *options) for spot in spots] for options in ([], ["--elastic"]))
     mine = [ours(spot, tmp_path / f"{seed}") for seed, spot in zip(SEEDS, spots, strict=True)]
-    benchmark.pedantic(lambda: ours(spots[0], tmp_path / "again"), rounds=1)
     rows = {
         "nominal": [spot.off(spot.nominal) for spot in spots],
         "figaroh, geometry": list(map(off, spots, rigid)),
@@ -151,11 +159,11 @@ def test_figaroh_with_eccentric_encoders_and_compliance(
 
 
 def test_figaroh_with_eccentric_encoders_alone(
-    benchmark: BenchmarkFixture, tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
+    tmp_path: Path, theirs: Callable[..., dict[str, Any]], say: Callable[[str], None]
 ) -> None:
     spot = BlindSpot.of(4, compliance=0.0)
     elastic = theirs(spot, "--elastic")
-    mine = benchmark.pedantic(lambda: ours(spot, tmp_path / "ours"), rounds=1)
+    mine = ours(spot, tmp_path / "ours")
     false = {j: (v, u) for j, (v, u) in elastic["compliance_rad_per_nm"].items() if abs(v) > 3 * u}
     say(
         f"no joint yields; held out µm: figaroh {off(spot, elastic) / UM:.1f}, "

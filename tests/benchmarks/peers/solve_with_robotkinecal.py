@@ -7,8 +7,8 @@ Run by the interpreter of an environment of its own (``pip install robotkinecal`
 
 What is called is the way of the package's README for positions: ``SerialRobotKineCal(robot, ee_name)``, ``set_observations``
 with points, ``solve()`` with its defaults (Gauss-Newton on the screw axes of the product of exponentials, four parameters
-a joint and three of the tip; it ends when the norm of all errors moves by less than 1e-4). The clock runs for ``solve()``
-alone.
+a joint and three of the tip; it ends when the norm of all errors moves by less than 1e-4). The clock (CPU time) runs for
+``solve()`` alone.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ def solve(q: np.ndarray, positions: np.ndarray, urdf: str, repeats: int) -> dict
         calibration = SerialRobotKineCal(robot, "tip")  # a new one each time: solve() moves the axes it holds
         calibration.set_observations(list(q), list(positions))
         before = rms(calibration, q, positions)
-        start = time.perf_counter()
+        start = time.process_time()
         result = calibration.solve()
-        seconds.append(time.perf_counter() - start)
+        seconds.append(time.process_time() - start)
     return {
         "package": "robotkinecal",
         "version": importlib.metadata.version("robotkinecal"),

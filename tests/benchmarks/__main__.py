@@ -1,0 +1,121 @@
+"""Measure this package beside its peers: ``python -m tests.benchmarks --json FILE --page notebooks/site/speed.md``.
+
+Each operation and its peers take turns in one run, and medians of CPU time count. Packages of others are installed from
+PyPI on first use, each in an environment of its own below ``$XDG_CACHE_HOME/aacmm_pin/peers`` (or ``~/.cache``).
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy comes: one thread, as the loop in C has
+
+from aacmm_pin._support.compiled import ALWAYS, VARIABLE
+from tests.benchmarks.operations import OPERATIONS, Table
+
+PACKAGES = ("numpy", "scipy", "pin", "numba")
+
+
+def machine() -> str:
+    """Kind of processor and number of cores."""
+    info = Path("/proc/cpuinfo")
+    rows = info.read_text().splitlines() if info.exists() else []
+    names = [row.split(":", 1)[1].strip() for row in rows if row.startswith("model name")]
+    return f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
+
+
+def commit() -> str:
+    """The commit that is measured, and whether files differ from it."""
+    done = subprocess.run(["git", "describe", "--always", "--dirty", "--abbrev=40"], capture_output=True, text=True)
+    return done.stdout.strip() or "unknown"
+
+
+def version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "missing"
+
+
+def page(report: dict[str, Any]) -> str:
+    """The report as a page of the documentation."""
+    command = report["command"]
+    versions = ", ".join(f"{name} {number}" for name, number in report["versions"].items())
+    lines = [
+        "# Speed, measured",
+        "",
+        f"*This page is written by `{command}`; do not edit it.*",
+        "",
+        "| | |",
+        "|---|---|",
+        *(f"| {key} | {report[key]} |" for key in ("commit", "date", "machine")),
+        f"| versions | {versions} |",
+        "",
+        "Median CPU time of ways that took turns in one run, on one thread. `ours over this` is the time of the first row",
+        "of the task divided by that of the row: below 1 this package is faster. Its loops are compiled before the clock",
+        "starts, but for commands, which start as they do at the shell.",
+    ]
+    for operation in report["operations"]:
+        lines += ["", f"## {operation['title']}", ""]
+        if operation["rows"]:
+            lines += ["| task | by | CPU time | ours over this | peak memory |", "|---|---|---|---|---|"]
+        lines += [
+            f"| {row['what']} | {row['who']} | {_seconds(row['cpu_s'])} | {_number(row['ours_over_this'])} "
+            f"| {_number(row['peak_bytes'], 1e6, ' MB')} |"
+            for row in operation["rows"]
+        ]
+        if operation["skipped"]:
+            lines += ["", f"Skipped: {'; '.join(operation['skipped'])}."]
+    return "\n".join(lines) + "\n"
+
+
+def _seconds(value: float | None) -> str:
+    return _number(value, 1e-3, " ms") if value is None or value < 1 else _number(value, 1, " s")
+
+
+def _number(value: float | None, unit: float = 1.0, name: str = "") -> str:
+    return "" if value is None else f"{value / unit:.3g}{name}" if value / unit < 1000 else f"{value / unit:.0f}{name}"
+
+
+def main(words: Sequence[str]) -> None:
+    parser = argparse.ArgumentParser("python -m tests.benchmarks", description=__doc__)
+    parser.add_argument("--json", type=Path, required=True, metavar="FILE")
+    parser.add_argument("--page", type=Path, metavar="FILE")
+    parser.add_argument("--only", nargs="+", choices=OPERATIONS, default=list(OPERATIONS), metavar="NAME")
+    parser.add_argument("--quick", action="store_true", help="smallest sizes, one turn: whether it works")
+    parser.add_argument("--long", action="store_true", help="also what takes many minutes")
+    given = parser.parse_args(words)
+    os.environ.setdefault(VARIABLE, ALWAYS)  # as in a process that has worked for a while
+    report: dict[str, Any] = {
+        "commit": commit(),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": machine(),
+        "command": shlex.join(["python", "-m", "tests.benchmarks", *words]),
+        "versions": {"Python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "operations": [],
+    }
+    for name in given.only:
+        print(name, file=sys.stderr)
+        table = Table(given.quick, given.long)
+        OPERATIONS[name](table)
+        report["operations"].append(
+            {"name": name, "title": (OPERATIONS[name].__doc__ or name).strip(" .\n")} | table.as_dict()
+        )
+        given.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")  # after each: a long run may be stopped
+        if given.page:
+            given.page.write_text(page(report), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,138 @@
+"""Work outside this process: packages in environments of their own, children and their memory, and the C compiler."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.compiled import VARIABLE, WHEN_WORTH
+
+PEERS = Path(__file__).parent / "peers"
+
+
+class MissingError(Exception):
+    """What is beside this package cannot be had on this machine; says what and why."""
+
+
+class Seconds(float):
+    """CPU time that work elsewhere says it took [s]."""
+
+
+def folder(package: str) -> Path:
+    """Where the environment of a package is kept."""
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(cache) / "aacmm_pin" / "peers" / package
+
+
+def is_installed(package: str) -> bool:
+    return (folder(package) / "installed").exists()
+
+
+def install(package: str) -> None:
+    """Make the environment of a package from PyPI, once.
+
+    Raises:
+        MissingError: it cannot be installed.
+    """
+    if is_installed(package):
+        return
+    python = folder(package) / "bin" / "python"
+    for command in (
+        [sys.executable, "-m", "venv", "--clear", str(folder(package))],
+        [str(python), "-m", "pip", "install", "--quiet", package],
+    ):
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode:
+            last = (done.stderr or done.stdout).strip().splitlines()[-1:]
+            raise MissingError(f"{package} cannot be installed: {' '.join(last)}")
+    (folder(package) / "installed").touch()
+
+
+def ask(package: str, script: str, urdf: str, *options: str, **arrays: NDArray[np.float64]) -> dict[str, Any]:
+    """What a script in ``peers/`` reports of a problem: arrays, and the nominal arm as URDF text."""
+    with tempfile.TemporaryDirectory() as problem:
+        data, arm = Path(problem) / "problem.npz", Path(problem) / "arm.urdf"
+        np.savez(data, **arrays)  # type: ignore[arg-type]
+        arm.write_text(urdf, encoding="utf-8")
+        command = [folder(package) / "bin" / "python", "-I", PEERS / script, data, arm, *options]
+        environment = os.environ | {"OMP_NUM_THREADS": "1"}
+        done = subprocess.run(command, capture_output=True, text=True, cwd=problem, env=environment)
+    if done.returncode:
+        raise RuntimeError(f"{script} with {package}: {done.stderr}")
+    report: dict[str, Any] = json.loads(done.stdout)
+    return report
+
+
+def child(*words: str) -> Seconds:
+    """CPU time of ``python WORDS`` with all that it starts, which loads compiled loops when they are worth it [s]."""
+    environment = os.environ | {VARIABLE: WHEN_WORTH}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, env=environment)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode:
+        raise RuntimeError(f"python {' '.join(words)}: {done.stderr}")
+    return Seconds(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+
+
+def peak_memory(code: str) -> int:
+    """The most that a Python process of its own had at once, doing ``code`` [byte].
+
+    From /proc, for the maximum that ``getrusage`` reports holds that of the process that started it too.
+
+    Raises:
+        MissingError: no /proc on this system.
+    """
+    if not Path("/proc/self/status").exists():
+        raise MissingError("no /proc here that tells the memory of a process")
+    code += "\nprint(*(row for row in open('/proc/self/status') if row.startswith('VmHWM')))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    return 1024 * int(done.stdout.split()[-2])
+
+
+class PlainC:
+    """The loops of ``peers/kernels.c`` for an arm in standard DH, compiled on the spot.
+
+    Raises:
+        MissingError: no C compiler.
+    """
+
+    def __init__(self, rows: NDArray[np.float64]) -> None:
+        self.rows = np.ascontiguousarray(rows)
+        if (compiler := shutil.which("gcc") or shutil.which("cc")) is None:
+            raise MissingError("no C compiler (gcc or cc)")
+        with tempfile.TemporaryDirectory() as built:
+            library = Path(built) / "kernels.so"
+            source = PEERS / "kernels.c"
+            subprocess.run([compiler, "-O2", "-shared", "-fPIC", str(source), "-o", str(library), "-lm"], check=True)
+            self.library = ctypes.CDLL(str(library))
+
+    def _call(self, name: str, *arguments: int | NDArray[np.float64]) -> None:
+        function: Callable[..., Any] = self.library[name]
+        function(*(ctypes.c_long(a) if isinstance(a, int) else ctypes.c_void_p(a.ctypes.data) for a in arguments))
+
+    def sensitivities(self, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Position (n, 3) [m] and sensitivity (n, 3, 4 rows)."""
+        n, rows = len(q), len(self.rows)
+        position, columns = np.empty((n, 3)), np.empty((n, 3, 4 * rows))
+        self._call("sensitivities", n, rows, self.rows, np.ascontiguousarray(q), position, columns)
+        return position, columns
+
+    def volumes(self, generators: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Volumes (n,) [m³] of zonotopes."""
+        volume = np.empty(len(generators))
+        self._call("volumes", len(generators), generators.shape[2], np.ascontiguousarray(generators), volume)
+        return volume

@@ -1,0 +1,319 @@
+"""The operations that are measured, each beside its peers in turns.
+
+An operation fills a :class:`Table`. Numbers are compared before they are timed: who is wrong is no peer.
+"""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pinocchio as pin
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy import workspace, zonotope
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.calibration import calibrate
+from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.effects import EncoderEccentricity
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+from tests.benchmarks.environments import MissingError, PlainC, Seconds, ask, child, install, peak_memory
+
+OURS = "aacmm_pin"
+NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
+COORDINATE_NOISE = 1e-5
+"""Standard deviation of every coordinate that the peers calibrate with [m]."""
+GEOMETRY_ERRORS = np.array([2e-4, 2e-4, 5e-4, 5e-4])
+"""Standard deviations of the errors of a, d, alpha, theta_offset [m, m, rad, rad]."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way to do one thing: median CPU time, ours over it, or a peak of memory."""
+
+    what: str
+    who: str
+    cpu_s: float | None = None
+    ours_over_this: float | None = None
+    peak_bytes: int | None = None
+
+
+@dataclass
+class Table:
+    """What one operation measured; ``quick`` is the smallest size and one turn, ``long`` takes many minutes."""
+
+    quick: bool
+    long: bool
+    rows: list[Row] = field(default_factory=list)
+    skipped: list[str] = field(default_factory=list)
+
+    def sizes(self, *sizes: int) -> tuple[int, ...]:
+        return sizes[:1] if self.quick else sizes
+
+    def beside(self, what: str, ways: dict[str, Callable[[], object]], turns: int = 5) -> None:
+        """Time ways in turns, ours first, so that other work on the machine meets all alike."""
+        seconds: dict[str, list[float]] = {who: [] for who in ways}
+        for _ in range(1 if self.quick else turns):
+            for who, work in ways.items():
+                start = time.process_time()
+                done = work()
+                seconds[who].append(done if isinstance(done, Seconds) else time.process_time() - start)
+        median = {who: statistics.median(taken) for who, taken in seconds.items()}
+        ours = next(iter(median.values()))
+        self.rows += [Row(what, who, s, ours / s if s else None) for who, s in median.items()]
+
+    def memory(self, what: str, code: str) -> None:
+        with self.without():
+            self.rows.append(Row(what, OURS, peak_bytes=peak_memory(code)))
+
+    def without(self) -> Any:
+        """Goes on where something cannot be had, and says so in the table."""
+        return _Without(self)
+
+    def as_dict(self) -> dict[str, Any]:
+        return {"rows": [asdict(row) for row in self.rows], "skipped": self.skipped}
+
+
+class _Without(suppress):
+    def __init__(self, table: Table) -> None:
+        super().__init__(MissingError)
+        self.table = table
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
+        if isinstance(error, MissingError) and str(error) not in self.table.skipped:
+            self.table.skipped.append(str(error))
+        return bool(super().__exit__(kind, error, trace))
+
+
+def _configurations(n: int, arm: Arm) -> Array:
+    return np.random.default_rng(20190427).uniform(*arm.limits.T, (n, arm.model.nq))
+
+
+def pinocchio_loop(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """Position (n, 3) and kinematic regressor (n, 3, 36) of every configuration, in a loop as plain as can be."""
+    model, data, frame = arm.model, arm.model.createData(), arm.model.getFrameId("tip")
+    positions, regressors = np.empty((len(q), 3)), np.empty((len(q), 6, 36))
+    for k in range(len(q)):
+        pin.forwardKinematics(model, data, q[k])
+        positions[k] = pin.updateFramePlacement(model, data, frame).translation
+        regressors[k] = pin.computeFrameKinematicRegressor(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+    return positions, regressors[:, :3]
+
+
+def sensitivities(table: Table) -> None:
+    """Tip positions and their 24 sensitivities."""
+    arm = Arm.load("sino6")
+    dh = arm.require_dh("")
+    for n in table.sizes(100, 1000, 10_000, 100_000, 1_000_000):
+        q = _configurations(n, arm)
+        position, columns = dh.position_and_sensitivity(q)
+        ways: dict[str, Callable[[], object]] = {OURS: lambda q=q: dh.position_and_sensitivity(q)}
+        with table.without():
+            c = PlainC(dh.values())
+            for mine, theirs in zip((position, columns), c.sensitivities(q), strict=True):
+                np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-12)
+            ways["loop in C, -O2"] = lambda q=q, c=c: c.sensitivities(q)
+        if n <= 100_000:
+            loop_positions, regressors = pinocchio_loop(arm, q[:200])
+            np.testing.assert_allclose(position[:200], loop_positions, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(arm.poses(q[:200]).placement_sensitivity, regressors, rtol=0, atol=1e-12)
+            ways["loop over Pinocchio"] = lambda q=q: pinocchio_loop(arm, q)
+        table.beside(f"{n} configurations", ways)
+
+
+def positions(table: Table) -> None:
+    """Tip positions alone."""
+    file = load_arm_file("sino6")
+    arm, urdf = Arm.from_file(file), urdf_text(file)
+    for n in table.sizes(100, 1000, 10_000):
+        q = _configurations(n, arm)
+        mine = file.dh.positions(q)
+        ways: dict[str, Callable[[], object]] = {OURS: lambda q=q: file.dh.positions(q)}
+        for package in ("pybotics", "ikpy"):
+
+            def by_peer(package: str = package, q: Array = q, mine: Array = mine) -> Seconds:
+                report = ask(package, "forward_kinematics.py", urdf, package, q=q, rows=file.dh.values())
+                np.testing.assert_allclose(report["positions"], mine, rtol=0, atol=1e-9)
+                return Seconds(report["seconds"])
+
+            with table.without():
+                install(package)
+                ways[package] = by_peer
+        table.beside(f"{n} configurations", ways, turns=3)
+
+
+def volumes(table: Table) -> None:
+    """Sensitivities and the volumes of their zonotopes."""
+    arm = Arm.load("sino6")
+    dh, widths = arm.require_dh(""), np.array([p.half_width for p in arm.parameters])
+    for n in table.sizes(100, 1000, 10_000, 100_000):
+        q = _configurations(n, arm)
+        ours: Callable[[], Array] = lambda q=q: zonotope.volume(dh.sensitivity(q) * widths)  # noqa: E731
+        ways: dict[str, Callable[[], object]] = {OURS: ours}
+        with table.without():
+            c = PlainC(dh.values())
+            in_c: Callable[[], Array] = lambda q=q, c=c: c.volumes(c.sensitivities(q)[1] * widths)  # noqa: E731
+            np.testing.assert_allclose(ours(), in_c(), rtol=1e-12)
+            ways["loop in C, -O2"] = in_c
+        table.beside(f"{n} configurations", ways)
+
+
+def map_cells(table: Table) -> None:
+    """The map of the workspace, beside the sensitivities and volumes of its configurations."""
+    arm = Arm.load("sino6")
+    cells = 8 if table.quick else 48
+    seen: list[tuple[Array, Array]] = []
+
+    def recorded(model: Arm, q: Array, **options: Any) -> Any:
+        result = accuracy_volume(model, q, **options)
+        seen.append((np.array(q), result.volume))
+        return result
+
+    accuracy_volume = workspace.accuracy_volume
+
+    def whole(workers: int = 1, cells: int = cells) -> object:
+        return workspace.map_workspace(arm, (cells, cells), 12, workers=workers, progress=False)
+
+    with patch.object(workspace, "accuracy_volume", recorded):
+        whole()
+    q = np.concatenate([q for q, _ in seen])
+    ways: dict[str, Callable[[], object]] = {OURS: whole}
+    with table.without():
+        rows = arm.require_dh("").values()[:5]  # to the wrist, the map's working point
+        c, widths = PlainC(rows), np.array([p.half_width for p in arm.parameters])[:20]
+        in_c: Callable[[], Array] = lambda: c.volumes(c.sensitivities(q[:, :5])[1] * widths)  # noqa: E731
+        np.testing.assert_allclose(in_c(), np.concatenate([v for _, v in seen]), rtol=1e-9)
+        ways[f"its {len(q)} configurations in C, -O2"] = in_c
+    table.beside(f"{cells} × {cells} cells × 12 sectors", ways, turns=3)
+    if table.long:
+        table.beside(
+            "96 × 96 cells × 12 sectors, time on the clock",
+            {f"{OURS}, {n} processes": lambda n=n: _on_the_clock(lambda: whole(n, 96)) for n in (2, 1)},
+            turns=3,
+        )
+
+
+def _on_the_clock(work: Callable[[], object]) -> Seconds:
+    start = time.perf_counter()
+    work()
+    return Seconds(time.perf_counter() - start)
+
+
+def calibration(table: Table) -> None:
+    """Calibration of 100 records, 27 parameters."""
+    file, rng, n = load_arm_file("sino6"), np.random.default_rng(3), 100
+    arm, dh = Arm.from_file(file), file.dh
+    q = rng.uniform(*file.limits.T, (n, len(file.limits)))
+    a, d, alpha, theta = (rng.normal(size=(dh.rows, 4)) * GEOMETRY_ERRORS).T
+    real = replace(dh, a=dh.a + a, d=dh.d + d, alpha=dh.alpha + alpha, theta_offset=dh.theta_offset + theta)
+    tips = real.positions(q) + rng.normal(size=(n, 3)) * COORDINATE_NOISE
+    records, urdf = Measurements.of(q, reference=tips), urdf_text(file)
+    plain: dict[str, Any] = {"reference_noise": COORDINATE_NOISE, "prior": False, "robust": False, "hold_out": False}
+
+    def ours() -> Any:
+        """As the peers do it; 24 DH values and the 6 of an unknown frame, of which 27 combinations can be told."""
+        return calibrate(arm, records, "geometry", reference_frame="external", **plain)
+
+    assert ours().rms < 2 * COORDINATE_NOISE  # of coordinates, or of distances, which is √3 times as much
+    ways: dict[str, Callable[[], object]] = {OURS: ours}
+    for package in ("robotkinecal", "figaroh"):
+
+        def by_peer(package: str = package) -> Seconds:
+            report = ask(package, f"solve_with_{package}.py", urdf, "--repeats", "1", q=q, positions=tips)
+            assert report["rms_before_m"] > 10 * COORDINATE_NOISE  # otherwise there was nothing to calibrate
+            assert report["rms_after_m"] < 1.1 * COORDINATE_NOISE
+            return Seconds(report["seconds"])
+
+        with table.without():
+            install(package)
+            ways[package] = by_peer
+    table.beside(f"{n} records", ways)
+
+
+def measured(records: int) -> tuple[Arm, Measurements]:
+    """Free points of SINO6 with an eccentric encoder."""
+    arm = Arm.load("sino6")
+    hidden = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(1e-4, 0.0)),))
+    return arm, simulate_measurements(hidden, "free", records, rng=np.random.default_rng(1))
+
+
+def diagnosis(table: Table) -> None:
+    """Diagnosis, beside the calibration of the same file."""
+    for n in (60,) if table.quick else (300, 3000, 12_000):
+        arm, data = measured(n)
+        ways: dict[str, Callable[[], object]] = {
+            f"{OURS} {work.__name__}": lambda work=work, arm=arm, data=data: work(arm, data, **NOISE, progress=False)
+            for work in (diagnose, calibrate)
+        }
+        table.beside(f"{n} records", ways, turns=3)
+        code = f"from tests.benchmarks.operations import *\ndiagnose(*measured({n}), **NOISE, progress=False)"
+        table.memory(f"diagnosis of {n} records", code)
+
+
+def volume_of_work(table: Table) -> None:
+    """Long files and many configurations; measured with --long."""
+    records, configurations = (200_000, 10_000_000) if table.long else (200, 1000)
+    if not (table.long or table.quick):
+        table.skipped.append("takes many minutes: only with --long")
+        return
+    arm, data = measured(records)
+    work = "from tests.benchmarks.operations import *\n"
+    table.beside(f"calibration of {records} records", {OURS: lambda: calibrate(arm, data, **NOISE, progress=False)}, turns=1)
+    table.memory(f"calibration of {records} records", f"{work}calibrate(*measured({records}), **NOISE, progress=False)")
+    code = (
+        f"{work}from aacmm_pin.accuracy.volume import accuracy_volume\narm = Arm.load('sino6')\n"
+        f"accuracy_volume(arm, np.random.default_rng(1).uniform(*arm.limits.T, ({configurations}, 6)))"
+    )
+    table.memory(f"accuracy_volume of {configurations} configurations", code)
+
+
+def start_up(table: Table) -> None:
+    """Start of a command, beside the imports that it cannot do without."""
+    shell = ("-m", "aacmm_pin.cli")
+    point = ("accuracy", "sino6", "--point", "33.6323", "-671.8702", "182.9355")
+    for what, words, imports in (("--help", ("--help",), "typer"), ("accuracy", point, "pinocchio, scipy.spatial")):
+        ways: dict[str, Callable[[], object]] = {
+            f"aacmm-pin {what}": lambda words=words: child(*shell, *words),
+            f"python -c 'import {imports}'": lambda imports=imports: child("-c", f"import {imports}"),
+        }
+        for work in ways.values():
+            work()  # bytecode is there
+        table.beside(what, ways)
+
+
+def demo(table: Table) -> None:
+    """The demo, from the start of its process to the page."""
+    cells = ("4", "4") if table.quick else ("48", "48")
+
+    def once() -> Seconds:
+        with tempfile.TemporaryDirectory() as out:
+            seconds = child("-m", "aacmm_pin.cli", "demo", "-o", out, "--cells", *cells, "--force")
+            assert list(Path(out).glob("*.html"))
+        return seconds
+
+    table.beside(f"{' × '.join(cells)} cells", {OURS: once}, turns=3)
+
+
+OPERATIONS: dict[str, Callable[[Table], None]] = {
+    "sensitivities": sensitivities,
+    "positions": positions,
+    "volumes": volumes,
+    "map": map_cells,
+    "calibration": calibration,
+    "diagnosis": diagnosis,
+    "long-files": volume_of_work,
+    "start-up": start_up,
+    "demo": demo,
+}
