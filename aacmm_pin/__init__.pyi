@@ -12,6 +12,7 @@ from .effects import Effect
 from .effects.conditions import Conditions
 from .effects.error_model import ErrorModel
 from .errors import AacmmError
+from .measurements.noise import Noise
 from .measurements.records import Measurements
 from .measurements.simulate import simulate_measurements
 from .planning import MeasurementPlan, plan_measurements
@@ -37,6 +38,7 @@ __all__ = [
     "LengthUncertainty",
     "MeasurementPlan",
     "Measurements",
+    "Noise",
     "Parameter",
     "Poses",
     "ReachingPostures",

@@ -96,8 +96,9 @@ class State:
         return ("mm", MM) if self.arm.chain.prismatic[self.joint(row)] else ("°", DEG)
 
     def in_axes_of(self, place: int, vectors: Array) -> Array:
-        """Vectors of the base (n, 3) as components along the axes of ``place`` (n, 3)."""
-        return np.asarray(np.einsum("nji,nj->ni", self.rotation[place], vectors))
+        """Vectors of the base (n, 3), or one (3,), as components along the axes of ``place`` (n, 3)."""
+        turned = self.rotation[place]
+        return np.asarray(np.einsum("nji,nj->ni", turned, np.broadcast_to(vectors, turned.shape[:2])))
 
     def span(self, row: int) -> Array:
         """From ``axis`` to ``end`` of body ``row``, in the base (n, 3) [m]; for standard DH d and a of the row."""
