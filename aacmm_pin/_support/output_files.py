@@ -55,6 +55,8 @@ class OutputFiles:
         self._streams: list[tuple[Path, Path]] = []  # temporary file, and the pipe or device it is written to
         self._folders: dict[Path, Path] = {}  # hidden folder by the folder that receives its files
         self._last: Path | None = None
+        self.written: list[str] = []
+        """The regular files, as they were named."""
 
     def check(self, *paths: str | Path) -> None:
         """Look, before long work begins, whether files can be written.
@@ -104,6 +106,7 @@ class OutputFiles:
                 self._streams.append((temporary, target))
             else:
                 temporary = self._files[target] = self._hidden_in(target.parent) / target.name
+                self.written.append(str(path))
         return temporary
 
     def folder(self, path: str | Path) -> Path:

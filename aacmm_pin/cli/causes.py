@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from typing import Annotated
 
 import pandas as pd
@@ -23,7 +24,7 @@ def run(name: Annotated[str | None, typer.Argument(metavar="NAME", help="One of 
     chosen = list(CAUSES.values()) if name is None else [cause_named(name)]
     terminal.show(Document("Causes", [Table(pd.DataFrame([_row(cause) for cause in chosen]))]))
     if name is not None:
-        say(inspect.getdoc(chosen[0]) or "")
+        say(re.sub(r":\w+:`~?([^`]*)`|``", r"\1", inspect.getdoc(chosen[0]) or ""))
 
 
 def _row(cause: type[Effect]) -> dict[str, str]:

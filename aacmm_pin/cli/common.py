@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
+from types import TracebackType
 from typing import Annotated, Any, ClassVar, get_type_hints
 
 import typer
@@ -107,6 +108,12 @@ class Results(OutputFiles):
         self.check(*[path for path in (*paths, plot, json_) if path is not None])
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}")
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Put the files in their places, and say which."""
+        super().__exit__(kind, error, trace)
+        if kind is None and self.written:
+            note(f"written: {', '.join(self.written)}")
 
     def text(self, text: str, path: str | Path | None) -> None:
         """Write ``text`` to a file, or print it where ``path`` is None."""

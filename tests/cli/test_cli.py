@@ -36,7 +36,7 @@ def test_help_lists_the_commands_that_work_and_no_others() -> None:
 
 def test_urdf_is_the_kept_one(tmp_path: Path) -> None:
     target, kept = tmp_path / "sino6.urdf", Path(__file__).parents[2] / "urdf" / "sino6.urdf"
-    assert done("urdf", "sino6", "-o", target) == ("", "")
+    assert done("urdf", "sino6", "-o", target) == ("", f"written: {target}\n")
     assert target.read_bytes() == kept.read_bytes()
     assert done("urdf", "sino6")[0] == kept.read_text(encoding="utf-8")
 
