@@ -1,7 +1,8 @@
 """A scene as HTML: a whole page, or a part of another page.
 
 meshcat's viewer is one script of 0.85 MB. A whole page has it inside. A page with several scenes has it once, as text that
-does nothing (:func:`shared_script`); each scene is an inner frame that receives the text when it is scrolled into sight.
+does nothing (:func:`shared_script`); each scene is an inner frame that receives the text when it is scrolled into sight, or
+soon after the page has been read.
 """
 
 from __future__ import annotations

@@ -1,7 +1,10 @@
-// Fills the inner frames of scenes, each when it comes near the part of the page that is seen, all before a print.
+// Fills the inner frames of scenes: each when it comes near the part of the page that is seen, the others when all is quiet,
+// so that they are there on paper and in pictures of the whole page.
 "use strict";
 (() => {
+  const QUIET = 500; // milliseconds from one scene to the next
   const fill = (frame) => {
+    if (frame.srcdoc) return;
     const page = JSON.parse(frame.nextElementSibling.textContent);
     const viewer = document.getElementById("aacmm-viewer").textContent;
     frame.srcdoc = page.replace("<!-- viewer -->", () => `<script>${viewer}</` + "script>");
@@ -15,12 +18,10 @@
         }
       }
     }, { rootMargin: "400px" });
-    const frames = document.querySelectorAll("iframe.aacmm-scene");
+    const frames = [...document.querySelectorAll("iframe.aacmm-scene")];
     frames.forEach((frame) => near.observe(frame));
-    window.addEventListener("beforeprint", () => {
-      near.disconnect();
-      frames.forEach((frame) => frame.srcdoc || fill(frame));
-    });
+    window.addEventListener("load", () => frames.forEach((frame, k) => setTimeout(() => fill(frame), QUIET * (k + 1))));
+    window.addEventListener("beforeprint", () => frames.forEach(fill));
   };
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);
   else start();
