@@ -1,6 +1,6 @@
 """The figures of ISO 10360-12 and ASME B89.4.22, from touches.
 
-The standards' own texts rule; the definitions here are those of public descriptions of them. Each evaluation gets the
+The standards' own texts rule; the definitions here were not compared with them. Each evaluation gets the
 touches of one test, see :func:`aacmm_pin.verification.touches.read_touches`; a value needs all of them.
 """
 
