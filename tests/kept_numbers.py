@@ -25,7 +25,7 @@ import xarray as xr
 from tqdm import tqdm
 from typer.testing import CliRunner
 
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 
 NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
 AT_SEATS = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.01 --probe-noise-mm 0.005"

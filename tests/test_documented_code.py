@@ -35,7 +35,7 @@ import pytest
 from markdown_it import MarkdownIt
 from typer.testing import CliRunner
 
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import CAUSES
 
 ROOT = Path(__file__).parents[1]

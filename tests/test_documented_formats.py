@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import aacmm_pin
 from aacmm_pin.arm import file as arm_file
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import CAUSES
 from aacmm_pin.measurements import csv_columns as measurement_columns
 from aacmm_pin.verification.touches import ACCEPTANCE

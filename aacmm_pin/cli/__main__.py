@@ -28,7 +28,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) != signal.SIG_IGN:  # as nohup wants it, and shells for jobs in the background
             signal.signal(number, _end)
-    from aacmm_pin.cli.shell import app
+    from aacmm_pin.cli.root_command import app
 
     app()
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from typer.testing import CliRunner
 
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 
 POINT = ["--point", "33.6323", "-671.8702", "182.9355"]
 NOISE = ["--encoder-noise-rad", "8e-6"]

@@ -15,7 +15,7 @@ import pytest
 from shell import POINT, done, refused, run
 
 from aacmm_pin._support.text_escaping import printable
-from aacmm_pin.cli.shell import Stopped
+from aacmm_pin.cli.root_command import Stopped
 
 
 def started(*words: str, **named: Any) -> subprocess.Popen[bytes]:

@@ -20,7 +20,7 @@ def loaded(code: str) -> set[str]:
 
 def command(*words: str) -> str:
     """The code that runs a command."""
-    return f"from aacmm_pin.cli.shell import app\napp({words!r})"
+    return f"from aacmm_pin.cli.root_command import app\napp({words!r})"
 
 
 @pytest.mark.parametrize(

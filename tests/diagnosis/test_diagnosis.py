@@ -12,7 +12,7 @@ import pytest
 from blind import Draw, draw
 from typer.testing import CliRunner
 
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 
 NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
 LIMIT = 3.3

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.effects import EncoderGain, JointCompliance, JointHysteresis

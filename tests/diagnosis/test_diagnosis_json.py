@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis.result import SETTLED
 from aacmm_pin.effects import CAUSES
 

@@ -19,8 +19,8 @@ from typer.testing import CliRunner
 
 from aacmm_pin import Arm, Diagnosis, ErrorModel, Measurements, calibrate, diagnose, plan_measurements, simulate_measurements
 from aacmm_pin._support.workers import results
-from aacmm_pin.cli import shell
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli import root_command
+from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import (
     CAUSES,
     Displacement,
@@ -58,7 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def hose(folder: Path) -> Iterator[Any]:
     """The class, as a program has it that imports the file; known as long as this file's tests run."""
     before = dict(CAUSES)
-    yield shell._import(str(folder / "hose.py")).HosePull
+    yield root_command._import(str(folder / "hose.py")).HosePull
     CAUSES.clear()
     CAUSES.update(before)
 
@@ -139,7 +139,7 @@ def test_the_shell_knows_it_by_a_plugin(folder: Path, monkeypatch: pytest.Monkey
 
 
 def test_worker_processes_know_it(folder: Path) -> None:
-    hose = shell._import(str(folder / "hose.py")).HosePull  # which the module of that name has, whatever was imported before
+    hose = root_command._import(str(folder / "hose.py")).HosePull
     with results(repr, [hose(1), hose(2)], 2) as found:
         assert dict(found) == {0: repr(hose(1)), 1: repr(hose(2))}
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, OddGroup, diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
 from aacmm_pin.effects import Effect, EncoderEccentricity, EncoderGain, JointCompliance, JointZeroOffset, StylusOffset

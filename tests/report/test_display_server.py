@@ -18,7 +18,7 @@ from meshcat.geometry import Box
 from typer.testing import CliRunner
 
 from aacmm_pin import Arm
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Scene, Server

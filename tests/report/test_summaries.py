@@ -14,7 +14,7 @@ from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
 from aacmm_pin.accuracy.volume import accuracy_volume, circle_accuracy
 from aacmm_pin.accuracy.workspace import map_workspace
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import BaseCompliance, EncoderGain, ThermalExpansion
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import ShapeError

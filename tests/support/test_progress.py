@@ -130,7 +130,7 @@ def test_a_command_at_a_terminal(tmp_path: Path, sino6: Arm) -> None:
     import sys
     from aacmm_pin._support import progress
     progress.DELAY = 0.0
-    from aacmm_pin.cli.shell import app
+    from aacmm_pin.cli.root_command import app
     sys.argv = ["aacmm-pin", "calibrate", "sino6", {str(tmp_path / "d.csv")!r}, "--encoder-noise-rad", "8e-6", "--json", "-"]
     app()
     """

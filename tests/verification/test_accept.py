@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from aacmm_pin import Arm, ErrorModel, accept, simulate_measurements
 from aacmm_pin._support.checks import Array
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.noise import Noise

@@ -59,7 +59,7 @@ def _restructured(*lines: str) -> str:
 
 def commands() -> str:
     """What typer itself writes about the command, without the title; the list of commands with their whole sentences."""
-    words = [sys.executable, "-m", "typer", "aacmm_pin.cli.shell", "utils", "docs", "--name", "aacmm-pin"]
+    words = [sys.executable, "-m", "typer", "aacmm_pin.cli.root_command", "utils", "docs", "--name", "aacmm-pin"]
     text = subprocess.run(words, capture_output=True, text=True, check=True).stdout.partition("\n")[2]
     sentences = dict(re.findall(r"^## `aacmm-pin (\S+)`\n\n(.+)$", text, re.MULTILINE))
     return re.sub(r"^\* `(\w+)`: .+$", lambda line: f"* `{line[1]}`: {sentences[line[1]]}", text, flags=re.MULTILINE)

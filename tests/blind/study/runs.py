@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from typer.testing import CliRunner
 
-from aacmm_pin.cli.shell import app
+from aacmm_pin.cli.root_command import app
 from blind.oracle import ALIKE, Oracle
 from blind.regimes import RegimeFile, regime_file
 from blind.study.outcomes import key_of
