@@ -40,7 +40,9 @@ state the very same angles. A tip moves by about a millimetre over such a step, 
 """
 
 EXACT = 1e-6
-"""What is nearer to a whole number of micrometres, or half of one, is it [µm]: a double at 100 m has 1e-8."""
+"""What is nearer to a whole number, or half of one, is it: in micrometres, a double at 100 m has 1e-8."""
+ROUNDED_TO = (1e-3, 1e-4, 1e-5, 1e-6)
+"""What angles of another export may be rounded to, the coarsest first [degree]."""
 
 
 class Bar(NamedTuple):
@@ -189,15 +191,21 @@ class Measurements(Shown):
         """Number of the first record (n,) that each says the same as; its own where it is the first.
 
         Copies agree in every column, to the last digit, but for ``time_s``, ``record``, ``operator``, unknown columns, and
-        for a reference that one of them states rounded to a micrometre: no second measurement does, while a file that was
-        appended to itself, or to another export of the same measurement, does.
+        for a reference that one of them states rounded to a micrometre, or angles that it states rounded to 1e-3 to 1e-6
+        degrees: no second measurement does, while a file that was appended to itself, or to another export of the same
+        measurement, does.
         """
-        if np.unique(self.q[:, 0]).size == self.n or not pd.DataFrame(self.q).duplicated().any():
+        nearest = scipy.spatial.KDTree(self.q).query(self.q, 2, p=np.inf, distance_upper_bound=DEG * ROUNDED_TO[0])[0][:, 1]
+        if not np.isfinite(nearest).any():
             return np.arange(self.n)
         table = self.to_frame().drop(columns=["time_s", "record", "operator", *self.extra.columns], errors="ignore")
         same = _numbered(table)
         if self.known.any():
             same = _joined(same, _numbered(table.drop(columns=list(names.REFERENCE))), self.reference / UM)
+        others = table.drop(columns=named(names.THETA["deg"], self.nq))
+        but_for_angles = _numbered(others.assign(alone=np.where(np.isfinite(nearest), -1, np.arange(self.n))))
+        for step in ROUNDED_TO:
+            same = _joined(same, but_for_angles, self.q / DEG / step)
         _, first, number = np.unique(same, return_index=True, return_inverse=True)
         return np.asarray(first[number], dtype=np.intp)
 
@@ -306,19 +314,19 @@ def _numbered(table: pd.DataFrame) -> Index:
     return np.asarray(table.groupby(list(table.columns), sort=False, dropna=False).ngroup(), dtype=np.intp)
 
 
-def _joined(same: Index, but_for_reference: Index, micrometres: Array) -> Index:
-    """The numbers ``same`` (n,), those of references (n, 3) [µm] as of the whole numbers that they are rounded to.
+def _joined(same: Index, but_for_these: Index, values: Array) -> Index:
+    """The numbers ``same`` (n,), those of rows of values (n, k) as of the rows of whole numbers that they are rounded to.
 
-    Half a micrometre is rounded up by some programs, to the even number or down by others.
+    A half is rounded up by some programs, to the even number or down by others.
     """
-    whole = (np.abs(micrometres - np.rint(micrometres)) < EXACT).all(axis=1)
-    rounded = {(but_for_reference[k], *np.rint(micrometres[k])): same[k] for k in np.flatnonzero(whole)}
-    others = np.bincount(but_for_reference)[but_for_reference] > 1
+    whole = (np.abs(values - np.rint(values)) < EXACT).all(axis=1)
+    rounded = {(but_for_these[k], *np.rint(values[k])): same[k] for k in np.flatnonzero(whole)}
+    others = np.bincount(but_for_these)[but_for_these] > 1
     joined: dict[int, int] = {}
-    for k in np.flatnonzero(~whole & others & np.isfinite(micrometres).all(axis=1)):
-        for near in product(*(sorted({math.floor(m + 0.5 - EXACT), math.floor(m + 0.5 + EXACT)}) for m in micrometres[k])):
-            if (but_for_reference[k], *near) in rounded:
-                joined[same[k]] = rounded[but_for_reference[k], *near]
+    for k in np.flatnonzero(~whole & others & np.isfinite(values).all(axis=1) & bool(rounded)):
+        for near in product(*(sorted({math.floor(m + 0.5 - EXACT), math.floor(m + 0.5 + EXACT)}) for m in values[k])):
+            if (but_for_these[k], *near) in rounded:
+                joined[same[k]] = rounded[but_for_these[k], *near]
     return np.array([joined.get(number, number) for number in same], dtype=np.intp)
 
 

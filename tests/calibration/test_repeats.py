@@ -32,8 +32,9 @@ def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Gene
     once, twice = (calibrate(sino6, several(table, k), progress=False) for k in (1, 2))
     assert not any("copies" in note for note in once.notes)
     (note,) = (note for note in twice.notes if "copies" in note)
-    exports = pd.concat([table, table.round({"x_mm": 3, "y_mm": 3, "z_mm": 3})], ignore_index=True)
-    assert Measurements.from_frame(exports).copies().tolist() == [*range(60), *range(60)]
+    for rounded in (("x_mm", "y_mm", "z_mm"), [f"theta{i}_deg" for i in range(1, 7)]):
+        exports = pd.concat([table, table.round(dict.fromkeys(rounded, 3))], ignore_index=True)
+        assert Measurements.from_frame(exports).copies().tolist() == [*range(60), *range(60)]
     assert "60 records" in note
     assert "rows 62 to 121" in note
     pd.testing.assert_frame_equal(once.parameters, twice.parameters)
