@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -182,8 +182,8 @@ class Measurements(Shown):
     def take(self, rows: Index | slice | NDArray[np.bool_] | Sequence[int]) -> Measurements:
         """Some of the records; seats and bars may lose what made them useful, which only reading a file checks."""
         index = np.arange(self.n)[rows]
-        arrays: dict[str, Any] = {name: value[index] for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        arrays.pop("postures", None)
+        stated = {field.name: getattr(self, field.name) for field in fields(self)}  # not what was worked out from it
+        arrays: dict[str, Any] = {name: value[index] for name, value in stated.items() if isinstance(value, np.ndarray)}
         extra = self.extra.iloc[index].reset_index(drop=True)
         return replace(self, conditions=self.conditions.take(index), extra=extra, **arrays)
 
@@ -195,19 +195,25 @@ class Measurements(Shown):
         degrees: no second measurement does, while a file that was appended to itself, or to another export of the same
         measurement, does.
         """
-        nearest = scipy.spatial.KDTree(self.q).query(self.q, 2, p=np.inf, distance_upper_bound=DEG * ROUNDED_TO[0])[0][:, 1]
-        if not np.isfinite(nearest).any():
+        alone = self._nearest > DEG * ROUNDED_TO[0]
+        if alone.all():
             return np.arange(self.n)
         table = self.to_frame().drop(columns=["time_s", "record", "operator", *self.extra.columns], errors="ignore")
         same = _numbered(table)
         if self.known.any():
             same = _joined(same, _numbered(table.drop(columns=list(names.REFERENCE))), self.reference / UM)
         others = table.drop(columns=named(names.THETA["deg"], self.nq))
-        but_for_angles = _numbered(others.assign(alone=np.where(np.isfinite(nearest), -1, np.arange(self.n))))
+        but_for_angles = _numbered(others.assign(alone=np.where(alone, np.arange(self.n), -1)))
         for step in ROUNDED_TO:
             same = _joined(same, but_for_angles, self.q / DEG / step)
         _, first, number = np.unique(same, return_index=True, return_inverse=True)
         return np.asarray(first[number], dtype=np.intp)
+
+    @cached_property
+    def _nearest(self) -> Array:
+        """Largest difference of each record's readings from those of the record nearest to it (n,), infinite where far."""
+        tree = scipy.spatial.KDTree(self.q)
+        return np.asarray(tree.query(self.q, 2, p=np.inf, distance_upper_bound=2.0 * REPEATED)[0][:, 1])
 
     @cached_property
     def postures(self) -> Index:
@@ -216,10 +222,9 @@ class Measurements(Shown):
         A record within :data:`REPEATED` of a posture's first record repeats it.
         """
         tree = scipy.spatial.KDTree(self.q)
-        nearest = tree.query(self.q, 2, p=np.inf, distance_upper_bound=2.0 * REPEATED)[0][:, 1]
         found = np.full(self.n, -1, dtype=np.intp)
         number = 0
-        for k, alone in enumerate((nearest > REPEATED).tolist()):
+        for k, alone in enumerate((self._nearest > REPEATED).tolist()):
             if found[k] < 0:
                 near = np.array([k]) if alone else np.asarray(tree.query_ball_point(self.q[k], REPEATED, p=np.inf))
                 found[near[found[near] < 0]] = number
