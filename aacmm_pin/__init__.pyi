@@ -7,19 +7,26 @@ from .arm.arm import Arm
 from .arm.parameter import Parameter
 from .arm.poses import Poses
 from .calibration import Calibration, calibrate
+from .calibration.random_arm import perturbed_model
 from .diagnosis import Diagnosis, diagnose
 from .effects import Effect
 from .effects.conditions import Conditions
 from .effects.error_model import ErrorModel
 from .errors import AacmmError
-from .measurements.noise import Noise
 from .measurements.records import Measurements
 from .measurements.simulate import simulate_measurements
-from .planning import MeasurementPlan, plan_measurements
+from .planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_measurements
 from .postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
 from .postures.curve_sampling import Flexibility
 from .postures.general_ik import ReachingPostures, reaching_postures
-from .verification import AcceptanceResult, accept
+from .verification import (
+    AcceptanceResult,
+    PredictedAcceptance,
+    Procedure,
+    accept,
+    acceptance_procedure,
+    predict_acceptance,
+)
 
 __version__: str
 
@@ -29,6 +36,7 @@ __all__ = [
     "AccuracyVolume",
     "Arm",
     "Calibration",
+    "CalibrationPlan",
     "Conditions",
     "ConfigurationCircle",
     "Diagnosis",
@@ -38,13 +46,15 @@ __all__ = [
     "LengthUncertainty",
     "MeasurementPlan",
     "Measurements",
-    "Noise",
     "Parameter",
     "Poses",
+    "PredictedAcceptance",
+    "Procedure",
     "ReachingPostures",
     "SinglePoint",
     "WorkspaceMap",
     "accept",
+    "acceptance_procedure",
     "accuracy_volume",
     "calibrate",
     "circle_accuracy",
@@ -55,7 +65,10 @@ __all__ = [
     "diagnose",
     "length_uncertainty",
     "map_workspace",
+    "perturbed_model",
+    "plan_calibration",
     "plan_measurements",
+    "predict_acceptance",
     "reaching_postures",
     "simulate_measurements",
     "single_point_statistics",

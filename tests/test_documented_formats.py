@@ -22,7 +22,7 @@ from aacmm_pin.verification.touches import ACCEPTANCE
 
 PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
-NAMED = ("inner", "parameters", "acts_on", "working_sectors")
+NAMED = ("inner", "parameters", "acts_on", "working_sectors", "alone_mm")
 """Objects whose keys are names or numbers that vary."""
 NOT_OF_A_COMMAND = ("aacmm-pin/arm/1",)
 
@@ -59,6 +59,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     table.to_csv(external, index=False)
     touches = str(folder / "touches.csv")
     table.assign(test="single-point", position=[str(k % 3) for k in range(60)]).to_csv(touches, index=False)
+    procedure = str(folder / "procedure.csv")
+    run(f"plan sino6 --for acceptance --standard asme-b89.4.22 -o {procedure}")
     noise = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
     found: dict[str, set[str]] = {}
     for command in (
@@ -73,6 +75,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         f"plan sino6 --split encoder_eccentricity:2 joint_compliance:2 --data {data} --records 4 --postures 30",
         "plan sino6 --records 4 --postures 30",
         f"accept {touches} --mpe SPAT.Max=0.1",
+        "plan sino6 --for calibration --records 12 --postures 30",
+        f"accept sino6 {procedure} --predict --runs 20 --mpe SPAT.Max=0.1 --encoder-noise-rad 8e-6",
     ):
         content = json.loads(run(f"{command} --json -"))
         found.setdefault(content["schema"], set()).update(keys(content))
@@ -91,7 +95,10 @@ def test_every_schema_has_a_section() -> None:
     assert {f"`{schema}`" for schema in schemas} <= set(SECTIONS), "explain its keys in notebooks/site/formats.md"
 
 
-@pytest.mark.parametrize("schema", ["accuracy", "map", "calibration", "diagnosis", "plan", "acceptance"])
+SCHEMAS = "accuracy map calibration diagnosis plan calibration-plan acceptance acceptance-prediction"
+
+
+@pytest.mark.parametrize("schema", SCHEMAS.split())
 def test_json_keys_are_those_that_are_written(schema: str, written: dict[str, set[str]]) -> None:
     name = f"aacmm-pin/{schema}/1"
     explained, came = documented(f"`{name}`"), written[name]
@@ -115,7 +122,8 @@ def arrived(key: str, came: set[str]) -> bool:
 
 
 def fields_of(model: type[BaseModel], at: str = "") -> Iterator[str]:
-    parts = {"joints": arm_file.Row, "uncertainty": arm_file.Uncertainty, "stylus": arm_file.Stylus}
+    joint = arm_file.Row if model is arm_file.ArmFile else arm_file.UrdfJoint
+    parts = {"joints": joint, "urdf": arm_file.Urdf, "uncertainty": arm_file.Uncertainty, "stylus": arm_file.Stylus}
     parts |= {"effects": arm_file.EffectEntry, "covariance": arm_file.Covariance}
     for name, field in model.model_fields.items():
         key = f"{at}{field.alias or name}"
@@ -129,6 +137,9 @@ def fields_of(model: type[BaseModel], at: str = "") -> Iterator[str]:
 
 def test_keys_of_the_arm_file() -> None:
     assert set(documented("Arm file (TOML)")) - {"effects[].joint"} == set(fields_of(arm_file.ArmFile))
+    both = set(fields_of(arm_file.ArmFile)) & set(fields_of(arm_file.UrdfArmFile))
+    both -= {key for key in both if key.startswith("joints")}
+    assert set(documented("Of a URDF")) == set(fields_of(arm_file.UrdfArmFile)) - both
 
 
 def test_columns_of_what_commands_write(tmp_path: Path) -> None:
@@ -152,7 +163,8 @@ def test_columns_of_what_commands_write(tmp_path: Path) -> None:
 
 def test_columns_of_the_acceptance_file() -> None:
     names = {key.removesuffix(" …") for key in documented("Acceptance file (CSV)")}
-    assert names == {*ACCEPTANCE, *measurement_columns.REFERENCE, "theta1_deg"}
+    planned = {"articulation", "planned_x_mm", "planned_theta1_deg"}
+    assert names - planned == {*ACCEPTANCE, *measurement_columns.REFERENCE, "theta1_deg"}
 
 
 def test_columns_of_the_measurement_file() -> None:

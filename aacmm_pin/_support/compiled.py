@@ -1,9 +1,9 @@
 """Functions in NumPy with a twin in plain loops, which numba compiles where that is worth its time.
 
-Loading numba and a compiled loop takes about half a second, compiling it for the first time one or two more: far longer
-than small work takes in NumPy. So the loops are loaded when the NumPy functions have worked for ``WORTH_SECONDS`` in this
-process, which costs at most twice what knowing beforehand would. Twins give the same numbers to the last bit, so that no
-result depends on the moment; a :class:`Loop` without one is chosen by the size of its task.
+Loading numba and a compiled loop takes about a second, compiling it for the first time one to five more: far longer than
+small work takes in NumPy. So twins are loaded when the NumPy functions have worked for ``WORTH_SECONDS`` in this process,
+which costs at most twice what knowing beforehand would. Twins give the same numbers to the last bit, so that no result
+depends on the moment; a :class:`Loop` without one is chosen by the size of its task.
 Where numba is not installed, or does not work with the NumPy there is, NumPy does it all.
 """
 
@@ -13,14 +13,14 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from types import FunctionType
 from typing import Any
 
 from aacmm_pin.errors import UnknownNameError
 
 WORTH_SECONDS = 4.0
-"""CPU time in NumPy after which the loops are loaded [s]: about what compiling them all for the first time takes."""
+"""CPU time in NumPy after which the loops are loaded [s]: about what loading numba and compiling all twins takes."""
 VARIABLE, ALWAYS, NEVER, WHEN_WORTH = "AACMM_PIN_COMPILED", "always", "never", "auto"
 
 _spent = 0.0
@@ -60,15 +60,23 @@ class Loop:
             import numba
         except ImportError:  # also where it is too old or too new for this NumPy
             return None
-        names = dict(self.loop.__globals__)
-        for helper in self.helpers:
-            names[helper.__name__] = numba.njit(nogil=True)(FunctionType(helper.__code__, names))
-        loop = FunctionType(self.loop.__code__, names) if self.helpers else self.loop
-        compile_ = partial(numba.njit, self.signature, nogil=True)
+        loop = FunctionType(self.loop.__code__, _names(self.helpers)) if self.helpers else self.loop
+        compile_ = partial(numba.njit, self.signature, nogil=True, error_model="numpy")
         try:
             return compile_(cache=True)(loop)
         except Exception:  # no folder to keep it in, a full disk, a file that cannot be read back: numba has no class for it
             return compile_()(loop)
+
+
+@cache
+def _names(helpers: tuple[Callable[..., Any], ...]) -> dict[str, Any]:
+    """The names of the helpers' module, with the helpers as numba compiles them: once for all loops that call them."""
+    import numba
+
+    names = dict(helpers[0].__globals__)
+    for helper in helpers:
+        names[helper.__name__] = numba.njit(nogil=True, error_model="numpy")(FunctionType(helper.__code__, names))
+    return names
 
 
 @dataclass(frozen=True)

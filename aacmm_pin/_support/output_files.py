@@ -7,6 +7,7 @@ next one that writes beside them; a mark in them says that they are ours.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -17,12 +18,12 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Self
 
-from aacmm_pin._support.text_escaping import encodable
+from aacmm_pin._support.text_escaping import encodable, note
 from aacmm_pin.errors import OutputError
 
 HIDDEN = ".aacmm-pin-"
@@ -52,6 +53,7 @@ class OutputFiles:
         self._stack = ExitStack()
         self._hidden: dict[Path, Path] = {}  # the hidden folder in each folder that is written to
         self._files: dict[Path, Path] = {}  # temporary file by the regular file that it becomes
+        self._instead_of: dict[Path, bytes] = {}  # what a file held from which the one in its place was made
         self._streams: list[tuple[Path, Path]] = []  # temporary file, and the pipe or device it is written to
         self._folders: dict[Path, Path] = {}  # hidden folder by the folder that receives its files
         self._last: Path | None = None
@@ -70,7 +72,7 @@ class OutputFiles:
             if targets.count(target) > 1:
                 raise _asked_twice(path)
 
-    def _target(self, path: str | Path) -> Path:
+    def _target(self, path: str | Path, replaces: bool = False) -> Path:
         """The regular file that is meant, links followed; a pipe or device as it was named."""
         path = Path(path)
         with _told(path):
@@ -82,7 +84,7 @@ class OutputFiles:
                 raise OutputError(f"{path}: is not a regular file and is left as it is")
             if path.exists() and any(os.path.exists(read) and os.path.samefile(path, read) for read in self._inputs):
                 raise OutputError(f"{path}: is read by this command and is left as it is; expected another name")
-            if path.exists() and not self._force:
+            if path.exists() and not (self._force or replaces):
                 raise OutputError(f"{path}: exists already; --force replaces it")
             target = Path(os.path.realpath(path))
             if target.is_symlink():
@@ -90,13 +92,15 @@ class OutputFiles:
             _check_folder(path, target.parent)
             return target
 
-    def file(self, path: str | Path) -> Path:
-        """A temporary name to write to what shall stand in ``path``.
+    def file(self, path: str | Path, instead_of: bytes | None = None) -> Path:
+        """A temporary name to write to what shall stand in ``path``, in the place of a file with the content ``instead_of``.
 
         Raises:
             OutputError: see :meth:`check`; or ``path`` was given before.
         """
-        target = self._target(path)
+        target = self._target(path, replaces=instead_of is not None)
+        if instead_of is not None:
+            self._instead_of[target] = instead_of
         self._last = Path(path)
         if target in self._files:
             raise _asked_twice(path)
@@ -161,7 +165,8 @@ class OutputFiles:
                     self._files |= {target / entry.name: entry for entry in sorted(inner.iterdir())}
                 for target, temporary in self._files.items():
                     self._last = target
-                    self._place(temporary, target, undo)
+                    with _alone_in(target.parent) if target in self._instead_of else nullcontext():
+                        self._place(temporary, target, undo)
             for temporary, target in self._streams:  # these may wait for a reader, who may be interrupted
                 self._last = target
                 _pass_on(temporary, target)
@@ -169,7 +174,9 @@ class OutputFiles:
 
     def _place(self, temporary: Path, target: Path, undo: ExitStack) -> None:
         """Put one file in its place; ``undo`` learns how to go back."""
-        if not self._force:
+        if target in self._instead_of and (not target.exists() or target.read_bytes() != self._instead_of[target]):
+            raise OutputError(f"{target}: another process wrote it meanwhile, and it is left as it is; try again")
+        if not self._force and target not in self._instead_of:
             _move_where_nothing_is(temporary, target)
             undo.callback(target.unlink)
             return
@@ -233,6 +240,17 @@ def _check_folder(path: Path, folder: Path) -> None:
         raise OutputError(f"{path}: the folder {folder} does not exist")
     if not os.access(folder, os.W_OK):
         raise OutputError(f"{path}: the folder {folder} cannot be written to")
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """While no other process is in here: what a file holds is compared and replaced in one piece."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager
@@ -307,5 +325,13 @@ def _pass_on(temporary: Path, target: Path) -> None:
             sys.stdout.write(temporary.read_text(encoding="utf-8"))
         sys.stdout.flush()
         return
-    with open(temporary, "rb") as source, open(target, "wb", buffering=0) as sink:
+    try:
+        stream = os.open(target, os.O_WRONLY | os.O_NONBLOCK)
+        os.set_blocking(stream, True)
+    except OSError as error:
+        if error.errno != errno.ENXIO or not target.is_fifo():
+            raise
+        note(f"note: {target} is a pipe that nothing reads; waiting for a reader")
+        stream = os.open(target, os.O_WRONLY)
+    with open(temporary, "rb") as source, open(stream, "wb", buffering=0) as sink:
         shutil.copyfileobj(source, sink)

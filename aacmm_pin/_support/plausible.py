@@ -21,8 +21,10 @@ SMALLEST_ARM = 1e-6
 """An arm whose lengths add up to less has none [m]."""
 LARGEST_ANGLE = 1e4 * 2.0 * math.pi
 """Largest angle, to either side [rad]: an encoder counts a few turns, a wide limit stands for none."""
-MOST_TYPICAL = 1e5
-"""Parameters of causes are at most so many times as large as usual on a measuring arm."""
+MOST_TYPICAL = 1e3
+"""Parameters of causes are at most so many times as large as usual on a measuring arm: an encoder's gain within ±10 %."""
+LEAST_KNOWN = 1e5
+"""Their standard uncertainty is at most so many times that: a fit may hardly know one."""
 LATEST = 1e12
 """Largest time, to either side [s]; in seconds since 1970 it is the year 33 000."""
 COLDEST, HOTTEST = -100.0, 200.0
@@ -96,6 +98,7 @@ COUNTS = {
     "records of a plan": (10_000, 1e3),
     "seats": (20_000, 2e5),
     "sectors": (2_500, 1.5e6),
+    "virtual runs": (100_000, 5e3),
 }
 """Largest number of each thing that can be asked for, and the memory that one takes [bytes], measured with SINO6.
 
@@ -103,7 +106,8 @@ Plans alone are limited by time: each record takes a third of a second.
 """
 
 
-def _text(value: str) -> str:
+def without_nul(value: str) -> str:
+    """The text, refused where it has a character NUL."""
     if "\0" in value:
         raise ValueError(f"has the character NUL at place {value.index(chr(0)) + 1}, expected text without it")
     return value
@@ -126,7 +130,7 @@ Acceleration = Annotated[FiniteFloat, Field(ge=-100.0, le=100.0)]
 """A component of the acceleration of gravity [m/s²]."""
 TemperatureC = Annotated[FiniteFloat, Field(ge=COLDEST, le=HOTTEST)]
 """[°C]."""
-Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_text)]
+Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(without_nul)]
 """Of an arm, a seat, a target or a cause."""
-Text = Annotated[str, Field(max_length=10_000), AfterValidator(_text)]
+Text = Annotated[str, Field(max_length=10_000), AfterValidator(without_nul)]
 """What stands in a file for people."""

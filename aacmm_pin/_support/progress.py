@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from tqdm.auto import tqdm
+from tqdm import TqdmExperimentalWarning
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", TqdmExperimentalWarning)  # of a notebook; tqdm.auto does the same, but loads asyncio
+    from tqdm.autonotebook import tqdm
 
 T = TypeVar("T")
 Progress = bool | Callable[[Iterable[Any]], Iterable[Any]] | None

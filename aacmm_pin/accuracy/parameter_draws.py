@@ -125,7 +125,7 @@ def exact_volume(
         corners = exact_positions(sources, q[k : k + 1], record, _corners(sources, bounds[k], rng, draws))
         volume[k] = scipy.spatial.ConvexHull(corners).volume
         error[k] = volume[k] - scipy.spatial.ConvexHull(corners[: draws // 2]).volume
-        covariance[k] = np.cov(exact_positions(sources, q[k : k + 1], record, _errors(sources, rng, draws)).T)
+        covariance[k] = np.cov(exact_positions(sources, q[k : k + 1], record, source_errors(sources, rng, draws)).T)
     return volume, covariance, error
 
 
@@ -143,7 +143,7 @@ def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator,
     return errors
 
 
-def _errors(sources: ErrorSources, rng: np.random.Generator, m: int) -> Array:
+def source_errors(sources: ErrorSources, rng: np.random.Generator, m: int) -> Array:
     """Draws (m, p) of all sources: rectangular where u is that of the bounds, half-width/√3, else normal, jointly where
     they are correlated (JCGM 101:2008, 6.4).
     """

@@ -32,7 +32,7 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import WRIST
 from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, spread_angles, wrist_curves, wrist_system
+from aacmm_pin.postures.wrist_ik import WRIST_ROW, Wrist, reach_of_wrist, spread_angles, wrist_curves, wrist_system
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -218,7 +218,7 @@ class _Job:
 
 def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
-    dh = arm.require_dh("a map of the workspace")
+    dh = arm.require_dh("a map of the workspace", WRIST_ROW)
     wrist = Wrist.of(dh)
     known = wrist_curves(wrist, job.points, SEEDS_PER_TURN)
     components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, known.curves, wrist)
@@ -258,7 +258,7 @@ def _smallest(groups: Index, values: Array) -> Index:
 
 
 def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
-    dh = arm.require_dh("a map of the workspace")
+    dh = arm.require_dh("a map of the workspace", WRIST_ROW)
     wrist = Wrist.of(dh)
     if extent is None:
         farthest = reach_of_wrist(wrist, Swivel(dh, arm.up).shoulder)[1]
@@ -286,7 +286,7 @@ def _probe(model: Arm | ErrorModel, conditions: Conditions | None, method: Metho
 
 def _question(arm: Arm, probe: AccuracyVolume, box: Array, cells: tuple[int, int], sectors: int) -> dict[str, Any]:
     """All that the numbers of a map depend on; causes, uncertainties and conditions by what they do to some postures."""
-    dh = arm.require_dh("a map of the workspace")
+    dh = arm.require_dh("a map of the workspace", WRIST_ROW)
     return {
         "version": version("aacmm-pin"),
         "arm": arm.name,

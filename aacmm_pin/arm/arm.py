@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,13 +15,13 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, batch, unit_vector
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.plausible import MOST_JOINTS
+from aacmm_pin._support.units import MM
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.arm.file import ArmFile, Covariance, calibrated, load_arm_file
+from aacmm_pin.arm.file import ArmFile, Covariance, Urdf, UrdfArmFile, UrdfJoint, calibrated, read_arm_file
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.arm.urdf import urdf_text
-from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError, UnsupportedArmError
 
 if TYPE_CHECKING:
     from aacmm_pin.arm.poses import Poses
@@ -41,8 +42,9 @@ class Arm(Shown):
         stylus_axis: direction of the stylus in the tip frame (3,), or None.
         source: where the numbers come from.
         reference_temperature: temperature for which the numbers hold [°C].
-        file: the arm file it came from, or None.
+        file: the arm file it came from, or could be saved as.
         covariance: what a calibration knows of parameters together, or None.
+        nominal: of an arm that came as URDF, the Pinocchio model before any correction of its placements; else None.
     """
 
     name: str
@@ -55,8 +57,9 @@ class Arm(Shown):
     stylus_axis: Array | None = None
     source: str = ""
     reference_temperature: float = 20.0
-    file: ArmFile | None = None
+    file: ArmFile | UrdfArmFile | None = None
     covariance: Covariance | None = None
+    nominal: Any = None
 
     def __repr__(self) -> str:
         table = "no DH table" if self.dh is None else f"{self.dh.rows} {self.dh.convention} rows"
@@ -72,13 +75,25 @@ class Arm(Shown):
         """A bundled arm by name (``sino6``, ``zero6``) or an arm file by path.
 
         Raises:
-            UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.load_arm_file`.
+            UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.read_arm_file` and :meth:`from_file`.
         """
-        return Arm.from_file(load_arm_file(name_or_path))
+        return Arm.from_file(read_arm_file(name_or_path), str(name_or_path))
 
     @staticmethod
-    def from_file(arm: ArmFile) -> Arm:
-        """The arm of a validated arm file: DH table to URDF to Pinocchio."""
+    def from_file(arm: ArmFile | UrdfArmFile, path: str = "") -> Arm:
+        """The arm of a validated arm file: its URDF, or its DH table as one, by Pinocchio.
+
+        Args:
+            arm: the file.
+            path: what errors call it.
+
+        Raises:
+            ArmFileError: the URDF that it names is missing, was changed, or has other joints.
+        """
+        if isinstance(arm, UrdfArmFile):
+            return _of_urdf_file(arm, path or arm.name)
+        from aacmm_pin.arm.urdf import urdf_text
+
         model = pin.buildModelFromXML(urdf_text(arm))
         model.gravity.linear = np.array(arm.gravity_m_s2)
         axis = None if arm.stylus is None else unit_vector(arm.stylus.axis, "the axis of the stylus")
@@ -119,20 +134,15 @@ class Arm(Shown):
             UnsupportedArmError: a joint takes more than one number (planar, floating).
             UnknownNameError: no such frame; lists the frames.
         """
-        from aacmm_pin.arm.urdf_check import read_urdf
-
-        text = read_urdf(path)
-        try:
-            model = pin.buildModelFromXML(text)
-        except (ValueError, RuntimeError) as error:
-            raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
-        return Arm.from_model(
+        model, sha256 = _read_model(path)
+        arm = Arm.from_model(
             model,
             frame,
             source=str(path),
             translation_half_width=translation_half_width,
             rotation_half_width=rotation_half_width,
         )
+        return replace(arm, file=_with_urdf(arm.urdf_file, file=os.path.abspath(path), sha256=sha256))
 
     @staticmethod
     def from_model(
@@ -151,28 +161,61 @@ class Arm(Shown):
         plausible.SHIFT_HALF_WIDTH.check(translation_half_width, "translation_half_width")
         plausible.TURN_HALF_WIDTH.check(rotation_half_width, "rotation_half_width")
         model = _serial_part(model, frame)
-        return Arm(
+        # Not validated: a name that no arm file could have matters when one is written.
+        file = UrdfArmFile.model_construct(
+            schema_="aacmm-pin/arm/1",
             name=model.name,
-            model=model,
-            tip=frame,
-            limits=np.column_stack([model.lowerPositionLimit, model.upperPositionLimit]),
-            parameters=_placement_parameters(model, translation_half_width, rotation_half_width),
             source=source,
+            gravity_m_s2=tuple(model.gravity.linear.tolist()),
+            urdf=Urdf.model_construct(
+                file="",
+                frame=frame,
+                translation_half_width_mm=translation_half_width / MM,
+                rotation_half_width_rad=rotation_half_width,
+            ),
+            joints=[UrdfJoint.model_construct(name=name) for name in model.names[1:]],
         )
+        return _corrected(model, file)
 
-    def with_placements(self, steps: Array, covariance: Covariance | None) -> Arm:
+    @property
+    def urdf_file(self) -> UrdfArmFile:
+        """The arm file of an arm that came as URDF; its path is empty for one that came as a Pinocchio model.
+
+        Raises:
+            UnsupportedArmError: the arm has a DH table.
+        """
+        if not isinstance(self.file, UrdfArmFile):
+            raise UnsupportedArmError(f"{self.name}: has a DH table; expected an arm that came as URDF")
+        return self.file
+
+    def with_placements(self, steps: Array, covariance: Covariance | None, *, exact: bool = False) -> Arm:
         """An arm that came as URDF, every joint placement moved by a twist in its own axes.
 
         Args:
             steps: shifts, then turns (nq, 6) [m, rad].
             covariance: what is known of the placements now.
+            exact: state no half-widths any more.
         """
         steps = batch(steps, 6, "steps", "m, rad")
-        model = self.model.copy()
-        for joint, step in enumerate(steps, start=1):
-            rotation, shift = (part[0] for part in chain.exp(step[None]))
-            model.jointPlacements[joint] = model.jointPlacements[joint] * pin.SE3(rotation, shift)
-        return replace(self, model=model, parameters=calibrated(self.parameters, covariance), covariance=covariance)
+        joints = []
+        for joint, before, step in zip(self.urdf_file.joints, self.urdf_file.corrections, steps, strict=True):
+            total = step if not before.any() else pin.log6(_motion(before) * _motion(step)).vector
+            moved = {"shift_mm": tuple((total[:3] / MM).tolist()), "turn_rad": tuple(total[3:].tolist())}
+            joints.append(joint.model_copy(update=moved))
+        file = self.urdf_file.model_copy(update={"joints": joints, "covariance": covariance})
+        if exact:
+            file = _with_urdf(file, translation_half_width_mm=0.0, rotation_half_width_rad=0.0)
+        return _corrected(self.nominal, file)
+
+    def with_encoder_noise(self, noise: Array) -> Arm:
+        """The arm with this standard uncertainty of one reading of each joint (nq,) [rad], in its file too."""
+        if self.file is None:
+            return replace(self, encoder_noise=noise)
+        of_joint, rows = iter(noise.tolist()), []
+        for row in self.file.joints:
+            moves = not getattr(row, "fixed", False)
+            rows.append(row.model_copy(update={"encoder_noise_rad": next(of_joint)}) if moves else row)
+        return replace(self, encoder_noise=noise, file=self.file.model_copy(update={"joints": rows}))
 
     @property
     def nq(self) -> int:
@@ -200,14 +243,19 @@ class Arm(Shown):
         length = float(np.linalg.norm(self.gravity))
         return -self.gravity / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
-    def require_dh(self, purpose: str) -> DHTable:
-        """The DH table.
+    def require_dh(self, purpose: str, joints: int = 0) -> DHTable:
+        """The DH table, whose first rows, so many, have ``joints``.
 
         Raises:
-            UnsupportedArmError: the arm has none.
+            UnsupportedArmError: the arm has none, or one of these rows is not there or rigid.
         """
         if self.dh is None:
             raise UnsupportedArmError(f"{self.name}: {purpose} needs a DH table; this arm came as URDF alone")
+        if self.dh.rows < joints or not self.dh.moving[:joints].all():
+            raise UnsupportedArmError(
+                f"{self.name}: {purpose} needs joints in the first {joints} DH rows; this arm has {self.nq} joints in "
+                f"{self.dh.rows} rows"
+            )
         return self.dh
 
     @cached_property
@@ -339,6 +387,69 @@ class Arm(Shown):
         _frame_number(self.model, at)
         number = at.removeprefix("frame")
         return int(number) if number.isdigit() else None
+
+
+def _read_model(path: str | Path) -> tuple[Any, str]:
+    """The Pinocchio model of a URDF file, and the SHA-256 of the file."""
+    from aacmm_pin.arm.urdf_check import read_urdf
+
+    text, sha256 = read_urdf(path)
+    try:
+        return pin.buildModelFromXML(text), sha256
+    except (ValueError, RuntimeError) as error:
+        raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
+
+
+def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
+    """The arm of a file that names a URDF; ``path`` is what errors call the file."""
+    urdf = file.urdf
+    if not Path(urdf.file).is_file():
+        raise ArmFileError(path, "urdf.file", f"{urdf.file}: no such file; expected the URDF, by its path from {path}")
+    model, sha256 = _read_model(urdf.file)
+    if urdf.sha256 not in (None, sha256):
+        expected = f"expected the one that {file.name} was made from, of SHA-256 {urdf.sha256}"
+        raise ArmFileError(path, "urdf.sha256", f"{urdf.file} was changed: it has {sha256}, {expected}")
+    try:
+        nominal = _serial_part(model, urdf.frame)
+    except (UnknownNameError, UnsupportedArmError) as error:
+        raise ArmFileError(path, "urdf.frame", str(error)) from None
+    names = list(nominal.names[1:])
+    joints = file.joints or [UrdfJoint.model_construct(name=name) for name in names]
+    if [joint.name for joint in joints] != names:
+        stated = ", ".join(joint.name for joint in joints)
+        raise ArmFileError(path, "joints", f"are {stated}, expected those that move {urdf.frame!r}: {', '.join(names)}")
+    return _corrected(nominal, file.model_copy(update={"joints": joints}))
+
+
+def _corrected(nominal: Any, file: UrdfArmFile) -> Arm:
+    """The arm of a file, with its placements moved from where ``nominal`` has them."""
+    model = nominal.copy()
+    for joint, step in enumerate(file.corrections, start=1):
+        model.jointPlacements[joint] = nominal.jointPlacements[joint] * _motion(step)
+    model.gravity.linear = np.array(file.gravity_m_s2)
+    widths = file.urdf.translation_half_width_mm * MM, file.urdf.rotation_half_width_rad
+    return Arm(
+        name=file.name,
+        model=model,
+        tip=file.urdf.frame,
+        limits=np.column_stack([model.lowerPositionLimit, model.upperPositionLimit]),
+        parameters=calibrated(_placement_parameters(model, *widths), file.covariance),
+        encoder_noise=file.encoder_noise,
+        stylus_axis=None if file.stylus is None else unit_vector(file.stylus.axis, "the axis of the stylus"),
+        source=file.source,
+        reference_temperature=file.reference_temperature_c,
+        file=file,
+        covariance=file.covariance,
+        nominal=nominal,
+    )
+
+
+def _motion(twist: Array) -> Any:
+    return pin.SE3(chain.exp(twist[None])[0])
+
+
+def _with_urdf(of: UrdfArmFile, **changed: Any) -> UrdfArmFile:
+    return of.model_copy(update={"urdf": of.urdf.model_copy(update=changed)})
 
 
 def require_arm(given: object, name: str = "arm") -> Arm:

@@ -130,64 +130,59 @@ class Chain:
             rotation (places, n, 3, 3) and origin (places, n, 3) [m], in the base.
         """
         n = len(q)
-        rotation, origin = np.empty((self.places, n, 3, 3)), np.empty((self.places, n, 3))
-        turned, where = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
-        cosine, sine = np.cos(q), np.sin(q)
+        frames = np.empty((self.places, 4, 3, n))  # x, y, z and origin, components, and the records last: see dh
+        before, angles = np.zeros((4, 3, n)), q.T
+        before[:3] = np.eye(3)[:, :, None]
+        cosine, sine = np.cos(angles), _both_signs(np.sin(angles))
         constants, left = self._with_constant(twists or {})
         for place, (constant, joint) in enumerate(zip(constants, self.joint.tolist(), strict=True)):
-            where = where + turned @ constant[:3, 3]
-            turned = (np.ascontiguousarray(turned).reshape(-1, 3) @ constant[:3, :3]).reshape(n, 3, 3)
+            here = frames[place]
+            np.matmul(constant.T, before.reshape(4, -1), out=here.reshape(4, -1))
             if joint >= 0 and self.prismatic[joint]:
-                where = where + q[:, joint, None] * turned[:, :, 2]
+                here[3] += angles[joint] * here[2]
             elif joint >= 0:
-                turned = _about_z(turned, cosine[:, joint, None], sine[:, joint, None])
+                _about_z(here, cosine[joint], sine[joint])
             if place in left and not left[place][:, :5].any():  # as an encoder's error: a third of the work
-                turn = left[place][:, 5:]
-                turned = _about_z(turned, np.cos(turn), np.sin(turn))
+                turn = left[place][:, 5]
+                _about_z(here, np.cos(turn), _both_signs(np.sin(turn)))
             elif place in left:
-                step, shift = exp(left[place])
-                where = where + (turned @ shift[:, :, None])[:, :, 0]
-                turned = turned @ step
-            rotation[place], origin[place] = turned, where
-        return rotation, origin
+                here[:] = np.einsum("nij,icn->jcn", np.broadcast_to(exp(left[place]), (n, 4, 4)), here)
+            before = here
+        return frames[:, :3].transpose(0, 3, 2, 1), frames[:, 3].transpose(0, 2, 1)
 
     def _with_constant(self, twists: Mapping[int, Array]) -> tuple[Array, Mapping[int, Array]]:
         """The constant transforms with those displacements that are the same in every record, and the others.
 
         Behind a joint only a screw about its own z can change places with the joint's motion.
         """
-        same = [
-            place
-            for place, twist in twists.items()
-            if len(twist) == 1 and (self.joint[place] < 0 or not twist[0, [0, 1, 3, 4]].any())
-        ]
-        if not same:
+        places = np.array([place for place, twist in twists.items() if len(twist) == 1], dtype=np.intp)
+        if not places.size:
             return self.constant, twists
-        steps = np.tile(np.eye(4), (len(same), 1, 1))
-        steps[:, :3, :3], steps[:, :3, 3] = exp(np.concatenate([twists[place] for place in same]))
-        constants = self.constant.copy()
-        constants[same] = constants[same] @ steps
-        return constants, {place: twist for place, twist in twists.items() if place not in same}
+        same = np.concatenate([twists[place] for place in places.tolist()])
+        before_joint = (self.joint[places] < 0) | ~same[:, [0, 1, 3, 4]].any(axis=1)
+        places, constants = places[before_joint], self.constant.copy()
+        constants[places] = constants[places] @ exp(same[before_joint])
+        return constants, {place: twist for place, twist in twists.items() if place not in places}
 
 
-def exp(twist: Array) -> tuple[Array, Array]:
-    """Rigid motions of twists (n, 6), v then ω: rotations (n, 3, 3) by Rodrigues' formula, and shifts (n, 3).
+def exp(twist: Array) -> Array:
+    """Rigid motions (n, 4, 4) [m] of twists (n, 6), v then ω [m, rad], by Rodrigues' formula.
 
-    ``R = I + A [ω] + B [ω]²``, ``t = v + B ω × v + C ω × (ω × v)`` with A = sin φ/φ, B = (1 - cos φ)/φ²,
-    C = (φ - sin φ)/φ³, φ = |ω| (Murray, Li, Sastry 1994, eqs. 2.14, 2.36).
+    ``I + A M + B M²`` with M = [[ω], v; 0, 0], and ``C ω (ω · v)`` added to its shift; A = sin φ/φ, B = (1 - cos φ)/φ²,
+    C = (φ - sin φ)/φ³, φ = |ω| (Murray, Li, Sastry 1994, eqs. 2.14, 2.36, with [ω]² = ω ωᵀ - φ² I).
     """
     v, w = twist[:, :3], twist[:, 3:]
-    squared = np.einsum("ni,ni->n", w, w)
+    squared = np.einsum("ni,ni->n", w, w)[:, None, None]
     small = squared < 1e-6
     phi = np.sqrt(np.where(small, 1.0, squared))
     a = np.where(small, 1.0 - squared / 6.0, np.sin(phi) / phi)
     b = np.where(small, 0.5 - squared / 24.0, (1.0 - np.cos(phi)) / phi**2)
     c = np.where(small, 1.0 / 6.0 - squared / 120.0, (phi - np.sin(phi)) / phi**3)
-    cross = skew(w)
-    square = cross @ cross
-    rotation = np.eye(3) + a[:, None, None] * cross + b[:, None, None] * square
-    shift = v + b[:, None] * (cross @ v[:, :, None])[:, :, 0] + c[:, None] * (square @ v[:, :, None])[:, :, 0]
-    return rotation, shift
+    matrix = np.zeros((len(twist), 4, 4))
+    matrix[:, :3, :3], matrix[:, :3, 3] = skew(w), v
+    motion = np.eye(4) + a * matrix + b * (matrix @ matrix)
+    motion[:, :3, 3] += c[:, 0] * w * np.einsum("ni,ni->n", w, v)[:, None]
+    return np.asarray(motion)
 
 
 def skew(w: Array) -> Array:
@@ -197,13 +192,16 @@ def skew(w: Array) -> Array:
     return cross - cross.transpose(0, 2, 1)
 
 
-def _about_z(turned: Array, cosine: Array, sine: Array) -> Array:
-    """Frames (n, 3, 3) turned about their own z."""
-    result = np.empty_like(turned)
-    result[:, :, 0] = cosine * turned[:, :, 0] + sine * turned[:, :, 1]
-    result[:, :, 1] = cosine * turned[:, :, 1] - sine * turned[:, :, 0]
-    result[:, :, 2] = turned[:, :, 2]
-    return result
+def _about_z(frames: Array, cosine: Array, sine: Array) -> None:
+    """Frames (x, y, z …; components; n) turned in place about their own z; ``sine`` as :func:`_both_signs` gives it."""
+    turned = frames[1::-1] * sine
+    frames[:2] *= cosine
+    frames[:2] += turned
+
+
+def _both_signs(sine: Array) -> Array:
+    """Sines (…, n) as x and as y need them (…, 2, 1, n)."""
+    return np.stack([sine, -sine], axis=-2)[..., None, :]
 
 
 def screws(angle: Array | float, length: Array | float, axis: int) -> Array:
@@ -211,6 +209,4 @@ def screws(angle: Array | float, length: Array | float, axis: int) -> Array:
     angle, length = np.broadcast_arrays(np.asarray(angle, dtype=np.float64), length)
     twists = np.zeros((len(angle), 6))
     twists[:, axis], twists[:, 3 + axis] = length, angle
-    motions = np.tile(np.eye(4), (len(angle), 1, 1))
-    motions[:, :3, :3], motions[:, :3, 3] = exp(twists)
-    return motions
+    return exp(twists)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,37 +39,38 @@ class _Joint:
     child: str = ""
 
 
-def corrected_urdf(before: Arm, after: Arm, tip_shift: Array | None = None) -> bytes:
-    """The URDF file of ``before`` with the joint placements of ``after``.
+def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
+    """The URDF file that an arm came from, with the joint placements that the arm has now.
 
     Pinocchio gathers fixed joints into the placement of the next moving one. A correction acts behind that placement, so
     it goes into the origin of the moving joint alone: ``origin_new = origin (placement_before⁻¹ placement_after)``.
 
     Args:
-        before: the arm as :meth:`Arm.from_urdf` made it.
-        after: the same with other placements.
+        arm: the arm.
         tip_shift: of the tip in its own axes (3,) [m]; None where it stays.
 
     Raises:
-        AacmmError: the file cannot be read, or does not have the joints of ``before``.
-        UnsupportedArmError: the tip is to be shifted, but its link has no fixed joint of its own.
+        AacmmError: the file cannot be read, or was changed since the arm was made from it.
+        UnsupportedArmError: the arm did not come as URDF; or the tip is to be shifted, but its link has no fixed joint of
+            its own.
     """
+    urdf = arm.urdf_file.urdf
     try:
-        text = Path(before.source).read_bytes()
+        text = Path(urdf.file).read_bytes()
+        if hashlib.sha256(text).hexdigest() != urdf.sha256:
+            raise AacmmError(f"it was changed since {arm.name} was made from it")
         joints = _joints(text)
     except OSError as error:
-        raise AacmmError(f"{before.source}: cannot be read: {error.strerror}") from None
+        raise AacmmError(f"{urdf.file}: cannot be read: {error.strerror}") from None
     except (AacmmError, expat.ExpatError) as error:
-        raise AacmmError(f"{before.source}: not XML that can be changed: {error}") from None
+        raise AacmmError(f"{urdf.file}: cannot be corrected: {error}") from None
     motions = {}
-    for number, name in enumerate(before.joint_names, start=1):
-        if name not in joints:
-            raise AacmmError(f"{before.source}: has no joint {name!r}; expected the file that {before.name} was made from")
-        old, new = (arm.model.jointPlacements[number] for arm in (before, after))
+    for number, name in enumerate(arm.joint_names, start=1):
+        old, new = (model.jointPlacements[number] for model in (arm.nominal, arm.model))
         if old != new:
             motions[name] = old.actInv(new)
     if tip_shift is not None and np.any(tip_shift):
-        motions[_joint_of_tip(joints, before)] = pin.SE3(np.eye(3), np.array(tip_shift))
+        motions[_joint_of_tip(joints, arm)] = pin.SE3(np.eye(3), np.array(tip_shift))
     for name in sorted(motions, key=lambda name: -joints[name].start):  # from the end, so that earlier places stay
         text = _moved(text, joints[name], motions[name])
     return text

@@ -1,4 +1,4 @@
-"""Arm files (TOML): the DH table of an arm with its uncertainties, limits and masses.
+"""Arm files (TOML): the DH table of an arm with its uncertainties, limits and masses; or its URDF with what is known better.
 
 The file speaks millimetres and radians (degrees where a key ends in ``_deg``); the properties of :class:`ArmFile` speak SI.
 """
@@ -7,24 +7,28 @@ from __future__ import annotations
 
 import importlib.resources
 import math
+import os
 import re
 import reprlib
 import tomllib
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.plausible import (
     MOST_JOINTS,
     MOST_ROWS,
+    SHIFT_HALF_WIDTH,
     SMALLEST_ARM,
     Acceleration,
+    Angle,
     AngleHalfWidth,
     EncoderNoise,
     LengthMm,
@@ -34,6 +38,7 @@ from aacmm_pin._support.plausible import (
     StandardUncertainty,
     TemperatureC,
     Text,
+    without_nul,
 )
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.dh import KINDS, DHTable, table
@@ -160,11 +165,15 @@ class EffectEntry(_Part):
 
 
 class Covariance(_Part):
-    """What a calibration knows of parameters together; it overrides the half-widths of the parameters that it names."""
+    """What a calibration knows of parameters together; it overrides the half-widths of the parameters that it names.
+
+    ``records`` are fingerprints of the records that it is known from, with blanks between them, so that none counts twice.
+    """
 
     parameters: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
     standard_uncertainty_si: Annotated[tuple[StandardUncertainty, ...], _FROM_ARRAY]
     correlation: Annotated[tuple[Annotated[tuple[FiniteFloat, ...], _FROM_ARRAY], ...], _FROM_ARRAY]
+    records: str = ""
 
     @model_validator(mode="after")
     def _consistent(self) -> Covariance:
@@ -191,6 +200,7 @@ class Covariance(_Part):
             parameters=tuple(self.parameters[i] for i in keep),
             standard_uncertainty_si=tuple(self.standard_uncertainty_si[i] for i in keep),
             correlation=tuple(tuple(float(c) for c in row[:i]) for i, row in enumerate(matrix)),
+            records=self.records,
         )
 
     def matrix_of_correlation(self) -> Array:
@@ -201,19 +211,73 @@ class Covariance(_Part):
         return matrix
 
 
-class ArmFile(_Part):
-    """A validated arm file."""
+class AnyArmFile(_Part):
+    """What every arm file has."""
 
     schema_: Literal["aacmm-pin/arm/1"] = Field(alias="schema")
     name: Name
     source: Text = ""
-    convention: Literal["standard-dh", "modified-dh"]
     reference_temperature_c: TemperatureC = 20.0
     gravity_m_s2: Annotated[tuple[Acceleration, Acceleration, Acceleration], _FROM_ARRAY] = (0.0, 0.0, -9.81)
-    joints: Annotated[list[Row], Field(min_length=1, max_length=MOST_ROWS)]
     stylus: Stylus | None = None
     effects: list[EffectEntry] = Field(default_factory=list)
     covariance: Covariance | None = None
+
+
+Kind = TypeVar("Kind", bound=AnyArmFile)
+
+
+class Urdf(_WithAngles):
+    """Which URDF, which frame of it has its origin at the tip, and within what its joint placements are known.
+
+    The numbers of the file hold for that URDF alone, to the byte: its SHA-256 is beside its path, so that one that was
+    changed is refused. The path is relative to the arm file (here, in memory, absolute), so that both can move together.
+    """
+
+    file: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(without_nul)]
+    frame: Name
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    translation_half_width_mm: Annotated[FiniteFloat, Field(ge=0.0, le=SHIFT_HALF_WIDTH.most / MM)] = 0.0
+    rotation_half_width_rad: AngleHalfWidth = 0.0
+
+
+class UrdfJoint(_WithAngles):
+    """A joint of the URDF: the twist of its placement in its own axes, behind what the URDF says, and its encoder."""
+
+    name: Name
+    shift_mm: Annotated[tuple[LengthMm, LengthMm, LengthMm], _FROM_ARRAY] = (0.0, 0.0, 0.0)
+    turn_rad: Annotated[tuple[Angle, Angle, Angle], _FROM_ARRAY] = (0.0, 0.0, 0.0)
+    encoder_noise_rad: EncoderNoise | None = None
+
+
+class UrdfArmFile(AnyArmFile):
+    """A validated file of an arm that came as URDF."""
+
+    urdf: Urdf
+    joints: Annotated[list[UrdfJoint], Field(max_length=MOST_JOINTS)] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _of_one_urdf(self) -> UrdfArmFile:
+        if self.urdf.sha256 is None and (self.joints or self.covariance is not None):
+            raise ValueError("urdf.sha256 is missing, expected that of the URDF for which joints and covariance hold")
+        return self
+
+    @property
+    def corrections(self) -> Array:
+        """Twist of every placement, shifts then turns (nq, 6) [m, rad]."""
+        return np.array([[*(x * MM for x in j.shift_mm), *j.turn_rad] for j in self.joints]).reshape(-1, 6)
+
+    @property
+    def encoder_noise(self) -> Array | None:
+        """See :attr:`ArmFile.encoder_noise`."""
+        return _noise(self.joints)
+
+
+class ArmFile(AnyArmFile):
+    """A validated arm file with a DH table."""
+
+    convention: Literal["standard-dh", "modified-dh"]
+    joints: Annotated[list[Row], Field(min_length=1, max_length=MOST_ROWS)]
 
     @model_validator(mode="after")
     def _has_a_joint(self) -> ArmFile:
@@ -254,8 +318,7 @@ class ArmFile(_Part):
     @property
     def encoder_noise(self) -> Array | None:
         """Standard uncertainty of one reading, (nq,) [rad]; None where the file states it for no joint."""
-        noise = [row.encoder_noise_rad for row in self.moving_rows]
-        return None if all(u is None for u in noise) else np.array([u or 0.0 for u in noise])
+        return _noise(self.moving_rows)
 
     def dh_parameters(self) -> tuple[Parameter, ...]:
         """The four values of every row in the order of :meth:`DHTable.sensitivity`; rows without uncertainty have u = 0."""
@@ -268,6 +331,11 @@ class ArmFile(_Part):
                 name, value = f"{kind}{number}", getattr(row, field) * scale
                 parameters.append(Parameter.bounded(name, kind, number, unit, value, half))
         return calibrated(parameters, self.covariance)
+
+
+def _noise(joints: Iterable[Row | UrdfJoint]) -> Array | None:
+    noise = [joint.encoder_noise_rad for joint in joints]
+    return None if all(u is None for u in noise) else np.array([u or 0.0 for u in noise])
 
 
 def calibrated(parameters: Iterable[Parameter], covariance: Covariance | None) -> tuple[Parameter, ...]:
@@ -283,6 +351,14 @@ def bundled_arms() -> list[str]:
 
 
 def load_arm_file(name_or_path: str | Path) -> ArmFile:
+    """The same of an arm with a DH table; one that names a URDF is an ArmFileError."""
+    file = read_arm_file(name_or_path)
+    if isinstance(file, UrdfArmFile):
+        raise ArmFileError(str(name_or_path), "urdf", "expected an arm with a DH table")
+    return file
+
+
+def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
     """Read a bundled arm by name (``sino6``) or an arm file by path.
 
     Raises:
@@ -294,23 +370,14 @@ def load_arm_file(name_or_path: str | Path) -> ArmFile:
         resource = importlib.resources.files("aacmm_pin.arm") / "bundled" / f"{name}.toml"
         return parse_arm_file(resource.read_bytes(), f"{name}.toml")
     path = Path(name_or_path)
-    if path.is_dir():
-        raise ArmFileError(name, "", "is a folder, expected an arm file, *.toml")
-    if not path.is_file():
-        if path.suffix == ".toml" or path.exists():
-            raise ArmFileError(name, "", "no such file")
+    if path.suffix != ".toml" and not path.exists():
         raise UnknownNameError("arm", name, bundled_arms(), "or the path of an arm file, *.toml")
-    try:
-        with path.open("rb") as file:
-            return parse_arm_file(file.read(MOST_BYTES + 1), name)
-    except OSError as error:
-        raise ArmFileError(name, "", f"cannot be read: {error.strerror}") from None
+    content = content_of(path, MOST_BYTES, "an arm file, *.toml,", lambda message: ArmFileError(name, "", message))
+    return parse_arm_file(content, name)
 
 
-def parse_arm_file(content: bytes, path: str) -> ArmFile:
-    """Validate the content of an arm file; ``path`` is only for messages."""
-    if len(content) > MOST_BYTES:
-        raise ArmFileError(path, "", f"is larger than {MOST_BYTES / 1e6:g} MB, the most that an arm file may have")
+def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
+    """Validate the content of an arm file; ``path`` is for messages, and a URDF is looked for from its folder."""
     try:
         data = tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
@@ -318,12 +385,27 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile:
     except RecursionError:
         raise ArmFileError(path, "", "not TOML: nested too deep") from None
     except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
+        if path.lower().endswith(".urdf"):
+            raise ArmFileError(path, "", "is a URDF, expected an arm file, which names one by [urdf] file, frame") from None
         raise ArmFileError(path, "", f"not TOML: {str(error).partition('; use sys.')[0]}") from None
     _check_depth(data, path)
+    if "urdf" not in data:
+        return validated(ArmFile, data, path)
+    file = validated(UrdfArmFile, data, path)
+    found = os.path.abspath(Path(path).parent / file.urdf.file)
+    return file.model_copy(update={"urdf": file.urdf.model_copy(update={"file": found})})
+
+
+def validated(kind: type[Kind], data: dict[str, Any], path: str) -> Kind:
+    """The arm file of ``data``.
+
+    Raises:
+        ArmFileError: it is none; one line for each problem.
+    """
     try:
-        return ArmFile.model_validate(data)
+        return kind.model_validate(data)
     except ValidationError as error:
-        raise _explained(error, path) from None
+        raise _explained(error, path, kind) from None
 
 
 def _check_depth(data: dict[str, Any], path: str) -> None:
@@ -336,24 +418,25 @@ def _check_depth(data: dict[str, Any], path: str) -> None:
         raise ArmFileError(path, level[0][0], f"more than {DEEPEST} tables or arrays inside one another")
 
 
-def _explained(error: ValidationError, path: str) -> ArmFileError:
+def _explained(error: ValidationError, path: str, kind: type[AnyArmFile]) -> ArmFileError:
     """One line for each problem: what came, what was expected, and where."""
-    (key, message), *rest = [_problem(item) for item in error.errors()]
+    (key, message), *rest = [_problem(item, kind) for item in error.errors()]
     return ArmFileError(path, key, message + "".join(f"\n{ArmFileError(path, *problem)}" for problem in rest))
 
 
-def _problem(item: Any) -> tuple[str, str]:
+def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
     key = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).removeprefix(".")
     match item["type"]:
         case "extra_forbidden":
             parts: dict[str, type[_Part]] = {
-                "joints": Row,
+                "joints": Row if kind is ArmFile else UrdfJoint,
+                "urdf": Urdf,
                 "uncertainty": Uncertainty,
                 "stylus": Stylus,
                 "covariance": Covariance,
             }
             parents = [part for part in item["loc"][:-1] if isinstance(part, str)]
-            fields = (parts[parents[-1]] if parents else ArmFile).model_fields
+            fields = (parts[parents[-1]] if parents else kind).model_fields
             return key, f"unknown key; known here: {', '.join(sorted(f.alias or name for name, f in fields.items()))}"
         case "missing":
             return key, "missing"
@@ -364,8 +447,20 @@ def _problem(item: Any) -> tuple[str, str]:
             return key, f"is {reprlib.repr(item['input'])}, expected {expected}"
 
 
-def arm_text(arm: ArmFile, comment: str = "") -> str:
-    """TOML of ``arm``, with ``comment`` in front; numbers are written so that they come back to the last bit."""
+def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", folder: str | Path | None = None) -> str:
+    """TOML of ``arm``, with ``comment`` in front; numbers are written so that they come back to the last bit.
+
+    Args:
+        arm: the file.
+        comment: lines of text.
+        folder: where the text will be, from which the path to a URDF is told; None is beside the URDF.
+    """
     content = {"schema": arm.schema_} | arm.model_dump(by_alias=True, exclude_none=True, exclude_defaults=True)
+    for last in ("effects", "covariance"):
+        if last in content:
+            content[last] = content.pop(last)
+    if isinstance(arm, UrdfArmFile):
+        urdf = Path(arm.urdf.file)
+        content["urdf"]["file"] = Path(os.path.relpath(urdf, urdf.parent if folder is None else folder)).as_posix()
     lines = [f"# {''.join(c if c.isprintable() else ' ' for c in line)}".rstrip() for line in comment.splitlines()]
     return "\n".join([*lines, *([""] if lines else []), tomli_w.dumps(content)])

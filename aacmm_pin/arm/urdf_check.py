@@ -7,6 +7,7 @@ with limits of ±2π: Pinocchio would give them two numbers, cosine and sine, wh
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import NoReturn
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
+from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.plausible import LARGEST_ANGLE, LONGEST
 from aacmm_pin.errors import ArmFileError
 
@@ -98,13 +100,14 @@ class _Element:
         return child
 
 
-def read_urdf(path: str | Path) -> str:
-    """The links and joints of a URDF file as text for Pinocchio.
+def read_urdf(path: str | Path) -> tuple[str, str]:
+    """The links and joints of a URDF file as text for Pinocchio, and the SHA-256 of the file.
 
     Raises:
         ArmFileError: the file cannot be read, is no URDF, or states what no arm has; names the element and its line.
     """
-    robot = _parsed(str(path))
+    content = content_of(path, MOST_BYTES, "a URDF", lambda message: ArmFileError(str(path), "", message))
+    robot = _parsed(str(path), content)
     if robot.tag != "robot":
         raise robot.refused("expected robot, the root of a URDF")
     links, joints = ([child for child in robot.children if child.tag == tag] for tag in ("link", "joint"))
@@ -116,13 +119,11 @@ def read_urdf(path: str | Path) -> str:
         _add_link(root, link)
     for joint in joints:
         _add_joint(root, joint)
-    return ET.tostring(root, encoding="unicode")
+    return ET.tostring(root, encoding="unicode"), hashlib.sha256(content).hexdigest()
 
 
-def _parsed(path: str) -> _Element:
+def _parsed(path: str, content: bytes) -> _Element:
     """The root of the file."""
-    if not Path(path).is_file():
-        raise ArmFileError(path, "", "no such file")
     parser = expat.ParserCreate()
     stack: list[_Element] = []
     roots: list[_Element] = []
@@ -144,13 +145,7 @@ def _parsed(path: str) -> _Element:
     parser.EndElementHandler = lambda _: stack.pop()
     parser.EntityDeclHandler = parser.ExternalEntityRefHandler = refuse
     try:
-        with Path(path).open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        if len(content) > MOST_BYTES:
-            raise ArmFileError(path, "", f"is larger than {MOST_BYTES / 1e6:g} MB, the most that a URDF may have")
         parser.Parse(content, True)
-    except OSError as error:
-        raise ArmFileError(path, "", f"cannot be read: {error.strerror}") from None
     except (expat.ExpatError, LookupError, ValueError) as error:
         raise ArmFileError(path, "", f"not a URDF: no well-formed XML: {error}") from None
     return roots[0]

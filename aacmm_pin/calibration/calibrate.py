@@ -16,15 +16,21 @@ from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
-from aacmm_pin.calibration.noise_model import LENGTH, contradictions
+from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
 from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.effects import Effect
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, require_shown
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 
+OTHER_UNIT = 100.0
+"""An uncertainty that is so many times off may be in another unit: the factor is 1000, but residuals have other parts."""
+BEST_REFERENCE = 2e-7
+"""No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m]."""
+HOT_WORKSHOP = 50.0
+"""No record is taken where it is always warmer; 50 °F are 10 °C [°C]."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -74,12 +80,15 @@ def calibrate(
     Raises:
         UnknownNameError: no such set of parameters, frame or target.
         MissingConditionError: an effect needs a column that the records lack.
-        AacmmError: no record says anything; the noise is not stated and there are too few records to find it; the records
-            have nothing to do with this arm.
+        AacmmError: no record says anything, or none shows an effect that is asked for; the noise is not stated and there are
+            too few records to find it; the records have nothing to do with this arm.
     """
     model, measurements = checked_input(model, measurements)
     measurements, repeated = counted_once(measurements)
     chosen = [parameters] if isinstance(parameters, str) else list(parameters)
+    for effect in chosen:
+        if isinstance(effect, Effect):
+            require_shown(effect, model.arm, measurements.q, measurements.conditions, measurements.source)
     if prior is None:
         prior = chosen != ["zero-offsets"]
     setup = Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise)
@@ -108,7 +117,7 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     """
     of = measurements.copies()
     copies = np.flatnonzero(of != np.arange(measurements.n))
-    kept = measurements.take(np.unique(of))
+    kept = measurements.take(np.unique(of)) if copies.size else measurements
     notes = list(measurements.read_as)
     if copies.size:
         row = measurements.row[copies]
@@ -124,9 +133,49 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     return kept, notes
 
 
+def _references_in_other_unit(after: Fit) -> list[str]:
+    """A stated uncertainty of the references that no reference has beside the scatter of these records."""
+    known = after.used & after.problem.measurements.known
+    if not known.any():
+        return []
+    u = float(np.median(reference_u(after.problem.measurements, after.problem.setup, after.unmodelled)[known]))
+    off = float(np.sqrt(np.mean(np.square(after.solution.system.deviation[known]))))
+    small, large = u < BEST_REFERENCE and u < off / OTHER_UNIT, off < u / OTHER_UNIT
+    if not (small or large):
+        return []
+    return [
+        f"the uncertainty of the references is stated as {u / MM:.2g} mm, {off / u if small else u / off:.0f} times "
+        f"{'less' if small else 'more'} than their residuals, {off / MM:.2g} mm: is it in another unit?"
+    ]
+
+
+def _counted_before(after: Fit) -> list[str]:
+    """Records that the stated uncertainties of the parameters come from already (JCGM 100, F.1.2.3: correlated inputs)."""
+    problem = after.problem
+    again = set(problem.known_from).intersection(problem.measurements.take(after.used).fingerprints())
+    if not again or not problem.setup.prior or not problem.stated.any():
+        return []
+    return [
+        f"{len(again)} of these {int(after.used.sum())} records are in the calibration of {problem.model.arm.name} already "
+        "and count twice, so the uncertainties are too small: start from the arm as it was before, or without a prior"
+    ]
+
+
+def _of_conditions(after: Fit) -> list[str]:
+    """Temperatures that look like Fahrenheit, and joints whose column of angles holds a length."""
+    arm, conditions, found = after.problem.model.arm, after.problem.measurements.conditions, []
+    for values in (conditions.temperature, conditions.link_temperature):
+        if values is not None and values.min() > HOT_WORKSHOP:
+            found.append(f"temperatures are {values.min():.4g} to {values.max():.4g} °C: are they in Fahrenheit?")
+    for j in np.flatnonzero(arm.chain.prismatic) + 1:
+        found.append(f"joint {j} slides: theta{j}_rad holds metres, theta{j}_deg metres times 180/π")
+    return found
+
+
 def notes_of(after: Fit) -> list[str]:
     """What was assumed, or found instead of stated."""
-    found, problem, setup = [], after.problem, after.problem.setup
+    problem, setup = after.problem, after.problem.setup
+    found = _counted_before(after)
     if setup.encoder_noise is None:
         found.append("encoder noise not given; estimated with the scatter")
     if not after.stated:
@@ -139,6 +188,7 @@ def notes_of(after: Fit) -> list[str]:
             f"the records scatter more than stated: {after.unmodelled / MM:.4f} mm per coordinate were added, "
             "so the uncertainties hold for this arm with what is still wrong in it"
         )
+    found += [*_references_in_other_unit(after), *_of_conditions(after)]
     if after.unmodelled > FAR:
         found.append(
             f"{after.unmodelled / MM:.1f} mm of scatter is far more than an arm has: are the columns, their units and the "

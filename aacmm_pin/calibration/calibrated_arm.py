@@ -42,21 +42,23 @@ def calibrated_model(fit: Fit) -> ErrorModel:
         elif vector.of_arm[own.start] is None:
             effects.append(effect.at(x[own], u[own]))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
-    known = _covariance(arm, names, fit.covariance[: vector.size, : vector.size])
+    records = dict.fromkeys((*problem.known_from, *problem.measurements.take(fit.used).fingerprints()))
+    known = _covariance(arm, names, fit.covariance[: vector.size, : vector.size], " ".join(records))
     every = (*problem.model.effects, *effects)
+    entries = [entry_of(effect) for effect in every]
     if arm.dh is None:
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
         moved = arm.with_placements(twists, known)
+        moved = replace(moved, file=moved.urdf_file.model_copy(update={"effects": entries}))
     else:
-        entries = [entry_of(effect) for effect in every]
         moved = Arm.from_file(moved_file(arm, steps).model_copy(update={"covariance": known, "effects": entries}))
     if problem.setup.encoder_noise is not None:
-        moved = _with_noise(moved, problem.setup.encoder_noise)
+        moved = moved.with_encoder_noise(problem.setup.encoder_noise)
     return ErrorModel(moved, every)
 
 
-def _covariance(arm: Arm, names: list[str], matrix: Array) -> Covariance | None:
-    """The new covariance, beside what was known together of parameters that were not estimated now."""
+def _covariance(arm: Arm, names: list[str], matrix: Array, records: str) -> Covariance | None:
+    """The new covariance, beside what was known together of parameters that were not estimated now; from which records."""
     keep = [i for i, name in enumerate(names) if name and matrix[i, i] > 0]
     chosen, matrix = [names[i] for i in keep], matrix[np.ix_(keep, keep)]
     if arm.covariance is not None:
@@ -65,15 +67,16 @@ def _covariance(arm: Arm, names: list[str], matrix: Array) -> Covariance | None:
         before = arm.covariance.matrix_of_correlation() * np.outer(u, u)
         chosen += [arm.covariance.parameters[i] for i in old]
         matrix = block_diag(matrix, before[np.ix_(old, old)])
-    return covariance_block(chosen, matrix) if chosen else None
-
-
-def covariance_block(names: list[str], matrix: Array) -> Covariance:
-    """A covariance matrix as arm files have it."""
+    if not chosen:
+        return None
     u = np.sqrt(np.diag(matrix))
     correlation = np.clip(matrix / np.outer(u, u), -1.0, 1.0)
-    rows = tuple(tuple(float(c) for c in row[:i]) for i, row in enumerate(correlation))
-    return Covariance(parameters=tuple(names), standard_uncertainty_si=tuple(float(v) for v in u), correlation=rows)
+    return Covariance(
+        parameters=tuple(chosen),
+        standard_uncertainty_si=tuple(u.tolist()),
+        correlation=tuple(tuple(row[:i]) for i, row in enumerate(correlation.tolist())),
+        records=records,
+    )
 
 
 def moved_file(arm: Arm, steps: Mapping[str, float]) -> ArmFile:
@@ -82,7 +85,7 @@ def moved_file(arm: Arm, steps: Mapping[str, float]) -> ArmFile:
     Raises:
         AacmmError: the arm was not made from a file.
     """
-    if arm.file is None:
+    if not isinstance(arm.file, ArmFile):
         raise AacmmError(f"{arm.name}: was not made from an arm file, so there are no half-widths to draw from")
     rows = list(arm.file.joints)
     for parameter in arm.parameters:
@@ -91,12 +94,3 @@ def moved_file(arm: Arm, steps: Mapping[str, float]) -> ArmFile:
             row = rows[parameter.joint - 1]
             rows[parameter.joint - 1] = row.model_copy(update={field: getattr(row, field) + steps[parameter.name] / unit})
     return arm.file.model_copy(update={"joints": rows})
-
-
-def _with_noise(arm: Arm, noise: Array) -> Arm:
-    """The arm with the noise of its readings as it was stated for the calibration."""
-    if arm.file is None:
-        return replace(arm, encoder_noise=noise)
-    of_joint = iter(noise.tolist())
-    rows = [r if r.fixed else r.model_copy(update={"encoder_noise_rad": next(of_joint)}) for r in arm.file.joints]
-    return Arm.from_file(arm.file.model_copy(update={"joints": rows}))

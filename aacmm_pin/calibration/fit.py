@@ -23,6 +23,8 @@ from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
 
 FALSE_EXCLUSION = 0.01
 """Chance that any good record is excluded, over the whole file."""
+MOST_EXCLUDED = 0.15
+"""Where more than this part of the records is excluded, they are no gross errors of single records."""
 EFFICIENCY = 0.53
 """A scatter taken from the median of χ² with three degrees is as certain as from this part of all the records' numbers."""
 UNEQUAL = 1.5
@@ -85,6 +87,11 @@ class Fit:
     def tells_noise(self) -> bool:
         """Whether the noise is stated, or the records are enough to tell it."""
         return self.stated or self.dof >= LEAST_DOF
+
+    @property
+    def thinned(self) -> bool:
+        """Whether so many records are excluded that something of their own may be wrong with them."""
+        return bool(self.excluded.sum() > MOST_EXCLUDED * (self.used | self.excluded).sum())
 
     @property
     def scatters(self) -> bool:
@@ -186,7 +193,9 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     if used is None and robust:
         near = search.approached(point, says, robust=True)
         if redundant(near):
-            return search.final(*search.without_outliers(near))
+            solution, belongs = search.without_outliers(near)
+            everyone = None if (belongs == says).all() else search.all_belong(solution.point)
+            return everyone or search.final(solution, belongs)
     used = says if used is None else used & says
     return search.final(search.approached(point, used, robust=False), used)
 
@@ -241,6 +250,18 @@ class _Estimation:
             used = belongs
             solution = solve(self.problem, noise, solution.point, used.astype(np.float64))
         return solution, used
+
+    def all_belong(self, point: Point) -> Fit | None:
+        """The fit of all records, if the stated noise and what is stated of the parameters explain it and each of them.
+
+        Where records are few, a robust search fits some of them at the expense of others, which then seem to be outliers.
+        """
+        found = self.by_stated_noise(point, self.observations.says)[0] if self.stated else None
+        if found is None:
+            return None
+        limit = chi2_isf(FALSE_EXCLUSION / int(self.observations.says.sum()), 3)
+        farthest = np.maximum(deleted_distances(found.solution), studentised_distances(found.solution))
+        return found if farthest[self.observations.says].max() <= limit else None
 
     def scatter_of_median(self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0) -> float:
         """Scatter beyond the stated noise that brings the median squared distance to that of χ² with three degrees.
@@ -347,6 +368,22 @@ def deleted_distances(solution: Solution) -> Array:
     found = np.full(len(off), np.inf)
     says = observations.says
     found[says] = squared_distances(off[says], covariance[says])
+    return found
+
+
+def studentised_distances(solution: Solution) -> Array:
+    """Squared distance of each record from its target over the variance that is left after its share in the parameters (n,).
+
+    ``eᵀ (I - H)⁻¹ e`` with the record's whitened residual and its block of the hat matrix of the system with its prior
+    (internally studentised residuals; Cook and Weisberg 1982). Records without a target are infinitely far.
+    """
+    system, spectrum, says = solution.system, solution.spectrum, solution.noise.observations.says
+    known, rows = spectrum.known, 3 * int(says.sum())
+    directions = solution.problem.scales[:, None] * spectrum.directions[:, known] / spectrum.values[known]
+    along = (system.jacobian[:rows] @ directions).reshape(-1, 3, int(known.sum()))
+    left = np.eye(3) - along @ along.transpose(0, 2, 1)
+    found = np.full(len(says), np.inf)
+    found[says] = squared_distances(system.residual[:rows].reshape(-1, 3), left)
     return found
 
 

@@ -40,6 +40,8 @@ ALIKE = 1.5
 """Mistakes that leave less than so many times the least are not told apart."""
 TRIED = 3
 """So many of the best are fitted, the best first, until one explains the file."""
+TURN = 2 * np.pi
+"""An angle beyond this was hardly in radians [rad]."""
 FEW = 10
 """With fewer records some mistake fits anything."""
 ENOUGH = 80
@@ -51,6 +53,9 @@ UNITS = {
     "mm, taken as metres": MM,
 }
 """Units that lengths may have come in, and the factor that undoes it."""
+ANGLES = {"degrees, taken as radians": DEG, "radians, taken as degrees": 1 / DEG, "gon, taken as degrees": 0.9}
+"""The same of angles."""
+AXES = np.arange(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +66,7 @@ class _Mistake:
         turned: the angles are these combinations of those in the file (nq, nq).
         added: to the angles (nq,) [rad].
         axes: which coordinate of the file is x, y, z, and its sign.
-        scale: of the coordinates; their uncertainties stay, which may be right.
+        scale: of the coordinates, or of each of the three columns; their uncertainties stay, which may be right.
         bars: factor of the bars' lengths.
         external: the coordinates are in another frame than the base's.
     """
@@ -71,7 +76,7 @@ class _Mistake:
     turned: Array | None = None
     added: Array | None = None
     axes: tuple[tuple[int, ...], tuple[int, ...]] = ((0, 1, 2), (1, 1, 1))
-    scale: float = 1.0
+    scale: float | Array = 1.0
     bars: float = 1.0
     external: bool = False
 
@@ -82,7 +87,7 @@ class _Mistake:
         changed = replace(
             records,
             q=q if self.added is None else q + self.added,
-            reference=self.scale * (records.reference[:, order] * np.array(signs)),
+            reference=(self.scale * records.reference)[:, order] * np.array(signs),
             reference_u=records.reference_u[:, order],
             bar_length=None if records.bar_length is None else self.bars * records.bar_length,
         )
@@ -104,8 +109,8 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     except AacmmError:
         _require_no_mistake(problem, np.inf, thorough=True)
         raise
-    travel = _travel(problem)
-    unlike = after.unmodelled > max(UNLIKE * travel, FAR)
+    travel = _travel(problem) if after.unmodelled > FAR else np.inf
+    unlike = after.unmodelled > UNLIKE * travel
     _require_no_mistake(problem, _median(after.solution.system.deviation), thorough=unlike)
     if unlike:
         raise AacmmError(
@@ -126,16 +131,18 @@ def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None
         MistakenFileError: the mistake.
     """
     records = problem.measurements
+    if records.n < FEW:
+        return
     few = problem.of(records.take(_few(records)))
     before, as_given = _misfit(few)
-    if records.n < FEW or before == np.inf or (min(before / FAR, as_given / UNLIKE) < 1.0 and fitted < FAR):
+    if before == np.inf or (min(before / FAR, as_given / UNLIKE) < 1.0 and fitted < FAR):
         return
     taken_up = fitted < FAR or fitted == np.inf
     as_is = before if taken_up else fitted
     single = [(mistake,) for mistake in _mistakes(problem)]
     for mistakes in (single, *((_several_signs(records.nq), _pairs(single)) if thorough else ())):
         misfits = np.array([_misfit(_undone(few, mistake))[1] for mistake in mistakes])
-        alike = np.flatnonzero(misfits <= ALIKE * misfits.min())
+        alike = np.flatnonzero(misfits <= ALIKE * misfits.min(initial=np.inf))  # one joint has no several signs
         best = [*alike, *(k for k in np.argsort(misfits) if k not in alike)]
         for number in best[:TRIED]:
             if misfits[number] > (EXPLAINS if taken_up else 1.0) * as_given:
@@ -229,8 +236,12 @@ def _few(records: Measurements) -> Index:
 def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     """Every single mistake."""
     records, one = problem.measurements, np.eye(problem.measurements.nq)
-    for j in range(records.nq):
+    for j, largest in enumerate(np.abs(records.q).max(axis=0)):
         yield _counted(j, nq=records.nq)
+        if largest > TURN or largest <= TURN * DEG:
+            factor, unit, column = (DEG, "degrees", "rad") if largest > TURN else (1 / DEG, "radians", "deg")
+            name = f"the angles of joint {j + 1} alone are in {unit}, in the column theta{j + 1}_{column}"
+            yield _Mistake(name, f"unit {j}", turned=np.diag(np.where(one[j] > 0, factor, 1.0)))
     for j, degrees in product(range(records.nq), (90, -90, 180)):
         name = f"the zero of joint {j + 1} is turned: {degrees}° have to be added to its angles"
         yield _Mistake(name, f"zero {j}", added=degrees * DEG * one[j])
@@ -238,12 +249,16 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
         order = np.arange(records.nq)
         order[[j, k]] = k, j
         yield _Mistake(f"the columns of joints {j + 1} and {k + 1} are exchanged", "columns", turned=one[order])
-    for name, factor in (("degrees, taken as radians", DEG), ("radians, taken as degrees", 1 / DEG)):
+    for name, factor in ANGLES.items():
         yield _Mistake(f"the angles are in {name}", "angles", turned=factor * one)
     if records.known.any():
         yield from _of_frame(problem.external)
         for name, factor in UNITS.items():
             yield _Mistake(f"the coordinates are in {name}", "unit", scale=factor)
+        for k, axis in enumerate("xyz"):
+            yield _Mistake(
+                f"{axis} alone is in metres, in the column {axis}_mm", "unit", scale=np.where(k == AXES, 1e3, 1.0)
+            )
     if records.bars():
         for name, factor in UNITS.items():
             yield _Mistake(f"the lengths of the bars are in {name}", "bars", bars=factor)

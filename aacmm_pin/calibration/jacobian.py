@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.dh import cross
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.effects import Displacement, Effect
 from aacmm_pin.effects.effect import moved
@@ -65,8 +67,9 @@ class Columns:
         constant: list[tuple[int, Array, int, bool]] = []
         for effect, own in vector:
             straight = type(effect).exact is Effect.exact
-            for d in () if effect.elastic else effect.displacements(state):
-                if len(d.columns) == 1 and straight:
+            displacements = [] if effect.elastic else effect.displacements(state)
+            for d in displacements:
+                if len(displacements) == len(d.columns) == 1 and straight:
                     numbers = range(own.start, own.stop)
                     constant += [(d.place, t, k, effect.of_reference) for t, k in zip(d.columns[0].T, numbers, strict=True)]
                 else:
@@ -79,6 +82,27 @@ class Columns:
         )
         return Columns(state, vector, same, tuple(varying))
 
+    @cached_property
+    def _elastic(self) -> list[tuple[Effect, slice]]:
+        return [(effect, own) for effect, own in self.vector if effect.elastic]
+
+    @cached_property
+    def _curved(self) -> list[tuple[Effect, slice]]:
+        return [(e, own) for e, own in self.vector if not e.elastic and type(e).exact is not Effect.exact]
+
+    @cached_property
+    def _same_twists(self) -> list[tuple[list[int], Array]]:
+        """Places with the same twist in every record, and that by one unit of each parameter (places, 6, p): of the arm,
+        and of the references.
+        """
+        found = []
+        for chosen in (~self.same.of_reference, self.same.of_reference):
+            places, at = np.unique(self.same.place[chosen], return_inverse=True)
+            per_unit = np.zeros((places.size, 6, self.vector.size))
+            per_unit[at, :, self.same.number[chosen]] = self.same.twist[chosen]
+            found.append((places.tolist(), per_unit))
+        return found
+
     @property
     def alike(self) -> Index:
         """Numbers of the parameters that displace a place of the arm by the same twist in every record."""
@@ -86,50 +110,42 @@ class Columns:
 
     def bends(self, x: Array) -> bool:
         """Whether any effect at the values ``x`` (p,) bends under weight."""
-        return any(effect.elastic and x[own].any() for effect, own in self.vector)
+        return any(x[own].any() for _, own in self._elastic)
 
     def at(self, x: Array) -> State:
         """The arm with all effects at the values ``x`` (p,), as the references state it."""
         state = replace(self.state, twists=self._twists(x, False))
-        elastic = [effect.at(tuple(x[own])) for effect, own in self.vector if effect.elastic and x[own].any()]
+        elastic = [effect.at(tuple(x[own])) for effect, own in self._elastic if x[own].any()]
         state = settled(elastic, state) if elastic else state
-        return replace(state, twists=_sum(dict(state.twists), self._twists(x, True)))
+        of_reference = self._twists(x, True)
+        return replace(state, twists=_sum(dict(state.twists), of_reference)) if of_reference else state
 
     def jacobian(self, state: State) -> Array:
         """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]."""
-        total = np.zeros((state.n, 3, self.vector.size))
+        total = np.zeros((3, self.vector.size, state.n)).transpose(2, 0, 1)
         if self.same.place.size:
             total[:, :, self.same.number] = self._same_columns(state)
         for part in self.varying:
             total[:, :, part.number] += moved(state, part.displacement)
-        for effect, own in self.vector:
-            if effect.elastic:
-                total[:, :, own] = effect.sensitivity(state)
+        for effect, own in self._elastic:
+            total[:, :, own] = effect.sensitivity(state)
         return total
 
     def _same_columns(self, state: State) -> Array:
         """``R v + (R ω) × (p - o)`` for all of them together (n, 3, k)."""
-        turned = state.rotation[self.same.place]
-        shift = np.einsum("knij,kj->ikn", turned, self.same.twist[:, :3])
-        wx, wy, wz = np.einsum("knij,kj->ikn", turned, self.same.twist[:, 3:])
-        rx, ry, rz = np.moveaxis(state.position - state.origin[self.same.place], 2, 0)
-        shift[0] += wy * rz - wz * ry
-        shift[1] += wz * rx - wx * rz
-        shift[2] += wx * ry - wy * rx
-        return np.asarray(shift.transpose(2, 0, 1))
+        axes = state.rotation.transpose(0, 3, 2, 1)[self.same.place].reshape(-1, 3, 3 * state.n)
+        moves = (self.same.twist.reshape(-1, 2, 3) @ axes).reshape(-1, 2, 3, state.n)
+        lever = state.position.T - state.origin.transpose(0, 2, 1)[self.same.place]
+        return np.asarray((moves[:, 0] + cross(moves[:, 1], lever)).transpose(2, 1, 0))
 
     def _twists(self, x: Array, of_reference: bool) -> Twists:
-        chosen = self.same.of_reference == of_reference
-        places, number = np.unique(self.same.place[chosen], return_inverse=True)
-        sums = np.zeros((places.size, 1, 6))
-        np.add.at(sums[:, 0], number, self.same.twist[chosen] * x[self.same.number[chosen], None])
-        twists: Twists = dict(zip(places.tolist(), sums, strict=True))
+        places, per_unit = self._same_twists[of_reference]
+        twists: Twists = dict(zip(places, (per_unit @ x)[:, None], strict=True))
         for part in self.varying:
             if part.of_reference == of_reference and part.straight and x[part.number].any():
                 _sum(twists, {part.displacement.place: part.displacement.columns @ x[part.number]})
-        for effect, own in self.vector:
-            curved = not effect.elastic and type(effect).exact is not Effect.exact
-            if curved and effect.of_reference == of_reference and x[own].any():
+        for effect, own in self._curved:
+            if effect.of_reference == of_reference and x[own].any():
                 for place, twist in effect.at(tuple(x[own])).exact(self.state):
                     _sum(twists, {place: twist})
         return twists

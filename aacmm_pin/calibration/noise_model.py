@@ -81,13 +81,13 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
     """
     known, contact = measurements.known, setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)
-    at, at_u, mixed = _of_seats(measurements, setup, _reference_u(measurements, setup, scatter), seat, len(labels))
+    at, at_u, mixed = _of_seats(measurements, setup, reference_u(measurements, setup, scatter), seat, len(labels))
     # A seat whose records state coordinates of their own is none.
     number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
     seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
     alone = known & (seat < 0)
     # What is not stated is in the covariance of the tips already.
-    own = np.where(alone[:, None], np.hypot(_reference_u(measurements, setup, 0.0), contact), contact)
+    own = np.where(alone[:, None], np.hypot(reference_u(measurements, setup, 0.0), contact), contact)
     chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
     ends, length = _bars(measurements, {label: k for k, label in enumerate(chosen)})
     return Observations(
@@ -105,7 +105,7 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
 
 def contradictions(measurements: Measurements, setup: Setup, scatter: float) -> list[str]:
     """Seats whose records state coordinates farther apart than their noise allows, in words."""
-    found, u = [], _reference_u(measurements, setup, scatter)
+    found, u = [], reference_u(measurements, setup, scatter)
     for label, records in measurements.seats().items():
         stating = records[measurements.known[records]]
         if not stating.size:
@@ -122,7 +122,8 @@ def contradictions(measurements: Measurements, setup: Setup, scatter: float) -> 
     return found
 
 
-def _reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:
+def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Array:
+    """Standard uncertainty of each coordinate of the references, ``scatter`` where it is not stated (n, 3) [m]."""
     fallback = scatter if setup.reference_noise is None else setup.reference_noise
     u = np.where(np.isfinite(measurements.reference_u), measurements.reference_u, fallback)
     return np.maximum(u, LEAST)

@@ -71,10 +71,11 @@ def problem_of(
     stated = np.concatenate([np.empty(0, dtype=bool), *(s for _, _, s in chosen)])
     stay = [p.name for p in (*model.arm.parameters, *(p for e in fixed for p in e.parameters()))]
     known = None if model.arm.covariance is None else model.arm.covariance.restricted(stay)
-    base = ErrorModel(replace(model.arm, covariance=known), fixed)
+    base = ErrorModel(model.arm if known is model.arm.covariance else replace(model.arm, covariance=known), fixed)
     vector = ParameterVector(base.arm, tuple(e for e, _, _ in chosen))
     correlation = _correlation(model.arm, vector, np.where(stated, widths, np.nan))
-    return Problem(base, vector, widths, stated, correlation, measurements, setup)
+    known_from = model.arm.covariance.records if model.arm.covariance is not None and (setup.prior or known) else ""
+    return Problem(base, vector, widths, stated, correlation, measurements, setup, tuple(known_from.split()))
 
 
 def lengths_untold(problem: Problem) -> list[str]:

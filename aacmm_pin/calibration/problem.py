@@ -48,8 +48,8 @@ class Frame:
 
     def moved(self, step: Array) -> Frame:
         """With the base moved by a twist (6,), v then ω, in its own axes [m, rad]."""
-        turn, shift = (part[0] for part in exp(step[None]))
-        return Frame(self.rotation @ turn, self.rotation @ shift + self.shift)
+        motion = exp(step[None])[0]
+        return Frame(self.rotation @ motion[:3, :3], self.rotation @ motion[:3, 3] + self.shift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,7 @@ class Problem:
         correlation: of the stated widths with one another (p, p); one on the diagonal.
         measurements: the records.
         setup: how they were taken.
+        known_from: fingerprints of the records that the arm's file knows its parameters from.
     """
 
     model: ErrorModel
@@ -86,6 +87,7 @@ class Problem:
     correlation: Array
     measurements: Measurements
     setup: Setup
+    known_from: tuple[str, ...] = ()
 
     @property
     def external(self) -> bool:
@@ -152,8 +154,9 @@ class Problem:
         tips = frame.apply(state.position)
         if self.external:
             turns = -skew(seen.position)
-            shifts = np.broadcast_to(np.eye(3), turns.shape)
-            jacobian = frame.rotation @ np.concatenate([jacobian, shifts, turns], axis=2)
+            of_all = [jacobian, np.broadcast_to(np.eye(3), turns.shape), turns]
+            columns = np.concatenate([part.transpose(1, 2, 0) for part in of_all], axis=1)
+            jacobian = (frame.rotation @ columns.reshape(3, -1)).reshape(columns.shape).transpose(2, 0, 1)
         return Prediction(tips, jacobian)
 
     def tips(self, x: Array, frame: Frame) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from aacmm_pin._support.checks import Array
@@ -40,8 +38,7 @@ def perturbed_model(model: ErrorModel, rng: np.random.Generator) -> ErrorModel:
 def _exact(arm: Arm, errors: Array) -> Arm:
     """The arm with its parameters off by ``errors`` (p,) [m, rad]."""
     if arm.dh is None:
-        exact = tuple(replace(parameter, half_width=0.0, u=0.0) for parameter in arm.parameters)
-        return replace(arm.with_placements(errors.reshape(-1, 6), None), parameters=exact)
+        return arm.with_placements(errors.reshape(-1, 6), None, exact=True)
     file = moved_file(arm, {p.name: float(error) for p, error in zip(arm.parameters, errors, strict=True)})
     rows = [row.model_copy(update={"uncertainty": None}) for row in file.joints]
     source = f"drawn within the uncertainties of: {arm.source or arm.name}"

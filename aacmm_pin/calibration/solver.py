@@ -368,9 +368,11 @@ def _triangle(problem: Problem, system: System, x: Array) -> Array:
     triangle = np.zeros((x.size, problem.scales.size + 1))
     triangle[:, : x.size], triangle[:, -1] = problem.prior, problem.beside_prior(x)
     for first in range(0, len(system.residual), AT_ONCE):
-        some = slice(first, first + AT_ONCE)
-        measured = np.column_stack([system.jacobian[some] * problem.scales, system.residual[some]])
-        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, measured]), mode="r"))
+        some, above = slice(first, first + AT_ONCE), len(triangle)
+        rows = np.concatenate([triangle, np.empty((len(system.residual[some]), problem.scales.size + 1))])
+        np.multiply(system.jacobian[some], problem.scales, out=rows[above:, :-1])
+        rows[above:, -1] = system.residual[some]
+        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
     return triangle
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tomllib
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,10 +11,13 @@ from typing import Annotated
 import typer
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.cli.common import Force, Json, Results, command, note
+from aacmm_pin.cli.accept_prediction import BeforeTheTest
+from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError
-from aacmm_pin.verification import accept
+from aacmm_pin.errors import AacmmError, MeasurementFileError
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.verification import AcceptanceResult, History, accept
+from aacmm_pin.verification.history import in_utc
 
 
 @command
@@ -29,15 +33,36 @@ def run(
     standard: Annotated[str | None, typer.Option(help="Only iso10360-12, or asme-b89.4.22.")] = None,
     range_mm: Annotated[float | None, typer.Option(help="Measuring range of the arm, in mm.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="HTML page to print: the certificate.")] = None,
+    history: Annotated[Path | None, typer.Option(help="CSV of all checks, to which this one is appended.")] = None,
+    plot: Plot = None,
+    time: Annotated[
+        str | None, typer.Option(metavar="ISO8601", help="Of the check, UTC unless it says otherwise; else of the file.")
+    ] = None,
+    instrument: Annotated[str, typer.Option(help="Which arm was checked, such as its serial number.")] = "",
+    about: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=TEXT", help="A further line of the certificate; several times.")
+    ] = None,
+    *,
+    before: BeforeTheTest,
     json_: Json = None,
     force: Force = False,
 ) -> None:
     """Whether the arm meets its specification: figures of ISO 10360-12 and ASME B89.4.22 from touches, with verdicts."""
-    from aacmm_pin.report import html, terminal  # these load what draws
-    from aacmm_pin.report.acceptance import acceptance_document
+    from aacmm_pin.report import html, plots, terminal  # these load what draws
+    from aacmm_pin.report.acceptance import Certificate, acceptance_document, history_blocks
+    from aacmm_pin.report.document import Document
 
     *arms, path = files
-    with Results(force, output, json_=json_, reads=[*files, *(m for m in mpe or [] if "=" not in m)]) as results:
+    if plot is not None and history is None:
+        raise typer.BadParameter("--plot draws the checks of --history FILE")
+    if before.predict and history is not None:
+        raise typer.BadParameter("--history keeps checks that were made, --predict is of one that was not")
+    reads = [*files, *(m for m in mpe or [] if "=" not in m)]
+    with Results(force, output, plot=plot, json_=json_, reads=reads) as results:
+        if before.predict:
+            before.show(arms, path, _limits(mpe or []), standard, results, output, json_)
+            return
+        past = None if history is None else History.read(history)
         result = accept(
             path,
             {arm: ErrorModel.load(arm) for arm in arms},
@@ -45,16 +70,60 @@ def run(
             standard=standard,
             measuring_range=None if range_mm is None else range_mm * MM,
         )
+        when, summary = _when(time, path), result.summary()
+        checks = None if past is None else past.with_check(result, when, instrument)
+        if checks is not None and history is not None:
+            summary["history"] = checks.summary()
+            if checks.appended:
+                checks.write(results, history)
+            results.picture(lambda: plots.plot_history(checks), plot)
         if output is not None:
-            document = acceptance_document(result, f"{datetime.now(UTC):%Y-%m-%d}", Path(path).read_bytes())
-            results.text(html.page(document), output)
-        results.json(result.summary(), json_)
+            certificate = Certificate(when, Path(path).read_bytes(), instrument, _about(about or []), checks)
+            results.text(html.page(acceptance_document(result, certificate)), output)
+        results.json(summary, json_)
     if json_ != "-":
         terminal.show(acceptance_document(result))
+        terminal.show(Document("", history_blocks(checks) if checks is not None else []))
     else:
         terminal.show_notes(result.notes)
-    if result.failed and arms:
-        note(f"note: aacmm-pin diagnose {arms[-1]} {path} looks for the cause, where the file has seats or references")
+    if checks is not None and not checks.appended:
+        note(f"note: nothing appended to {history}: it has these figures already, or no figure has a value")
+    if (failed := _failed_arm(result, arms)) is not None:
+        note(f"note: {_next_step(failed, path)}")
+
+
+def _when(time: str | None, path: str) -> datetime:
+    """When the arm was checked: as stated, or when the file was written."""
+    if time is None:
+        return datetime.fromtimestamp(Path(path).stat().st_mtime, UTC).replace(microsecond=0)
+    try:
+        return in_utc(time)
+    except ValueError:
+        raise typer.BadParameter(f"--time {time!r}, expected a time as 2026-01-31T09:30") from None
+
+
+def _about(lines: list[str]) -> dict[str, str]:
+    found = dict(line.split("=", 1) for line in lines if "=" in line)
+    if len(found) < len(lines):
+        raise typer.BadParameter("--about, expected each NAME=TEXT once")
+    return found
+
+
+def _failed_arm(result: AcceptanceResult, arms: list[str]) -> str | None:
+    """The first arm that fails; of no name where only the coordinates of the file were judged; None where none fails."""
+    failed = {figure.source for figure in result.failed}
+    return next((arm for arm in arms if arm in failed), "ARM" if failed and not arms else None)
+
+
+def _next_step(arm: str, path: str) -> str:
+    """How the cause of a failed check is found from the same touches, or why it is not."""
+    try:
+        seats = Measurements.read(path).seats()
+    except MeasurementFileError:
+        return "with indications (theta1_deg …) beside the coordinates, aacmm-pin diagnose could look for the cause"
+    if not seats:
+        return "touches of spheres alone say nothing of the cause; those of single points and of ends touched once do"
+    return f"{shlex.join(['aacmm-pin', 'diagnose', arm, path])} looks for the cause"
 
 
 def _limits(texts: list[str]) -> dict[str, float]:

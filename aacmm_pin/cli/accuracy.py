@@ -42,7 +42,7 @@ def run(
     """How accurate the arm is at a point, in which posture, and why."""
     with Results(force, output, plot=plot, json_=json_, reads=arm.files) as results:
         model, encoder_noise = arm.model(), noise.encoder_noise_rad
-        if arm.urdf and not any((arm.translation_half_width_mm, arm.rotation_half_width_rad, encoder_noise)):
+        if model.arm.dh is None and encoder_noise is None and not any(p.u for p in model.parameters):
             raise AacmmError(
                 "a URDF states no uncertainties; expected --translation-half-width-mm and --rotation-half-width-rad (bounds "
                 "of the joint placements), or --encoder-noise-rad with --method ellipsoid"

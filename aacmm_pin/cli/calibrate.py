@@ -10,14 +10,11 @@ import numpy as np
 import typer
 
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin.arm.corrected_urdf import corrected_urdf
-from aacmm_pin.arm.urdf import urdf_text
-from aacmm_pin.calibration import Calibration, calibrate
+from aacmm_pin.calibration import calibrate
 from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
-from aacmm_pin.cli.common import EffectTexts, Force, Json, Plot, Results, Seed, command, note
-from aacmm_pin.effects import StylusOffset
+from aacmm_pin.cli.common import EffectTexts, Force, Json, Plot, Results, Seed, command
+from aacmm_pin.cli.urdf import urdf_of
 from aacmm_pin.effects.cause_text import stated_cause
-from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 
 
@@ -43,17 +40,16 @@ def run(
 
     with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_, reads=arm.files) as results:
         model, path = arm.model_and_data()
-        if output is not None:
-            model.arm.require_dh(f"{output}, an arm file (or give --urdf-out),")
+        results.keep(model.arm)
         effects = [stated_cause(text, model) for text in effect or []]
         stated = how.keywords() | {"prior": False if how.no_prior else None, "hold_out": not no_held_out}
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
         result = calibrate(model, records, [parameters, *effects], rng=rng, **stated)
         when, summary = f"{datetime.now(UTC):%Y-%m-%d}", calibration_summary(result, path, seed)
         if output is not None:
-            result.model.save(results.file(output), comment=comment(result, path, when))
+            results.arm(result.model, output, comment(result, path, when))
         if urdf_out is not None:
-            results.file(urdf_out).write_bytes(_urdf(model, result))
+            results.file(urdf_out).write_bytes(urdf_of(result.model))
         if residuals is not None:
             results.text(csv_text(result.residuals), residuals)
         results.picture(result.plot, plot)
@@ -62,15 +58,3 @@ def run(
         results.json(summary, json_)
     if json_ != "-":
         terminal.show(calibration_document(result))
-
-
-def _urdf(model: ErrorModel, result: Calibration) -> bytes:
-    """The calibrated arm as URDF, as far as a URDF can say it."""
-    lost = [e.label for e in result.model.effects if not (isinstance(e, StylusOffset) and e.marker is None)]
-    if lost:
-        note(f"note: a URDF has no place for {', '.join(lost)}")
-    arm = result.model.arm
-    if arm.dh is not None:
-        return urdf_text(result.model.file(), with_stylus_offset=True).encode()
-    offsets = [e.values for e in result.model.effects if isinstance(e, StylusOffset) and e.marker is None]
-    return corrected_urdf(model.arm, arm, np.sum(offsets, axis=0) if offsets else None)

@@ -30,7 +30,7 @@ def run(name: Annotated[str | None, typer.Argument(metavar="NAME", help="One of 
 def _row(cause: type[Effect]) -> dict[str, str]:
     effect = example(cause)
     site, inner = cause.site(), [f"{field}=…" for field in cause.inner]
-    row = {"cause": cause.cause + (f":{site.upper()}" if site else ""), "in words": cause.words}
+    row = {"cause, and in words": f"{cause.cause}{f':{site.upper()}' if site else ''} ({cause.words})"}
     if effect is None:
         return row | {"parameters": ", ".join(inner), "usual": "", "needs": ""}
     keys = list(effect.described())

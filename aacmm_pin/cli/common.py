@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any, ClassVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
 import typer
 
@@ -17,6 +17,10 @@ from aacmm_pin._support.text_escaping import note as note
 from aacmm_pin._support.text_escaping import say as say
 from aacmm_pin._support.units import ANGLES, in_radians
 from aacmm_pin.errors import AacmmError
+
+if TYPE_CHECKING:
+    from aacmm_pin.arm.arm import Arm
+    from aacmm_pin.effects.error_model import ErrorModel
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
@@ -118,6 +122,16 @@ class Results(OutputFiles):
     def text(self, text: str, path: str | Path | None) -> None:
         """Write ``text`` to a file, or print it where ``path`` is None."""
         self.file("-" if path is None else path).write_text(encodable(text), encoding="utf-8", newline="")
+
+    def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
+        """Write the arm file of a model; the URDF that it names is never replaced."""
+        self.keep(model.arm)
+        self.text(model.text(comment, path.parent), path)
+
+    def keep(self, arm: Arm) -> None:
+        """Never replace the URDF that an arm came from."""
+        if arm.nominal is not None:
+            self._inputs = (*self._inputs, arm.urdf_file.urdf.file)
 
     def json(self, content: dict[str, Any], target: str | None) -> None:
         """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing where it is None."""

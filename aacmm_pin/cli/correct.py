@@ -13,6 +13,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import broken_limits
+from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.error_model import ErrorModel
@@ -40,8 +41,8 @@ def run(
         str | None,
         typer.Option(
             metavar="ARM",
-            help="The arm as it was believed to be: bundled arm, arm file or, where ARM came as one, URDF; default ARM "
-            "without its effects.",
+            help="The arm as it was believed to be: bundled arm, arm file or, where ARM came as one, URDF; default the URDF "
+            "that ARM names, or else ARM without its effects.",
         ),
     ] = None,
     commands: Annotated[
@@ -55,11 +56,11 @@ def run(
     force: Force = False,
 ) -> None:
     """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty, as CSV."""
-    if commands and nominal is None:
-        raise typer.BadParameter("--commands goes with --nominal ARM, the arm as its controller believes it to be")
     with Results(force, output, reads=[*arm.files, nominal]) as results:
         model, path = arm.model_and_data()
-        before = None if nominal is None else _nominal(nominal, model)
+        before = _nominal(nominal, model)
+        if commands and before is None:
+            raise typer.BadParameter("--commands goes with --nominal ARM, the arm as its controller believes it to be")
         table, _, read_as = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
         names = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)] if commands else list(CORRECTED)
@@ -87,7 +88,9 @@ def run(
     note(f"{path}: {done} of {readings.n} readings corrected by {model.arm.name} with {effects}")
 
 
-def _nominal(name: str, model: ErrorModel) -> ErrorModel:
+def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
+    if name is None:
+        return None if model.arm.nominal is None else ErrorModel(Arm.from_model(model.arm.nominal, model.arm.tip))
     if name.lower().endswith(".urdf"):
         return ErrorModel(Arm.from_urdf(name, model.arm.tip))
     return ErrorModel.load(name)
@@ -129,14 +132,9 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
 
 
 def _tell(what: str, errors: list[Array]) -> None:
-    (rms, rms_after), (most, most_after) = (
-        [f"{size:.4f} mm" for size in sizes]
-        for sizes in (
-            [float(np.sqrt(np.mean(np.square(e)))) / MM for e in errors],
-            [float(np.abs(e).max()) / MM for e in errors],
-        )
-    )
-    note(f"{what}: RMS {rms} before, {rms_after} after; largest {most} before, {most_after} after")
+    sizes = {"RMS": [rms(e) for e in errors], "largest": [float(np.abs(e).max()) for e in errors]}
+    told = [f"{name} {before / MM:.4f} mm before, {after / MM:.4f} mm after" for name, (before, after) in sizes.items()]
+    note(f"{what}: {'; '.join(told)}")
 
 
 def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:

@@ -32,12 +32,10 @@ def run(
 
     with Results(force, output, extended_arm, json_=json_, reads=arm.files) as results:
         model, path = arm.model_and_data()
-        if extended_arm is not None:
-            model.arm.require_dh(f"{extended_arm}, an arm file,")
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
         result = diagnose(model, records, hold_out=not no_held_out, rng=rng, **how.keywords())
         if extended_arm is not None:
-            result.model.save(results.file(extended_arm), comment=f"Extended by aacmm-pin diagnose from {path}: {result}")
+            results.arm(result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}")
         summary = result.summary() | {"source": path, "seed": seed}
         if output is not None:
             results.text(html.page(diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")), output)

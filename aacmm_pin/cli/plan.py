@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 import pandas as pd
@@ -12,18 +12,31 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, say
+from aacmm_pin.cli.plan_acceptance import Artefacts
+from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning import plan_measurements
+from aacmm_pin.planning import CalibrationPlan, plan_calibration, plan_measurements
 from aacmm_pin.planning.plan import POSTURES, Reference
-from aacmm_pin.report import terminal
+from aacmm_pin.report import html, terminal
+from aacmm_pin.report.calibration_plan import calibration_plan_document
 from aacmm_pin.report.plan import plan_document
+
+PURPOSES = ("causes", "calibration", "acceptance")
 
 
 @command
 def run(
     arm: UncertainArm,
     how: MeasuredHow,
+    for_: Annotated[
+        str,
+        typer.Option(
+            "--for",
+            help="causes: tell them apart; calibration: most of the geometry; acceptance: touches of ISO 10360-12 and "
+            "ASME B89.4.22, for accept.",
+        ),
+    ] = "causes",
     split: Annotated[
         tuple[str, str] | None,
         typer.Option(
@@ -33,6 +46,7 @@ def run(
         ),
     ] = None,
     records: Annotated[int, typer.Option(min=1, help="Number of records to plan.")] = 40,
+    *,
     data: Annotated[str | None, typer.Option(metavar="FILE", help="Measurement file that is there already.")] = None,
     reference: Annotated[
         str,
@@ -43,41 +57,99 @@ def run(
     postures: Annotated[int, typer.Option(min=1, help="Number of postures to choose from.")] = POSTURES,
     seed: Seed = 1,
     output: Output = None,
+    sheet: Annotated[
+        Path | None, typer.Option(help="With --for: HTML page to print, with positions and articulations.")
+    ] = None,
+    artefacts: Artefacts,
     set_up_arm: Annotated[Path | None, typer.Option(help="File for the arm as the plan wants it set up.")] = None,
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """What to measure next to tell causes apart: postures and set-up, as a measurement file to be filled in."""
-    with Results(force, output, set_up_arm, json_=json_, reads=[*arm.files, data]) as results:
+    """What to measure next: postures and set-up, as a file to be filled in."""
+    _require_used(for_, artefacts, sheet, split, data, set_up_arm, json_)
+    if for_ == "acceptance":
+        artefacts.plan(arm, above_mm, seed, output, sheet, force)
+        return
+    if as_it_stands and split is None:
+        raise typer.BadParameter("--as-it-stands goes with --split; without it a plan changes neither load nor mount")
+    with Results(force, output, set_up_arm, sheet, json_=json_, reads=[*arm.files, data]) as results:
         model = arm.model()
-        if set_up_arm is not None:
-            model.arm.require_dh(f"{set_up_arm}, an arm file,")
-        plan = plan_measurements(
-            model,
-            split,
-            records,
-            existing=None if data is None else Measurements.read(data, model.arm.nq),
-            reference=cast(Reference, reference),
-            above=in_metres(above_mm),
-            as_it_stands=as_it_stands,
-            postures=postures,
-            rng=np.random.default_rng(seed),
+        existing = None if data is None else Measurements.read(data, model.arm.nq)
+        if how.length_noise_mm is not None and (existing is None or not existing.bars()):
+            raise typer.BadParameter("--length-noise-mm goes with --data that has bars; a plan has none of its own")
+        options: dict[str, Any] = {
+            "existing": existing,
+            "reference": cast(Reference, reference),
+            "above": in_metres(above_mm),
+            "postures": postures,
+            "rng": np.random.default_rng(seed),
             **how.keywords(),
-        )
+        }
+        if for_ == "calibration":
+            _for_calibration(plan_calibration(model, records, **options), data, results, output, sheet, json_)
+            return
+        plan = plan_measurements(model, split, records, as_it_stands=as_it_stands, **options)
         if output is not None or json_ is None:
             results.text(plan.csv() if data is None else _like(data, plan.records), output)
         if set_up_arm is not None:
-            plan.model.save(results.file(set_up_arm), comment=f"Set up to be measured by a plan: {plan.setup}.")
+            results.arm(plan.model, set_up_arm, f"Set up to be measured by a plan: {plan.setup}.")
         results.json(plan.summary(), json_)
     if output is not None and json_ != "-":
         terminal.show(plan_document(plan))
-        say(f"{output}: fill in x_mm, y_mm, z_mm; where the arm only comes near a posture, enter the angles indicated")
+        only = "" if plan.needed else "for that check, "
+        where = "where the arm only comes near a posture, enter the angles indicated"
+        say(f"{output}: {only}fill in x_mm, y_mm, z_mm; {where}")
     else:
         terminal.show_notes(plan.notes)
     if plan.changes_arm and set_up_arm is None:
         note("note: this set-up is another arm file, which --set-up-arm FILE writes; diagnose the new records with it")
     if output is not None and json_ != "-":
         note(f"note: chosen from {postures} postures, seed {seed}")
+
+
+def _for_calibration(
+    plan: CalibrationPlan, data: str | None, results: Results, output: Path | None, sheet: Path | None, json_: str | None
+) -> None:
+    """Write and show a plan for a calibration."""
+    document = calibration_plan_document(plan)
+    if output is not None or (json_ is None and sheet is None):
+        results.text(plan.csv() if data is None else _like(data, plan.records), output)
+    if sheet is not None:
+        results.text(html.page(document), sheet)
+    results.json(plan.summary(), json_)
+    if output is not None and json_ != "-":
+        terminal.show(document)
+    else:
+        terminal.show_notes(plan.notes)
+
+
+def _require_used(
+    for_: str,
+    artefacts: Artefacts,
+    sheet: Path | None,
+    split: tuple[str, str] | None,
+    data: str | None,
+    set_up_arm: Path | None,
+    json_: str | None,
+) -> None:
+    """Refuse options that go with another purpose.
+
+    Raises:
+        UnknownNameError: no such purpose.
+    """
+    if for_ not in PURPOSES:
+        raise UnknownNameError("purpose", for_, [*PURPOSES])
+    used = {
+        "--split": (split, ("causes",)),
+        "--set-up-arm": (set_up_arm, ("causes",)),
+        "--sheet": (sheet, ("calibration", "acceptance")),
+        "--data": (data, ("causes", "calibration")),
+        "--json": (json_, ("causes", "calibration")),
+    }
+    used |= {f"--{name.replace('_', '-')}": (value, ("acceptance",)) for name, value in vars(artefacts).items()}
+    for option, (value, purposes) in used.items():
+        if value is not None and for_ not in purposes:
+            raise typer.BadParameter(f"{option} goes with --for {' or '.join(purposes)}")
 
 
 def _like(data: str, records: pd.DataFrame) -> str:

@@ -11,10 +11,9 @@ import typer
 from aacmm_pin._support.checks import vector
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw
 from aacmm_pin.cli.common import note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.postures.configurations import configuration_circle
+from aacmm_pin.postures.configurations import TIP_JOINTS, configuration_circle
 from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 
@@ -62,11 +61,13 @@ class Orientation:
         if has_table and self.tip != self.oriented:
             raise typer.BadParameter("--tip goes with --axis, or with --rpy-deg")
         where = np.array(point) * MM
-        if has_table and self.rpy_deg is None:
+        if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
             found: PosturesAtPoint = configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
         else:
             rotation = None
             if self.rpy_deg is not None:
+                from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw
+
                 rotation = from_roll_pitch_yaw(vector(np.array(self.rpy_deg) * DEG, 3, "--rpy-deg", "rad"))
             found = reaching_postures(arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count)
         if found.reason:

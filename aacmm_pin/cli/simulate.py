@@ -8,14 +8,23 @@ from typing import Annotated, cast
 import numpy as np
 import typer
 
+from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres
 from aacmm_pin.cli.common import EffectTexts, Force, Output, Results, Seed, command, note
+from aacmm_pin.effects import Effect
 from aacmm_pin.effects.cause_text import stated_cause
+from aacmm_pin.effects.error_model import ErrorModel, require_shown
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.simulate import PLANS, Plan, simulate_measurements
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import PLANS, Plan, simulate_measurements, simulate_touches
+from aacmm_pin.verification import Procedure
 
+RECORDS = 300
+"""Number of records where none is stated."""
+SEATS = 10
+"""Number of seats where none is stated."""
 BAR_LENGTH_MM = 500.0
 """Length of a ball bar where none is stated."""
 
@@ -23,9 +32,16 @@ BAR_LENGTH_MM = 500.0
 @command
 def run(
     arm: UncertainArm,
-    plan: Annotated[str, typer.Option(help=f"One of {', '.join(PLANS)}.")] = "seats",
-    records: Annotated[int, typer.Option(help="Number of records.")] = 300,
-    seats: Annotated[int, typer.Option(help="Number of seats; two for each ball bar.")] = 10,
+    plan: Annotated[
+        str,
+        typer.Option(
+            help=f"One of {', '.join(PLANS)}; or a procedure (CSV) by plan --for acceptance, whose touches are filled in."
+        ),
+    ] = "seats",
+    records: Annotated[int | None, typer.Option(help=f"Number of records. Default {RECORDS}.")] = None,
+    seats: Annotated[
+        int | None, typer.Option(help=f"With plans seats, ball-bar: number of seats; two for each bar. Default {SEATS}.")
+    ] = None,
     unknown: Annotated[bool, typer.Option("--unknown", help="With plan seats: without their coordinates.")] = False,
     bar_length_mm: Annotated[float | None, typer.Option(help="With plan ball-bar: length of the bars.")] = None,
     effect: EffectTexts = None,
@@ -40,11 +56,11 @@ def run(
     force: Force = False,
 ) -> None:
     """Virtual measurements of an arm with known errors, as CSV."""
-    if unknown and plan != "seats":
-        raise typer.BadParameter("--unknown goes with --plan seats")
+    _require_used(plan, records, unknown, seats, bar_length_mm, stated.reference_noise_mm)
     rng = np.random.default_rng(seed)
-    with Results(force, output, truth, reads=arm.files) as results:
-        model = arm.model()
+    procedure = plan if plan.endswith(".csv") else None
+    with Results(force, output, truth, reads=[*arm.files, procedure]) as results:
+        model = as_filed = arm.model()
         effects = [stated_cause(text, model) for text in effect or []]
         if perturb:
             model = perturbed_model(model, rng.spawn(1)[0])  # a stream of its own: the plan is the same without it
@@ -57,12 +73,58 @@ def run(
             note(f"note: bars of {BAR_LENGTH_MM:g} mm are assumed; --bar-length-mm states another length")
             bar_length_mm = BAR_LENGTH_MM
         noise, length = stated.simulated(model.arm), in_metres(bar_length_mm)
-        data = simulate_measurements(
-            model, cast(Plan, plan), records, rng=rng, noise=noise, seats=seats, known=not unknown, bar_length=length
-        )
+        if procedure is not None:
+            touches = Procedure.read(procedure, model.arm)
+            data = simulate_touches(model, touches.q, touches.points, rng=rng, noise=noise)
+            results.text(csv_text(touches.filled(data, as_filed)), output)
+        else:
+            data = simulate_measurements(
+                model,
+                cast(Plan, plan),
+                RECORDS if records is None else records,
+                rng=rng,
+                encoder_noise=noise.encoder,
+                reference_noise=noise.reference,
+                probe_noise=noise.probe,
+                seats=SEATS if seats is None else seats,
+                known=not unknown,
+                bar_length=length,
+            )
+            data.save(results.file(output or "-"))
+        _require_effects_shown(effects, model, data)
         encoder = ", ".join(f"{u:g}" for u in dict.fromkeys(noise.encoder))
         words = f"noise: readings {encoder} rad, references {noise.reference / MM:g} mm, contacts {noise.probe / MM:g} mm"
-        data.save(results.file(output or "-"))
         if truth is not None:
-            model.save(results.file(truth), comment=f"The arm behind: {data.source}; {words}.")
+            results.arm(model, truth, f"The arm behind: {data.source}; {words}.")
     note(f"{data}; {words}")
+
+
+def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:
+    """Refuse effects that no record shows."""
+    for given in effects:
+        require_shown(given, model.arm, data.q, data.conditions, "this plan")
+        if given.of_reference and not data.known.any():
+            raise AacmmError(f"--effect {given.key}: is of stated coordinates, which records of this plan do not have")
+
+
+def _require_used(
+    plan: str,
+    records: int | None,
+    unknown: bool,
+    seats: int | None,
+    bar_length_mm: float | None,
+    reference_noise_mm: float | None,
+) -> None:
+    """Refuse options that the plan does not use."""
+    options = {
+        "--records": (records is not None, PLANS),
+        "--unknown": (unknown, ("seats",)),
+        "--seats": (seats is not None, ("seats", "ball-bar")),
+        "--bar-length-mm": (bar_length_mm is not None, ("ball-bar",)),
+        "--reference-noise-mm": (reference_noise_mm is not None, ("free", "seats", "ball-bar")),
+    }
+    for option, (given, plans) in options.items():
+        if given and (plan in PLANS or plan.endswith(".csv")) and plan not in plans:
+            raise typer.BadParameter(f"{option} goes with --plan {' or '.join(plans)}")
+    if unknown and reference_noise_mm is not None:
+        raise typer.BadParameter("--reference-noise-mm beside --unknown, which states no reference")

@@ -1,21 +1,51 @@
-"""URDF of an arm."""
+"""URDF of an arm, or the DH table of a URDF."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
+import numpy as np
 import typer
 
-from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin._support.text_escaping import encodable
+from aacmm_pin.arm.corrected_urdf import corrected_urdf
+from aacmm_pin.arm.file import ArmFile, arm_text
 from aacmm_pin.arm.urdf import urdf_text
-from aacmm_pin.cli.arm_options import BUNDLED
-from aacmm_pin.cli.common import Force, Output, Results, command
-
-ArmName = Annotated[str, typer.Argument(metavar="ARM", help=f"Bundled arm ({BUNDLED}) or the path of an arm file.")]
+from aacmm_pin.arm.urdf_to_dh import dh_file
+from aacmm_pin.cli.arm_options import AnyArm
+from aacmm_pin.cli.common import Force, Output, Results, command, note
+from aacmm_pin.effects import StylusOffset
+from aacmm_pin.effects.error_model import ErrorModel
 
 
 @command
-def run(arm: ArmName, output: Output = None, force: Force = False) -> None:
-    """URDF of an arm, from its DH table."""
-    with Results(force, output, reads=[arm]) as results:
-        results.text(urdf_text(load_arm_file(arm), with_stylus_offset=True), output)
+def run(
+    arm: AnyArm,
+    to_dh: Annotated[
+        bool, typer.Option("--to-dh", help="Of a URDF, or an arm file that names one: its DH table, as an arm file.")
+    ] = False,
+    output: Output = None,
+    force: Force = False,
+) -> None:
+    """URDF of an arm, from its DH table or with its corrected placements; or the DH table of a URDF."""
+    with Results(force, output, reads=arm.files) as results:
+        model = arm.model()
+        results.keep(model.arm)
+        if to_dh:
+            if model.effects:
+                note(f"note: left out: {', '.join(effect.label for effect in model.effects)}")
+            results.text(arm_text(dh_file(model.arm)), output)
+        else:
+            results.file(output or "-").write_bytes(urdf_of(model))
+
+
+def urdf_of(model: ErrorModel) -> bytes:
+    """An arm as URDF, as far as a URDF can say it."""
+    lost = [e.label for e in model.effects if not (isinstance(e, StylusOffset) and e.marker is None)]
+    if lost:
+        note(f"note: a URDF has no place for {', '.join(lost)}")
+    file = model.file()
+    if isinstance(file, ArmFile):
+        return encodable(urdf_text(file, with_stylus_offset=True)).encode()
+    offsets = [e.values for e in model.effects if isinstance(e, StylusOffset) and e.marker is None]
+    return corrected_urdf(model.arm, np.sum(offsets, axis=0) if offsets else None)

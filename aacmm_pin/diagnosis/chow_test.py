@@ -79,7 +79,8 @@ def _scatter(choice: Choice) -> Array:
         return alike
     whiten = fit.noise.whitening
     left = np.einsum("nij,nj->ni", whiten, choice.tips - fit.observations.targets(fit.solution.point.seats))[used]
-    readings = whiten @ fit.problem.reading_covariance.sum(axis=1) @ whiten.transpose(0, 2, 1)
+    into = whiten @ fit.solution.point.frame.rotation  # of the base, where the readings' covariance is
+    readings = into @ fit.problem.reading_covariance.sum(axis=1) @ into.transpose(0, 2, 1)
     readings = readings * (3.0 / np.trace(readings[used], axis1=1, axis2=2).mean())
     likely = {}
     for share in BY_READINGS:

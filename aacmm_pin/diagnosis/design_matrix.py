@@ -26,7 +26,9 @@ TYPICAL_TURN = 2.0
 TYPICAL_GROWTH = 1.0
 """… and of all lengths [1] for each metre of that."""
 AT_ONCE = 100
-"""Columns that are worked out at once."""
+"""Columns that are worked out at once …"""
+NUMBERS_AT_ONCE = 1_000_000
+"""… or as many as have so many numbers, where that is fewer."""
 TYPICAL_MISTAKE = 1e-3
 """Usual distance by which a target sat elsewhere, where one group of records was set up differently [m]."""
 
@@ -97,7 +99,8 @@ class Design:
     def strips(self) -> Iterator[tuple[slice, Array]]:
         """The columns of all in turn, a limited number at once: which, and (n, 3, q), scaled [m]."""
         yield slice(0, self.nuisances), self.columns(None)
-        for _, group in groupby(self.blocks, key=lambda b: b.columns.start // AT_ONCE):
+        most = max(min(AT_ONCE, NUMBERS_AT_ONCE // self.tips.size), 1)
+        for _, group in groupby(self.blocks, key=lambda b: b.columns.start // most):
             for _, same in groupby(group, key=lambda b: isinstance(b.source, Carried)):
                 some = list(same)
                 columns = slice(some[0].columns.start, some[-1].columns.stop)

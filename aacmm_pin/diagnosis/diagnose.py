@@ -103,7 +103,11 @@ def diagnose(
     before, recalibrated = (fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([])))
     strong = strengths(choice, _excess(choice.fit), rng)
     held = gain_of(choice, before, kind, rng, progress) if hold_out and enough_postures(measurements) else None
-    return _concluded(model, choice, before, recalibrated, strong, held, repeated)
+    if choice.held is not choice.gram:
+        choice.held.products.release()
+    result = _concluded(model, choice, before, recalibrated, strong, held, repeated)
+    choice.gram.products.release()
+    return result
 
 
 def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:

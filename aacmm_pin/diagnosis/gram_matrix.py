@@ -8,8 +8,9 @@ observations are projected out of the rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
@@ -68,7 +69,15 @@ class Part:
 class Products:
     """Inner products of the columns of a design, by part and over all; kept once they are worked out.
 
+    The rows, by far the largest that a diagnosis holds, are worked out again where they are asked for after
+    :meth:`release`.
+
+    Args:
+        design: the columns.
+        read: works out the rows of each part.
+
     Attributes:
+        free: of each part, see :class:`Part`.
         of_size: numbers of the blocks of each size.
         columns: of these blocks, for each size q (blocks, q).
         place: size of a block, by its id, and its number among those of that size.
@@ -76,8 +85,9 @@ class Products:
             same sets are predicted when a cause has to survive, and when it is said what it brings.
     """
 
-    def __init__(self, design: Design, parts: list[Part]) -> None:
-        self.design, self.parts = design, parts
+    def __init__(self, design: Design, read: Callable[[], list[Part]]) -> None:
+        self.design, self._read = design, read
+        self.free = [each.free for each in self.parts]
         self.steps: dict[tuple[frozenset[int], tuple[int, ...]], Array] = {}
         prior = np.zeros((len(design.prior), design.width + 1))
         prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
@@ -89,6 +99,15 @@ class Products:
         self.columns = {q: starts[own][:, None] + np.arange(q) for q, own in self.of_size.items()}
         self.place = {id(design.blocks[b]): (q, k) for q, own in self.of_size.items() for k, b in enumerate(own)}
         self._insides: dict[int | None, dict[int, Array]] = {}
+
+    @cached_property
+    def parts(self) -> list[Part]:
+        """The rows."""
+        return self._read()
+
+    def release(self) -> None:
+        """Let the rows go; products that are there stay."""
+        self.__dict__.pop("parts", None)
 
     def strip(self, part: int | None, columns: slice) -> Array:
         """Products of some columns with all, and with the residual (q, columns + 1): of one part, or of all with prior."""
@@ -114,7 +133,7 @@ class Products:
         """Products of the columns of each block with one another: size -> (blocks of that size, q, q)."""
         if part not in self._insides:
             if part is None:
-                each = [self.insides(k) for k in range(len(self.parts))]
+                each = [self.insides(k) for k in range(len(self.free))]
                 self._insides[part] = {size: np.sum([one[size] for one in each], axis=0) for size in self.columns}
             else:
                 self._insides[part] = self.parts[part].insides(self.columns)
@@ -144,12 +163,12 @@ class Gram:
     @property
     def parts(self) -> list[int]:
         """Numbers of the parts that count and have something to say."""
-        return [k for k, part in enumerate(self.products.parts) if k not in self.left_out and part.free > 0]
+        return [k for k, free in enumerate(self.products.free) if k not in self.left_out and free > 0]
 
     @property
     def free(self) -> int:
         """Rows less the unknown points that were projected out."""
-        return sum(self.products.parts[k].free for k in self.parts)
+        return sum(self.products.free[k] for k in self.parts)
 
     def prepare(self, blocks: Iterable[int]) -> None:
         """Work out at once what is needed to admit each of some blocks."""
@@ -184,12 +203,17 @@ class Gram:
 
 
 def products_of(design: Design, part: Index) -> Products:
-    """Whitened rows of the used records; a seat with records in several parts has coordinates of its own in each.
+    """Of the used records; a seat with records in several parts has coordinates of its own in each.
 
     Args:
         design: the columns.
         part: number of the part of each record, from 0 (n,).
     """
+    return Products(design, partial(_parts_of, design, part))
+
+
+def _parts_of(design: Design, part: Index) -> list[Part]:
+    """Whitened rows."""
     fit = design.fit
     used = fit.used & fit.observations.says
     part = np.where(used, part, -1)
@@ -211,4 +235,4 @@ def products_of(design: Design, part: Index) -> Products:
             rows = [each[some].reshape(-1, strip.shape[2]) for each, some in zip(whole, chosen, strict=True)]
             into[:, columns] = np.concatenate(rows)
     seats = np.bincount(of_seat[of_seat >= 0], minlength=len(own))
-    return Products(design, [Part(r, max(n - 3 * int(s), 0)) for r, n, s in zip(found, counts, seats, strict=True)])
+    return [Part(r, max(n - 3 * int(s), 0)) for r, n, s in zip(found, counts, seats, strict=True)]

@@ -129,10 +129,16 @@ def choose(
     nearer = _put_back(first)
     found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
     if nearer.sum() - first.used.sum() >= max(FEWEST_BACK, A_FEW * len(nearer)):
+        found.gram.products.release()  # there is room for one of them
         wider = fit(problem_of([]), used=nearer)
         again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress)
-        found = again if _doubtful(again, first) <= _doubtful(found, first) - FEWEST_BACK else found
-    return replace(found, held=Gram(products_of(found.design, parts))) if _torn(found.design.fit, parts) else found
+        if _doubtful(again, first) <= _doubtful(found, first) - FEWEST_BACK:
+            found, again = again, found
+        again.gram.products.release()
+    if not _torn(found.design.fit, parts):
+        return found
+    found.gram.products.release()
+    return replace(found, held=Gram(products_of(found.design, parts)))
 
 
 def _doubtful(choice: Choice, first: Fit) -> int:

@@ -27,18 +27,21 @@ def verdict_of(
         structure: something is left that no cause explains.
         p_left: chance of as much structure over any covariate as is left, where there is none.
         visible: how many causes of usual size these records would have shown, and of how many.
-        fits: the searches on which all that rests.
+        fits: the searches on which all that rests, that of the extended arm last.
 
     Returns:
         ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the noise cannot be told; nothing
         was found, and these records would not have shown most causes; held-out groups do not bear a name out; a value is
-        below zero that nature has above it; or something may be left that nothing was found for.
+        below zero that nature has above it; so many records were excluded that they are no gross errors; or something may
+        be left that nothing was found for.
         ``ambiguous``: a name has a look-alike that these records cannot exclude. ``explained``, ``no-discrepancy``: else.
     """
     if not all(fit.solution.converged and fit.tells_noise for fit in fits):
         return "inconclusive"
     if structure:
         return "unexplained"
+    if fits[-1].thinned:
+        return "inconclusive"
     if not findings:
         return "no-discrepancy" if visible[0] > SHOWN * visible[1] and p_left >= LEFT_ALONE else "inconclusive"
     doubtful = [finding for finding in findings if finding.probability < SETTLED]

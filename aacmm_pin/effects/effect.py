@@ -18,7 +18,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.plausible import LATEST, MOST_ROWS, MOST_TYPICAL
+from aacmm_pin._support.plausible import LATEST, LEAST_KNOWN, MOST_ROWS, MOST_TYPICAL
 from aacmm_pin._support.units import DEG, MM, prefixed
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis as axis
@@ -55,6 +55,7 @@ class Term:
         read_in: the unit in which people read it, and one of it in SI; None for the SI unit with the prefix that makes
             ``typical`` a number of few digits.
         positive: True where nature has it above zero only: a finding that is surely negative explains nothing.
+        largest: magnitude beyond which it must be a mistake [unit]; None for :data:`MOST_TYPICAL` times ``typical``.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Term:
     scale: float = 1.0
     read_in: tuple[str, float] | None = None
     positive: bool = False
+    largest: float | None = None
 
     @property
     def unit_read(self) -> tuple[str, float]:
@@ -413,10 +415,11 @@ class Effect(Shown, ABC):
         bare = cls(**{name: cls._checked(name, value) for name, value in structure.items()})
         effect = bare.at(bare.values_from(parameters), bare._by_key(uncertainty or {}))
         for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
-            most = MOST_TYPICAL * term.typical / term.scale
-            for what, number in (("", value / term.scale), ("u of ", u / term.scale)):
-                if abs(number) > most:
-                    raise AacmmError(f"{effect.label}: {what}{term.key} is {number:g}, expected at most {most:g}")
+            most = MOST_TYPICAL * term.typical if term.largest is None else term.largest
+            for what, number, limit in (("", value, most), ("u of ", u, LEAST_KNOWN * term.typical)):
+                if abs(number) > limit:
+                    came, expected = (f"{size / term.scale:g}" for size in (number, limit))
+                    raise AacmmError(f"{effect.label}: {what}{term.key} is {came}, expected at most {expected}")
         return effect
 
     def require_sign(self) -> Self:
@@ -471,9 +474,9 @@ def _places(site: str | None, arm: Arm, records: Records | None) -> list[dict[st
     return [{str(site): place} for place in found]
 
 
-def shifts(typical: float) -> tuple[Term, ...]:
+def shifts(typical: float, largest: float | None = None) -> tuple[Term, ...]:
     """Three shifts along x, y and z, in millimetres in files."""
-    return tuple(Term(name, "m", typical, f"{name}_mm", MM) for name in ("x", "y", "z"))
+    return tuple(Term(name, "m", typical, f"{name}_mm", MM, largest=largest) for name in ("x", "y", "z"))
 
 
 def turns(typical: float) -> tuple[Term, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.arm import Arm, require_arm
-from aacmm_pin.arm.file import ArmFile, EffectEntry, arm_text, load_arm_file
+from aacmm_pin.arm.file import ArmFile, EffectEntry, UrdfArmFile, arm_text, validated
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.effect import Effect
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.effects.state import State
@@ -22,6 +23,8 @@ from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameEr
 
 MOST_ROUNDS = 20
 """The weight's moments are found again in the bent arm until nothing moves; the arm is stiff, so three or four do."""
+MOST_LABELS = 20
+"""So many labels are listed."""
 SETTLED = 1e-15
 """Twists that change by less than this have settled [m, rad]."""
 
@@ -76,32 +79,38 @@ class ErrorModel(Shown):
         """A bundled arm by name or an arm file by path, with its ``[[effects]]``.
 
         Raises:
-            UnknownNameError, ArmFileError: see :func:`aacmm_pin.arm.file.load_arm_file`; an effect that is none.
+            UnknownNameError, ArmFileError: see :meth:`aacmm_pin.Arm.load`; an effect that is none.
         """
-        return _extended(Arm.from_file(load_arm_file(name_or_path)), str(name_or_path))
+        return _extended(Arm.load(name_or_path), str(name_or_path))
 
-    def file(self) -> ArmFile:
+    def file(self) -> ArmFile | UrdfArmFile:
         """The arm file of this model.
 
         Raises:
-            UnsupportedArmError: the arm came as URDF alone and has none.
+            AacmmError: the arm was made from neither an arm file nor a URDF file.
+            ArmFileError: the URDF has a name that no arm file can have.
         """
-        if self.arm.file is None:
-            self.arm.require_dh("an arm file")
-            raise AacmmError(f"{self.arm.name}: was not made from an arm file, so there is none to extend")
-        return self.arm.file.model_copy(update={"effects": [entry_of(effect) for effect in self.effects]})
+        file = self.arm.file
+        if file is None or (isinstance(file, UrdfArmFile) and not file.urdf.file):
+            raise AacmmError(f"{self.arm.name}: was made from no file that could be extended")
+        file = file.model_copy(update={"effects": [entry_of(effect) for effect in self.effects]})
+        return validated(UrdfArmFile, file.model_dump(by_alias=True), file.name) if isinstance(file, UrdfArmFile) else file
+
+    def text(self, comment: str = "", folder: str | Path | None = None) -> str:
+        """The arm file of this model as TOML; see :func:`aacmm_pin.arm.file.arm_text` and :meth:`file`."""
+        return arm_text(self.file(), comment, folder)
 
     def save(self, path: str | Path, force: bool = False, comment: str = "") -> None:
         """Write the arm file of this model; ``comment`` stands in front.
 
         Raises:
             OutputError: see :func:`aacmm_pin._support.output_files.whole_file`.
-            UnsupportedArmError: see :meth:`file`.
+            AacmmError: see :meth:`file`.
         """
         from aacmm_pin._support.output_files import whole_file
         from aacmm_pin._support.text_escaping import encodable
 
-        text = arm_text(self.file(), comment)
+        text = self.text(comment, Path(path).parent)
         with whole_file(path, force) as temporary:
             temporary.write_text(encodable(text), encoding="utf-8")
 
@@ -232,6 +241,28 @@ def require_row(effect: Effect, arm: Arm) -> Effect:
     if effect.row is not None and not 1 <= effect.row <= arm.chain.rows:
         raise AacmmError(f"{effect.label}: {arm.name} has rows 1 to {arm.chain.rows}")
     return effect
+
+
+def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, source: str) -> None:
+    """Refuse an effect whose seat, target, time, … none of the records has; ``source`` is what errors call these.
+
+    Raises:
+        AacmmError: nothing in the columns that it depends on moves anything; says what stands there.
+    """
+    state = State(arm, q, conditions, arm.chain.tip)
+    if not effect.needs or any(d.columns.any() for d in effect.displacements(state)):
+        return
+    there = {COLUMNS[need]: values for need in effect.needs if (values := getattr(conditions, need)) is not None}
+    stands = "; ".join(f"{column} has {_in_words(values)}" for column, values in there.items())
+    raise AacmmError(f"{effect.key}: no record of {source} shows it: {stands}")
+
+
+def _in_words(values: NDArray[Any]) -> str:
+    """The labels in a column, or the range of its numbers."""
+    if values.dtype != object:
+        return f"{values.min():.6g} to {values.max():.6g}"
+    labels = [label for label in dict.fromkeys(values) if label]
+    return ", ".join(labels[:MOST_LABELS]) + f", … ({len(labels)} in all)" * (len(labels) > MOST_LABELS)
 
 
 def entry_of(effect: Effect) -> EffectEntry:

@@ -12,6 +12,9 @@ from aacmm_pin.effects.effect import Displacement, Effect, Term, shifts, twist
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import UnsupportedArmError
 
+FARTHEST = 10.0
+"""A target on the last body is within so much of the tip [m]."""
+
 
 @dataclass(frozen=True)
 class StylusOffset(Effect):
@@ -25,7 +28,7 @@ class StylusOffset(Effect):
     cause: ClassVar[str] = "stylus_offset"
     refitted: ClassVar[bool] = True
     usual: ClassVar[float] = 0.2
-    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5)
+    terms: ClassVar[tuple[Term, ...]] = shifts(5e-5, FARTHEST)
 
     @property
     def needs(self) -> tuple[str, ...]:

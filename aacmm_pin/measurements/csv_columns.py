@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -76,7 +77,7 @@ ENOUGH_RECORDS = 5
 """So many records tell degrees from radians."""
 MOST_PROBLEMS = 10
 LONGEST_NAME = 100
-"""Characters of a column's name that a message has."""
+"""Characters of a column's name, or of a cell, that a message has."""
 
 
 @dataclass
@@ -97,7 +98,8 @@ class Problems:
         if where.size:
             lines = [str(line) for line in self.lines[where[:6]]]
             others = f" (and {where.size - 1} more: row {', '.join(lines[1:])}{', …' * (where.size > 6)})"
-            said = message.format(*(v[where[0]] for v in values))
+            first = [v[where[0]] for v in values]
+            said = message.format(*(_short(v) if isinstance(v, str) else v for v in first))
             self.found.append((int(lines[0]), column, said + others * (where.size > 1)))
 
     def stop(self) -> None:
@@ -113,7 +115,7 @@ class Problems:
 
 
 def _short(name: str) -> str:
-    """A name as messages have it: of a very long one the two ends."""
+    """A name or a cell as messages have it: of a very long one the two ends."""
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME // 2]}…{name[-LONGEST_NAME // 2 :]}"
 
 
@@ -309,7 +311,7 @@ def checked_columns(table: pd.DataFrame, lines: Index, nq: int | None, source: s
     labels = {name: cells.pop(name) for name in LABELS if name in cells}
     columns = Columns(header, {name: _numbers(name, each, problems) for name, each in cells.items()}, labels)
     problems.stop()
-    for check in (_angles, _references, _approaches, _plausible, _seats, _bars):
+    for check in (_angles, _references, _approaches, _plausible, _spelling, _seats, _bars):
         check(columns, problems)
     problems.stop()
     return columns
@@ -406,6 +408,21 @@ def _plausible(columns: Columns, problems: Problems) -> None:
         if name in columns.numbers:
             values = columns.numbers[name]
             problems.at(range_.outside(values), name, f"is {{:.6g}} {range_.unit}, {range_.expected}", values)
+
+
+def _spelling(columns: Columns, problems: Problems) -> None:
+    """One seat, target or bar is written in one way: what nobody sees, or marks a comment, makes no other of it."""
+    for name in ("seat", "marker", "bar"):
+        label, spelled = columns.label(name), {"": ""}
+        first = np.array([spelled.setdefault(_seen(cell), cell) for cell in label], dtype=object)
+        expected = "is {!r} beside {!r}, which differs in blanks, unseen signs or a leading # alone; expected one spelling"
+        problems.at(first != label, name, expected, label, first)
+
+
+def _seen(label: str) -> str:
+    """A label without what distinguishes it from no other for a reader."""
+    shown = "".join(letter for letter in unicodedata.normalize("NFC", label) if unicodedata.category(letter) != "Cf")
+    return shown.strip().removeprefix("#").strip() or shown.strip()
 
 
 def _seats(columns: Columns, problems: Problems) -> None:

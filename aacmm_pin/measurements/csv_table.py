@@ -7,12 +7,12 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Index
+from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.text_escaping import csv_unquoted
 from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements.csv_columns import LABELS, Problems, is_known
@@ -29,7 +29,8 @@ def read_table(path: str) -> tuple[pd.DataFrame, Index, tuple[str, ...]]:
     """Cells of a CSV file as text, the line of each record, and how the file was read where that is not as it usually is.
 
     Cells may be separated by commas, semicolons or tabulators, with spaces behind them; with the latter two, numbers may
-    have decimal commas. Lines that begin with # are left out where they can be no records. Known names of columns may be in
+    have decimal commas. Lines that begin with #, and a first one such as sep=; of
+    spreadsheets, are left out where they can be no records. Known names of columns may be in
     upper case. (pandas would fill short rows up and lose count of the lines.)
 
     Raises:
@@ -45,15 +46,14 @@ def read_table(path: str) -> tuple[pd.DataFrame, Index, tuple[str, ...]]:
     spaced = any(name.startswith(" ") for name in header[1:])
     every = list(_rows(path, text, separator, spaced))
     rows = [(line, cells) for line, cells, comment in every if not comment]
+    comments = len(every) - len(rows)
     if not rows:
         raise MeasurementFileError(path, None, "", "has comments only, expected a header and one row a record")
     if spaced:
         notes.append("spaces around cells left out")
         rows = [(line, [cell.strip() for cell in cells]) for line, cells in rows]
-    if comments := sum(line.startswith("#") for line in text.splitlines()) - sum(
-        cells[0].startswith("#") for _, cells in rows
-    ):
-        notes.append(f"{comments} line{'s' * (comments != 1)} that begin{'s' * (comments == 1)} with # left out")
+    if comments:
+        notes.append(f"{comments} line{'s' * (comments != 1)} that begin{'s' * (comments == 1)} with # or sep= left out")
     header = _lower_case(rows[0][1], notes)
     problems = Problems(path, np.array([line for line, _ in rows], dtype=np.intp))
     cells_of = np.array([len(cells) for _, cells in rows])
@@ -84,6 +84,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool = False) -> Iterato
     try:
         for cells in reader:
             comment = bool(cells) and cells[0].lstrip().startswith("#")
+            comment = comment or (not header and bool(cells) and re.fullmatch("sep=.?", cells[0], re.IGNORECASE) is not None)
             if comment and header:  # a label may begin with #, a number does not
                 name = header[0].strip().lower()
                 comment = len(cells) != len(header) or (is_known(name) and name not in LABELS)
@@ -97,7 +98,10 @@ def _rows(path: str, text: str, separator: str, spaced: bool = False) -> Iterato
 
 def _lower_case(header: list[str], notes: list[str]) -> list[str]:
     """The names, those that are known in lower case so."""
-    lower = [name if is_known(name) or not is_known(name.lower()) else name.lower() for name in header]
+    theirs: tuple[str, ...] = ()
+    if "test" in map(str.lower, header):
+        from aacmm_pin.measurements.acceptance_columns import ACCEPTANCE as theirs
+    lower = [name.lower() if is_known(name.lower()) or name.lower() in theirs else name for name in header]
     if lower == header or max(Counter(lower).values()) > 1:
         return header
     notes.append("names of columns in lower case")
@@ -116,18 +120,10 @@ def _decimal_points(header: list[str], columns: dict[int, list[str]], notes: lis
 
 
 def _text(path: str) -> str:
-    if Path(path).is_dir():
-        raise MeasurementFileError(path, None, "", "is a folder, expected a measurement file, *.csv")
+    expected = "a measurement file, *.csv,"
+    content = content_of(path, LARGEST_FILE, expected, lambda message: MeasurementFileError(path, None, "", message))
     try:
-        with open(path, "rb") as file:  # perhaps a pipe, or a device without end
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise MeasurementFileError(path, None, "", f"is larger than {LARGEST_FILE / 1e6:g} MB, expected a smaller file")
         text = content.decode("utf-8-sig")
-    except FileNotFoundError:
-        raise MeasurementFileError(path, None, "", "no such file") from None
-    except OSError as error:
-        raise MeasurementFileError(path, None, "", f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         expected = "expected a CSV file in UTF-8, as every spreadsheet can save it"

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, vector
-from aacmm_pin._support.display import Shown
 from aacmm_pin.errors import ShapeError
 
 ENCODER = 8e-6
@@ -21,7 +20,7 @@ PROBE = 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class Noise(Shown):
+class Noise:
     """Standard uncertainties of what is new in every record, or in every reference.
 
     Attributes:

@@ -6,6 +6,7 @@ The file speaks millimetres and degrees (or radians); :class:`Measurements` spea
 from __future__ import annotations
 
 import csv
+import hashlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -27,7 +28,7 @@ from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels
 from aacmm_pin.errors import ShapeError, UnknownNameError
 from aacmm_pin.measurements import csv_columns as names
-from aacmm_pin.measurements.csv_columns import Columns, Problems, checked_columns, named, read_header
+from aacmm_pin.measurements.csv_columns import Problems, checked_columns, named, read_header
 from aacmm_pin.measurements.csv_table import read_table
 
 FIRST_RECORD = 2
@@ -41,6 +42,12 @@ state the very same angles. A tip moves by about a millimetre over such a step, 
 
 EXACT = 1e-6
 """What is nearer to a whole number, or half of one, is it: in micrometres, a double at 100 m has 1e-8."""
+FINGERPRINT_STEP = 1e-9
+"""Numbers of a record that differ by less are the same [rad, m]."""
+FINGERPRINT_DIGITS = 12
+"""Hexadecimal digits of a fingerprint: among 100 000 records two agree by chance in one file of 50 000."""
+UNKNOWN = -(2.0**62)
+"""Stands for coordinates that are not known."""
 ROUNDED_TO = (1e-3, 1e-4, 1e-5, 1e-6)
 """What angles of another export may be rounded to, the coarsest first [degree]."""
 
@@ -71,7 +78,8 @@ class Measurements(Shown):
         extra: columns of unknown meaning as they came, n rows.
         row: line of each record in the file (n,), the header being line 1; in a table, the line it would have.
         source: the file as the caller named it, or ``table``.
-        read_as: how the file was read, where that is not as it usually is: separators, decimal commas, comments left out.
+        read_as: how the file was read, where that is not as it usually is: separators, decimal commas, comments left out,
+            touches of an acceptance test.
     """
 
     q: Array
@@ -97,8 +105,8 @@ class Measurements(Shown):
                 the message names the row and column of the first ten problems.
         """
         table, lines, read_as = read_table(str(path))
-        found = _from_columns(checked_columns(table, lines, nq, str(path)), table, lines, str(path))
-        return replace(found, read_as=read_as)
+        found = _from_table(table, lines, nq, str(path))
+        return replace(found, read_as=read_as + found.read_as)
 
     @staticmethod
     def from_frame(table: pd.DataFrame, nq: int | None = None, source: str = "table") -> Measurements:
@@ -108,7 +116,7 @@ class Measurements(Shown):
             MeasurementFileError: see :meth:`read`; rows are counted as in a file, the first record being row 2.
         """
         lines = np.arange(len(table)) + FIRST_RECORD
-        return _from_columns(checked_columns(table, lines, nq, source), table, lines, source)
+        return _from_table(table, lines, nq, source)
 
     @staticmethod
     def of(
@@ -191,9 +199,9 @@ class Measurements(Shown):
         """Number of the first record (n,) that each says the same as; its own where it is the first.
 
         Copies agree in every column, to the last digit, but for ``time_s``, ``record``, ``operator``, unknown columns, and
-        for a reference that one of them states rounded to a micrometre, or angles that it states rounded to 1e-3 to 1e-6
-        degrees: no second measurement does, while a file that was appended to itself, or to another export of the same
-        measurement, does.
+        for a reference that one of them states rounded to a micrometre, angles that it states rounded to 1e-3 to 1e-6
+        degrees, or both: no second measurement does, while a file that was appended to itself, or to another export of the
+        same measurement, does.
         """
         alone = self._nearest > DEG * ROUNDED_TO[0]
         if alone.all():
@@ -202,12 +210,25 @@ class Measurements(Shown):
         same = _numbered(table)
         if self.known.any():
             same = _joined(same, _numbered(table.drop(columns=list(names.REFERENCE))), self.reference / UM)
-        others = table.drop(columns=named(names.THETA["deg"], self.nq))
-        but_for_angles = _numbered(others.assign(alone=np.where(alone, np.arange(self.n), -1)))
+        own = np.where(alone, np.arange(self.n), -1)
+        others = table.drop(columns=named(names.THETA["deg"], self.nq)).assign(alone=own)
+        but_for_angles = _numbered(others)
+        but_for_both = _numbered(others.drop(columns=list(names.REFERENCE), errors="ignore"))
         for step in ROUNDED_TO:
-            same = _joined(same, but_for_angles, self.q / DEG / step)
+            angles = self.q / DEG / step
+            same = _joined(same, but_for_angles, angles)
+            same = _joined(same, but_for_both, np.hstack([angles, self.reference / UM]))
         _, first, number = np.unique(same, return_index=True, return_inverse=True)
         return np.asarray(first[number], dtype=np.intp)
+
+    def fingerprints(self) -> tuple[str, ...]:
+        """A short text for each record by which it is known again, in whatever file: of its readings and reference.
+
+        Readings are taken to 1e-9 rad and coordinates to a nanometre, so that a unit of angles makes no other record of it.
+        """
+        numbers = np.nan_to_num(np.rint(np.column_stack([self.q, self.reference]) / FINGERPRINT_STEP), nan=UNKNOWN)
+        rows = numbers.astype("<i8")
+        return tuple(hashlib.sha256(row.tobytes()).hexdigest()[:FINGERPRINT_DIGITS] for row in rows)
 
     @cached_property
     def _nearest(self) -> Array:
@@ -338,14 +359,20 @@ def _joined(same: Index, but_for_these: Index, values: Array) -> Index:
 # --- from a table
 
 
-def _from_columns(columns: Columns, table: pd.DataFrame, lines: Index, source: str) -> Measurements:
+def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) -> Measurements:
+    read_as: tuple[str, ...] = ()
+    if "test" in table:
+        from aacmm_pin.measurements.acceptance_columns import as_records
+
+        table, read_as = as_records(table, lines, source)
+    columns = checked_columns(table, lines, nq, source)
     found: dict[str, Any] = {attribute: columns.field(attribute) for attribute in names.FIELDS}
     conditions = Conditions(columns.n, **{name: found.pop(name) for name in COLUMNS})
     for name, of_form in (("reference", names.REFERENCE), ("reference_u", names.REFERENCE_U)):
         found[name] = columns.block(of_form) * MM
     q = columns.block(columns.header.theta) * (DEG if columns.header.unit == "deg" else 1.0)
     extra = table[list(columns.header.extra)].reset_index(drop=True)
-    return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, **found)
+    return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **found)
 
 
 # --- from arrays

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, whole
@@ -13,9 +14,9 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import MARGIN, Room
 from aacmm_pin.effects.conditions import Conditions, Labels
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
+from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import SEATS_APART, Place, Pool, bars_for, seats_for, visits
-from aacmm_pin.measurements.noise import ENCODER, Noise
+from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.schedule import sessions, workshop_conditions
 from aacmm_pin.postures.sampling import brought_to
@@ -30,7 +31,9 @@ def simulate_measurements(
     records: int,
     *,
     rng: np.random.Generator,
-    noise: Noise | None = None,
+    encoder_noise: ArrayLike | None = None,
+    reference_noise: float = REFERENCE,
+    probe_noise: float = PROBE,
     seats: int = 10,
     known: bool = True,
     bar_length: float | None = None,
@@ -57,7 +60,10 @@ def simulate_measurements(
         plan: one of the four.
         records: number of records.
         rng: for all that is drawn; its seed goes into ``source`` of the result.
-        noise: default what the arm states of its encoders (or 8 µrad, which ``source`` then says), references of 12 µm.
+        encoder_noise: standard uncertainty of one reading, of each joint (nq,) or one for all [rad; m where a joint slides];
+            default what the arm states of its encoders, or 8 µrad, which ``source`` then says.
+        reference_noise: of each coordinate of a stated reference [m]: drawn once for a seat, once a record for free points.
+        probe_noise: of each coordinate of one contact [m], new in every record.
         seats: number of seats; two for each bar.
         known: for plan ``seats``, whether their coordinates are stated.
         bar_length: for plan ``ball-bar`` [m].
@@ -66,7 +72,7 @@ def simulate_measurements(
 
     Raises:
         UnknownNameError: no such plan; a ``seat_error`` of a seat that the plan does not have.
-        ShapeError: noise of another number of encoders.
+        ShapeError: noise of another number of encoders, or not finite.
         MissingConditionError: an effect depends on something that a virtual workshop does not record.
         AacmmError: a number is of no use, or the plan cannot be carried out: says why.
     """
@@ -79,10 +85,14 @@ def simulate_measurements(
     for effect in model.effects:
         if plan == "seats" and known and effect.corrects_seat and effect.place not in _seat_labels(seats):
             raise UnknownNameError(f"seat of {effect.cause}", str(effect.place), _seat_labels(seats))
-    used, assumed = _noise(model.arm, noise)
+    encoder = model.arm.encoder_noise if encoder_noise is None else encoder_noise
+    assumed = f", encoder noise {ENCODER * 1e6:g} µrad (assumed)" if encoder is None else ""
+    noise = Noise.of(
+        model.arm.nq, encoder=ENCODER if encoder is None else encoder, reference=reference_noise, probe=probe_noise
+    )
     seed = seed_of(rng)
     source = f"simulated, {model.arm.name}, plan {plan}, seed {'unknown' if seed is None else seed}{assumed}"
-    shop = _Workshop(model, used, temperature_range, rng, source)
+    shop = _Workshop(model, noise, temperature_range, rng, source)
     if plan == "free":
         return shop.free(Room(model.arm, above).postures(records, rng)[0])
     counts = np.bincount(np.arange(records) % points)
@@ -90,6 +100,18 @@ def simulate_measurements(
     pool = Pool.draw(model, above, each, rng)
     places = bars_for(pool, points // 2, bar_length, each, rng) if bar_length else seats_for(pool, points, each, rng)
     return shop.touched(places, counts, stated, bar_length)
+
+
+def simulate_touches(model: ErrorModel, q: Array, points: Array, *, rng: np.random.Generator, noise: Noise) -> Measurements:
+    """Records of touches in the order in which they are made, near the postures ``q`` (n, nq) [rad].
+
+    The tip of the arm with all its errors is at ``points`` (n, 3) [m] plus the draw of the contact, as in
+    :func:`simulate_measurements`; no record has a reference.
+
+    Raises:
+        AacmmError: a point cannot be touched near its posture.
+    """
+    return _Workshop(model, noise, 3.0, rng, f"simulated touches, {model.arm.name}").at(points, q)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +155,13 @@ class _Workshop:
             bars = {"bar": [f"B{k // 2 + 1}" for k in point], "bar_end": ["AB"[k % 2] for k in point]}
             bars["bar_length"] = lengths[point // 2]
         return self._recorded(q, conditions, reference, **bars)
+
+    def at(self, points: Array, q: Array) -> Measurements:
+        """Records without references at ``points`` (n, 3), near the postures ``q`` (n, nq)."""
+        conditions = self._conditions(sessions(len(q)), q, None)
+        return self._recorded(
+            self._exactly(q, points + self._normal(self.noise.probe, points), conditions), conditions, None
+        )
 
     def _exactly(self, q: Array, target: Array, conditions: Conditions) -> Array:
         """Postures near ``q`` in which the tip, with every error, is at ``target`` (n, 3) [m].
@@ -204,16 +233,6 @@ def _check_numbers(plan: Plan, records: int, points: int, stated: bool, bar_leng
         plausible.BAR_LENGTH.check(bar_length, "bar_length")
         if bar_length < SEATS_APART:
             raise AacmmError(f"bar_length is {bar_length:g} m, expected at least {SEATS_APART:g} m")
-
-
-def _noise(arm: Arm, noise: Noise | None) -> tuple[Noise, str]:
-    """The noise to use, and words for what of it was assumed."""
-    if noise is None and arm.encoder_noise is None:
-        return Noise.of(arm.nq), f", encoder noise {ENCODER * 1e6:g} µrad (assumed)"
-    noise = Noise.of(arm.nq, encoder=ENCODER if arm.encoder_noise is None else arm.encoder_noise) if noise is None else noise
-    if noise.encoder.shape != (arm.nq,):
-        raise ShapeError(f"noise is of {len(noise.encoder)} encoders, expected {arm.nq} for {arm.name}")
-    return noise, ""
 
 
 def seed_of(rng: np.random.Generator) -> int | None:

@@ -1,7 +1,16 @@
-"""What to measure next: records that tell causes of error apart."""
+"""What to measure next: records that tell causes of error apart, or most of the geometry."""
 
+from aacmm_pin.planning.calibration_design import CalibrationPlan, plan_calibration
 from aacmm_pin.planning.detection_power import Power
 from aacmm_pin.planning.plan import advice, plan_measurements
 from aacmm_pin.planning.result import MeasurementPlan, Tried
 
-__all__ = ["MeasurementPlan", "Power", "Tried", "advice", "plan_measurements"]
+__all__ = [
+    "CalibrationPlan",
+    "MeasurementPlan",
+    "Power",
+    "Tried",
+    "advice",
+    "plan_calibration",
+    "plan_measurements",
+]

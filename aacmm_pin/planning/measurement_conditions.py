@@ -60,7 +60,7 @@ def possible_conditions(
             last = MeasurementConditions(tuple(words for words, _ in some), model, **fields)
             yield last
     file = model.arm.file
-    if file is not None and any(effect.elastic for effect in causes):
+    if isinstance(file, ArmFile) and any(effect.elastic for effect in causes):
         for words, changed in _loads_and_mounts(model.arm, file):
             arm = Arm.from_file(file.model_copy(update=changed))
             yield replace(last, words=(*last.words, words), model=ErrorModel(arm, model.effects), changes_arm=True)

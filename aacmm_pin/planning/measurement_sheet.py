@@ -23,19 +23,13 @@ DECIMALS = 6
 def plan_of(task: Task, situation: Situation, chosen: list[int], notes: tuple[str, ...], **found: Any) -> MeasurementPlan:
     """The plan of the chosen records, in the order in which they are taken; ``found`` are its other fields."""
     set_up = situation.set_up
-    records = situation.pool.take(np.array(chosen))
-    records = records.take(_order(records))
-    conditions = records.conditions
-    if conditions.time is not None:
-        conditions = replace(conditions, time=_spaced(np.round(conditions.time)))
-    labels = np.array([f"plan{k}" for k in range(1, records.n + 1)], dtype=object)
-    records = replace(records, conditions=conditions, record=labels)
+    records, sheet = sheet_of(task, situation, chosen)
     apart = set_up.changes_arm and task.existing is not None
     without = ("the old records are of another arm file and have no part in the odds",) if apart else ()
     return MeasurementPlan(
         model=set_up.model,
-        records=_sheet(records, task.existing),
-        expected=task.frame.apply(set_up.model.predict(records.q, conditions)),
+        records=sheet,
+        expected=task.frame.apply(set_up.model.predict(records.q, records.conditions)),
         set_up=set_up.words,
         changes_arm=set_up.changes_arm,
         existing=situation.before,
@@ -43,6 +37,18 @@ def plan_of(task: Task, situation: Situation, chosen: list[int], notes: tuple[st
         measurements=records,
         **found,
     )
+
+
+def sheet_of(task: Task, situation: Situation, chosen: list[int]) -> tuple[Measurements, pd.DataFrame]:
+    """The chosen records in the order in which they are taken, and the file to be filled in."""
+    records = situation.pool.take(np.array(chosen))
+    records = records.take(_order(records))
+    conditions = records.conditions
+    if conditions.time is not None:
+        conditions = replace(conditions, time=_spaced(np.round(conditions.time)))
+    labels = np.array([f"plan{k}" for k in range(1, records.n + 1)], dtype=object)
+    records = replace(records, conditions=conditions, record=labels)
+    return records, _sheet(records, task.existing)
 
 
 def _sheet(records: Measurements, existing: Measurements | None) -> pd.DataFrame:

@@ -72,7 +72,7 @@ def for_two(
     assert best is not None
     situation, chosen, after = best
     found = {"split": split, "before": before, "after": after, "tried": tuple(tried), "enough": enough}
-    return plan_of(task, situation, chosen, tuple(_notes(split, before, situation.before)), **found)
+    return plan_of(task, situation, chosen, tuple(_notes(split, before)), **found)
 
 
 def _chosen(situation: Situation, sizes: tuple[Size, Size], records: int, steps: Iterable[int]) -> list[int]:
@@ -107,8 +107,8 @@ def _matched(situation: Situation, sizes: tuple[Size, Size]) -> tuple[Size, Size
     return (sizes[0], Size(alike)) if known == 0 else (Size(alike), sizes[1])
 
 
-def _notes(split: tuple[Effect, Effect], before: Power | None, existing: int) -> Iterator[str]:
-    """How large causes without values are taken to be, see :func:`_matched`; and whether existing records do already."""
+def _notes(split: tuple[Effect, Effect], before: Power | None) -> Iterator[str]:
+    """How large causes without values are taken to be, see :func:`_matched`."""
     for effect, other in (split, split[::-1]):
         if any(effect.values):
             continue
@@ -117,9 +117,6 @@ def _notes(split: tuple[Effect, Effect], before: Power | None, existing: int) ->
         else:
             size = f"at its usual size, {usual_size_in_words(effect)}"
         yield f"{effect.label} states no value; planned {size} ({effect.key},{next(iter(effect.described()))}=… states one)"
-    if before is not None and not before.same and before.probability >= DECIDED:
-        already = f"the {existing} existing records already tell the two apart"
-        yield f"{already} (probability {before.probability:.2f}); no more are needed for that"
 
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:

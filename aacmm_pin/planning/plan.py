@@ -87,10 +87,8 @@ def plan_measurements(
         UnsupportedArmError: the arm lacks what a cause needs, such as masses.
         AacmmError: causes that no plan can be about, too few records or postures, or an arm that the records are not of.
     """
-    if reference not in get_args(Reference):
-        raise UnknownNameError("reference", reference, list(get_args(Reference)))
     model = ErrorModel.of(model)
-    _check_numbers(model, records, postures, existing)
+    check_numbers(model, records, postures, existing, reference)
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)
     present = () if existing is None else existing.conditions.present
@@ -102,17 +100,12 @@ def plan_measurements(
         raise AacmmError(
             f"{at_seat.label} shows at that seat only: plan with reference 'seats' and the records that touch it"
         )
-    setup, notes = _complete(
+    setup, notes = complete(
         Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise),
         model.arm,
     )
     task = Task(model, tuple(e.at(()) for e in causes), usable, setup)
-    if reference == "free":
-        where = free_postures(model.arm, postures, above, rng)
-    else:
-        where = postures_at_seats(task, postures, above, rng)
-    if where.n < records:
-        raise AacmmError(f"records is {records}, but only {where.n} different postures were found; ask for fewer")
+    where = places_for(task, reference, records, postures, above, rng)
     with watched(range(records), progress, "plan", "record") as steps:
         if split is None:
             found = for_all(task, where, records, rng, steps)
@@ -148,7 +141,34 @@ def advice(model: Arm | ErrorModel, split: tuple[Effect | str, Effect | str], ex
         return f"no records could be planned that tell {one} from {other}: {error}"
 
 
-def _check_numbers(model: ErrorModel, records: int, postures: int, existing: Measurements | None) -> None:
+def places_for(
+    task: Task, reference: Reference, records: int, postures: int, above: float | None, rng: np.random.Generator
+) -> Measurements:
+    """The postures to choose from.
+
+    Raises:
+        AacmmError: there are fewer than ``records``.
+    """
+    if reference == "free":
+        where = free_postures(task.model.arm, postures, above, rng)
+    else:
+        where = postures_at_seats(task, postures, above, rng)
+    if where.n < records:
+        raise AacmmError(f"records is {records}, but only {where.n} different postures were found; ask for fewer")
+    return where
+
+
+def check_numbers(
+    model: ErrorModel, records: int, postures: int, existing: Measurements | None, reference: Reference
+) -> None:
+    """Refuse what no plan can be made of.
+
+    Raises:
+        UnknownNameError: an unknown reference.
+        AacmmError: too few records or postures, or an arm that the records are not of.
+    """
+    if reference not in get_args(Reference):
+        raise UnknownNameError("reference", reference, list(get_args(Reference)))
     whole(records, 1, "records of a plan")
     whole(postures, 1, "postures")
     if postures < records:
@@ -157,7 +177,7 @@ def _check_numbers(model: ErrorModel, records: int, postures: int, existing: Mea
         raise AacmmError(f"{existing.source} has angles of {existing.nq} joints, {model.arm.name} has {model.arm.nq}")
 
 
-def _complete(setup: Setup, arm: Arm) -> tuple[Setup, tuple[str, ...]]:
+def complete(setup: Setup, arm: Arm) -> tuple[Setup, tuple[str, ...]]:
     """The set-up with the noise to plan with, and words for what of it was assumed."""
     notes = []
     if setup.encoder_noise is None:

@@ -92,6 +92,11 @@ class MeasurementPlan(Shown):
         return self.after.probability >= DECIDED and not self.after.same
 
     @property
+    def needed(self) -> bool:
+        """Whether the existing records do not tell the causes apart by themselves."""
+        return self.before is None or self.before.same or self.before.probability < DECIDED
+
+    @property
     def setup(self) -> str:
         """The set-up in words."""
         return " and ".join(self.set_up) if self.set_up else "the arm as it stands"
@@ -170,6 +175,11 @@ class MeasurementPlan(Shown):
     def __str__(self) -> str:
         one, other = (effect.label for effect in self.split)
         what = f"to tell {one} from {other}" if self.asked else f"for all causes, of which {one} and {other} are worst told"
+        if self.before is not None and not self.needed:
+            return (
+                f"no more records are needed {what}: the {self.existing} existing ones do, with a probability of the right "
+                f"decision of {self.before.probability:.2f}; these {len(self.records)} are for a check by new records"
+            )
         text = f"{len(self.records)} records {what}, {self.setup}: "
         if self.after.same:
             text += "nothing that was considered tells them apart"

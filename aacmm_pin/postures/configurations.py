@@ -26,13 +26,15 @@ from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, f
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.postures_at_point import DEGENERATE, PosturesAtPoint, in_degrees, lost, not_closed
 from aacmm_pin.postures.tip_ik import tip_curves, tip_system
-from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
+from aacmm_pin.postures.wrist_ik import WRIST_ROW, Wrist, reach_of_wrist, wrist_curves, wrist_system
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 WRIST = "frame5"
 """Name of the frame whose origin is the working point of the source paper."""
+TIP_JOINTS = WRIST_ROW + 1
+"""With so many joints the postures with the tip at a point and the stylus along an axis are closed curves."""
 SEEDS_PER_TURN = 24
 """Angles at which each of the joints 1 to 4 is held to find the components."""
 
@@ -159,11 +161,15 @@ def configuration_circles(
     Raises:
         ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.
     """
-    dh = require_arm(arm).require_dh("a configuration circle")
+    dh = require_arm(arm).require_dh("a configuration circle", WRIST_ROW + tip)
     points = batch(points, 3, "points", "m")
     COORDINATE.check(points, "points")
     count = whole(count, 3, "count")
     if tip:
+        if dh.nq != TIP_JOINTS:
+            raise UnsupportedArmError(
+                f"{arm.name}: the circle of the tip needs {TIP_JOINTS} joints, this arm has {dh.nq}; see reaching_postures"
+            )
         if rest is not None:
             raise AacmmError("rest was given, but with tip=True every joint moves")
         if arm.stylus_axis is None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,67 +18,51 @@ from numpy.typing import NDArray
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.dh import chunks
+from aacmm_pin.postures.curve_loop import (
+    ASIDE_START,
+    BULGE,
+    CLEARLY,
+    CLOSE_ENOUGH,
+    CORRECTED,
+    DAMPING,
+    FIRST_STEP,
+    LARGEST_TURN,
+    LEAST_TURN,
+    LONGEST_POLISH,
+    LONGEST_STEP,
+    MOST_CORRECTIONS,
+    MOST_MEETINGS,
+    MOST_POLISHES,
+    MOST_ROUNDS,
+    MOST_STEPS,
+    MOST_VERTICES,
+    NEAREST,
+    OFF_GUESS,
+    PAST_START,
+    PICKS,
+    POLISHED,
+    SAME_POINT,
+    SHORTENED,
+    SHORTEST_STEP,
+    SINGULAR,
+    STEP_CHANGE,
+    SURE_STEP,
+    WANTED_TURN,
+)
 from aacmm_pin.postures.point_system import PointSystem
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 """``system(q, problem) -> F (n, k), J (n, k, k + 1)`` for angles q (n, k + 1) and the number of each row's problem (n,)."""
 
-CLOSE_ENOUGH = 1e-12
-"""Largest residual of a solution [unit of F: m, or 1 for directions]."""
-POLISHED, CORRECTED = 0.02 * CLOSE_ENOUGH, 0.2 * CLOSE_ENOUGH
-"""Residuals at which polishing a seed, and correcting a step, end: what is left to gain is rounding."""
-MOST_POLISHES, MOST_CORRECTIONS, MOST_MEETINGS = 40, 5, 8
-"""Newton steps after which polishing a seed, correcting a step, and meeting a plane (see :func:`on_curves`) give up."""
-LONGEST_POLISH = 0.5
-"""Of one Newton step from a seed [rad]; longer ones would leave the neighbourhood."""
-DAMPING = 1e-14
-"""Part of the trace of ``J Jᵀ`` that is added to its diagonal: felt only where J is nearly singular."""
-SURE_STEP = 5e-7
-"""After a Newton step shorter than this the residual is about the arm's length times step²/2, below 2e-13 m."""
-MOST_STEPS, MOST_ROUNDS = 3000, 50
-"""Steps, of all curves side by side, and curves of one problem after which a search ends with what it has. Real arms take
-fewer than 800 steps and have up to 16 curves."""
-SINGULAR = 1e-6
-"""A solution is singular where the smallest singular value of the equations' derivative is this part of the largest."""
-CLEARLY = 10.0
-"""A bound so many times larger than ``SINGULAR`` leaves room for the rounding of a determinant, 1e-8 of its root."""
 FLAT = 1e-4
-"""With this part of it, it is next to a singular one: rounding decides what is found there."""
-LONGEST_STEP = 0.20
-FIRST_STEP = 0.25 * LONGEST_STEP
-"""Of a predictor along the curve [rad]."""
-SHORTENED = 0.4
-"""A step that failed is tried again at this part of its length."""
-STEP_CHANGE = (0.5, 1.8)
-"""Least and largest ratio of a step's length to that of the one before, which succeeded."""
-MOST_VERTICES = 2000
-"""A curve with more is returned unfinished."""
-SHORTEST_STEP = 1e-5
-"""Nearer than this to a crossing the residual's rounding, over the distance, hides the direction of the curve; a gap that
-narrow is a crossing [rad]."""
+"""Instead of ``SINGULAR``: a solution next to a singular one, where rounding decides what is found."""
 STEADY = 0.01
 """A vertex reached by a step this long knows its tangent and curvature, however near a crossing is [rad]."""
 LEAPS = (0.03, 0.1, 0.01)
 """How far beyond a crossing, where no step succeeds, the curve is looked for again [rad]."""
-MOST_LEAPS = 100
-LARGEST_TURN = 0.30
-"""Largest angle between the tangents at the two ends of a step [rad]."""
-WANTED_TURN, LEAST_TURN = 0.6 * LARGEST_TURN, 1e-3
-"""Angle that the length of the next step aims at, and one below which a piece counts as straight [rad]."""
-OFF_GUESS = 0.4
-"""Part of a step by which its correction may move it; farther away it may be another curve."""
-PAST_START, ASIDE_START = 1.0001, 0.3
-"""Parts of a step: so far along it, and so far aside of it, the start is taken for passed and solved for."""
-BULGE = 0.1
-"""A curve that turns by less than ``LARGEST_TURN`` between vertices leaves the chord by less than this part of it."""
-PICKS = 7
-"""Vertices of a curve that are looked for on the others."""
-NEAREST = 3
-"""Vertices of a curve from which a solution is looked for on it: the nearest may be on another strand."""
 COMPARED = 200_000
 """Distances of solutions from vertices that are worked out at once, for the processor's cache."""
-SAME_POINT = 1e-6
-"""Two solutions nearer to each other than this are one [rad]."""
+MOST_LEAPS = 100
 
 
 @dataclass(frozen=True)
@@ -120,8 +104,7 @@ def polish(system: System, q: Array, problem: Index) -> tuple[Array, NDArray[np.
         q (n, k + 1) [rad] and the flags (n,) of those that reached a residual of ``CLOSE_ENOUGH``.
     """
     if isinstance(system, PointSystem):
-        limits = (CLOSE_ENOUGH, POLISHED, LONGEST_POLISH, SURE_STEP, DAMPING)
-        arrived = system.newton(q, problem, np.empty((0, q.shape[1])), limits, MOST_POLISHES - 1)
+        arrived = system.newton(q, problem, np.empty((0, q.shape[1])), MOST_POLISHES - 1)
         if arrived is not None:
             return arrived[0], arrived[2]
     q, best = q.copy(), np.full(len(q), np.inf)
@@ -265,6 +248,8 @@ class _State:
 
 def all_curves(system: System, seeds: Array, problem: Index, is_degenerate: bool) -> Curves:
     """Every curve that holds one of the ``seeds`` (n, k + 1), which must be solutions, once."""
+    followed, left = system.curves(seeds, problem) if isinstance(system, PointSystem) else ([], slice(None))
+    seeds, problem = seeds[left], problem[left]
     rounds: list[list[Curve]] = []
     regular = _regular(system, seeds, problem)
     singular, of_singular = seeds[~regular], problem[~regular]
@@ -282,7 +267,7 @@ def all_curves(system: System, seeds: Array, problem: Index, is_degenerate: bool
         off = ~on_curves(system, singular, of_singular, known)
         singular, of_singular = singular[off], of_singular[off]
     return Curves(
-        sorted((curve for curves in rounds for curve in curves), key=lambda curve: curve.problem),
+        sorted(chain((Curve(q, True, number) for number, q in followed), *rounds), key=lambda curve: curve.problem),
         {int(number): q for number, q in zip(of_singular[::-1], singular[::-1], strict=True)},
         frozenset(int(number) for number in problem),
         is_degenerate,
@@ -423,8 +408,7 @@ def _correct(
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Newton across the tangent: solutions, their Jacobians, and which of them converged."""
     if isinstance(system, PointSystem):
-        limits = (CLOSE_ENOUGH, CORRECTED, np.inf, SURE_STEP, DAMPING)
-        arrived = system.newton(guess, problem, tangent, limits, iterations)
+        arrived = system.newton(guess, problem, tangent, iterations)
         if arrived is not None:
             return arrived
     q = guess.copy()

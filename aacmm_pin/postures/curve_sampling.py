@@ -295,20 +295,23 @@ def arc_fractions(components: Components, limits: Array) -> Array:
     theoretical = _covered(pieces.problem, pieces.swivel, pieces.turn, m)
     working = _covered(problem, swivel, turn, m)
     with np.errstate(invalid="ignore"):
-        return np.asarray(working.sum(axis=1) / theoretical.sum(axis=1))
+        return np.asarray(working / theoretical)
 
 
-def _covered(problem: Index, start: Array, turn: Array, points: int) -> NDArray[np.bool_]:
-    """Which ``ARC_BINS`` of the full turn are covered by arcs from ``start`` over ``turn``: (points, bins).
+def _covered(problem: Index, start: Array, turn: Array, points: int) -> Index:
+    """How many of the ``ARC_BINS`` of the full turn are covered by arcs from ``start`` over ``turn``: (points,).
 
-    A bin counts when an arc covers its centre; arcs are marked by +1 and -1 at their ends and summed up.
+    A bin counts when an arc covers its centre; of arcs in order, each adds what is behind the end of all before it.
     """
     bins = ARC_BINS
     low = np.where(turn >= 0, start, start + turn) % (2 * np.pi) * (bins / (2 * np.pi))
     first = np.ceil(low - 0.5).astype(np.intp)
     end = np.ceil(low + np.abs(turn) * (bins / (2 * np.pi)) - 0.5).astype(np.intp)
-    marks = np.zeros((points, 2 * bins + 2), dtype=np.int32)
-    np.add.at(marks, (problem, first), 1)
-    np.add.at(marks, (problem, end), -1)
-    count = np.cumsum(marks, axis=1, dtype=np.int32)
-    return np.asarray((count[:, :bins] > 0) | (count[:, bins : 2 * bins] > 0))
+    over = end > bins  # these begin again at bin 0
+    problem = np.concatenate([problem, problem[over]])
+    first, end = np.concatenate([first, np.zeros_like(end[over])]), np.concatenate([np.minimum(end, bins), end[over] - bins])
+    order = np.argsort(problem * bins + first, kind="stable")
+    place = problem[order] * bins
+    before = np.maximum.accumulate(np.concatenate([[0], place + end[order]]))
+    added = before[1:] - np.maximum(before[:-1], place + first[order])
+    return np.bincount(problem[order], np.maximum(added, 0), points).astype(np.intp)

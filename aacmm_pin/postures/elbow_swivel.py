@@ -43,8 +43,8 @@ class Swivel:
         return 3 if self.dh.standard else 4
 
     def elbow(self, q: Array) -> Array:
-        """Position of the elbow for checked ``q`` (n, nq): (n, 3) [m]."""
-        return np.asarray(self.dh.axes(q, row=self.elbow_row)[3][self.elbow_row].T)
+        """Position of the elbow for ``q`` (n, nq): (n, 3) [m]."""
+        return self.dh.positions(q, self.elbow_row)
 
     def angle(self, q: Array, points: Array) -> Array:
         """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in [-π, π]."""

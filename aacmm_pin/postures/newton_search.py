@@ -15,12 +15,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.postures.continuation import (
-    CLOSE_ENOUGH,
     FLAT,
-    MOST_STEPS,
-    MOST_VERTICES,
-    SAME_POINT,
-    SINGULAR,
     Curve,
     System,
     degenerate,
@@ -30,6 +25,7 @@ from aacmm_pin.postures.continuation import (
     trace,
     without_known,
 )
+from aacmm_pin.postures.curve_loop import CLOSE_ENOUGH, MOST_STEPS, MOST_VERTICES, SAME_POINT, SINGULAR
 from aacmm_pin.postures.wrist_ik import spread_angles
 
 ROUND = 256

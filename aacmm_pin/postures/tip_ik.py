@@ -13,7 +13,6 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable, cross
-from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, polish
 from aacmm_pin.postures.wrist_ik import POSITIONING, Wrist, spread_angles, with_spread, wrist_curves
 
@@ -35,12 +34,7 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
         stylus: unit direction of the stylus in the last frame (3,).
         axis: unit direction that it shall have in the base (3,).
         per_turn: see :func:`wrist_curves`.
-
-    Raises:
-        UnsupportedArmError: the arm has not six joints in its first six rows.
     """
-    if dh.nq != 6 or not dh.moving[:6].all():
-        raise UnsupportedArmError("configurations of the tip need an arm with six joints in its first six DH rows")
     system = tip_system(dh, points, stylus, axis)
     seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis, per_turn), len(points), SPREAD)
     seeds, good = polish(system, seeds, problem)
@@ -95,7 +89,7 @@ def _bodies_about(axis: Array, stylus: Array) -> Array:
     """Orientations (n, 3, 3) of the body behind joint 6 that have ``stylus`` along ``axis``."""
     angles = np.arange(DIRECTIONS)[:, None] * (2 * np.pi / DIRECTIONS)
     turns = np.concatenate([np.zeros((DIRECTIONS, 3)), angles * axis], axis=1)
-    return np.asarray(exp(turns)[0] @ _rotation_between(stylus, axis))
+    return np.asarray(exp(turns)[:, :3, :3] @ _rotation_between(stylus, axis))
 
 
 def _rotation_between(u: Array, v: Array) -> Array:

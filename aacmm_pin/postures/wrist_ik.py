@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin.arm.chain import screws
 from aacmm_pin.arm.dh import DHTable
-from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.continuation import Curves, all_curves, degenerate, polish
 from aacmm_pin.postures.point_system import PointSystem
 from aacmm_pin.postures.three_revolutes import candidates
@@ -43,14 +42,11 @@ class Wrist:
 
     @staticmethod
     def of(dh: DHTable, rest: ArrayLike | None = None) -> Wrist:
-        """Hold joints 5 and up at ``rest`` (nq - 4,) [rad], default 0.
+        """Hold joints 5 and up at ``rest`` (nq - 4,) [rad], default 0; the first five rows of ``dh`` have joints.
 
         Raises:
             ShapeError: ``rest`` has another shape or is not finite.
-            UnsupportedArmError: fewer than five rows, or one of the first five has no joint.
         """
-        if dh.rows < WRIST_ROW or not dh.moving[:WRIST_ROW].all():
-            raise UnsupportedArmError("configurations need an arm whose first five DH rows are joints")
         behind = dh.nq - POSITIONING
         held = np.zeros(behind) if rest is None else vector(rest, behind, "rest", "rad")
         offsets = dh.theta_offset[:WRIST_ROW].copy()

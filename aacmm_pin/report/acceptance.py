@@ -1,44 +1,146 @@
-"""The certificate of an acceptance test: figures, limits and verdicts."""
+"""The certificate of an acceptance test: figures, limits and verdicts, on one sheet of paper."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from importlib.metadata import version
+
+import numpy as np
+
 from aacmm_pin._support.output_files import json_text
-from aacmm_pin.report.document import Document, Download, Notes, Paragraph, Table, document_of
-from aacmm_pin.verification import AcceptanceResult
+from aacmm_pin._support.units import MM
+from aacmm_pin.report.document import Block, Document, Download, Figure, Folded, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.html import SHORT
+from aacmm_pin.report.numbers import capital
+from aacmm_pin.verification import AcceptanceResult, History
+from aacmm_pin.verification.history import LEAST_CHECKS, PER_MOVING_RANGE
+from aacmm_pin.verification.touches import AS_GIVEN
 
 RULE = (
-    "Conformity: |value| + U is at most the MPE; non-conformity: |value| - U is above it; neither in between "
+    "Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; neither in between "
     "(ISO 14253-1, U = 2u of the calibrated length or diameter)."
 )
+CHART = (
+    "Individuals charts: the magnitude of the figure in each check, the latest large; line: mean of the earlier ones; "
+    f"dashed: {PER_MOVING_RANGE} mean moving ranges away from it, from {LEAST_CHECKS} earlier checks on; dotted: MPE."
+)
+STATED = {
+    "operator": ("operator", ""),
+    "session": ("session", ""),
+    "temperature_c": ("temperature", " °C"),
+    "probe_diameter_mm": ("probe", " mm"),
+    "feature_diameter_mm": ("spheres", " mm"),
+    "length_mm": ("lengths", " mm"),
+}
+"""What is written of a column that tells of the check as a whole, and its unit."""
+SHOWN = 6
+"""So many different numbers of a column stand one beside the other; of more, the smallest and the largest."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What a certificate says beside the figures.
+
+    Attributes:
+        time: of the check.
+        data: content of the file of touches, which stands in the page.
+        instrument: which arm was checked.
+        about: further lines, by what they are called.
+        history: of the checks of the arm.
+    """
+
+    time: datetime
+    data: bytes
+    instrument: str = ""
+    about: Mapping[str, str] = field(default_factory=dict)
+    history: History | None = None
 
 
 @document_of.register
-def acceptance_document(result: AcceptanceResult, date: str = "", data: bytes | None = None) -> Document:
-    """The result as one page; with ``data``, the file of touches, that stands in the page too.
+def acceptance_document(result: AcceptanceResult, certificate: Certificate | None = None) -> Document:
+    """The result as one page, which with a ``certificate`` takes one sheet of A4 and holds the touches.
 
     Args:
         result: what was found.
-        date: of the test, for the line below the title.
-        data: content of the file of touches.
+        certificate: what else the sheet says.
     """
+    if not result.figures:
+        return Document("Acceptance test", ["No touches of a test of this standard."], result.path)
     table = result.to_frame()
     several = len({f.source for f in result.figures}) > 1
-    shown = ["coordinates"] * several + ["figure", "value_mm", "U_mm", "mpe_mm", "verdict", "had", "missing"]
-    downloads = [Download("acceptance.json", "the figures as JSON", json_text(result.summary()).encode())]
-    if data is not None:
-        downloads.append(Download("touches.csv", "the touches", data))
-    if not result.figures:
-        return Document("Acceptance test", ["No touches of a test of this standard."], f"{result.path} {date}".strip())
+    table["coordinates"] = table["coordinates"].map(_brief)
+    shown = ["coordinates"] if several else ["standard"] if certificate is not None else []
+    shown += ["figure", "value_mm", "U_mm", "mpe_mm", "verdict", "had", "missing"]
     named = table[["figure", "standard", "clause", "definition"]].drop_duplicates()
+    what = Table(named, "What the figures are")
+    history = certificate.history if certificate is not None else None
+    blocks: list[Block] = [
+        Paragraph(f"{result}.", finding=True, head="Acceptance:"),
+        Table(table[shown], "Figures and their limits", heads={"mpe_mm": "MPE_mm", "had": "touches or lengths"}),
+        Paragraph(RULE),
+        *([] if history is None else history_blocks(history)),
+        Notes(result.notes),
+    ]
+    if certificate is None:
+        return Document("Acceptance test", [*blocks, Table(named, "What the figures are", detail=True)], result.path)
+    files = [
+        Download("acceptance.json", "the figures as JSON", json_text(result.summary()).encode()),
+        Download("touches.csv", "the touches", certificate.data),
+    ]
+    checked = Paragraph(_conditions(result, certificate), head="Checked:")
     return Document(
-        "Acceptance test",
+        f"Acceptance test{': ' * bool(certificate.instrument)}{certificate.instrument}",
         [
-            Paragraph(f"{result}.", finding=True, head="Acceptance:"),
-            Table(table[shown], "Figures and their limits", heads={"mpe_mm": "MPE_mm", "had": "touches or lengths"}),
-            Paragraph(RULE),
-            Table(named, "What the figures are", detail=True),
-            Notes(result.notes),
-            *downloads,
+            checked,
+            *blocks,
+            Folded("What the figures are, and the data", [what, *files]),
         ],
-        f"{result.path}{', ' * bool(date)}{date}",
+        f"{certificate.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}",
+        sheet=len(table),
     )
+
+
+def history_blocks(history: History) -> list[Block]:
+    """Whether figures have left their usual range, and the control charts."""
+    from aacmm_pin.report.plots.history import charts_drawn, plot_history
+
+    charts, drawn = history.charts(), charts_drawn(history)
+    several = len({chart.arm for chart in charts}) > 1
+    left = [
+        f"{chart.figure}{f' by {chart.arm}' * several} {chart.values[-1] / MM:.4f} mm, usually "
+        f"{max(chart.limits[0], 0.0) / MM:.4f} to {chart.limits[1] / MM:.4f}"
+        for chart in charts
+        if chart.left
+    ]
+    few = [len(chart.values) - 1 for chart in charts if not np.isfinite(chart.limits[0])]
+    text = "; ".join(left) or ("" if few else "no figure.")
+    if few:
+        text += (
+            f"{' ' * bool(text)}{len(few)} of {len(charts)} figures have no limits yet, which need {LEAST_CHECKS} earlier "
+        )
+        text += f"checks; there are {min(few)}{f' to {max(few)}' if max(few) > min(few) else ''}."
+    said = Paragraph(capital(text), head="Outside the usual range:" if left else "Usual range:")
+    more = f" {len(charts) - len(drawn)} more figures are not drawn." if len(charts) > len(drawn) else ""
+    figure = Figure(lambda: plot_history(history), "Control charts of the figures", CHART + more)
+    return [said, figure] if drawn else [said]
+
+
+def _brief(source: str) -> str:
+    """Whose coordinates, so that it stands on one line of a table."""
+    return "file" if source == AS_GIVEN else source if len(source) <= SHORT else f"…{source[1 - SHORT :]}"
+
+
+def _conditions(result: AcceptanceResult, certificate: Certificate) -> str:
+    stated = {STATED[name][0]: _range(values) + STATED[name][1] for name, values in result.stated.items() if values}
+    arms = dict.fromkeys(figure.source for figure in result.figures)
+    lines = {"coordinates": ", ".join(arms)} | stated | dict(certificate.about)
+    return "; ".join(f"{name}: {text}" for name, text in lines.items()) + "."
+
+
+def _range(values: Sequence[object]) -> str:
+    if len(values) > SHOWN and isinstance(values[0], float | int):
+        return f"{values[0]:g} to {values[-1]:g}"
+    shown = ", ".join(f"{value:g}" if isinstance(value, float | int) else str(value) for value in values[:SHOWN])
+    return shown + ", …" * (len(values) > SHOWN)

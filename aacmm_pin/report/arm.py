@@ -11,7 +11,7 @@ from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import KINDS, DHTable
-from aacmm_pin.arm.file import COVERAGE_FACTOR
+from aacmm_pin.arm.file import COVERAGE_FACTOR, ArmFile
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.arm.poses import Poses
 from aacmm_pin.diagnosis.result import described
@@ -63,7 +63,7 @@ def _rows(arm: Arm, dh: DHTable) -> pd.DataFrame:
     table.loc[moving, "limits [°]"] = [_limits(arm, j) for j in range(arm.nq)]
     if arm.encoder_noise is not None:
         table.loc[moving, "encoder u [µrad]"] = arm.encoder_noise / UM
-    if arm.file is not None and any(row.mass_kg for row in arm.file.joints):
+    if isinstance(arm.file, ArmFile) and any(row.mass_kg for row in arm.file.joints):
         table["mass [kg]"] = [row.mass_kg for row in arm.file.joints]
     return table
 

@@ -10,7 +10,6 @@ import pandas as pd
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.file import arm_text
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.solver import MISFIT
 from aacmm_pin.diagnosis.result import described
@@ -215,8 +214,8 @@ def _residuals(result: Calibration) -> list[Block]:
             lambda: plots.plot_residual_views(result, blank_axes(8.6, 8.0)),
             "Residual vectors in space, before and after",
             "Residuals from each target towards the tip: left before calibration, right after; above in plan, below from "
-            "the side; magnified by the factors in the titles. Grey: the arm in some postures. Neighbours that point the "
-            "same way show what the model still lacks.",
+            "the side; all magnified alike. Grey: the arm in some postures. Neighbours that point the same way show what "
+            "the model still lacks.",
         ),
         SceneView(
             lambda: residual_scene(result),
@@ -328,6 +327,7 @@ def files(
         Download(names[0], "all numbers of this page", json_text(summary).encode()),
         Download("residuals.csv", "every record with its residuals", csv_text(residuals).encode()),
     ]
-    if model.arm.dh is not None:
-        blocks.append(Download(names[1], "the arm as found, with its covariance", arm_text(model.file(), note).encode()))
+    if model.arm.dh is not None or model.arm.urdf_file.urdf.file:
+        beside = "" if model.arm.dh is not None else ", to be kept beside its URDF"
+        blocks.append(Download(names[1], f"the arm as found, with its covariance{beside}", model.text(note).encode()))
     return blocks

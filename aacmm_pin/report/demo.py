@@ -248,7 +248,7 @@ def run_demo(
             "postures.html": circle_scene(circle, accuracy).html(),
             "workspace.html": map_scene(over_map, arm).html(),
         }
-        papers = PaperStudy.of(SEED, progress) if arm.name == ARM_OF_THE_PAPER else None
+        papers = PaperStudy.of(SEED) if arm.name == ARM_OF_THE_PAPER else None
         if papers is not None:
             texts["papers.html"] = page(papers_document(papers))
         over_map.save(out / "map.nc")

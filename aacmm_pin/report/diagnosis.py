@@ -130,6 +130,9 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
         return f"the search did not converge ({result.converge_note}), so nothing can be concluded"
     if not result.extended.tells_noise:
         return "there are too few records to tell a cause from the noise"
+    if result.extended.thinned:
+        out, all_of = int(result.extended.excluded.sum()), int((result.extended.used | result.extended.excluded).sum())
+        return f"{out} of {all_of} records do not agree with the others, too many for gross errors; of the others: {wrong}"
     if not result.findings:
         seen, of = result.visible
         return f"no cause was found; of {count(of, 'cause')} of usual size these records would show {seen}, and {left}"
@@ -304,20 +307,24 @@ def _wrong(result: Diagnosis) -> list[Block]:
     table["where"] = [place_in_words(by, group) for by, group in zip(table["by"], table["group"], strict=True)]
     sizes = [f"{name}_mm" for name in ("simulation", "predicted", "extended")]
     worst = table.sort_values("times_predicted", ascending=False)[["where", "records", *sizes, "times_predicted"]]
+    beside, times = "what its stated uncertainties and the noise predict", "times predicted"
+    if not result.before.problem.model.covariance().any():
+        worst = worst.rename(columns={"predicted_mm": "noise_mm"})
+        beside, times = "the noise, as the arm states no uncertainty that would predict more", "times noise"
     return [
         title,
         Figure(
             lambda: plots.plot_groups(result, blank_axes(9.3, height)),
             "RMS of the residuals by joint range, time, temperature and seat, by the three models",
-            "RMS of the residuals in groups of records. Black: the simulation, to be compared with the dashed line, what "
-            "its stated uncertainties and the noise predict. Grey and blue: recalibrated and extended, to be compared with "
-            "the dotted line, the noise alone. What stays above it is not explained.",
+            "RMS of the residuals in groups of records. Black: the simulation, to be compared with the dashed line: "
+            f"{beside}. Grey and blue: recalibrated and extended, to be compared with the dotted line, the noise alone. "
+            "What stays above it is not explained.",
         ),
         Table(
             worst,
-            "Where the simulation is wrong most, beside what its stated uncertainties predict (RMS)",
+            f"Where the simulation is wrong most, beside {beside} (RMS)",
             {"times_predicted": ".1f"},
-            {"times_predicted": "times predicted"},
+            {"times_predicted": times},
             most=WORST,
         ),
     ]

@@ -185,8 +185,21 @@ class Download:
     content: bytes | None = None
 
 
-Block = Heading | Paragraph | Bullets | Notes | Table | Figure | SceneView | Download | str
-FOR_PAGES = (Heading, Figure, SceneView, Download)
+@dataclass(frozen=True, eq=False)
+class Folded:
+    """Blocks of a page that are shown when the reader asks for them, and never on paper.
+
+    Attributes:
+        head: what they are.
+        blocks: what is shown.
+    """
+
+    head: str
+    blocks: Sequence[Block]
+
+
+Block = Heading | Paragraph | Bullets | Notes | Table | Figure | SceneView | Download | Folded | str
+FOR_PAGES = (Heading, Figure, SceneView, Download, Folded)
 
 
 class Document:
@@ -196,11 +209,12 @@ class Document:
         title: title of the page.
         blocks: in the order in which they are read, those left out that have nothing to show.
         subtitle: one line below the title.
+        sheet: rows of tables that it has where it is to take one sheet of paper, and is set closely for it; 0 where not.
     """
 
-    def __init__(self, title: str, blocks: Iterable[Block], subtitle: str = "") -> None:
+    def __init__(self, title: str, blocks: Iterable[Block], subtitle: str = "", sheet: int = 0) -> None:
         """A plain string among the blocks is a paragraph."""
-        self.title, self.subtitle = title, subtitle
+        self.title, self.subtitle, self.sheet = title, subtitle, sheet
         self.blocks = [b for b in (Paragraph(b) if isinstance(b, str) else b for b in blocks) if not _is_empty(b)]
 
     def short(self) -> list[Block]:

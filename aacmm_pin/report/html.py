@@ -20,6 +20,7 @@ from aacmm_pin.report.document import (
     Document,
     Download,
     Figure,
+    Folded,
     Heading,
     Notes,
     SceneView,
@@ -52,6 +53,7 @@ def page(document: Document) -> str:
     return template.render(
         title=document.title,
         subtitle=document.subtitle,
+        sheet=document.sheet,
         opening=opening["blocks"],
         sections=[section for section in contents if section["blocks"]],
         viewer=_viewer() if has_scene else "",
@@ -104,6 +106,8 @@ def _derived(block: Block, on_page: bool) -> dict[str, Any]:
             return {"uri": data_uri(png, "image/png"), "wide": columns > WIDE}
         case SceneView(scene=scene, height=height):
             return {"markup": Markup(scene().embedded(height))}
+        case Folded(blocks=blocks):
+            return {"blocks": _prepared(blocks, on_page=on_page)}
         case Download(content=bytes(content)):
             size = f"{len(content) / 1e3:.0f} kB" if len(content) >= 1000 else f"{len(content)} B"
             media = mimetypes.guess_type(block.name)[0] or "application/octet-stream"

@@ -1,4 +1,4 @@
-"""Measurements, their noise and the conditions of their records as documents."""
+"""Measurements and the conditions of their records as documents."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.units import MM, UM
+from aacmm_pin._support.units import MM
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.measurements.csv_columns import BAR
-from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.report.document import Document, Paragraph, Table, document_of
 from aacmm_pin.report.numbers import count
@@ -60,11 +59,3 @@ def _range(values: NDArray[Any]) -> str:
         return "none"
     low, high = values.min(), values.max()
     return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
-
-
-@document_of.register
-def noise_document(noise: Noise) -> Document:
-    """Standard uncertainties of readings, references and contacts."""
-    row = {f"encoder {j} [µrad]": u / UM for j, u in enumerate(noise.encoder, start=1)}
-    row |= {"reference_mm": noise.reference / MM, "contact_mm": noise.probe / MM}
-    return Document("Noise", [Table(pd.DataFrame([row]), "Standard uncertainties of random errors of every record")])

@@ -19,6 +19,8 @@ def next_measurements(result: Diagnosis) -> str:
     verdict, findings, unexplained, (seen, of) = result.verdict, result.findings, result.unexplained, result.visible
     if too_good(result.extended):
         return "check what was stated of the noise, and its unit: beside noise that large no cause can show, in any records"
+    if verdict == "inconclusive" and result.extended.thinned:
+        return "look what the excluded records have in common, repeat some of them, and state time_s and session of all"
     if verdict == "inconclusive" and not findings:
         return f"more records, at other postures: of {of} causes of usual size these would have shown {seen}"
     if verdict == "no-discrepancy":
@@ -49,7 +51,7 @@ def next_measurements(result: Diagnosis) -> str:
         )
     if verdict == "inconclusive":
         return "more records, at other postures: something is left in the residuals that may be another cause"
-    return "nothing is open; check the extended arm on new records, over all ranges of its joints, with `aacmm-pin correct`"
+    return "nothing is open; check the extended arm on new records, over all ranges of its joints, with aacmm-pin correct"
 
 
 def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:

@@ -43,8 +43,8 @@ def length_unit(largest: float) -> tuple[str, float]:
 def in_one_unit(*frames: pd.DataFrame) -> list[pd.DataFrame]:
     """Tables whose heads say the unit, ``before_mm`` as ``before [µm]``: all lengths in mm, or in µm where all are small."""
     of_length = [frame.filter(regex="_mm$") for frame in frames]
-    largest = max((float(np.nanmax(np.abs(part), initial=0.0)) for part in of_length if part.size), default=0.0)
-    unit, scale = length_unit(largest * MM)
+    sizes = [float(np.nanmax(np.abs(part))) for part in of_length if part.notna().any(axis=None)]
+    unit, scale = length_unit(max(sizes, default=0.0) * MM)
     found = []
     for frame, part in zip(frames, of_length, strict=True):
         heads = {name: head(str(name)) for name in frame}

@@ -96,9 +96,9 @@ class PaperStudy:
     seed: int
 
     @staticmethod
-    def of(seed: int, progress: bool = True) -> PaperStudy:
+    def of(seed: int) -> PaperStudy:
         """Compute everything."""
-        return PaperStudy(reproduce_table2(progress=progress), diagnose_table3(np.random.default_rng(seed)), seed)
+        return PaperStudy(reproduce_table2(), diagnose_table3(np.random.default_rng(seed)), seed)
 
     def findings(self) -> list[str]:
         """What the shell says."""

@@ -12,24 +12,29 @@ from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin.report import (
     acceptance,
+    acceptance_prediction,
     accuracy,
     arm,
     calibration,
+    calibration_plan,
     diagnosis,
     measurements,
     next_measurements,
     papers,
     plan,
     plots,
+    procedure,
 )
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.html import fragment, page
 
 __all__ = [
     "acceptance",
+    "acceptance_prediction",
     "accuracy",
     "arm",
     "calibration",
+    "calibration_plan",
     "diagnosis",
     "html_of",
     "measurements",
@@ -37,6 +42,7 @@ __all__ = [
     "papers",
     "plan",
     "plots",
+    "procedure",
     "save",
 ]
 

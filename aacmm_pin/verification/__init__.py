@@ -1,5 +1,17 @@
-"""Whether an arm meets its specification: figures of the standards from touches, against maximum permissible errors."""
+"""Whether an arm meets its specification: figures of the standards from touches, planned, predicted and judged."""
 
 from aacmm_pin.verification.accept import AcceptanceResult, accept
+from aacmm_pin.verification.history import ControlChart, History
+from aacmm_pin.verification.prediction import PredictedAcceptance, predict_acceptance
+from aacmm_pin.verification.procedure import Procedure, acceptance_procedure
 
-__all__ = ["AcceptanceResult", "accept"]
+__all__ = [
+    "AcceptanceResult",
+    "ControlChart",
+    "History",
+    "PredictedAcceptance",
+    "Procedure",
+    "accept",
+    "acceptance_procedure",
+    "predict_acceptance",
+]

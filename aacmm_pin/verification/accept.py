@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
@@ -22,6 +23,8 @@ from aacmm_pin.verification.touches import read_touches
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 COVERAGE = 2.0
 """Coverage factor of the guard band: U = 2 u, about 95 %."""
+CLOSE = 3e-3
+"""Touches of a test that are all closer together than this may be coordinates in another unit [m]."""
 LONGEST_PART = 2 / 3
 """The longest of five lengths is at least this part of the measuring range (ISO 10360-12)."""
 STANDARDS = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
@@ -30,6 +33,7 @@ STANDARDS = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
 SINGULAR = {"touches": "touch", "lengths": "length"}
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
+VERDICTS = get_args(Verdict)
 
 
 @dataclass(frozen=True)
@@ -50,13 +54,41 @@ class AcceptanceFigure:
 
     @property
     def verdict(self) -> Verdict | None:
-        """By ISO 14253-1 with the guard band U = 2u; None without a value or an MPE. A u not stated is zero."""
-        size, guard = abs(self.evaluated.value), COVERAGE * np.nan_to_num(self.evaluated.u)
-        if math.isnan(size) or math.isnan(self.mpe):
+        """By ISO 14253-1 with the guard band U = 2u; None without a value or an MPE. A u not stated is zero.
+
+        A largest error conforms where each error does, and does not where one of them does not: the largest of them need not
+        be the one that decides, since each has a U of its own.
+        """
+        if math.isnan(self.evaluated.value) or math.isnan(self.mpe):
             return None
-        if size + guard <= self.mpe:
+        size, guard = self._sizes
+        if (size + guard <= self.mpe).all():
             return "conformity"
-        return "non-conformity" if size - guard > self.mpe else "neither"
+        return "non-conformity" if (size - guard > self.mpe).any() else "neither"
+
+    @property
+    def _sizes(self) -> tuple[Array, Array]:
+        """Magnitude and U of each error of which this is the largest, or of the figure itself (n,) [m]."""
+        errors = (
+            self.evaluated.errors if len(self.evaluated.errors) else np.array([[self.evaluated.value, self.evaluated.u]])
+        )
+        return np.abs(errors[:, 0]), COVERAGE * np.nan_to_num(errors[:, 1])
+
+    @property
+    def stated(self) -> int:
+        """Of how many errors of which this is the largest a u is stated."""
+        return int(np.isfinite(self.evaluated.errors[:, 1]).sum())
+
+    @property
+    def decided_by(self) -> tuple[float, float] | None:
+        """Magnitude and U [m] of a smaller error that alone forbids a better verdict; None where the largest decides."""
+        size, guard = self._sizes
+        largest = int(size.argmax())
+        alone = replace(self, evaluated=replace(self.evaluated, errors=np.empty((0, 2))))
+        if self.verdict == alone.verdict:
+            return None
+        other = int((size - guard if self.verdict == "non-conformity" else size + guard).argmax())
+        return None if other == largest else (float(size[other]), float(guard[other]))
 
     @property
     def missing(self) -> str:
@@ -73,11 +105,13 @@ class AcceptanceResult(Shown):
         path: the file of touches.
         figures: one after the other; of several sets of coordinates those of one set stand together.
         notes: what was assumed.
+        stated: the different numbers or labels in columns that tell of the check as a whole, such as ``temperature_c``.
     """
 
     path: str
     figures: tuple[AcceptanceFigure, ...]
     notes: tuple[str, ...] = field(default=())
+    stated: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
 
     @property
     def failed(self) -> tuple[AcceptanceFigure, ...]:
@@ -136,7 +170,7 @@ def accept(
         path: CSV of touches, see the file formats in the documentation; coordinates are of the probe's centre.
         arms: arms that make coordinates of the file's indications, by what the result calls each.
         mpe: maximum permissible errors by the name of the figure [m].
-        standard: ``iso10360-12`` or ``asme-b89.4.22``: its figures alone.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``: its figures alone, those without touches too.
         measuring_range: of the arm, the diameter of its working volume [m]; with it E_Uni and E_Bi are
             given only where the longest length is at least two thirds of it.
 
@@ -145,28 +179,46 @@ def accept(
         UnknownNameError: a figure or a standard that is not known.
         AacmmError: an MPE or the range is no positive number, touches determine no sphere, arms do not fit the file.
     """
-    limits = _limits(mpe or {})
+    limits = checked_limits(mpe)
     if standard is not None and standard not in STANDARDS:
         raise UnknownNameError("standard", standard, [*STANDARDS])
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
         raise AacmmError(f"measuring range is {measuring_range}, expected a length above 0")
     models = {name: ErrorModel.of(arm) for name, arm in (arms or {}).items()}
     wanted = [d for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]]
-    sets, read_as = read_touches(str(path), models)
+    sets, read_as, stated = read_touches(str(path), models)
     figures = []
+    doubts = list(_doubts(*next(iter(sets.items()))))
     for source, touches in sets.items():
         for definition in wanted:
             of_test = touches[touches["test"] == definition.test]
-            if len(of_test) or definition.name in limits:
+            there = bool(of_test[definition.column].any()) if definition.column else len(of_test) > 0
+            if there or standard is not None or definition.name in limits:
                 try:
                     evaluated = _in_range(definition.evaluate(of_test), definition, of_test, measuring_range)
                 except AacmmError as error:
                     raise AacmmError(f"{path}: {definition.name} by {source}: {error}") from None
                 figures.append(AcceptanceFigure(source, definition, evaluated, limits.get(definition.name, math.nan)))
-    return AcceptanceResult(str(path), tuple(figures), read_as + _notes(figures, measuring_range))
+    return AcceptanceResult(str(path), tuple(figures), (*read_as, *doubts, *_notes(figures, measuring_range)), stated)
 
 
-def _limits(mpe: Mapping[str, float]) -> dict[str, float]:
+def _doubts(source: str, touches: pd.DataFrame) -> Iterator[str]:
+    """What about the coordinates of a set is not as a test gives them."""
+    at = touches[["x", "y", "z"]]
+    if copies := int(at.duplicated().sum()):
+        yield f"{source}: {copies} of {len(at)} touches have the very coordinates of another; a copy says nothing of the arm"
+    if (extent := float(np.ptp(at.to_numpy(), axis=0).max())) < CLOSE:
+        yield f"{source}: all touches are within {extent / MM:.3g} mm of each other; are the coordinates in mm?"
+
+
+def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
+    """The maximum permissible errors [m].
+
+    Raises:
+        UnknownNameError: no such figure.
+        AacmmError: a limit is no length above 0.
+    """
+    mpe = mpe or {}
     known = [definition.name for definition in DEFINITIONS]
     for name, limit in mpe.items():
         if name not in known:
@@ -189,10 +241,19 @@ def _in_range(found: Evaluated, definition: Definition, touches: pd.DataFrame, m
 
 def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -> tuple[str, ...]:
     judged = [f for f in figures if f.verdict is not None]
-    unstated = dict.fromkeys(f.definition.name for f in judged if math.isnan(f.evaluated.u))
+    unstated = dict.fromkeys(f.definition.name for f in judged if math.isnan(f.evaluated.u) and not f.stated)
+    partly = dict.fromkeys(f.definition.name for f in judged if f.stated and f.stated < len(f.evaluated.errors))
     notes = []
     if unstated:
         notes.append(f"{', '.join(unstated)}: no uncertainty is stated, so the guard band of the verdict is zero")
+    if partly:
+        notes.append(f"{', '.join(partly)}: some uncertainties are not stated, and their guard bands are zero")
+    for figure in judged:
+        if (other := figure.decided_by) is not None:
+            size, guard = (f"{length / MM:.4g} mm" for length in other)
+            notes.append(
+                f"{figure.definition.name} by {figure.source}: another error, {size} with U = {guard}, decides the verdict"
+            )
     if measuring_range is None and any(f.definition.name in ("E_Uni", "E_Bi") for f in figures):
         notes.append("measuring range not given; whether the longest length is two thirds of it was not checked")
     return tuple(notes)

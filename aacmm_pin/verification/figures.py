@@ -7,7 +7,7 @@ touches of one test, see :func:`aacmm_pin.verification.touches.read_touches`; a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -16,14 +16,20 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.single_point import single_point_statistics
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements.acceptance_columns import PART
 from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere, minimum_circumscribed_sphere
+
+CAP = 4.0
+"""Independent errors of touches that are enlarged by more than this in the diameter: 25 of
+them are within about 45° of their middle then, nine within 60°."""
 
 
 @dataclass(frozen=True)
 class Evaluated:
     """One figure's value and its standard uncertainty [m], how many of what it had, and how many are missing.
 
-    ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs to the figure.
+    ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs to the figure. Where the
+    figure is the largest of several errors, ``errors`` (n, 2) are all of them, each with its own u.
     """
 
     value: float
@@ -31,11 +37,14 @@ class Evaluated:
     had: int
     missing: int
     why_incomplete: str = ""
+    errors: Array = field(default_factory=lambda: np.empty((0, 2)))
 
 
 @dataclass(frozen=True)
 class Definition:
-    """A figure: its name, where it is from, the test whose touches it needs, what it is, and what is counted."""
+    """A figure: its name, where it is from, the test whose touches it needs, what it is, what is counted, and the column
+    without which it is left out.
+    """
 
     name: str
     standard: str
@@ -44,6 +53,7 @@ class Definition:
     text: str
     evaluate: Callable[[pd.DataFrame], Evaluated]
     counted: str = "touches"
+    column: str = ""
 
 
 def _points(touches: pd.DataFrame) -> Array:
@@ -65,7 +75,7 @@ def _worst(values: Sequence[float], u: Sequence[float], had: int, missing: int) 
     if missing or not values:
         return Evaluated(np.nan, np.nan, had, missing)
     worst = int(np.abs(values).argmax())
-    return Evaluated(float(values[worst]), float(u[worst]), had, 0)
+    return Evaluated(float(values[worst]), float(u[worst]), had, 0, errors=np.column_stack([values, u]))
 
 
 def _of_spheres(touches: pd.DataFrame, by: Sequence[str], each: int, count: int, size: bool) -> Evaluated:
@@ -75,6 +85,8 @@ def _of_spheres(touches: pd.DataFrame, by: Sequence[str], each: int, count: int,
     if missing:
         return _worst([], [], len(touches), missing)
     spheres = [_sphere(group) for group in groups]
+    if max(sphere.diameter_factor for sphere in spheres) > CAP:
+        return Evaluated(np.nan, np.nan, len(touches), 0, "touches all over")
     if not size:
         return _worst([sphere.form for sphere in spheres], [np.nan] * len(groups), len(touches), 0)
     stated = [group[["feature_diameter", "probe_diameter", "u_length"]].iloc[0] for group in groups]
@@ -101,23 +113,34 @@ def _location(touches: pd.DataFrame) -> Evaluated:
 
 def _lengths(touches: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
     """The lengths of which both ends were touched: their labels, calibrated length, its u, and the error [m]."""
-    rows = []
-    for labels, group in touches.groupby(["length_id", "position", "repeat"], sort=False):
-        ends = _groups(group, "feature")
-        if len(ends) > 2 or any(1 < len(end) < LEAST for end in ends):
-            at = ", ".join(map(str, group["row"].head(6)))
-            came = ", ".join(f"{len(end)} of {end['feature'].iloc[0]}" for end in ends)
-            raise AacmmError(
-                f"length_id, position, repeat {labels} (row {at}, …) has touches: {came}; expected two features with "
-                f"1 touch each, or with {LEAST} and more all over a sphere"
-            )
-        if len(ends) == 2:
-            a, b = (_points(end)[0] if len(end) == 1 else _sphere(end).center for end in ends)
-            stated = group.iloc[0]
-            probe = stated["probe_diameter"] if both_sides else 0.0
-            error = float(np.linalg.norm(a - b)) - stated["length"] - probe
-            rows.append((*labels, stated["length"], stated["u_length"], error))
-    return pd.DataFrame(rows, columns=["length_id", "position", "repeat", "length", "u", "error"])
+    labels, at = ["length_id", "position", "repeat"], ["x", "y", "z"]
+    ends = touches.groupby([*labels, "feature"], sort=False)
+    sizes = ends.size()
+    _check_ends(touches, sizes.reset_index(name="touches"))
+    centers = touches.drop_duplicates([*labels, "feature"]).set_index([*labels, "feature"])[at].astype(np.float64)
+    for end in sizes.index[sizes > 1]:
+        centers.loc[end, at] = _sphere(ends.get_group(end)).center
+    of_lengths = centers.groupby(level=labels, sort=False)
+    both = of_lengths.size() == 2
+    stated = touches.drop_duplicates(labels).set_index(labels)[["length", "u_length", "probe_diameter"]][both.to_numpy()]
+    apart = (of_lengths.last() - of_lengths.first())[both].to_numpy()
+    probe = stated["probe_diameter"] if both_sides else 0.0
+    errors = np.linalg.norm(apart, axis=1) - stated["length"] - probe
+    return stated.rename(columns={"u_length": "u"}).assign(error=errors).reset_index()
+
+
+def _check_ends(touches: pd.DataFrame, ends: pd.DataFrame) -> None:
+    """Two features at most of each length, with one touch each or with enough for a sphere."""
+    labels = ["length_id", "position", "repeat"]
+    bad = ends["touches"].between(2, LEAST - 1) | (ends.groupby(labels)["feature"].transform("size") > 2)
+    if bad.any():
+        first = ends[bad].iloc[:1][labels]
+        rows = touches.merge(first, on=labels)["row"]
+        came = ", ".join(f"{n} of {name}" for name, n in ends.merge(first, on=labels)[["feature", "touches"]].to_numpy())
+        raise AacmmError(
+            f"length_id, position, repeat {tuple(first.iloc[0])} (row {', '.join(map(str, rows.head(6)))}, …) has touches: "
+            f"{came}; expected two features with 1 touch each, or with {LEAST} and more all over a sphere"
+        )
 
 
 def _length_errors(touches: pd.DataFrame, both_sides: bool) -> Evaluated:
@@ -132,12 +155,9 @@ def _volumetric(touches: pd.DataFrame, rms: bool) -> Evaluated:
     lengths = _lengths(touches, both_sides=False)
     places = len(lengths[["length_id", "position"]].drop_duplicates())
     errors = lengths["error"].to_numpy()
-    if places < 20:
-        return _worst([], [], len(errors), 20 - places)
-    if lengths["length_id"].nunique() < 2:
-        return Evaluated(np.nan, np.nan, len(errors), 0, "one calibrated length, expected two")
-    if not rms:
-        return _worst([*errors], [*lengths["u"]], len(errors), 0)
+    missing = max(20 - places, 2 - lengths["length_id"].nunique())
+    if missing > 0 or not rms:
+        return _worst([*errors], [*lengths["u"]], len(errors), max(missing, 0))
     # A common error of the calibrated lengths moves the RMS by as much as itself at most.
     return Evaluated(2 * float(np.sqrt(np.mean(errors**2))), 2 * float(lengths["u"].max(skipna=False)), len(errors), 0)
 
@@ -146,6 +166,16 @@ def _single_point(touches: pd.DataFrame, statistic: Callable[[Array], float]) ->
     places = _groups(touches, "position")
     missing = _short(map(len, places), 10, 3)
     found = [] if missing else [statistic(_points(place)) for place in places]
+    return _worst(found, [np.nan] * len(found), len(touches), missing)
+
+
+def _single_point_part(touches: pd.DataFrame, high: bool) -> Evaluated:
+    """Of the touches whose posture was predicted to be accurate, or of the others; each place needs one at least."""
+    places = _groups(touches, "position")
+    chosen = [((place["part"] == PART) == high).to_numpy() for place in places]
+    missing = _short(map(len, places), 10, 3) + sum(not flags.any() for flags in chosen)
+    pairs = zip(places, chosen, strict=True)
+    found = [] if missing else [single_point_statistics(_points(place), flags).part for place, flags in pairs]
     return _worst(found, [np.nan] * len(found), len(touches), missing)
 
 
@@ -218,5 +248,15 @@ DEFINITIONS = (
         "SinglePoint.Sigma", PAPER, "eqs. 16 and 17", "single-point",
         "standard deviation of the position of one point in ten articulations; the worst of three distances",
         partial(_single_point, statistic=_sigma),
+    ),
+    Definition(
+        "SinglePoint.Part", PAPER, "eqs. 18 and 19", "single-point",
+        "RMS distance from the mean of all touches, of those in postures predicted to be accurate; the worst distance",
+        partial(_single_point_part, high=True), column="part",
+    ),
+    Definition(
+        "SinglePoint.Rest", PAPER, "eqs. 18 and 19", "single-point",
+        "the same of the other touches",
+        partial(_single_point_part, high=False), column="part",
     ),
 )  # fmt: skip

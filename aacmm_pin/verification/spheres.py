@@ -20,11 +20,15 @@ INSIDE = 1e-10
 
 
 class FittedSphere(NamedTuple):
-    """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances of its points [m]."""
+    """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances of its points [m].
+
+    ``diameter_factor`` is the standard deviation of the diameter over that of independent errors of its points.
+    """
 
     center: Array
     diameter: float
     form: float
+    diameter_factor: float
 
 
 def fitted_sphere(points: ArrayLike) -> FittedSphere:
@@ -58,7 +62,8 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
         gtol=1e-15,
     )
     size = float(extents[0])
-    return FittedSphere(middle + found.x[:3] * size, 2 * float(found.x[3]) * size, float(np.ptp(found.fun)) * size)
+    factor = 2 * float(np.linalg.norm(np.linalg.pinv(found.jac)[3]))
+    return FittedSphere(middle + found.x[:3] * size, 2 * float(found.x[3]) * size, float(np.ptp(found.fun)) * size, factor)
 
 
 def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:

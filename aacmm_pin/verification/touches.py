@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,38 +14,27 @@ from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
+from aacmm_pin.measurements.acceptance_columns import ACCEPTANCE, LABELS, NEEDED, NUMBERS, check_tests
 from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U, Problems
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.records import Measurements
 
-NEEDED = {
-    "sphere": ("feature", "feature_diameter_mm", "probe_diameter_mm"),
-    "location": ("feature", "repeat"),
-    "length-uni": ("feature", "position", "repeat", "length_id", "length_mm"),
-    "length-bi": ("feature", "position", "repeat", "length_id", "length_mm", "probe_diameter_mm"),
-    "effective-diameter": ("feature", "feature_diameter_mm", "probe_diameter_mm", "repeat"),
-    "single-point": ("position",),
-    "volumetric": ("feature", "position", "length_id", "length_mm"),
-}
-"""The tests, and the columns that must not be empty in their rows."""
-NUMBERS: dict[str, tuple[str, Range]] = {
-    "feature_diameter_mm": ("feature_diameter", Range(1e-3, 1.0, "m")),
-    "length_mm": ("length", plausible.BAR_LENGTH),
-    "u_length_mm": ("u_length", plausible.LENGTH_NOISE),
-    "probe_diameter_mm": ("probe_diameter", Range(0.0, 0.1, "m")),
-}
-"""Columns of numbers, what :func:`read_touches` calls them in metres, and what they can be."""
-LABELS = ("feature", "test", "position", "repeat", "length_id")
-ACCEPTANCE = (*LABELS, *NUMBERS)
+STATED = ("operator", "session", "temperature_c", "probe_diameter_mm", "feature_diameter_mm", "length_mm")
+"""Columns that are told of a check as a whole."""
+READINGS = r"theta\d+_(deg|rad)"
+"""Columns of indications."""
 AS_GIVEN = "coordinates of the file"
 """What touches are called whose coordinates the arm's software gave."""
 
 
-def read_touches(path: str, models: Mapping[str, ErrorModel]) -> tuple[dict[str, pd.DataFrame], tuple[str, ...]]:
+def read_touches(
+    path: str, models: Mapping[str, ErrorModel]
+) -> tuple[dict[str, pd.DataFrame], tuple[str, ...], dict[str, tuple[Any, ...]]]:
     """The touches of a file, once for its coordinates, if it has them, and once for each arm that makes some.
 
     Each table has the columns of :data:`LABELS`, those of :data:`NUMBERS` and ``x``, ``y``, ``z`` in metres, and ``row``,
-    the line in the file. The coordinates are those of the probe's centre. Behind them stands how the file was read.
+    the line in the file. The coordinates are those of the probe's centre. Behind them stands how the file was read, and what
+    it states of the check as a whole, see :data:`STATED`.
 
     Raises:
         MeasurementFileError: a column is missing, a cell is not as expected, or the file has nothing that gives coordinates.
@@ -52,6 +42,27 @@ def read_touches(path: str, models: Mapping[str, ErrorModel]) -> tuple[dict[str,
     """
     table, lines, read_as = read_table(path)
     problems = Problems(path, lines)
+    touches = what_is_touched(table, problems)
+    to_fill = table.columns.isin([*REFERENCE]) | table.columns.str.fullmatch(READINGS)
+    table = table.loc[:, ~(to_fill & (table == "").all().to_numpy())]  # of a procedure either may be filled in
+    given = [name for name in REFERENCE if name in table]
+    if given and len(given) < 3:
+        problems.add(", ".join(set(REFERENCE) - set(given)), f"missing beside {', '.join(given)}")
+    points: dict[str, Array] = {}
+    if given:
+        points[AS_GIVEN] = np.column_stack([_numbers(table, n, plausible.COORDINATE, problems, True) for n in given])
+    problems.stop()
+    points |= _of_indications(table, path, models)
+    sets = {name: touches.assign(**dict(zip("xyz", at.T, strict=True))) for name, at in points.items()}
+    return sets, read_as, {name: _different(table[name]) for name in STATED if name in table}
+
+
+def what_is_touched(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
+    """The columns of :data:`LABELS` and :data:`NUMBERS` of a table of cells, in metres, and ``row``.
+
+    Raises:
+        MeasurementFileError: no touches, or no column ``test``; other ``problems`` are gathered.
+    """
     for name, count in table.columns.value_counts().items():
         if count > 1:
             problems.add(str(name), f"is there {count} times, expected each name once in the header")
@@ -61,19 +72,11 @@ def read_touches(path: str, models: Mapping[str, ErrorModel]) -> tuple[dict[str,
         problems.add("", "has a header but no touches")
     problems.stop()
     there = {name: table.get(name, pd.Series("", table.index, dtype=object)).str.strip() for name in LABELS}
-    touches = pd.DataFrame(there | {"row": lines})
+    touches = pd.DataFrame(there | {"row": problems.lines})
     for name, (called, range_) in NUMBERS.items():
         touches[called] = _numbers(table, name, range_, problems) if name in table else np.nan
     _check_tests(touches, problems)
-    given = [name for name in REFERENCE if name in table]
-    if given and len(given) < 3:
-        problems.add(", ".join(set(REFERENCE) - set(given)), f"missing beside {', '.join(given)}")
-    points: dict[str, Array] = {}
-    if given:
-        points[AS_GIVEN] = np.column_stack([_numbers(table, n, plausible.COORDINATE, problems, True) for n in given])
-    problems.stop()
-    points |= _of_indications(table, path, models)
-    return {name: touches.assign(**dict(zip("xyz", at.T, strict=True))) for name, at in points.items()}, read_as
+    return touches
 
 
 def _numbers(table: pd.DataFrame, name: str, range_: Range, problems: Problems, needed: bool = False) -> Array:
@@ -87,10 +90,16 @@ def _numbers(table: pd.DataFrame, name: str, range_: Range, problems: Problems, 
     return values * MM
 
 
+def _different(cells: pd.Series) -> tuple[Any, ...]:
+    """What stands in a column: each number or label once."""
+    texts = pd.Series([cell.strip() for cell in cells if cell.strip()], dtype=object).drop_duplicates()
+    numbers = pd.to_numeric(texts, errors="coerce")
+    return tuple(texts if numbers.isna().any() else sorted(set(numbers.tolist())))
+
+
 def _check_tests(touches: pd.DataFrame, problems: Problems) -> None:
     """Known tests, each with the cells that it needs."""
-    tests = touches["test"].to_numpy()
-    problems.at(~np.isin(tests, list(NEEDED)), "test", f"is {{!r}}, expected one of {', '.join(NEEDED)}", tests)
+    check_tests(touches, problems)
     for test, columns in NEEDED.items():
         for name in columns:
             called = NUMBERS[name][0] if name in NUMBERS else name

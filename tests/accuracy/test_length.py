@@ -8,7 +8,7 @@ import pytest
 from aacmm_pin import AacmmError, Arm, ErrorModel, circle_accuracy, configuration_circle, length_uncertainty
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.length import length_between
-from aacmm_pin.accuracy.parameter_draws import _errors, exact_positions
+from aacmm_pin.accuracy.parameter_draws import exact_positions, source_errors
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.file import Covariance, load_arm_file
 from aacmm_pin.effects import EncoderEccentricity, LinkBending
@@ -30,7 +30,7 @@ def together() -> ErrorModel:
 def drawn(model: Arm | ErrorModel, q: tuple[Array, Array], noise: float, rng: np.random.Generator) -> float:
     """Standard deviation of the exact distance of the tips at two postures (1, nq)."""
     sources = ErrorSources.of(model, None, noise, q[0], None)
-    first, second = (_errors(sources, rng, DRAWS) for _ in q)
+    first, second = (source_errors(sources, rng, DRAWS) for _ in q)
     shared = [i for i, p in enumerate(sources.parameters) if p.scope != "record"]
     second[:, shared] = first[:, shared]
     tips = [exact_positions(sources, end, None, errors) for end, errors in zip(q, (first, second), strict=True)]

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.accuracy.parameter_draws import _errors, exact_positions
+from aacmm_pin.accuracy.parameter_draws import exact_positions, source_errors
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import AccuracyVolume, accuracy_volume, circle_accuracy
 from aacmm_pin.arm.arm import Arm
@@ -339,7 +339,7 @@ def test_calibrated_parameters_are_drawn_from_their_normal_distribution(rng: np.
     expected = accuracy_volume(model, q)
     assert (result.u / expected.u) ** 2 == pytest.approx(1.0, abs=7 / np.sqrt(draws))
     sources = result.sources
-    beyond = (np.abs(_errors(sources, rng, 1000)) > sources.half_widths).any(axis=0)
+    beyond = (np.abs(source_errors(sources, rng, 1000)) > sources.half_widths).any(axis=0)
     assert {p.name for p, far in zip(sources.parameters, beyond, strict=True) if far} == {"d3", "theta_offset3"}
 
 

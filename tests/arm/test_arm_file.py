@@ -172,6 +172,10 @@ EFFECT = '\n[[effects]]\ncause = "{}"\n{}\nparameters = {{ {} }}\n'
 # cause, its fields, its parameters, and what the answer names
 EFFECTS = [
     ("encoder_gain", "joint = 1", "gain = 1e300", "gain is 1e+300"),
+    ("encoder_gain", "joint = 1", "gain = 5.0", "gain is 5, expected at most 0.1"),
+    ("joint_compliance", "joint = 1", "compliance_rad_per_nm = 12.0", "is 12, expected at most 0.02"),
+    ("thermal_expansion", "", "expansion_per_k = 11.5", "is 11.5, expected at most 0.02"),
+    ("seat_error", 'seat = "A"', "x_mm = 250.0", "x_mm is 250, expected at most 20"),
     ("encoder_gain", "joint = 1\nuncertainty = { gain = 1e300 }", "gain = 1e-4", "u of gain is 1e+300"),
     ("encoder_gain", f"joint = {'1' * 4000}", "gain = 1e-4", "joint is 111"),
     ("encoder_eccentricity", "joint = 1", "amplitude_rad = 1e-4, phase_rad = 1e300", "phase_rad is 1e+300"),
@@ -217,6 +221,8 @@ def test_what_is_no_arm_file(tmp_path: Path) -> None:
         parse_arm_file('name = "Ä"'.encode("latin-1"), "bad.toml")
     with pytest.raises(ArmFileError, match=r"none.toml: no such file"):
         load_arm_file(tmp_path / "none.toml")
+    with pytest.raises(ArmFileError, match=r"/dev/zero: is larger than 32 MB"):
+        load_arm_file("/dev/zero")
     for name in ("folder", "folder.toml"):
         (tmp_path / name).mkdir()
         with pytest.raises(ArmFileError, match=rf"{name}: .*folder"):

@@ -60,14 +60,14 @@ def test_pinocchio_finds_the_corrected_arm(
 ) -> None:
     arm = Arm.from_urdf(robot_file(name), frame)
     after = moved(arm, rng)
-    assert_same(reread(corrected_urdf(arm, after), tmp_path, frame), after, np.zeros(3), rng)
+    assert_same(reread(corrected_urdf(after), tmp_path, frame), after, np.zeros(3), rng)
     if frame != "panda_link5":  # which moves by itself: its tip cannot be shifted
-        assert_same(reread(corrected_urdf(arm, after, SHIFT), tmp_path, frame), after, SHIFT, rng)
+        assert_same(reread(corrected_urdf(after, SHIFT), tmp_path, frame), after, SHIFT, rng)
 
 
 def test_joints_without_an_origin_and_with_odd_tags(small: Arm, tmp_path: Path, rng: np.random.Generator) -> None:
     after = moved(small, rng)
-    text = corrected_urdf(small, after, SHIFT)
+    text = corrected_urdf(after, SHIFT)
     assert_same(reread(text, tmp_path, "tip"), after, SHIFT, rng)
     assert text.startswith(b"<?xml version='1.0'?>\n<!-- a comment -->")
     assert text.count(b"<origin") == 3
@@ -76,28 +76,26 @@ def test_joints_without_an_origin_and_with_odd_tags(small: Arm, tmp_path: Path, 
 def test_all_else_stays_as_it_was(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
     path = robot_file("ur5_robot.urdf")
     arm = Arm.from_urdf(path, "tool0")
-    assert corrected_urdf(arm, arm) == path.read_bytes()
-    before, after = path.read_bytes().splitlines(), corrected_urdf(arm, moved(arm, rng)).splitlines()
+    assert corrected_urdf(arm) == path.read_bytes()
+    before, after = path.read_bytes().splitlines(), corrected_urdf(moved(arm, rng)).splitlines()
     changed = [line for line, other in zip(before, after, strict=True) if line != other]
     assert len(changed) == 6
     assert all(b"<origin" in line for line in changed)
 
 
-def test_what_is_refused(small: Arm, robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
-    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "wrist_3_link")
+def test_what_is_refused(small: Arm, robot_file: Callable[[str], Path], tmp_path: Path, rng: np.random.Generator) -> None:
     with pytest.raises(UnsupportedArmError, match=r"wrist_3_link.*no fixed joint"):
-        corrected_urdf(arm, arm, SHIFT)
-    utf16 = SMALL.replace("version='1.0'", "version='1.0' encoding='utf-16'").encode("utf-16")
-    other = SMALL.replace('"j2" type', '"other" type').encode()
-    for content, said in (
-        (other, "no joint 'j2'"),
-        (SMALL[:-20].encode(), "not XML"),
-        (utf16, "UTF-8"),
-        (None, "cannot be"),
-    ):
-        path = Path(small.source)
-        path.unlink()
-        if content is not None:
-            path.write_bytes(content)
-        with pytest.raises(AacmmError, match=rf"small\.urdf.*{said}"):
-            corrected_urdf(small, moved(small, rng))
+        corrected_urdf(Arm.from_urdf(robot_file("ur5_robot.urdf"), "wrist_3_link"), SHIFT)
+    with pytest.raises(UnsupportedArmError, match="has a DH table"):
+        corrected_urdf(Arm.load("sino6"))
+    utf16 = tmp_path / "utf16.urdf"
+    utf16.write_bytes(SMALL.replace("version='1.0'", "version='1.0' encoding='utf-16'").encode("utf-16"))
+    with pytest.raises(AacmmError, match=r"utf16\.urdf.*UTF-8"):
+        corrected_urdf(moved(Arm.from_urdf(utf16, "tip"), rng))
+    path = Path(small.source)
+    path.write_text(SMALL + " ", encoding="utf-8")
+    with pytest.raises(AacmmError, match=r"small\.urdf.*changed"):
+        corrected_urdf(small)
+    path.unlink()
+    with pytest.raises(AacmmError, match=r"small\.urdf.*cannot be read"):
+        corrected_urdf(small)

@@ -69,15 +69,22 @@ def page(report: dict[str, Any]) -> str:
     for operation in report["operations"]:
         lines += ["", f"## {operation['title']}", ""]
         if operation["rows"]:
-            lines += ["| task | by | CPU time | ours over this | peak memory |", "|---|---|---|---|---|"]
+            lines += ["| task | by | CPU time | ours over this | peak memory | aimed at |", "|---|---|---|---|---|---|"]
         lines += [
             f"| {row['what']} | {row['who']} | {_seconds(row['cpu_s'])} | {_number(row['ours_over_this'])} "
-            f"| {_number(row['peak_bytes'], 1e6, ' MB')} |"
+            f"| {_number(row['peak_bytes'], 1e6, ' MB')} | {_target(row)} |"
             for row in operation["rows"]
         ]
         if operation["skipped"]:
             lines += ["", f"Skipped: {'; '.join(operation['skipped'])}."]
     return "\n".join(lines) + "\n"
+
+
+def _target(row: dict[str, Any]) -> str:
+    if row["target"] is None:
+        return ""
+    most = _number(row["target"]) if row["peak_bytes"] is None else _number(row["target"], 1e6, " MB")
+    return f"at most {most}: {'reached' if row['reached'] else 'missed'}"
 
 
 def _seconds(value: float | None) -> str:
@@ -110,7 +117,7 @@ def main(words: Sequence[str]) -> None:
         table = Table(given.quick, given.long)
         OPERATIONS[name](table)
         report["operations"].append(
-            {"name": name, "title": (OPERATIONS[name].__doc__ or name).strip(" .\n")} | table.as_dict()
+            {"name": name, "title": (OPERATIONS[name].__doc__ or name).strip(" .\n")} | table.as_dict(name)
         )
         given.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")  # after each: a long run may be stopped
         if given.page:

@@ -86,8 +86,8 @@ def child(*words: str) -> Seconds:
     return Seconds(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
 
 
-def peak_memory(code: str) -> int:
-    """The most that a Python process of its own had at once, doing ``code`` [byte].
+def by_itself(before: str, code: str) -> tuple[float, int]:
+    """CPU time of ``code`` in a Python process of its own, once ``before`` is done [s], and the most memory it had [byte].
 
     From /proc, for the maximum that ``getrusage`` reports holds that of the process that started it too.
 
@@ -96,11 +96,13 @@ def peak_memory(code: str) -> int:
     """
     if not Path("/proc/self/status").exists():
         raise MissingError("no /proc here that tells the memory of a process")
-    code += "\nprint(*(row for row in open('/proc/self/status') if row.startswith('VmHWM')))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    peak = "next(row.split()[1] for row in open('/proc/self/status') if row.startswith('VmHWM'))"
+    text = f"import time\n{before}\nstart = time.process_time()\n{code}\nprint(time.process_time() - start, {peak})"
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(done.stderr)
-    return 1024 * int(done.stdout.split()[-2])
+    seconds, kilobytes = done.stdout.split()[-2:]
+    return float(seconds), 1024 * int(kilobytes)
 
 
 class PlainC:

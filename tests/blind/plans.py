@@ -84,7 +84,7 @@ def seat_postures(rng: np.random.Generator, arm: Chain, seats: Seats, seat: NDAr
         if not missing.size:
             return q
         found, of = _into(arm, seats, *_near(rng, arm, seats, seat[missing]))
-        for s in range(SEATS):
+        for s in range(len(seats.points)):
             open_, filled = missing[seat[missing] == s], np.flatnonzero(of == s)
             both = min(len(open_), len(filled))
             q[open_[:both]] = found[filled[:both]]
@@ -97,7 +97,7 @@ def _near(rng: np.random.Generator, arm: Chain, seats: Seats, wanted: NDArray[np
     tips = arm.tips(pool)
     out, target = np.hypot(tips[:, 0], tips[:, 1]), np.hypot(seats.points[:, 0], seats.points[:, 1])
     postures, of = [], []
-    for s, count in enumerate(np.bincount(wanted, minlength=SEATS)):
+    for s, count in enumerate(np.bincount(wanted, minlength=len(seats.points))):
         far = np.hypot(out - target[s], tips[:, 2] - seats.points[s, 2])
         chosen = np.argsort(far)[: 5 * count]
         turned = pool[chosen].copy()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib.metadata
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration import calibrate
+from aacmm_pin.calibration import calibrate, input_mistakes
+from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import EncoderEccentricity, EncoderGain
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.geometry import JointZeroOffset
-from aacmm_pin.errors import MistakenFileError
+from aacmm_pin.errors import AacmmError, MistakenFileError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 
@@ -36,6 +39,16 @@ def turned(joint: int, degrees: float) -> Change:
     return lambda d: replace(d, q=d.q - np.deg2rad(degrees) * np.eye(d.nq)[joint])
 
 
+def in_radians(joint: int) -> Change:
+    """Indications of one joint, taken for degrees."""
+    return lambda d: replace(d, q=d.q * np.where(np.arange(d.nq) == joint, np.pi / 180, 1.0))
+
+
+def in_degrees(joint: int) -> Change:
+    """Indications of one joint, taken for radians."""
+    return lambda d: replace(d, q=d.q * np.where(np.arange(d.nq) == joint, 180 / np.pi, 1.0))
+
+
 def swapped(one: int, other: int) -> Change:
     order = np.arange(6)
     order[[one, other]] = other, one
@@ -48,6 +61,10 @@ def along(order: list[int], signs: list[int]) -> Change:
 
 def in_unit(factor: float) -> Change:
     return lambda d: replace(d, reference=factor * d.reference)
+
+
+def of_columns(*factors: float) -> Change:
+    return lambda d: replace(d, reference=np.array(factors) * d.reference)
 
 
 def bars_in(factor: float) -> Change:
@@ -71,6 +88,9 @@ OF_ANGLES: list[tuple[Change, str]] = [
     (turned(2, 180.0), "zero of joint 3 is turned: 180°"),
     (turned(4, -90.0), "zero of joint 5 is turned: -90°"),
     (swapped(1, 2), "joints 2 and 3 are exchanged"),
+    (lambda d: replace(d, q=d.q / 0.9), "angles are in gon"),
+    (in_radians(2), "joint 3 alone are in radians, in the column theta3_deg"),
+    (in_degrees(3), "joint 4 alone are in degrees, in the column theta4_rad"),
     (first_and_second, "joint 3 is counted the other way, and the zero of joint 2"),
 ]
 OF_COORDINATES: list[tuple[Change, str]] = [
@@ -78,6 +98,7 @@ OF_COORDINATES: list[tuple[Change, str]] = [
     (along([0, 1, 2], [1, 1, -1]), "x, y, z should be x, y, -z"),
     (in_unit(1e-3), "coordinates are in metres"),
     (in_unit(1 / 25.4), "coordinates are in inches"),
+    (of_columns(1.0, 1.0, 1e-3), "z alone is in metres, in the column z_mm"),
     (other_frame, "is the reference frame external?"),
 ]
 
@@ -157,3 +178,109 @@ def test_sound_files_pass(arm: Arm) -> None:
     far = simulate_measurements(arm, "free", 60, rng=rng)  # zeros that nobody has calibrated yet
     far = replace(far, q=far.q + np.deg2rad([3.0, -2.0, 2.5, -3.0, 2.0, 1.0]))
     assert calibrate(arm, far, "zero-offsets", hold_out=False, progress=False).rms < 2e-3
+
+
+# --- when a mistake is named, by numbers
+
+
+@dataclass(frozen=True)
+class Named:
+    """A mistake, and a problem without it: no more than a name."""
+
+    name: str
+    kind: str
+
+    def undone(self, problem: object) -> str:
+        return (f"{problem}+" if isinstance(problem, str) else "") + self.name
+
+
+LEFT = {"a": (0.010, 1e-3), "b": (0.5, 0.4)}
+"""Of each mistake: what the arm as it is described is off by without it, over its travel; what a fit leaves then [m]."""
+TAKEN_UP = {"before": 0.1, "fitted": 1e-3}
+"""A fit that follows the mistake."""
+NAMED: list[tuple[dict[str, tuple[float, float]], dict[str, Any], tuple[str, ...]]] = [
+    (LEFT, {}, ("a",)),
+    (LEFT, {"n": 9}, ()),
+    (LEFT, {"n": 10}, ("a",)),
+    (LEFT, {"before": np.inf}, ()),
+    # An arm that is near, however it is described, is right; unless the fit is far off.
+    ({"a": (1e-3, 1e-4)}, {"before": 1.9e-3, "fitted": 1.9e-3}, ()),
+    ({"a": (1e-3, 1e-4)}, {"as_given": 0.029, "fitted": 1.9e-3}, ()),
+    ({"a": (0.01, 4e-4)}, {"before": 1.9e-3, "fitted": 2.1e-3}, ("a",)),
+    (LEFT, {"before": 6e-3, "as_given": 0.0501, "fitted": 1.9e-3}, ("a",)),
+    (LEFT, TAKEN_UP, ("a",)),
+    (LEFT, {"before": 0.1, "fitted": np.inf}, ("a",)),
+    # The arm as it is described has to be nearer without it, and by far where the fit has taken it up.
+    ({"a": (0.49, 1e-3)}, {}, ("a",)),
+    ({"a": (0.51, 1e-3)}, {}, ()),
+    ({"a": (0.099, 1e-3)}, TAKEN_UP, ("a",)),
+    ({"a": (0.101, 1e-3)}, TAKEN_UP, ()),
+    # And so does a fit: a fifth of what it was, and like the arm.
+    ({"a": (0.01, 0.029)}, {}, ("a",)),
+    ({"a": (0.01, 0.031)}, {}, ()),
+    ({"a": (0.01, 0.019)}, {"fitted": 0.1}, ("a",)),
+    ({"a": (0.01, 0.021)}, {"fitted": 0.1}, ()),
+    ({"a": (0.01, 0.019)}, TAKEN_UP, ("a",)),
+    ({"a": (0.01, 0.021)}, TAKEN_UP, ()),
+    (LEFT, {"absorbed": "a"}, ()),
+    # Alike is what leaves less than half as much again.
+    ({"a": (0.010, 1e-3), "b": (0.0149, 1e-3), "c": (0.0151, 1e-3)}, {}, ("a", "b")),
+    ({"b": (0.0149, 1e-3), "a": (0.010, 1e-3)}, {"absorbed": "b"}, ("a", "b")),
+    # The best three are fitted, the next where one cannot be.
+    ({"a": (0.02, 0.1), "b": (0.03, 0.1), "c": (0.04, 1e-3)}, {}, ("c",)),
+    ({"a": (0.02, np.inf), "b": (0.031, 1e-3)}, {}, ("b",)),
+    ({"a": (0.02, 0.1), "b": (0.03, 0.1), "c": (0.04, 0.1), "d": (0.05, 1e-3)}, {}, ()),
+    # Two at once where the file is thoroughly wrong, of two kinds.
+    ({"a": (0.4, 0.4), "b": (0.4, 0.4), "a+b": (0.01, 1e-3)}, {}, ()),
+    ({"a": (0.4, 0.4), "b": (0.4, 0.4), "a+b": (0.01, 1e-3)}, {"thorough": True}, ("a, and b",)),
+    ({"a": (0.4, 0.4), "A": (0.4, 0.4), "b": (0.4, 0.4), "a+A": (0.01, 1e-3)}, {"thorough": True}, ()),
+]
+
+
+@pytest.mark.parametrize(("off", "told", "named"), NAMED)
+def test_when_a_mistake_is_named(
+    off: dict[str, tuple[float, float]], told: dict[str, Any], named: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = {"n": 50, "before": 0.5, "as_given": 0.5, "fitted": 0.4, "absorbed": None, "thorough": False} | told
+    records = SimpleNamespace(n=case["n"], nq=1, source="data.csv", take=lambda _: None)
+    problem: Any = SimpleNamespace(measurements=records, of=lambda _: SimpleNamespace())
+
+    def fitted(without: str, **_: object) -> object:
+        if off.get(without, (1.0, 1.0))[1] == np.inf:
+            raise AacmmError("too soft to stand")
+        system = SimpleNamespace(deviation=off.get(without, (1.0, 1.0))[1])
+        return SimpleNamespace(problem=without, solution=SimpleNamespace(system=system))
+
+    def misfit(of: object) -> tuple[float, float]:
+        return (0.0, off.get(of, (1.0, 1.0))[0]) if isinstance(of, str) else (case["before"], case["as_given"])
+
+    single = [Named(name, name.lower()) for name in off if "+" not in name]
+    fakes = {"fit": fitted, "_misfit": misfit, "_mistakes": lambda _: single, "_few": lambda _: None}
+    fakes |= {"_median": float, "_travel": lambda _: 1.0, "_absorbs": lambda after: after.problem == case["absorbed"]}
+    for name, fake in fakes.items():
+        monkeypatch.setattr(input_mistakes, name, fake)
+    if not named:
+        input_mistakes._require_no_mistake(problem, case["fitted"], case["thorough"])
+        return
+    with pytest.raises(MistakenFileError) as caught:
+        input_mistakes._require_no_mistake(problem, case["fitted"], case["thorough"])
+    assert (caught.value.mistake, *caught.value.others) == named
+    taken_up = case["fitted"] < 2e-3 or case["fitted"] == np.inf
+    assert caught.value.before == (case["before"] if taken_up else case["fitted"])
+    assert caught.value.after == off[named[0].replace(", and ", "+")][1]
+
+
+@pytest.mark.parametrize(("unit", "far"), [("m", 0.05), ("rad", 0.5)])
+def test_geometry_that_took_up_a_mistake(sino6: Arm, rng: np.random.Generator, unit: str, far: float) -> None:
+    """A length farther off than 50 mm or an angle than half a radian, to either side; causes may be what they are."""
+    data = simulate_measurements(sino6, "free", 12, rng=rng)
+    problem = problem_of(ErrorModel(sino6), data, ["geometry", EncoderGain(2)], Setup.of(sino6))
+    units = [parameter.unit for parameter in problem.vector.parameters]
+    gain = next(own.start for effect, own in problem.vector if isinstance(effect, EncoderGain))
+    for place, step, taken_up in ((units.index(unit), far, True), (gain, 100.0 * far, False)):
+        for sign in (1.0, -1.0):
+            for part in (0.99, 1.01):
+                x = problem.start.copy()
+                x[place] += sign * part * step
+                after: Any = SimpleNamespace(problem=problem, solution=SimpleNamespace(point=SimpleNamespace(x=x)))
+                assert input_mistakes._absorbs(after) == (taken_up and part > 1.0)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import solver
 from aacmm_pin.calibration.cross_validation import distances
-from aacmm_pin.calibration.fit import deleted_distances
+from aacmm_pin.calibration.fit import _variance_component, deleted_distances
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.parameters import problem_of
@@ -21,7 +23,6 @@ from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 
@@ -88,9 +89,9 @@ def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch:
 
 def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generator) -> None:
     """From a start that is off, parameters as they are: no step of the ends by themselves is left."""
-    noise = Noise.of(6, encoder=8e-6, probe=5e-6)
-    data = simulate_measurements(sino6, "ball-bar", 60, rng=rng, noise=noise, known=False, bar_length=0.5)
-    setup = Setup.of(sino6, encoder_noise=8e-6, probe_noise=5e-6)
+    noise = {"encoder_noise": 8e-6, "probe_noise": 5e-6}
+    data = simulate_measurements(sino6, "ball-bar", 60, rng=rng, known=False, bar_length=0.5, **noise)
+    setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
     model = NoiseModel.of(problem, Frame.identity(), 0.0)
     search = solver._Search(problem, model, np.ones(60), False, solver.SETTLED)
@@ -116,9 +117,9 @@ def test_records_without_weight_count_for_nothing(sino6: Arm, rng: np.random.Gen
 @pytest.mark.parametrize("known", [True, False])
 def test_distance_from_where_the_others_put_a_seat(sino6: Arm, rng: np.random.Generator, known: bool) -> None:
     """Each record's seat anew from all others, and from what is stated of it, by weighted least squares."""
-    noise = Noise.of(6, encoder=8e-6, reference=12e-6, probe=5e-6)
-    data = simulate_measurements(sino6, "seats", 24, rng=rng, noise=noise, seats=3, known=known)
-    setup = Setup.of(sino6, encoder_noise=8e-6, reference_noise=12e-6, probe_noise=5e-6)
+    noise = {"encoder_noise": 8e-6, "reference_noise": 12e-6, "probe_noise": 5e-6}
+    data = simulate_measurements(sino6, "seats", 24, rng=rng, seats=3, known=known, **noise)
+    setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
     model = NoiseModel.of(problem, Frame.identity(), 0.0)
     begun, weights, observations = solver.begin(problem, model.observations), np.ones(24), model.observations
@@ -191,6 +192,24 @@ def test_chi2_that_the_noise_does_not_explain() -> None:
     for chance, acceptable in ((2e-3, True), (5e-4, False)):
         assert solver.Chi2(float(chi2.isf(chance, 300)), 300.0).acceptable == acceptable
     assert solver.Chi2(5.0, 0.4).acceptable  # nothing to judge it by
+
+
+def test_the_scatter_with_which_chi2_meets_its_degrees_of_freedom() -> None:
+    """Ties of seats and bars have a part of them; records that do not count have none; too few tell nothing."""
+    deviation = np.array([[3.0, 0, 0], [0, 4.0, 0], [0, 0, 12.0], [900.0, 0, 0]]) * 1e-5
+    ties: Any = SimpleNamespace(
+        of_seats=lambda seats: np.array([[0.0, seats, 0.0]]), of_bars=lambda seats: (np.array([seats / 2]), None)
+    )
+    noise = SimpleNamespace(scatter=7e-5, observations=ties, without_scatter=np.broadcast_to(9e-10 * np.eye(3), (4, 3, 3)))
+    for dof, seats, wanted in ((8.0, 0.0, 169 / 8.0), (8.0, 2.0, 169 / 3.0), (0.4, 2.0, None)):
+        found: Any = SimpleNamespace(
+            noise=noise,
+            chi2=SimpleNamespace(dof=dof),
+            system=SimpleNamespace(deviation=deviation),
+            point=SimpleNamespace(seats=seats),
+        )
+        scatter = 7e-5 if wanted is None else 1e-5 * np.sqrt(wanted - 9.0)
+        assert _variance_component(found, np.arange(4) < 3) == pytest.approx(scatter, rel=1e-6)
 
 
 def test_weights_of_gross_errors() -> None:

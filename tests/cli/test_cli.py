@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -20,6 +21,8 @@ import aacmm_pin
 from aacmm_pin import Arm
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.workspace import WorkspaceMap
+from aacmm_pin.arm.file import load_arm_file
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.report.demo import run_demo
 
 SMALL = ["--cells", "6", "6"]
@@ -123,6 +126,23 @@ def test_unusable_input_is_one_message_and_status_1() -> None:
         refused(*words, said=said)
 
 
+def test_the_tip_of_an_arm_with_other_than_six_joints(tmp_path: Path) -> None:
+    """Five conditions: single postures of five joints; seven need the whole pose, with which they go round curves."""
+    file, tip = load_arm_file("sino6"), ["--tip", "--axis", "0", "0", "-1"]
+    five, seven = tmp_path / "five.toml", tmp_path / "seven.toml"
+    for path, joints in ((five, file.joints[1:]), (seven, [*file.joints, file.joints[1]])):
+        path.write_text(ErrorModel(Arm.from_file(file.model_copy(update={"joints": joints}))).text())
+    arm, q = Arm.load(five), np.array([[0.5, 1.0, 2.0, 0.8, 1.5]])
+    point, axis = arm.positions(q)[0] / MM, arm.poses(q).placement[0, :3, :3] @ arm.stylus_axis
+    there = ["--point", *map(str, point), "--tip", "--axis", *map(str, axis)]
+    table = pd.read_csv(io.StringIO(done("configurations", five, *there)[0]))
+    found = table[[f"theta{j}_deg" for j in range(1, 6)]].to_numpy()
+    assert np.abs(np.sin(np.radians(found) / 2 - q / 2)).max(axis=1).min() < 1e-6
+    refused("accuracy", seven, *POINT, *tip, said=["7 joints", "2 joints free", "full pose"])
+    curves, _ = done("configurations", seven, *POINT, "--tip", "--rpy-deg", "180", "0", "0", "--count", "9")
+    assert len(curves.splitlines()) > 9
+
+
 def test_numbers_that_no_option_takes(tmp_path: Path) -> None:
     """The same numbers are refused by Python, which says them in SI; work that would fill the memory is not begun."""
     tip, sizes = ["--tip", "--axis", "0", "0", "-1"], ["map", "sino6", "--cells", "3", "3"]
@@ -183,6 +203,13 @@ def test_wrong_usage_is_status_2() -> None:
         ["map", "sino6", "--sectors", "0"],
         ["simulate"],
         ["simulate", "sino6", "--unknown", "--plan", "free"],
+        ["simulate", "sino6", "--plan", "free", "--seats", "3"],
+        ["simulate", "sino6", "--plan", "single-point", "--seats", "1"],
+        ["simulate", "sino6", "--plan", "single-point", "--reference-noise-mm", "0.1"],
+        ["simulate", "sino6", "--unknown", "--reference-noise-mm", "0.1"],
+        ["simulate", "sino6", "--bar-length-mm", "300"],
+        ["plan", "sino6", "--as-it-stands"],
+        ["plan", "sino6", "--length-noise-mm", "0.1"],
         ["simulate", "sino6", "--seed", "-1"],
         ["simulate", "sino6", "--urdf", "a.urdf", "--frame", "tip"],
         ["simulate", "--urdf", "a.urdf"],

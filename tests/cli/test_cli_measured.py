@@ -140,9 +140,8 @@ def test_any_arm_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path) 
     words = ["--urdf", robot_file("panda.urdf"), "--frame", "panda_hand_tcp", "--plan", "free", "--records", "20"]
     done("simulate", *words, "-o", tmp_path / "d.csv")
     assert Measurements.read(tmp_path / "d.csv").nq == 7
-    for more in ([], ["-o", tmp_path / "e.csv"]):
-        refused("simulate", *words, "--truth", tmp_path / "t.toml", *more, said=["needs a DH table"])
-    assert [path.name for path in tmp_path.iterdir()] == ["d.csv"]
+    done("simulate", *words, "--truth", tmp_path / "t.toml", "-o", tmp_path / "e.csv")
+    assert ErrorModel.load(tmp_path / "t.toml").arm.nq == 7
 
 
 SIMULATE = ["simulate", "sino6", "--records", "30", "--seats", "3"]
@@ -155,13 +154,14 @@ def test_what_cannot_be_simulated_is_one_message(tmp_path: Path) -> None:
         (["simulate", "sino6", "--records", "5"], ["records is 5"]),
         ([*SIMULATE, "--seats", "0"], ["seats is 0"]),
         ([*SIMULATE, "--plan", "ball-bar"], ["seats is 3", "even"]),
-        ([*SIMULATE, "--bar-length-mm", "300"], ["bar_length", "0.3"]),
         ([*SIMULATE, "--encoder-noise-rad", "nan"], ["--encoder-noise-rad", "nan"]),
         ([*SIMULATE, "--reference-noise-mm", "-1"], ["--reference-noise-mm is -1"]),
         ([*SIMULATE, "--effect", "gremlin:joint=3"], ["unknown cause 'gremlin'", "encoder_eccentricity", "stylus_offset"]),
         ([*SIMULATE, "--effect", "encoder_gain:joint=9,gain=1e-4"], ["encoder_gain:9", "rows 1 to 6"]),
         ([*SIMULATE, "--effect", "encoder_gain:joint=2", "--effect", "encoder_gain:joint=2"], ["there twice"]),
         ([*SIMULATE, "--effect", "seat_error:seat=S9,x_mm=1"], ["S9", "S1, S2, S3"]),
+        ([*SIMULATE, "--unknown", "--effect", "seat_error:S1,x_mm=1"], ["seat_error:S1", "coordinates"]),
+        ([*SIMULATE, "--effect", "encoder_slip:2,time_s=1e9,step_rad=1e-4"], ["encoder_slip:2", "time_s has"]),
         (["simulate", "zero6", "--perturb"], ["zero6", "no parameter has an uncertainty"]),
         (["simulate", "--urdf", "none.urdf", "--frame", "tool0"], ["none.urdf", "no such file"]),
     ):
@@ -295,7 +295,8 @@ def test_a_robot_by_its_urdf(robot_file: Callable[[str], Path], tmp_path: Path, 
     off = np.linalg.norm(found.positions(q) - true.predict(q), axis=1)
     assert off.max() < 0.05 * MM
     assert np.linalg.norm(arm.positions(q) - true.predict(q), axis=1).min() > 10 * MM
-    refused(*words, "-o", tmp_path / "c.toml", said=["DH table"])
+    done(*words, "-o", tmp_path / "c.toml")
+    np.testing.assert_allclose(ErrorModel.load(tmp_path / "c.toml").predict(q), found.positions(q), rtol=0, atol=1e-9)
 
 
 def test_a_urdf_holds_the_stylus_offset_and_says_what_it_does_not(extended: Path, tmp_path: Path) -> None:
@@ -331,6 +332,9 @@ def test_what_cannot_be_calibrated_is_one_message(data: Path, tmp_path: Path) ->
         (["--length-noise-mm", "-1"], ["--length-noise-mm is -1 mm", "expected 0 to 10"]),
         (["--effect", "encoder_gain:joint=7"], ["encoder_gain:7", "rows 1 to 6"]),
         (["--effect", "torsion"], ["unknown cause 'torsion'"]),
+        (["--effect", "seat_error:NOPE"], ["seat_error:NOPE", "S1, "]),
+        (["--effect", "stylus_offset:NOPE"], ["stylus_offset:NOPE", "marker"]),
+        (["--effect", "encoder_slip:2,time_s=1e9"], ["encoder_slip:2", "time_s has"]),
         (["--effect", "joint_zero_offset:joint=3"], ["joint_zero_offset:3", "twice"]),
     ):
         refused("calibrate", "sino6", data, "--no-held-out", *words, "-o", tmp_path / "c.toml", "--json", "-", said=said)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from shell import done, found, refused
 
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.error_model import ErrorModel
 
 POINT = ["--point", "400", "100", "300"]
 RPY = (170.0, 20.0, -35.0)
@@ -98,3 +100,73 @@ def test_what_cannot_be(ur5: list[str], panda: list[str]) -> None:
         (["map", *ur5], "needs a DH table"),
     ):
         refused(*words, said=[said])
+
+
+@pytest.fixture(params=["ur5_robot.urdf tool0", "panda.urdf panda_hand_tcp"])
+def robot(request: pytest.FixtureRequest, robot_file: Callable[[str], Path], tmp_path: Path) -> tuple[Path, Path, Path]:
+    """An arm file that names a URDF beside it, with moved placements and a cause; records of that arm; and the URDF."""
+    name, frame = request.param.split()
+    urdf = Path(shutil.copy(robot_file(name), tmp_path))
+    truth, records = tmp_path / "truth.toml", tmp_path / "records.csv"
+    cause = ["--effect", "joint_compliance:2,compliance_rad_per_nm=2e-5", "--encoder-noise-rad", "0"]
+    made = [*HALF_WIDTHS, "--perturb", *cause, "--reference-noise-mm", "0.001", "--plan", "free", "--records", "60"]
+    done("simulate", "--urdf", urdf, "--frame", frame, *made, "-o", records, "--truth", truth)
+    return truth, records, urdf
+
+
+def test_an_arm_file_of_a_robot_goes_through_every_command(robot: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    truth, records, urdf = robot
+    model, measured = ErrorModel.load(truth), pd.read_csv(records)
+    thetas = [name for name in measured if name.startswith("theta")]
+    q = measured[thetas].to_numpy() * DEG
+    corrected, commands = tmp_path / "corrected.csv", tmp_path / "commands.csv"
+    _, err = done("correct", truth, records, "-o", corrected)
+    assert "60 references: RMS" in err
+    places = pd.read_csv(corrected)[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy() * MM
+    np.testing.assert_allclose(places, model.predict(q), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(places, measured[PLACES] * MM, rtol=0, atol=1e-5)
+    done("correct", truth, records, "--commands", "-o", commands)
+    sent = pd.read_csv(commands).filter(like="command").to_numpy() * DEG
+    arrived = np.isfinite(sent).all(axis=1)
+    assert arrived.mean() > 0.9
+    wanted = Arm.from_urdf(urdf, model.arm.tip).positions(q)
+    np.testing.assert_allclose(model.predict(sent[arrived]), wanted[arrived], rtol=0, atol=1e-9)
+    listed = pd.read_csv(io.StringIO(done("configurations", truth, *POSE, "--count", "6")[0]))
+    assert found("accuracy", truth, *POSE, "--count", "6", "--encoder-noise-rad", "8e-6", "--method", "ellipsoid")["best"]
+    done("show", truth, *POSE, "-o", tmp_path / "scene.html")
+    done("plan", truth, "--split", "joint_compliance:2", "joint_compliance:3", "--records", "4", "--postures", "30")
+    done("simulate", truth, "--records", "4", "--plan", "free")
+    assert len(listed) >= 6
+    dh, again = tmp_path / "dh.toml", tmp_path / "again.urdf"
+    for output, options in ((dh, ["--to-dh"]), (again, [])):
+        assert "joint_compliance:2" in done("urdf", truth, *options, "-o", output)[1]
+    for arm in (Arm.load(dh), Arm.from_urdf(again, model.arm.tip)):
+        np.testing.assert_allclose(arm.poses(q).placement, model.arm.poses(q).placement, rtol=0, atol=1e-12)
+    refused("map", truth, said=["needs a DH table"])
+    touches = measured[thetas].assign(test="single-point", feature="P", position=np.arange(60) // 20 + 1)
+    touches.to_csv(tmp_path / "touches.csv", index=False)
+    judged = found("accept", truth, tmp_path / "touches.csv")["figures"]
+    spread = np.linalg.norm(places - places.reshape(3, 20, 3).mean(axis=1).repeat(20, axis=0), axis=1)
+    assert judged[0]["value_mm"] == pytest.approx(spread.max() / MM, rel=1e-9)
+    refused("accept", urdf, tmp_path / "touches.csv", said=["is a URDF", "[urdf]"])
+    refused("urdf", truth, "-o", urdf, "--force", said=["is read by this command"])
+    urdf.write_bytes(urdf.read_bytes() + b" ")
+    refused("correct", truth, records, said=["truth.toml: urdf.sha256:", "was changed"])
+
+
+def test_a_calibrated_and_an_extended_robot_are_files(robot: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    truth, records, urdf = robot
+    stated = [records, *HALF_WIDTHS, "--encoder-noise-rad", "1e-6", "--reference-noise-mm", "0.001", "--no-held-out"]
+    words = ["--urdf", urdf, "--frame", ErrorModel.load(truth).arm.tip, *stated]
+    cal, ext = tmp_path / "cal.toml", tmp_path / "ext.toml"
+    done("calibrate", *words, "--effect", "joint_compliance:2", "-o", cal)
+    done("diagnose", *words, "--extended-arm", ext)
+    places = pd.read_csv(records)[PLACES] * MM
+    q = pd.read_csv(records).filter(like="theta").to_numpy() * DEG
+    for path in (cal, ext):
+        model = ErrorModel.load(path)
+        assert model.arm.covariance is not None
+        assert "joint_compliance:2" in [effect.key for effect in model.effects]
+        np.testing.assert_allclose(model.predict(q), places, rtol=0, atol=2e-5)
+        assert found("accuracy", path, *POSE, "--count", "6")["u_mm"]["max"] < 0.05
+    refused("calibrate", ext, records, "--urdf-out", urdf, "--force", said=["is read by this command"])

@@ -108,6 +108,20 @@ def test_an_interrupt_while_the_package_is_being_imported() -> None:
     assert ended(process) == (130, "aacmm-pin: interrupted\n")
 
 
+def test_a_pipe_that_nothing_reads_is_waited_for_and_can_be_given_up(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for then in ("read", "interrupt"):
+        process = started("urdf", "sino6", "-o", str(tmp_path / "pipe"))
+        assert process.stderr is not None
+        assert b"pipe" in process.stderr.readline()  # it says what it waits for
+        if then == "read":
+            assert "<robot" in (tmp_path / "pipe").read_text()
+        else:
+            process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+        assert process.returncode == (0 if then == "read" else 130)
+
+
 def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     long, gone = "x" * 300, tmp_path / "gone"
     for words in (("urdf", long), ("urdf", f"{long}.toml"), ("calibrate", "sino6", long), ("urdf", "sino6", "-o", long)):
@@ -128,6 +142,7 @@ def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # a plugin's folder stays in it, and workers would find this file
     (tmp_path / "hose.py").write_text("")
     done("simulate", "sino6", "--records", "40", "-o", "data.csv", "--truth", "arm.toml")
     done("urdf", "sino6", "-o", "arm.urdf")

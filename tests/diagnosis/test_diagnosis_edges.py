@@ -19,7 +19,6 @@ from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.effects import EncoderGain, JointCompliance, JointHysteresis
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
@@ -186,8 +185,8 @@ def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_record
 
 def test_a_seat_is_not_odd_where_readings_move_far_tips_more(sino6: Arm) -> None:
     """Noise of the encoders alone, which nobody stated: the seats far out scatter more than those near the base."""
-    noise = Noise.of(6, encoder=np.radians(5 / 3600))
-    data = simulate_measurements(sino6, "seats", 300, known=False, noise=noise, rng=np.random.default_rng(1))
+    noise = np.radians(5 / 3600)
+    data = simulate_measurements(sino6, "seats", 300, known=False, encoder_noise=noise, rng=np.random.default_rng(1))
     found = diagnose(sino6, data, hold_out=False, progress=False)
     assert (found.verdict, found.unexplained.groups) == ("no-discrepancy", ())
 

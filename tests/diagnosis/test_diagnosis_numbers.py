@@ -19,6 +19,7 @@ import pytest
 from blind import chains, draw
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth, subspace_angles
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, f, kstest, multivariate_normal, t
 
 from aacmm_pin.arm.arm import Arm
@@ -210,6 +211,7 @@ def test_inner_products(case: Case, left_out: tuple[int, ...], monkeypatch: pyte
     whole = slice(0, wanted.shape[0])
     np.testing.assert_allclose(gram.strip(whole) / np.outer(size, size), wanted / np.outer(size, size), atol=2e-6)
     np.testing.assert_allclose(gram.residual, wanted[-1], atol=2e-6 * size.max() * size[-1])
+    gram.products.release()  # what is asked for now is worked out again
     for k in some_blocks(choice):
         own = choice.question.blocks[k].columns
         scale = np.outer(size[own], size[own])
@@ -217,8 +219,15 @@ def test_inner_products(case: Case, left_out: tuple[int, ...], monkeypatch: pyte
     assert gram.free == len(rows) - choice.design.nuisances
 
 
-def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case) -> None:
+@pytest.mark.parametrize("excluded", [False, True])
+def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case, excluded: bool) -> None:
+    """Also where records do not count, such as all of a seat in one part."""
     part = np.arange(RECORDS) % 3
+    if excluded:
+        seat, used = case.records.conditions.seat, np.arange(RECORDS) % 7 != 3
+        used &= (part != 1) | (np.arange(RECORDS) > 20 if seat is None else seat != seat[0])
+        fit_ = replace(case.choice.fit, used=used)
+        case = replace(case, choice=replace(case.choice, fit=fit_, design=replace(case.choice.design, fit=fit_)))
     gram = Gram(products_of(case.choice.design, part), frozenset({2}))
     rows = dense(case, part, [2])
     np.testing.assert_allclose(gram.residual[-1], rows[:, -1] @ rows[:, -1], rtol=1e-6)
@@ -378,6 +387,12 @@ def test_prior_of_the_candidates(free_case: Case) -> None:
     usual = np.array([variants[0].usual for variants in choice.library])
     np.testing.assert_allclose(prior[:causes], 0.9 * usual / usual.sum(), rtol=1e-12)
     np.testing.assert_allclose(prior[causes:], 0.1 / len(choice.others), rtol=1e-12)
+    first = [variants[0] for variants in choice.library]
+    inside = {
+        owner: {k for k, e in enumerate(first) if freer.cause in e.contained_in and freer.place == e.place}
+        for owner, freer in enumerate(first)
+    }
+    assert choice.question.contained == {owner: causes for owner, causes in inside.items() if causes} != {}
 
 
 def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -564,15 +579,27 @@ def misfit(rows: Array, nuisances: int, measured: int) -> tuple[float, float]:
     return float(left @ left), measured - float(determined)
 
 
-def test_chow_s_test_of_every_session(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("alike", [True, False])
+def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where residuals do not scatter alike, each side's variance and degrees of freedom are those of its own records."""
     monkeypatch.setattr(groups, "ODD", 2.0)
-    choice = replace(case.choice, admitted=())
     labels = case.records.conditions.session
     assert labels is not None
+    rng = np.random.default_rng(8)
+    off = (labels == labels[0])[:, None] * rng.normal(0.0, 2e-5, (RECORDS, 3))
+    choice = replace(case.choice, admitted=())
+    choice = replace(choice, design=replace(choice.design, tips=choice.design.tips + off))
+    case = replace(case, choice=choice)
+    spread = np.zeros((RECORDS, 3)) if alike else rng.normal(0.0, 1.0, (RECORDS, 3))
+    scatter = np.exp(spread)[:, :, None] * np.eye(3)
+    if not alike:
+        monkeypatch.setattr(groups, "_scatter", lambda _: scatter)
     names, part = np.unique(labels, return_inverse=True)
     nuisances = choice.design.nuisances
     found = {group.name: group for group in groups.odd_groups(choice) if group.name.startswith("session")}
     assert len(found) == len(names) >= 3
+    assert [group.p_value for group in found.values()] == sorted(group.p_value for group in found.values())
+    assert found[f"session {labels[0]}"].p_value < 0.5  # the others' bound is 1
     total = dense(case, part)
     whole = misfit(total, nuisances, len(total) - nuisances)
     for number, name in enumerate(names):
@@ -582,8 +609,61 @@ def test_chow_s_test_of_every_session(case: Case, monkeypatch: pytest.MonkeyPatc
         ratio = max((whole[0] - others[0]) / more, 0.0) / (others[0] / others[1])
         group = found[f"session {name}"]
         assert group.times == pytest.approx(np.sqrt(ratio), rel=1e-4)
-        assert group.p_value == pytest.approx(min(1.0, len(names) * f.sf(ratio, more, others[1])), rel=1e-3)
+        own, rest = (np.exp(spread[side]).ravel() for side in (labels == name, labels != name))
+        of_own, of_rest = (c.sum() ** 2 / c.size / np.square(c).sum() for c in (own, rest))
+        chance = f.sf(ratio * rest.mean() / own.mean(), more * of_own, others[1] * of_rest)
+        assert group.p_value == pytest.approx(min(1.0, len(names) * chance), rel=1e-3)
         assert group.records == int(np.sum(labels == name))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.95])
+def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
+    """Residuals drawn with it, in a turned frame; records that do not count are far off."""
+    rng, n = np.random.default_rng(3), 600
+    used, frame = np.arange(n) % 6 > 0, Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix()
+    whitening = np.where(np.arange(n) % 2, 1e4, 3e4)[:, None, None] * np.eye(3)
+    levers = rng.normal(size=(n, 3, 2)) * rng.uniform(0.1, 1.0, (n, 1, 1))  # by two readings: in one plane each
+    white = whitening @ frame @ levers
+    readings = white @ white.transpose(0, 2, 1)
+    wanted = (1 - share) * np.eye(3) + share * readings * 3.0 / np.trace(readings[used], axis1=1, axis2=2).mean()
+    drawn = (np.linalg.cholesky(wanted) @ rng.normal(size=(n, 3, 1))) * np.where(used, 1.0, 100.0)[:, None, None]
+    tips = 1.0 + (np.linalg.inv(whitening) @ (5.0 * drawn))[:, :, 0]
+    problem = SimpleNamespace(
+        setup=SimpleNamespace(encoder_noise=None), reading_covariance=np.einsum("nij,nkj->njik", levers, levers)
+    )
+    fit_ = SimpleNamespace(
+        used=used,
+        problem=problem,
+        observations=SimpleNamespace(says=np.ones(n, dtype=bool), targets=lambda _: np.ones((n, 3))),
+        noise=SimpleNamespace(whitening=whitening),
+        solution=SimpleNamespace(point=SimpleNamespace(seats=None, frame=SimpleNamespace(rotation=frame))),
+    )
+    choice: Any = SimpleNamespace(fit=fit_, tips=tips)
+    np.testing.assert_allclose(groups._scatter(choice), wanted, atol=1e-12)
+    problem.setup.encoder_noise = np.full(6, 1e-6)
+    np.testing.assert_array_equal(groups._scatter(choice), np.broadcast_to(np.eye(3), (n, 3, 3)))
+
+
+def test_what_records_are_divided_by() -> None:
+    """Bars before seats, and only where no coordinates are stated; three groups, each with more than three records that
+    count.
+    """
+    labels, other = np.array([*"aaaabbbbcccc"], dtype=object), np.array([*"aaaabbbbcccc"[::-1]], dtype=object)
+    used = np.ones(12, dtype=bool)
+
+    def divided(known: bool, used: NDArray[np.bool_] = used, **by: Any) -> list[str]:
+        conditions = SimpleNamespace(**{name: by.get(name) for name in ("seat", "session", "marker")})
+        records: Any = SimpleNamespace(known=np.array([known] * 12), bar=by.get("bar"), conditions=conditions)
+        choice: Any = SimpleNamespace(fit=SimpleNamespace(used=used))
+        found = list(groups._groupings(records, choice))
+        assert all([names[k] for k in part] == list(by[what]) for what, names, part in found)
+        return [what for what, *_ in found]
+
+    assert divided(False, bar=labels, seat=other, session=other, marker=labels) == ["bar", "session", "marker"]
+    assert divided(False, seat=other) == ["seat"]
+    assert divided(True, bar=labels) == divided(True, seat=other) == []
+    assert divided(True, used=np.arange(12) > 0, session=labels) == []
+    assert divided(True, session=np.where(labels == "c", "b", labels)) == []
 
 
 def test_chow_s_test_is_uniform_when_nothing_is_there(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:

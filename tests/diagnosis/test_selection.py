@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
@@ -13,11 +14,13 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
-from aacmm_pin.diagnosis import forward_backward_selection
+from aacmm_pin.diagnosis import forward_backward_selection, model_extension
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.forward_backward_selection import SURE, WEAKEST, Question, _Search, search
 from aacmm_pin.diagnosis.gram_matrix import Gram, Part, Products
+from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.significance import Place
+from aacmm_pin.effects import JointPeriodicError
 
 Array = NDArray[np.float64]
 Blocks = tuple[int, ...]
@@ -57,7 +60,7 @@ class Small:
         width, known = int(ends[-1]), np.array([[1.0, *START]])
         design = Design(nothing, (), names, blocks, 1, np.ones(width), nothing, known, nothing, 0)
         rows = np.column_stack([self.ones, *columns, residual])
-        self.gram = Gram(Products(design, [Part(rows[:7], 7), Part(rows[7:], len(rows) - 7)]))
+        self.gram = Gram(Products(design, lambda: [Part(rows[:7], 7), Part(rows[7:], len(rows) - 7)]))
         self.question = Question(design, self.log_prior, stated, contained or {})
 
     @property
@@ -141,6 +144,10 @@ def test_log_evidence_of_every_set(stated: bool, noise: float) -> None:
     wanted = [each[0], np.logaddexp(each[1], each[2]) - np.log(2.0), each[3]]
     np.testing.assert_allclose(odds, [*(wanted + small.log_prior[:3]), -np.inf], atol=1e-5)
     assert blocks[1] == 1 + int(each[2] > each[1])
+    # In the place of one, by the scatter that is left with it.
+    each = np.array([small.evidence(k, (4,), small._scatter((0, 4))) for k in range(4)])
+    wanted = [each[0], np.logaddexp(each[1], each[2]) - np.log(2.0), each[3]]
+    np.testing.assert_allclose(steps.odds_instead((0, 4), 0)[0], [*(wanted + small.log_prior[:3]), -np.inf], atol=1e-5)
     # The likeliest of all with the likeliest beside it, where one pair is asked for.
     alone = steps.odds(())
     first = alone[1][int(np.argmax(alone[0]))]
@@ -216,6 +223,42 @@ def test_one_that_mimics_two_gives_way() -> None:
     assert small.found() == small.found(2) == small.best() == [0, 1]
 
 
+def test_a_better_pair_stands_for_one_or_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    small = lures(22.0, 15.0, 14.0)
+    for admitted, better in (((2,), True), ((1, 2), True), ((1, 2, 3), False)):
+        assert (small.steps.better_pair(admitted) != admitted) == better
+    monkeypatch.setattr(forward_backward_selection, "MOST_CAUSES", 2)
+    assert lures(22.0, 15.0).steps.exchanged((2,)) == (0, 1)
+    monkeypatch.setattr(forward_backward_selection, "MOST_CAUSES", 1)
+    assert lures(22.0, 15.0).steps.exchanged((2,)) == (2,)
+
+
+def test_pairs_begin_with_what_explains_something() -> None:
+    """Before its prior; the second best of those that do not would be the best of all."""
+    explained = []
+    for size in np.linspace(0.0, 8.0, 41):
+        small = Small(*axes(12.0, 9.0, size))
+        explained.append(small.evidence(2, (), small._scatter(())))
+        assert small.steps.pairs((), 3) == [(0, 1), (0, 2)][: 1 + (explained[-1] > 0)]
+    assert min(explained) < 0
+    assert any(0.1 < each < np.log(3.0) - 0.1 for each in explained)
+
+
+def test_of_sets_that_come_back_the_best_stays() -> None:
+    """Where one stands in the place of the other and back, and where what was admitted is taken out again."""
+    small = Small(*axes(9.0, 8.0))
+    for best in ((0,), (1,)):
+        steps: Any = small.steps
+        steps.log_evidence = lambda admitted, best=best: float(admitted == best)
+        steps.odds_instead = lambda whole, _: (10.0 * np.array([1 in whole, 0 in whole]), {0: 0, 1: 1})
+        assert steps.settled((0,)) == steps.settled((1,)) == best
+    steps = small.steps
+    steps.log_evidence = lambda admitted: float(admitted == (0,))
+    steps.settled = lambda admitted: () if len(admitted) == 2 else admitted
+    steps.better_pair = lambda admitted: admitted
+    assert steps.grown(()) == (0,)
+
+
 def test_one_gives_way_to_two_only_where_they_are_surely_better() -> None:
     gains = []
     for apart in np.linspace(0.0, 4.0, 30):
@@ -253,11 +296,27 @@ def test_what_contains_two_stands_for_both() -> None:
         assert np.isfinite(Place.beside(beside, 0).odds).tolist() == [True, False, False]  # what is asked for competes
 
 
+def test_two_give_way_to_what_contains_both_where_that_is_better_at_all() -> None:
+    """And one does not, which is looked back at by itself."""
+    columns, residual = axes(12.0, 11.0)
+    gains = []
+    for usual in np.geomspace(1e-3, 0.5, 30):
+        prior = [0.5 - usual / 2, 0.5 - usual / 2, usual]
+        small = Small([*columns, np.hstack(columns)], residual, prior=prior, contained={2: frozenset({0, 1})})
+        gains.append(small.of_set((2,)) - small.of_set((0, 1)))
+        assert small.steps.exchanged((0, 1)) == ((2,) if gains[-1] > 0 else (0, 1))
+        assert small.of_set((2,)) > small.of_set((0,)) + 1.0
+        assert small.steps.exchanged((0,)) == (0,)
+    assert min(gains) < 0.0
+    assert any(0.5 < gain < SURE - 0.5 for gain in gains)
+
+
 def test_a_candidate_without_a_block() -> None:
     """It keeps its number, can never be found, and moves none of the others."""
     columns, residual = axes(9.0, 0.0, 8.0)
     for owners, absent in (([1, 2, 3], 0), ([0, 2, 3], 1), ([0, 1, 2], 3)):
-        small = Small(columns, residual, owners=owners, prior=[0.25] * 4)
+        inside = {absent: frozenset({owners[0], owners[2]})}
+        small = Small(columns, residual, owners=owners, prior=[0.25] * 4, contained=inside)
         assert small.found() == small.found(1) == small.best() == [0, 2]
         odds, blocks = small.steps.odds(())
         assert odds[absent] == -np.inf
@@ -277,3 +336,116 @@ def test_never_more_than_the_most_causes(monkeypatch: pytest.MonkeyPatch) -> Non
     assert Small(columns, residual).found() == [0, 1, 2]
     monkeypatch.setattr(forward_backward_selection, "MOST_CAUSES", 2)
     assert Small(columns, residual).found() == [0, 1]
+
+
+# --- from what was chosen to an extended arm
+
+
+def at_once(**fields: Any) -> Choice:
+    """A choice of which nothing is known but ``fields``."""
+    nothing: Any = dict.fromkeys((each.name for each in dataclasses.fields(Choice)), None)
+    return Choice(**nothing | fields)
+
+
+@pytest.mark.parametrize(
+    ("records", "near", "doubtful", "taken"),
+    [
+        (100, 2, None, "first"),  # too few to make sense at once
+        (100, 3, (9, 6), "wider"),
+        (100, 3, (9, 7), "first"),
+        (1000, 4, None, "first"),  # too small a part of the records
+        (1000, 5, (9, 6), "wider"),
+    ],
+)
+def test_excluded_records_are_tried_with_the_others(
+    records: int, near: int, doubtful: tuple[int, int] | None, taken: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those that are not far, where they are several; what is found with them counts where it explains several."""
+    excluded = np.arange(records) < near + 20
+    far = np.where(np.arange(records) < near, 4.9, 5.1)  # among the others are such that say nothing
+    first: Any = SimpleNamespace(used=~excluded & (np.arange(records) < records - 2), excluded=excluded, name="first")
+    first.solution = SimpleNamespace(point=SimpleNamespace(prediction=SimpleNamespace(tips=None)))
+    tried, put_back = [], np.flatnonzero(first.used | (np.arange(records) < near)).tolist()
+
+    def fit(_: object, used: Array) -> Any:
+        tried.append(np.flatnonzero(used).tolist())
+        return SimpleNamespace(name="wider")
+
+    judged = dict(zip(("first", "wider"), doubtful or (), strict=False))
+    monkeypatch.setattr(model_extension, "fit", fit)
+    monkeypatch.setattr(model_extension, "_times_the_limit", lambda *_: far)
+    monkeypatch.setattr(model_extension, "_doubtful", lambda choice, _: judged[choice.fit.name])
+    design: Any = SimpleNamespace(fit=None)
+    gram: Any = SimpleNamespace(products=SimpleNamespace(release=lambda: None))
+    monkeypatch.setattr(model_extension, "_standing", lambda _, at, *rest: at_once(fit=at, design=design, gram=gram))
+    monkeypatch.setattr(model_extension, "products_of", lambda *_: "in parts")
+    for torn in (False, True):
+        tried.clear()
+        monkeypatch.setattr(model_extension, "_torn", lambda *_, torn=torn: torn)
+        parts = np.zeros(records, dtype=np.intp)
+        found = model_extension.choose(lambda _: first, first, [], [], parts)
+        assert found.fit.name == taken  # type: ignore[attr-defined]
+        assert tried == ([put_back] if doubtful else [])
+        assert (found.held is not None) == torn
+
+
+def test_how_far_from_its_target_a_record_is() -> None:
+    """Over what one of all records may be off with a chance of 1 %, by Bonferroni's bound; none where nothing is said."""
+    limit = chi2.isf(0.01 / 4, 3)
+    off = np.array([[3e-5, 0.0, 0.0], [0.0, 4e-5, 0.0], [0.0, 3e-5, 4e-5], [np.nan] * 3])
+    targets = np.full((4, 3), 0.5)
+    observations = SimpleNamespace(says=np.array([True, True, True, False]), targets=lambda _: targets)
+    at: Any = SimpleNamespace(observations=observations, solution=SimpleNamespace(point=SimpleNamespace(seats=None)))
+    judge: Any = SimpleNamespace(residual_noise=np.array([1.0, 4.0, 1.0, 1.0])[:, None, None] * 1e-10 * np.eye(3))
+    found = model_extension._times_the_limit(at, targets + off, judge)
+    np.testing.assert_allclose(found, np.array([3.0, 2.0, 5.0, 0.0]) / np.sqrt(limit), rtol=1e-6)
+    choice: Any = SimpleNamespace(fit=at, tips=targets + off)
+    for variance, count in ((1.5, 1), (1.0, 2), (0.5, 3)):  # the limit is 14.3
+        judge.residual_noise = np.full(4, variance * 1e-10)[:, None, None] * np.eye(3)
+        assert model_extension._doubtful(choice, judge) == count
+
+
+@pytest.mark.parametrize(
+    ("parts", "torn"), [([0, 0, 1, 1, 0, 1], False), ([0, 1, 1, 1, 0, 1], True), ([0, 0, 0, 1, 0, 1], True)]
+)
+def test_seats_and_bars_in_several_parts(parts: list[int], torn: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seats 0 and 1 at the ends of a bar, seat 2 alone; two records at none. The search then takes all as one part."""
+    observations = SimpleNamespace(seat=np.array([0, 1, 2, 2, -1, -1]), clusters=np.array([0, 0, 1]))
+    at: Any = SimpleNamespace(observations=observations, stated=True)
+    assert model_extension._torn(at, np.array(parts)) == torn
+    monkeypatch.setattr(model_extension, "products_of", lambda _, parts: parts)
+    for name in ("design_of", "question_of", "search"):
+        monkeypatch.setattr(model_extension, name, lambda *_: None)
+    found: Any = model_extension._chosen(at, (), (), np.array(parts), [])
+    assert found.gram.products.tolist() == ([0] * 6 if torn else parts)
+
+
+@pytest.mark.parametrize(
+    ("moved", "used", "parts", "inside"),
+    [
+        ([0, 0, 1, 1], [1, 1, 1, 1], [0, 0, 1, 1], True),
+        ([0, 1, 1, 1], [1, 1, 1, 1], [0, 0, 1, 1], False),
+        ([0, 1, 1, 1], [1, 0, 1, 1], [0, 0, 1, 1], True),
+        ([0, 0, 1, 1], [1, 1, 1, 1], [0, 0, 0, 0], False),  # nothing is left out
+        ([0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1], False),
+    ],
+)
+def test_a_cause_of_records_that_are_left_out_together(
+    moved: list[int], used: list[int], parts: list[int], inside: bool
+) -> None:
+    columns = np.zeros((4, 3, 2))
+    columns[:, 2, 1] = moved
+    design: Any = SimpleNamespace(columns=lambda _: columns)
+    fit: Any = SimpleNamespace(used=np.array(used, dtype=bool))
+    assert at_once(design=design, fit=fit, parts=np.array(parts)).in_one_part(0) == inside
+
+
+def test_the_top_of_a_parabola() -> None:
+    """Between the neighbours of the best; no further, and nowhere where there is no top."""
+    tried: list[Any] = [JointPeriodicError(3, order) for order in (2.0, 2.5, 3.5)]
+    for top in (2.3, 2.9):
+        evidences = -np.array([(2.0 - top) ** 2, (2.5 - top) ** 2, (3.5 - top) ** 2])
+        assert model_extension._between(tried, evidences, 1).order == pytest.approx(top)  # type: ignore[attr-defined]
+    flat, at_the_end = np.zeros(3), np.array([0.0, -1.0, -2.0])
+    assert model_extension._between(tried, flat, 1) == tried[1]
+    assert model_extension._between(tried, at_the_end, 0) == tried[0]

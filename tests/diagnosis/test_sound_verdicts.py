@@ -17,7 +17,7 @@ from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
-from aacmm_pin.diagnosis.evidence import MAGNITUDES, Scatter, evidence_of
+from aacmm_pin.diagnosis.evidence import LARGE, MAGNITUDES, Scatter, evidence_of
 from aacmm_pin.diagnosis.result import Finding, _finding
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.verdict import verdict_of
@@ -58,6 +58,26 @@ def test_evidence_with_noise_from_the_records_is_the_marginal_likelihood(rng: np
     wanted = [marginal(np.eye(n) + tau**2 * columns @ columns.T) - marginal(np.eye(n)) for tau in MAGNITUDES / variance**0.5]
     found = evidence_of((columns.T @ columns / variance)[None], (columns.T @ residual / variance)[None], Scatter(n, n))
     assert found[0] == pytest.approx(np.logaddexp.reduce(wanted) - np.log(len(wanted)), abs=1e-6)
+
+
+def test_evidence_where_rounding_left_no_factor(rng: np.random.Generator) -> None:
+    """Of information whose smallest eigenvalue is far below zero: as if it were zero, and the other blocks as they are."""
+    columns, gradient = rng.standard_normal((3, LARGE + 2, LARGE)), rng.standard_normal((3, LARGE))
+    nothing = np.linalg.qr(rng.standard_normal((LARGE, 1)))[0]
+    columns[1] -= columns[1] @ nothing @ nothing.T
+    exact = columns.transpose(0, 2, 1) @ columns
+    rounded = exact.copy()
+    rounded[1] -= 2.0 / MAGNITUDES.max() ** 2 * nothing @ nothing.T
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(rounded[1] + np.eye(LARGE) / MAGNITUDES.max() ** 2)
+    wanted = [
+        [
+            0.5 * g @ np.linalg.solve(s + np.eye(LARGE) / t**2, g) - 0.5 * np.linalg.slogdet(np.eye(LARGE) + t**2 * s)[1]
+            for t in MAGNITUDES
+        ]
+        for s, g in zip(exact, gradient, strict=True)
+    ]
+    np.testing.assert_allclose(evidence_of(rounded, gradient), np.log(np.mean(np.exp(wanted), axis=1)), rtol=1e-12)
 
 
 def test_calibrating_twice_is_calibrating_with_all_records(sino6: Arm, rng: np.random.Generator) -> None:
@@ -177,6 +197,8 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
     fit = calibrate(sino6, data, hold_out=False, **NOISE).fit  # type: ignore[arg-type]
     stuck = replace(fit, solution=replace(fit.solution, held_up="60 steps were not enough"))
     noiseless = replace(fit, stated=False, dof=0.0)
+    out = np.arange(40)
+    seven, six = (replace(fit, used=out >= count, excluded=out < count) for count in (7, 6))
     cases: list[tuple[Any, ...]] = [
         ("explained", [finding(0.99)], False, 90, fit),
         ("inconclusive", [finding(0.99)], False, 90, fit, 1e-5),
@@ -193,6 +215,10 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
         ("inconclusive", [], False, 40, fit),
         ("inconclusive", [finding(0.99)], False, 90, stuck),
         ("inconclusive", [], False, 90, noiseless),
+        ("inconclusive", [finding(0.99)], False, 90, seven),
+        ("inconclusive", [], False, 90, seven),
+        ("unexplained", [], True, 90, seven),
+        ("explained", [finding(0.99)], False, 90, six),
     ]
     for verdict, findings, structure, seen, at, *p_left in cases:
         assert verdict_of(findings, structure, (p_left or [0.5])[0], (seen, 100), (fit, at)) == verdict

@@ -286,13 +286,6 @@ def test_nonsense_in_the_arm_file_is_named(arms: dict[str, Arm], tmp_path: Path)
         assert len(refused) >= 3 * len(NONSENSE) - 2
 
 
-def test_an_arm_without_a_file_has_none_to_extend(arms: dict[str, Arm], tmp_path: Path) -> None:
-    for name in ROBOTS:
-        with pytest.raises(UnsupportedArmError, match="an arm file needs a DH table"):
-            ErrorModel(arms[name], (EncoderGain(joint=2),)).save(tmp_path / "no.toml")
-        assert not any(tmp_path.iterdir())
-
-
 def test_missing_condition_names_the_column(arms: dict[str, Arm], rng: np.random.Generator) -> None:
     for arm, effect in cases(arms):
         model, q, nothing = ErrorModel(arm, (effect.at(tuple(typical(effect))),)), postures(arm, rng, 5), Conditions(5)
@@ -499,7 +492,7 @@ def test_eccentricity_is_that_of_a_disc(sino6: Arm, rng: np.random.Generator) ->
     def angle_of(seen: float, eccentricity: float) -> float:
         return float(brentq(lambda a: indication(a, eccentricity) - seen, seen - 0.5, seen + 0.5, xtol=1e-15))
 
-    for eccentricity in (1e-4, 0.03, 0.3):
+    for eccentricity in (1e-4, 0.03, 0.1):
         angles = np.array([angle_of(seen, eccentricity) for seen in q[:, joint - 1]])
         told = {"amplitude_rad": eccentricity, "phase_rad": -gamma - np.pi / 2}
         disc = EncoderEccentricity.from_description({"joint": joint}, told)

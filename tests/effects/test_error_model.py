@@ -326,7 +326,7 @@ def test_saving_replaces_only_when_told(tmp_path: Path, sino6: Arm) -> None:
 
 
 def test_an_arm_that_is_from_no_file(sino6: Arm) -> None:
-    with pytest.raises(AacmmError, match="SINO6: was not made from an arm file"):
+    with pytest.raises(AacmmError, match="SINO6: was made from no file"):
         ErrorModel(replace(sino6, file=None)).file()
 
 

@@ -26,7 +26,7 @@ from hypothesis import seed as seeded
 from aacmm_pin.errors import AacmmError
 from tests.hostile import faults
 from tests.hostile.formats import FORMATS, Format, mutated
-from tests.hostile.test_formats import LONGEST
+from tests.hostile.test_formats import LONGEST, LONGEST_LINE
 
 BATCH = 500
 """Files that one process tries; one that it cannot survive ends the batch."""
@@ -57,8 +57,9 @@ def tried(kind: Format, cases: int, seed: int, keep: Path) -> Counter[str]:
         try:
             kind.use(path)
             outcome = "result"
-        except AacmmError:
-            outcome = "refused"
+        except AacmmError as error:
+            longest = max(map(len, str(error).splitlines()), default=0)
+            outcome = "refused" if longest < LONGEST_LINE else f"a message of more than {LONGEST_LINE} characters"
         except Exception as error:
             at = traceback.extract_tb(error.__traceback__)[-1]
             outcome = f"{type(error).__name__} in {Path(at.filename).name}, {at.name}"

@@ -96,6 +96,15 @@ def toml_of(model: ErrorModel) -> bytes:
 
 
 @cache
+def arms_of_a_urdf() -> list[bytes]:
+    """One that names a URDF by its whole path, with corrected placements, a cause and a covariance."""
+    arm = Arm.from_urdf(Path(__file__).parents[2] / "urdf" / "sino6.urdf", "tip", translation_half_width=1e-4)
+    cause = cause_of("joint_compliance:2", ErrorModel(arm))
+    found = calibrate(arm, records("free"), [cause], encoder_noise=8e-6, hold_out=False).model
+    return [found.text(folder="/").replace('file = "', 'file = "/', 1).encode()]
+
+
+@cache
 def records(plan: str) -> Measurements:
     """A few virtual records."""
     bar = 0.5 if plan == "ball-bar" else None
@@ -158,6 +167,7 @@ def use_records(path: Path) -> None:
 FORMATS = [
     Format("arm.toml", arms, use_arm),
     Format("extended-arm.toml", extended_arms, use_arm),
+    Format("arm-of-a-urdf.toml", arms_of_a_urdf, use_arm),
     Format("arm.urdf", urdfs, use_urdf),
     Format("records.csv", csvs, use_records),
     Format("plan.csv", plans, use_plan),

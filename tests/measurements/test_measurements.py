@@ -181,6 +181,7 @@ def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
         halves.replace(",", ", "): ("spaces",),
         upper: ("lower case",),
         f"# arm 7, on Tuesday\n#\n{halves}# the end, at 16:00\n": ("3 lines that begin with #",),
+        f"sep=;\n{german}": ("1 line that begins", "semicolons", "commas"),
         f"# arm 7\n{german.replace(';', '; ').upper()}": ("1 line that begins", "semicolons", "commas", "spaces", "lower"),
     }
     for content, words in same.items():
@@ -290,6 +291,8 @@ CELLS: list[tuple[str, str, str]] = [
     ("theta2_deg", "", "is empty"),
     ("theta1_deg", "-inf", "'-inf', expected a finite number"),
     ("theta1_deg", "1_000", "'1_000'"),
+    ("theta1_deg", "9" * 5000 + "x", "9x', expected a finite number"),
+    ("bar_end", "C" * 5000, "expected A or B"),
     ("theta2_deg", '"1,5"', "decimal comma"),
     ("x_mm", "NaN", "'NaN'"),
     ("y_mm", "", "x_mm, y_mm, z_mm"),
@@ -338,6 +341,7 @@ def test_a_cell_with_a_mistake(tmp_path: Path) -> None:
         error = error_of(tmp_path, csv_of(columns))
         assert (error.row, error.column, word in str(error)) == (3, column, True), str(error)
         assert " more: row" not in str(error)
+        assert len(str(error)) < 500
 
 
 def test_numbers_of_a_table_are_looked_at_too() -> None:
@@ -410,6 +414,14 @@ def test_what_seats_and_bars_may_be(tmp_path: Path) -> None:
     measurements = Measurements.read(write(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | columns)))
     assert measurements.bars() == [Bar("b", "p", "q", 0.5), Bar("c", "r", "p", 0.5)]
     assert {seat: rows.tolist() for seat, rows in measurements.seats().items()} == {"p": [0, 1], "q": [2], "r": [3]}
+
+
+def test_a_label_is_written_in_one_way(tmp_path: Path) -> None:
+    for label in ("S3 ", "S3\u00a0", "#S3", "S3\u200b"):
+        for name in ("seat", "marker"):
+            error = error_of(tmp_path, f"theta1_deg,x_mm,y_mm,z_mm,{name}\n1,1,2,3,S3\n2,1,2,3,{label}\n3,1,2,3,S3\n")
+            assert (error.row, error.column, f"is {label!r} beside 'S3'" in str(error)) == (3, name, True), str(error)
+    assert "is ' ' beside ''" in str(error_of(tmp_path, "theta1_deg,seat\n1, \n2,\n"))
 
 
 # columns of AT_BAR, row, column, what the answer must name

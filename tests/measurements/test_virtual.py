@@ -44,8 +44,8 @@ PLANS: list[dict[str, Any]] = [
 ARMS = ["sino6", "zero6", "ur5", "panda"]
 
 
-def quiet(nq: int = 6, **u: float) -> Noise:
-    return Noise.of(nq, **({"encoder": 0.0, "reference": 0.0, "probe": 0.0} | u))
+def quiet(**u: float) -> dict[str, float]:
+    return {f"{what}_noise": u.get(what, 0.0) for what in ("encoder", "reference", "probe")}
 
 
 def simulated(model: Arm | ErrorModel, records: int = 300, seed: int = 1, **options: Any) -> Measurements:
@@ -88,7 +88,7 @@ def directions(q: Array) -> Array:
 @pytest.mark.parametrize("options", PLANS, ids=lambda o: "-".join(map(str, o.values())))
 def test_tips_are_where_the_plan_says_and_postures_differ(arm: Arm, options: dict[str, Any]) -> None:
     """At the references, or of each unknown seat at one point; inside the limits, and away from where the arm is stuck."""
-    measurements = simulated(arm, noise=quiet(arm.nq), **options)
+    measurements = simulated(arm, **quiet(), **options)
     q, tips, seats, known = measurements.q, tips_of(arm, measurements.q), measurements.seats(), measurements.known
     free, stated = options["plan"] == "free", options["plan"] in ("free", "seats") and options.get("known", True)
     assert known.all() if stated else not known.any()
@@ -138,7 +138,7 @@ def warped(sino6: Arm) -> ErrorModel:
 
 @pytest.mark.parametrize("plan", ["free", "seats"])
 def test_the_errors_are_exact(sino6: Arm, warped: ErrorModel, plan: str) -> None:
-    measurements = simulated(warped, plan=plan, noise=quiet())
+    measurements = simulated(warped, plan=plan, **quiet())
     np.testing.assert_allclose(warped_tips(sino6, measurements), measurements.reference, atol=1e-9, rtol=0)
     off = np.linalg.norm(sino6.dh.positions(measurements.q) - measurements.reference, axis=1)  # type: ignore[union-attr]
     assert np.median(off) > 1e-4  # or the test above would pass without errors
@@ -147,7 +147,7 @@ def test_the_errors_are_exact(sino6: Arm, warped: ErrorModel, plan: str) -> None
 def test_weight_bends_the_arm(sino6: Arm) -> None:
     """Compliance by Pinocchio's gravity torque, iterated here."""
     measurements = simulated(
-        ErrorModel(sino6).with_effects(JointCompliance(joint=2, values=(2e-5,))), plan="seats", noise=quiet(), seats=3
+        ErrorModel(sino6).with_effects(JointCompliance(joint=2, values=(2e-5,))), plan="seats", **quiet(), seats=3
     )
     q, data = measurements.q.copy(), sino6.model.createData()
     for k, row in enumerate(measurements.q):
@@ -161,18 +161,18 @@ def test_errors_of_references_act_where_these_are_stated(sino6: Arm) -> None:
     assert sino6.dh is not None
     shift = np.array([1e-4, -2e-4, 3e-4])
     model = ErrorModel(sino6).with_effects(SeatError(seat="S3", values=tuple(shift)))
-    measurements = simulated(model, plan="seats", noise=quiet())
+    measurements = simulated(model, plan="seats", **quiet())
     off = sino6.dh.positions(measurements.q) - measurements.reference  # true place = stated place + e
     third = measurements.conditions.seat == "S3"
     np.testing.assert_allclose(off[third], np.broadcast_to(shift, (30, 3)), atol=1e-9)
     np.testing.assert_allclose(off[~third], 0.0, atol=1e-9)
 
     turned = ErrorModel(sino6).with_effects(ReferenceFrame(values=(0.5, 0.1, -0.2, 0.0, 0.0, 0.3)))
-    measurements = simulated(turned, plan="free", noise=quiet())
+    measurements = simulated(turned, plan="free", **quiet())
     motion = pin.exp6(np.array([0.5, 0.1, -0.2, 0.0, 0.0, 0.3]))
     expected = sino6.dh.positions(measurements.q) @ motion.rotation.T + motion.translation
     np.testing.assert_allclose(measurements.reference, expected, atol=1e-12)
-    unknown = simulated(turned, plan="single-point", noise=quiet())
+    unknown = simulated(turned, plan="single-point", **quiet())
     assert np.ptp(sino6.dh.positions(unknown.q), axis=0).max() < 1e-9
 
 
@@ -189,7 +189,7 @@ def test_a_stretched_arm_touches_nothing(tmp_path: Path) -> None:
 def test_postures_go_all_round_the_point(sino6: Arm) -> None:
     """Whatever posture another solver finds at the point, one like it is there: 300 in three dimensions of freedom."""
     assert sino6.dh is not None
-    q = simulated(sino6, plan="single-point", noise=quiet()).q
+    q = simulated(sino6, plan="single-point", **quiet()).q
     point, lower, upper = sino6.dh.positions(q)[0], sino6.limits[:, 0], sino6.limits[:, 1]
     rng, found = np.random.default_rng(5), 0
     for _ in range(120):
@@ -206,24 +206,24 @@ def test_postures_go_all_round_the_point(sino6: Arm) -> None:
 
 
 def test_seats_are_apart_and_clear_of_the_stand_and_the_table(sino6: Arm) -> None:
-    measurements = simulated(sino6, plan="seats", noise=quiet(), seats=20, above=0.1)
+    measurements = simulated(sino6, plan="seats", **quiet(), seats=20, above=0.1)
     points = np.array([measurements.reference[rows[0]] for rows in measurements.seats().values()])
     apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(20, dtype=bool)]
     assert apart.min() >= 0.05
     assert apart.max() > 0.7
     assert np.hypot(points[:, 0], points[:, 1]).min() >= 0.1
     assert points[:, 2].min() >= 0.1
-    ends = sino6.positions(simulated(sino6, plan="ball-bar", bar_length=0.2, seats=100, noise=quiet(), above=0.1).q)
+    ends = sino6.positions(simulated(sino6, plan="ball-bar", bar_length=0.2, seats=100, **quiet(), above=0.1).q)
     assert ends[:, 2].min() >= 0.1 - 1e-9
     assert np.hypot(ends[:, 0], ends[:, 1]).min() >= 0.1 - 1e-9
-    free = simulated(sino6, plan="free", noise=quiet(), above=0.1).reference
+    free = simulated(sino6, plan="free", **quiet(), above=0.1).reference
     assert free[:, 2].min() >= 0.1
     assert np.hypot(free[:, 0], free[:, 1]).min() >= 0.1
 
 
 def test_joints_may_slide_or_turn_without_end(tmp_path: Path) -> None:
     arm = Arm.from_urdf(written(tmp_path, ("prismatic", "0 0 1", 0.0, 0.5), *[("revolute", "0 0 1", -1e4, 1e4)] * 3), "tip")
-    measurements = simulated(arm, plan="seats", records=40, seats=4, noise=quiet(4))
+    measurements = simulated(arm, plan="seats", records=40, seats=4, **quiet())
     np.testing.assert_allclose(tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0)
     assert np.abs(measurements.q[:, 1:]).max() <= np.pi
     assert 0.0 < measurements.q[:, 0].min() < measurements.q[:, 0].max() < 0.5
@@ -234,14 +234,14 @@ def test_joints_may_slide_or_turn_without_end(tmp_path: Path) -> None:
 
 def test_encoder_noise(sino6: Arm) -> None:
     u = np.array([5e-6, 1e-5, 0.0, 2e-5, 8e-6, 4e-5])
-    exact, noisy = (simulated(sino6, plan="seats", noise=quiet(encoder=e)) for e in (0.0, u))  # type: ignore[arg-type]
+    exact, noisy = (simulated(sino6, plan="seats", **quiet(encoder=e)) for e in (0.0, u))  # type: ignore[arg-type]
     off, some = noisy.q - exact.q, u > 0
     assert consistent(off[:, some] / u[some])
     assert (off[:, ~some] == 0).all()
 
 
 def test_encoder_noise_reaches_the_tip(arm: Arm) -> None:
-    measurements = simulated(arm, plan="seats", noise=quiet(arm.nq, encoder=1e-5))
+    measurements = simulated(arm, plan="seats", **quiet(encoder=1e-5))
     off = tips_of(arm, measurements.q) - measurements.reference
     jacobian = 1e-5 * arm.jacobian(measurements.q)
     whitened = np.linalg.solve(np.linalg.cholesky(jacobian @ jacobian.transpose(0, 2, 1)), off[:, :, None])
@@ -250,7 +250,7 @@ def test_encoder_noise_reaches_the_tip(arm: Arm) -> None:
 
 def test_reference_noise(sino6: Arm) -> None:
     options: dict[str, Any] = {"plan": "seats", "seats": 30}
-    exact, noisy = (simulated(sino6, noise=quiet(reference=u), **options) for u in (0.0, 2e-5))
+    exact, noisy = (simulated(sino6, **quiet(reference=u), **options) for u in (0.0, 2e-5))
     off = noisy.reference - exact.reference
     seats = list(noisy.seats().values())
     assert all((off[rows] == off[rows[0]]).all() for rows in seats)  # one draw a seat
@@ -258,20 +258,20 @@ def test_reference_noise(sino6: Arm) -> None:
     np.testing.assert_array_equal(noisy.reference_u, np.full((300, 3), 2e-5))
     np.testing.assert_array_equal(noisy.q, exact.q)
 
-    exact, noisy = (simulated(sino6, plan="free", noise=quiet(reference=u)) for u in (0.0, 2e-5))
+    exact, noisy = (simulated(sino6, plan="free", **quiet(reference=u)) for u in (0.0, 2e-5))
     assert consistent((noisy.reference - exact.reference) / 2e-5)
 
 
 def test_contacts(sino6: Arm) -> None:
     assert sino6.dh is not None
     for plan in ("seats", "free"):
-        measurements = simulated(sino6, plan=plan, noise=quiet(probe=5e-6))
+        measurements = simulated(sino6, plan=plan, **quiet(probe=5e-6))
         assert consistent((sino6.dh.positions(measurements.q) - measurements.reference) / 5e-6)
 
 
 def test_lengths_of_bars_are_as_good_as_references(sino6: Arm) -> None:
     options: dict[str, Any] = {"plan": "ball-bar", "bar_length": 0.4, "seats": 60}
-    measurements = simulated(sino6, noise=quiet(reference=1e-5), **options)
+    measurements = simulated(sino6, **quiet(reference=1e-5), **options)
     lengths = np.array([bar.length for bar in measurements.bars()])
     assert len(lengths) == 30
     assert consistent((lengths - 0.4) / 1e-5)
@@ -282,7 +282,7 @@ def test_noise_that_nobody_stated(sino6: Arm, zero6: Arm) -> None:
     measurements = simulated(sino6, plan="free")
     assert measurements.source == "simulated, SINO6, plan free, seed 1, encoder noise 8 µrad (assumed)"
     assert (measurements.reference_u == 1.2e-5).all()
-    exact = simulated(sino6, plan="free", noise=quiet())
+    exact = simulated(sino6, plan="free", **quiet())
     assert consistent((measurements.q - exact.q) / 8e-6)
     assert sino6.file is not None
     rows = [row.model_copy(update={"encoder_noise_rad": 3e-6}) for row in sino6.file.joints]
@@ -334,7 +334,7 @@ def test_conditions_are_those_of_a_workshop(sino6: Arm) -> None:
 
 
 def test_joints_come_from_where_they_were(sino6: Arm) -> None:
-    measurements = simulated(sino6, plan="free", records=2000, noise=quiet())
+    measurements = simulated(sino6, plan="free", records=2000, **quiet())
     assert measurements.conditions.approach is not None
     same = np.sign(np.diff(measurements.q, axis=0)) == measurements.conditions.approach[1:]
     assert same.mean() == pytest.approx(1 - workshop.OVERSHOOT, abs=0.02)
@@ -362,7 +362,7 @@ def test_a_seed_is_a_data_set_that_a_file_holds(sino6: Arm, tmp_path: Path, opti
 
 def test_the_seed_is_told_as_far_as_it_can_be(sino6: Arm) -> None:
     def source(rng: np.random.Generator) -> str:
-        return simulate_measurements(sino6, "free", 10, rng=rng, noise=quiet()).source
+        return simulate_measurements(sino6, "free", 10, rng=rng, **quiet()).source
 
     used = np.random.default_rng(3)
     used.random()
@@ -388,7 +388,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"plan": "free", "above": float("inf")}, "above is inf m, expected -100 to 100 m"),
     ({"plan": "free", "above": 2.0}, "SINO6: 0 of 6000 random postures .* 2000 mm or more"),
     ({"plan": "free", "temperature_range": -1.0}, "temperature_range is -1 K"),
-    ({"plan": "free", "noise": Noise.of(5)}, "noise is of 5 encoders, expected 6 for SINO6"),
+    ({"plan": "free", "encoder_noise": [1e-5] * 5}, r"encoder noise has shape \(5,\), expected \(6,\) \[rad\]"),
 ]
 
 
@@ -419,7 +419,7 @@ def test_arms_of_two_joints(tmp_path: Path) -> None:
     arm = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -3.0, 3.0), ("revolute", "0 0 1", -3.0, 3.0)), "tip")
     with pytest.raises(AacmmError, match=r"0 of 2 seats found that can be touched in 10 .*, of 8 tried; the others in 2"):
         simulated(arm, plan="seats", records=20, seats=2)
-    measurements = simulated(arm, plan="seats", records=4, seats=2, noise=quiet(2))
+    measurements = simulated(arm, plan="seats", records=4, seats=2, **quiet())
     np.testing.assert_allclose(tips_of(arm, measurements.q), measurements.reference, atol=1e-9, rtol=0)
     stiff = Arm.from_urdf(written(tmp_path, ("revolute", "0 0 1", -0.1, 0.1), ("revolute", "0 0 1", -0.1, 0.1)), "tip")
     with pytest.raises(AacmmError, match=r"room for [23] seats 50 mm or more apart, expected 10"):

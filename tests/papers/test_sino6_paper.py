@@ -153,7 +153,7 @@ def test_misprints_have_the_sizes_of_their_geometry():
 
 
 def test_table_2_is_reproduced_within_one_percent_and_exact_geometry_gives_more():
-    found, printed = reproduce_table2(progress=False), printed_table2()["cells"].to_numpy()
+    found, printed = reproduce_table2(), printed_table2()["cells"].to_numpy()
     ours = found.counts["reproduced_cells"].to_numpy()
     assert printed.sum() == ours.sum() == found.counts["exact_cells"].sum() == 48 * 48
     assert ours[0] == 0

@@ -30,7 +30,6 @@ from aacmm_pin.effects import (
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError, UnsupportedArmError
-from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.planning import MeasurementPlan, advice
 from aacmm_pin.planning.candidate_design import Layout, Situation
 from aacmm_pin.planning.detection_power import Size, power_of
@@ -132,8 +131,8 @@ def test_the_distances_are_those_of_dense_least_squares(sino6: Arm) -> None:
 
 
 def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: Arm) -> None:
-    split, noise = (JointCompliance(2), EncoderEccentricity(2)), Noise.of(6, encoder=U_READING)
-    existing = simulate_measurements(sino6, "free", 15, rng=np.random.default_rng(3), noise=noise)
+    split = (JointCompliance(2), EncoderEccentricity(2))
+    existing = simulate_measurements(sino6, "free", 15, rng=np.random.default_rng(3), encoder_noise=U_READING)
     more, nothing = np.vstack([existing.q, existing.q[:2]]), np.full((2, 3), np.nan)  # two records that say nothing
     old = Measurements.of(more, np.vstack([existing.reference, nothing]))
     plan = planned(sino6, split, existing=old, reference_frame="external")
@@ -145,7 +144,7 @@ def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: 
     assert (plan.after.one, plan.after.other) == pytest.approx(expected, rel=1e-7)
     for known in (True, False):
         rng = np.random.default_rng(3)
-        existing = simulate_measurements(sino6, "seats", 12, rng=rng, noise=noise, seats=4, known=known)
+        existing = simulate_measurements(sino6, "seats", 12, rng=rng, encoder_noise=U_READING, seats=4, known=known)
         plan = planned(sino6, split, 12, existing=existing, reference="seats")
         assert set(plan.records["seat"]) <= {"S1", "S2", "S3", "S4"}
         expected = brute(plan, sino6, split, existing, known=known)
@@ -560,4 +559,5 @@ def test_plans_carry_the_columns_of_existing_records_and_say_when_none_are_neede
     assert list(plan.records) == list(existing.to_frame())
     assert plan.records["u_x_mm"].tolist() == pytest.approx([U_REFERENCE * 1e3] * 5)
     assert plan.records["operator"].isna().all()
-    assert any("150 existing records already tell" in note for note in plan.notes)
+    assert not plan.needed
+    assert "150" in str(plan)

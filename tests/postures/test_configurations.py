@@ -374,7 +374,7 @@ def test_closed_form_of_three_revolutes(rng: np.random.Generator) -> None:
     """The angles with which any such chain reached a place are among the candidates; the first two axes may meet."""
     n = 60
     b = np.tile(np.eye(4), (3, n, 1, 1))
-    b[:, :, :3, :3] = exp(rng.normal(size=(3 * n, 6)))[0].reshape(3, n, 3, 3)
+    b[:, :, :3, :3] = exp(rng.normal(size=(3 * n, 6)))[:, :3, :3].reshape(3, n, 3, 3)
     b[:, :, :3, 3] = rng.normal(size=(3, n, 3))
     b[1, ::3, :3, 3] = 0.0
     c, angles = rng.normal(size=(n, 3)), rng.uniform(-np.pi, np.pi, (n, 3))
@@ -484,10 +484,10 @@ def test_arms_that_lack_what_is_needed(robot_file: Callable[[str], Path]) -> Non
     for row in (2, 5):  # a rigid elbow, a rigid wrist
         rows = [r.model_copy(update=fixed) if n == row else r for n, r in enumerate(file.joints)]
         rigid = Arm.from_file(file.model_copy(update={"joints": rows}))
-        with pytest.raises(UnsupportedArmError, match="joint"):
+        with pytest.raises(UnsupportedArmError, match=r"SINO6: .*joint"):
             configuration_circle(rigid, SEAT, tip=row == 5, axis=[0, 0, 1] if row == 5 else None)
     four = Arm.from_file(file.model_copy(update={"joints": file.joints[:4]}))
-    with pytest.raises(UnsupportedArmError):
+    with pytest.raises(UnsupportedArmError, match=r"SINO6: .*has 4 joints in 4 rows"):
         configuration_circle(four, SEAT)
 
 

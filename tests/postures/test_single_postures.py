@@ -14,7 +14,11 @@ from by_newton import by_newton, distances
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.postures import newton_search
+from aacmm_pin.postures.continuation import System, polish, trace
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
+from aacmm_pin.postures.newton_search import ENOUGH, NOTHING, ROUND, Finds, Isolated, SelfMotion, search
+from aacmm_pin.postures.wrist_ik import spread_angles
 
 SAME = 1e-6  # rad
 
@@ -194,3 +198,154 @@ def test_an_arm_with_five_joints(robot_file: Callable[[str], Path], rng: np.rand
         reached = arm.poses(found.q).placement
         np.testing.assert_allclose(reached[:, :3, 3], np.tile(pose[:3, 3], (len(found), 1)), rtol=0, atol=1e-9)
         np.testing.assert_allclose(reached[:, :3, 0], np.tile(pose[:3, 0], (len(found), 1)), rtol=0, atol=1e-9)
+
+
+# --- the search, on equations whose solutions are known
+
+
+def apart(*each: Callable[[Array], tuple[Array, Array]], joints: int) -> System:
+    """Equations of one angle each, value and derivative; further angles are free."""
+
+    def system(q: Array, _: object) -> tuple[Array, Array]:
+        values = np.zeros((len(q), len(each)))
+        jacobian = np.zeros((len(q), len(each), joints))
+        for k, equation in enumerate(each):
+            values[:, k], jacobian[:, k, k] = equation(q[:, k])
+        return values, jacobian
+
+    return system
+
+
+def cosine(of: float, times: int = 1) -> Callable[[Array], tuple[Array, Array]]:
+    return lambda q: (np.cos(times * q) - of, -times * np.sin(times * q))
+
+
+def test_all_single_solutions_and_how_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two of each angle; some of them nearly coincide; behind the last that was new nothing new came."""
+    for a, b in ((1.0, 2.0), (1.0, 0.004)):
+        system = apart(cosine(np.cos(a)), cosine(np.cos(b)), joints=2)
+        finds = Isolated(system, q=np.empty((0, 2)))
+        found = search(finds, 2)
+        assert_same(finds.q, np.array([[i * a, j * b] for i in (1, -1) for j in (1, -1)]))
+        q, good = polish(
+            system, spread_angles(newton_search.MOST_STARTS, 2)[: found.starts], np.zeros(found.starts, np.intp)
+        )
+        which = distances(q[good], finds.q).argmin(axis=1)
+        assert found.arrived == good.sum()
+        assert found.hits == tuple(np.bincount(which, minlength=4))
+        assert not found.ended | found.degenerate | (finds.families > 0)
+        if b == 2.0:  # else neighbours are looked for, and found, beside one another
+            assert found.since_new == found.arrived - 1 - max(np.flatnonzero(which == k)[0] for k in range(4))
+        assert found.starts % ROUND == 0
+        assert found.since_new >= ENOUGH
+        assert found.unseen == 3.0 / found.since_new
+    flattest = newton_search.flattest
+    for sense in (1.0, -1.0):  # what one start leads to has its neighbour beside it, to either side
+        monkeypatch.setattr(newton_search, "flattest", lambda *at, s=sense: (flattest(*at)[0], s * flattest(*at)[1]))
+        b = 0.004
+        finds = Isolated(system, q=np.empty((0, 2)))
+        assert finds.absorb(np.array([[1.0, b]])) == 1
+        assert_same(finds.q, np.array([[1.0, b], [1.0, -b]]))
+        assert finds.hits == [1, 0]
+
+
+def test_where_a_search_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    nothing, always = apart(cosine(1.5), joints=1), apart(cosine(0.0), joints=1)
+    for system, most, starts, ended in (
+        (nothing, newton_search.MOST_STARTS, NOTHING, False),
+        (nothing, 512, 512, True),
+        (always, newton_search.MOST_STARTS, 512, False),
+        (always, 256, 256, True),
+    ):
+        found = search(Isolated(system, q=np.empty((0, 1))), 1, most)
+        assert (found.starts, found.arrived, found.ended) == (starts, starts * (system is always), ended)
+    full = apart(cosine(0.3, 3), cosine(0.3, 3), joints=2)  # 36 solutions: a family in disguise
+    finds = Isolated(full, q=np.empty((0, 2)))
+    search(finds, 2)
+    assert len(finds.q) == 16
+    assert finds.families > 0
+    assert finds.family is not None
+    # What arrives after the last that was new counts, however many starts it takes.
+    monkeypatch.setattr(newton_search, "ENOUGH", 2000)
+    newest = iter([10, 0, 200, *[0] * 8])
+    scripted = Isolated(always, q=np.empty((0, 1)))
+    monkeypatch.setattr(scripted, "absorb", lambda q: next(newest))
+    found = search(scripted, 1)
+    assert (found.starts, found.since_new, found.ended) == (11 * ROUND, 9 * ROUND - 200, False)
+
+
+def test_starts_that_stall_beside_a_solution() -> None:
+    """Equations that miss a double solution by 1e-6, and by 1e-4; solutions of order two are single."""
+    for missed, there in ((1e-6, True), (1e-4, False)):
+        system = apart(cosine(1.0 + missed), cosine(0.5), joints=2)
+        found = search(Isolated(system, q=np.empty((0, 2))), 2)
+        assert (found.arrived, found.stalled > 0) == (0, there)
+    # Two at it, one that is not so flat, one that is far.
+    beside = np.column_stack([[1e-6, -2e-6, 3e-3, 0.5], np.full(4, np.pi / 3)])
+    assert newton_search._stalled(apart(cosine(1.000001), cosine(0.5), joints=2), beside) == 2
+    finds = Isolated(apart(cosine(1.0), cosine(0.5), joints=2), q=np.empty((0, 2)))
+    found = search(finds, 2)
+    assert distances(finds.q, np.array([[0.0, np.pi / 3], [0.0, -np.pi / 3]])).min(axis=1).max() < 1e-5
+    assert (len(finds.q), finds.families, sum(found.hits)) == (2, 0, found.arrived)
+
+    # One with another where the first step along a family would lead, but none where the next would.
+    def twice_and_once(q: Array) -> tuple[Array, Array]:
+        off = q - 0.021
+        return (1 - np.cos(q)) * np.sin(off), np.sin(q) * np.sin(off) + (1 - np.cos(q)) * np.cos(off)
+
+    both = apart(twice_and_once, cosine(0.5), joints=2)
+    single = Isolated(both, q=np.empty((0, 2)))
+    assert single._single(np.array([[0.0, np.pi / 3]])).all()
+
+
+def test_families_of_solutions_are_no_single_ones() -> None:
+    """An angle that no equation has: everything arrives at a family, of which the first is kept."""
+
+    def nothing(q: Array) -> tuple[Array, Array]:
+        return 0.0 * q, 0.0 * q
+
+    finds = Isolated(apart(cosine(0.5), nothing, joints=2), q=np.empty((0, 2)))
+    found = search(finds, 2)
+    assert (len(finds.q), found.hits, found.degenerate) == (0, (), True)
+    assert finds.families == found.arrived > 0
+    assert finds.family is not None
+    assert abs(finds.family[0]) == pytest.approx(np.pi / 3)
+    for wider in (
+        Isolated(apart(cosine(0.5), cosine(0.2), nothing, joints=3), q=np.empty((0, 3))),
+        SelfMotion(apart(cosine(0.5), nothing, joints=3)),
+    ):
+        found = search(wider, 3)
+        assert (wider.families, found.hits) == (found.arrived, ())
+    some, counted = np.arange(6.0).reshape(3, 2), Finds(finds.system)
+    assert counted._count_families(some, np.array([True, True, True])) == 0
+    assert counted.family is None
+    assert counted._count_families(some, np.array([True, False, False])) == 2
+    assert counted._count_families(some, np.array([False, True, True])) == 0
+    assert (counted.families, *np.array(counted.family)) == (3, 2.0, 3.0)
+
+
+def test_closed_curves_and_how_often() -> None:
+    """Straight, round a free angle: four of them."""
+    finds = SelfMotion(apart(cosine(0.5), cosine(-0.2), joints=3))
+    found = search(finds, 3)
+    assert len(finds.curves) == len(found.hits) == 4
+    assert sum(found.hits) == found.arrived
+    assert min(found.hits) > found.arrived / 8
+    assert not found.ended | (finds.families > 0)
+    for curve in finds.curves:
+        assert curve.closed
+        assert np.abs(np.ptp(curve.q[:, 2]) - 2 * np.pi) < 0.2
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap: float) -> None:
+    """``cos a + cos b = gap`` nearly crosses itself where one angle is 0 and the other π; its four sides are one curve."""
+
+    def system(q: Array, _: object) -> tuple[Array, Array]:
+        return np.cos(q).sum(axis=1, keepdims=True) - gap, -np.sin(q)[:, None, :]
+
+    start = np.array([[np.arccos(gap / 2)] * 2, [np.arccos(gap - np.cos(0.3)), 0.3]])
+    for curve in trace(system, start, np.zeros(2, dtype=np.intp))[0]:
+        assert curve.closed
+        assert np.abs(curve.q).sum(axis=1).max() < np.pi
+        assert set(map(tuple, np.sign(curve.q).astype(int))) >= {(1, 1), (1, -1), (-1, 1), (-1, -1)}

@@ -75,6 +75,9 @@ def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibra
         skeleton = [line for line in ax.lines if len(line.get_xdata()) == at_seats.model.arm.chain.places]
         assert len(skeleton) == 6  # three postures, as tubes and as joints
         assert (skeleton[0].get_xdata()[0], skeleton[0].get_ydata()[0]) == (0.0, 0.0)
+    views = [ax.get_title() for ax in plot_residual_views(at_seats).axes]
+    assert [title.split(",")[0] for title in views] == ["before", "after"] * 2
+    assert len({title.rpartition(" ")[2] for title in views}) == 1
 
 
 def test_seats_stand_in_their_order_and_excluded_records_are_marked(at_seats: Calibration, with_wave: Calibration) -> None:

@@ -115,7 +115,8 @@ def test_a_robot_without_table_or_stated_uncertainties(robot_file: Callable[[str
     data = simulate_measurements(made, "free", 150, rng=np.random.default_rng(4))
     result = diagnose(arm, data, encoder_noise=8e-6, hold_out=False)
     page = Page(written(result))
-    assert list(page.downloads()) == ["diagnosis.json", "residuals.csv"]
+    assert list(page.downloads()) == ["diagnosis.json", "residuals.csv", "extended.toml"]
+    assert b'file = "ur5_robot.urdf"' in page.downloads()["extended.toml"]
     assert gain_in_words(result) in page.text
 
 

@@ -54,7 +54,7 @@ from aacmm_pin.report.plots import (
     plot_unexplained,
 )
 from aacmm_pin.report.plots.groups import held_out_parts, residuals_by_group
-from aacmm_pin.report.plots.partial_residuals import partial_residual, unit_of_load
+from aacmm_pin.report.plots.partial_residuals import _along, _common_direction, partial_residual, unit_of_load
 
 ENCODER, REFERENCE = 8e-6, 12e-6
 RECORDS = 240
@@ -296,3 +296,13 @@ def test_the_unit_of_what_a_cause_is_proportional_to() -> None:
     for unit, expected in cases.items():
         assert unit_of_load(unit, "rad") == expected
     assert unit_of_load("m/N", "m") == "N"
+
+
+def test_a_twist_that_turns_and_shifts_at_once_is_measured_by_its_turn() -> None:
+    """2 mrad/m of load about z, 0.3 m beside: a rotation of 0.7 rad of this direction is 0.7 rad, whatever the shift."""
+    load, step = np.array([[1.0], [-2.0], [5.0]]), np.array([0.0, 0.3, 0.0, 0.0, 0.0, 1.0])
+    columns = (load * step * 2e-3)[:, :, None]
+    direction = _common_direction(columns)
+    assert direction is not None
+    np.testing.assert_allclose(direction, step, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(_along(direction, columns, np.array([350.0])), 0.7 * load[:, 0], rtol=1e-14)

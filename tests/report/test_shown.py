@@ -11,6 +11,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
@@ -29,6 +30,7 @@ from aacmm_pin import (
     configuration_circle,
     diagnose,
     map_workspace,
+    plan_calibration,
     plan_measurements,
     reaching_postures,
     simulate_measurements,
@@ -40,13 +42,14 @@ from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.papers.sino6.table2 import reproduce_table2
 from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import document_of
+from aacmm_pin.verification import PredictedAcceptance, Procedure
 from aacmm_pin.verification.accept import AcceptanceFigure, AcceptanceResult
 from aacmm_pin.verification.figures import DEFINITIONS, Evaluated
+from aacmm_pin.verification.prediction import PredictedFigure
 from tests.pages import Page
 
 mpl.use("Agg")
@@ -83,11 +86,15 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
     """One of everything that shows itself, of an arm with a nasty name."""
     circle = configuration_circle(arm, POINT, count=24)
     accuracy = circle_accuracy(circle)
-    rng, noise = np.random.default_rng(2), Noise.of(6, encoder=READINGS)
+    rng = np.random.default_rng(2)
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
     table2 = reproduce_table2(grid=6)
     figure = AcceptanceFigure(NASTY, DEFINITIONS[0], Evaluated(1e-5, float("nan"), 50, 0), mpe=2e-5)
+    predicted = PredictedFigure(NASTY, DEFINITIONS[0], (figure,) * 3, pd.Series({NASTY: 1e-5}))
+    touches = pd.DataFrame(
+        {"test": "single-point", "feature": NASTY, "position": NASTY, "repeat": [1, 2], "articulation": NASTY}
+    )
     return {
         "Arm": arm,
         "Arm of a URDF": Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", translation_half_width=5e-5),
@@ -97,7 +104,6 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "ErrorModel": found.model,
         "Poses": arm.poses(q),
         "Conditions": Conditions(3, temperature=np.array([19.0, 20.0, 22.5])),
-        "Noise": noise,
         "Measurements": replace(calibration.fit.problem.measurements, source=NASTY),
         "ConfigurationCircle": circle,
         "Flexibility": circle.flexibility(),
@@ -120,6 +126,9 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
         "Power": plan.after,
         "Table2": table2,
         "AcceptanceResult": AcceptanceResult(NASTY, (figure,), (NASTY,)),
+        "CalibrationPlan": plan_calibration(arm, 4, postures=60),
+        "Procedure": Procedure(arm, touches, q[:2], arm.positions(q[:2]), 1),
+        "PredictedAcceptance": PredictedAcceptance(NASTY, (predicted,), 3, 1, (NASTY,)),
     }
 
 

@@ -20,6 +20,7 @@ from aacmm_pin.arm.dh import CHUNK, DHTable, table
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.point_system import PointSystem
+from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves
 
 numba = pytest.importorskip("numba")
 
@@ -112,6 +113,25 @@ def test_a_map_by_loops(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
 
     plain, loop = of_both(monkeypatch, work)
     np.testing.assert_allclose(loop, plain, rtol=1e-7)
+
+
+def test_curves_of_many_points(sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same curves vertex by vertex; points where anything is singular, as all is in a plane, are left to NumPy."""
+    points = sino6.poses(rng.uniform(*sino6.limits.T, (8, sino6.nq)), "frame5").position
+    points[0] *= 100.0
+    wrist = Wrist.of(sino6.require_dh(""))
+    plain = wrist_curves(wrist, points, 3).curves
+    monkeypatch.setenv(VARIABLE, ALWAYS)
+    loop = wrist_curves(wrist, points, 3).curves
+    assert [(c.problem, c.closed, len(c.q)) for c in plain] == [(c.problem, c.closed, len(c.q)) for c in loop]
+    for one, other in zip(plain, loop, strict=True):
+        np.testing.assert_allclose(one.q, other.q, rtol=0, atol=1e-8)
+    seeds, problem = np.stack([c.q[0] for c in plain]), np.array([c.problem for c in plain])
+    found, left = PointSystem(wrist.table, points).curves(seeds, problem)
+    assert (len(found), left.any()) == (len(plain), False)
+    planar = table([[0.3, 0, np.pi, 0]] * 4 + [[0.1, 0, 0, 0]], moving=[True] * 4 + [False])
+    found, left = PointSystem(planar, planar.positions(seeds)).curves(seeds, np.arange(len(seeds)))
+    assert (found, left.all()) == ([], True)
 
 
 def test_volumes_of_zonotopes(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -227,3 +228,34 @@ def test_places_that_cannot_be_written_to(tmp_path: Path) -> None:
             with pytest.raises(OutputError, match=words), OutputFiles(force) as files:
                 files.folder(tmp_path / name)
     assert listing(tmp_path) == {"file": "old", "folder": ""}
+
+
+def test_two_that_append_at_once_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second compares only when the first has put its file in place, however long that takes."""
+    path, replace = tmp_path / "checks.csv", os.replace
+    refused: list[str] = []
+    path.write_text("first\n")
+    both = threading.Barrier(2)
+
+    def slowly(*names: Path) -> None:
+        time.sleep(0.2)
+        replace(*names)
+
+    def append(line: str) -> None:
+        before = path.read_bytes()
+        both.wait()
+        try:
+            with OutputFiles() as files:
+                files.file(path, instead_of=before).write_bytes(before + line.encode())
+        except OutputError as error:
+            refused.append(str(error))
+
+    monkeypatch.setattr(os, "replace", slowly)
+    writers = [threading.Thread(target=append, args=(f"{k}\n",)) for k in range(2)]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert len(path.read_text().splitlines()) + len(refused) == 3
+    assert all("try again" in each for each in refused)
+    assert len(refused) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from aacmm_pin import Arm, ErrorModel, accept, simulate_measurements
+from aacmm_pin import Arm, ErrorModel, Measurements, accept, simulate_measurements
 from aacmm_pin._support.checks import Array
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.verification.touches import ACCEPTANCE, AS_GIVEN
 
 DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0], [0, -0.6, 0.8], [0.8, 0, -0.6]]])
@@ -114,6 +114,47 @@ def test_verdicts_have_a_guard_band(data: Path, mpe: float, verdict: str) -> Non
 
 
 @pytest.mark.parametrize(
+    ("mpe", "u", "verdict"), [(0.05, 0.03, "neither"), (0.03, 0.03, "non-conformity"), (0.05, None, "conformity")]
+)
+def test_every_error_of_which_one_is_the_largest_decides(tmp_path: Path, mpe: float, u: float | None, verdict: str) -> None:
+    """The error of -0.04 mm is known badly in the second case; in the first the exact others are."""
+    table = everything()
+    last = (table["length_id"] == "L4") & (table["position"] == 6) & (table["repeat"] == 2)
+    table.loc[(table["test"] == "length-uni") & (last if verdict == "non-conformity" else ~last), "u_length_mm"] = u
+    if verdict == "non-conformity":  # another error of 0.038 mm stands by its small U
+        near = (
+            (table["test"] == "length-uni")
+            & (table["length_id"] == "L3")
+            & (table["position"] == 6)
+            & (table["repeat"] == 2)
+        )
+        table.loc[near, "length_mm"] -= 0.038
+    path = tmp_path / "touches.csv"
+    table.to_csv(path, index=False)
+    result = accept(path, mpe={"E_Uni": mpe * 1e-3})
+    (found,) = (f for f in result.figures if f.definition.name == "E_Uni")
+    assert found.verdict == verdict
+    note = "some uncertainties are not stated" if u is None else "another error"
+    assert any(note in each for each in result.notes), result.notes
+
+
+def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path: Path) -> None:
+    table = sphere(25, np.zeros(3), 31.0, test="sphere", feature="S", position=0)
+    cap = rows(31.0 / 2 * cap_directions(25, np.radians(20))).assign(**(dict(table.iloc[0, 3:]) | {"position": 1}))
+    path = tmp_path / "touches.csv"
+    pd.concat([table, cap]).to_csv(path, index=False)
+    for figure in accept(path, mpe={"P_Size.Sph.1x25": 1e-3}).figures:
+        assert np.isnan(figure.evaluated.value)
+        assert figure.missing == "touches all over"
+
+
+def cap_directions(count: int, half_angle: float) -> Array:
+    """Unit vectors within ``half_angle`` [rad] of the z axis, in a spiral."""
+    z, turn = np.linspace(np.cos(half_angle), 1.0, count), 2.4 * np.arange(count)
+    return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+
+
+@pytest.mark.parametrize(
     ("test", "left_out", "missing"),
     [
         ("sphere", slice(0, 3), 3),
@@ -133,19 +174,71 @@ def test_too_few_touches_give_no_value(tmp_path: Path, test: str, left_out: slic
     assert all(np.isnan(f.evaluated.value) and f.verdict is None for f in found)
 
 
+def test_part_that_was_predicted_to_be_accurate(tmp_path: Path) -> None:
+    """The identity of eqs. 16, 18 and 19: (n - 1) σ² = g part² + (n - g) rest², where all places have the same touches."""
+    offsets = np.random.default_rng(3).normal(scale=0.01, size=(10, 3))
+    part = ["high"] * 4 + [""] * 6
+    table = pd.concat([rows(offsets + 100 * k, test="single-point", position=k, part=part) for k in range(3)])
+    table.to_csv(tmp_path / "part.csv", index=False)
+    of = {f.definition.name: f.evaluated for f in accept(tmp_path / "part.csv").figures}
+    sigma, high, rest = (of[f"SinglePoint.{name}"].value for name in ("Sigma", "Part", "Rest"))
+    assert 9 * sigma**2 == pytest.approx(4 * high**2 + 6 * rest**2)
+    assert high == pytest.approx(1e-3 * np.sqrt(np.mean(np.sum((offsets - offsets.mean(axis=0))[:4] ** 2, axis=1))))
+    table.assign(part=["high"] * 10 + part * 2).to_csv(tmp_path / "part.csv", index=False)
+    found = {f.definition.name: f.evaluated.missing for f in accept(tmp_path / "part.csv").figures}
+    assert (found["SinglePoint.Part"], found["SinglePoint.Rest"]) == (0, 1)
+
+
+def test_a_volumetric_test_needs_two_lengths(tmp_path: Path) -> None:
+    lengths(1, 20, 1, 0.0, 0.06, test="volumetric").to_csv(tmp_path / "one.csv", index=False)
+    for found in accept(tmp_path / "one.csv").figures:
+        assert np.isnan(found.evaluated.value)
+        assert (found.evaluated.had, found.evaluated.missing) == (20, 1)
+
+
 def test_lengths_are_long_enough_for_the_range(data: Path) -> None:
     """The longest is 1100 mm."""
     for measuring_range, there in ((1.64, True), (1.66, False)):
         found = {f.definition.name: f for f in accept(data, measuring_range=measuring_range).figures}
         assert np.isfinite(found["E_Uni"].evaluated.value) == there
         assert bool(found["E_Bi"].missing) != there
+        others = [figure for name, figure in found.items() if name not in ("E_Uni", "E_Bi")]
+        assert all(np.isfinite(figure.evaluated.value) for figure in others)
+
+
+def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
+    """Those of single points and of ends touched once are seats, lengths are bars; coordinates are no reference."""
+    table = everything()
+    angles = np.random.default_rng(1).uniform(-20, 20, (len(table), 6))
+    table[[f"theta{k}_deg" for k in range(1, 7)]] = angles
+    table.rename(columns=str.upper).to_csv(tmp_path / "touches.csv", index=False)
+    records = Measurements.read(tmp_path / "touches.csv", 6)
+    np.testing.assert_allclose(np.rad2deg(records.q), angles)
+    assert not records.known.any()
+    tests = table["test"].to_numpy()
+    touched = {label: (set(tests[rows]), len(rows)) for label, rows in records.seats().items()}
+    assert Counter((*test, n) for test, n in touched.values()) == {
+        ("single-point", 10): 3,
+        ("length-uni", 3): 70,
+        ("length-bi", 3): 70,
+        ("volumetric", 1): 40,
+    }
+    lengths = {(bar.bar.split()[0], round(bar.length * 1e3)) for bar in records.bars()}
+    longer = {"length-uni": (0, 5), "length-bi": (6, 5), "volumetric": (0, 2)}
+    assert lengths == {(test, 300 + probe + 200 * k) for test, (probe, count) in longer.items() for k in range(count)}
+    assert list(records.extra) == []
+    own = table.assign(seat="", bar="", bar_end="", bar_length_mm="")
+    assert Measurements.from_frame(own, 6).seats() == {}
+    table.iloc[4, table.columns.get_loc("test")] = "ball"
+    with pytest.raises(AacmmError, match=r"row 6.*test.*'ball'"):
+        Measurements.from_frame(table, 6)
 
 
 def test_an_extended_arm_passes_where_the_nominal_one_fails(tmp_path: Path) -> None:
     arm = Arm.load("sino6")
     true = ErrorModel(arm, (EncoderEccentricity(joint=3, values=(3e-4, 0.0)),))
-    quiet = Noise.of(6, encoder=1e-7, reference=1e-6, probe=1e-7)
-    records = simulate_measurements(true, "seats", 60, seats=4, rng=np.random.default_rng(4), noise=quiet)
+    quiet = {"encoder_noise": 1e-7, "reference_noise": 1e-6, "probe_noise": 1e-7}
+    records = simulate_measurements(true, "seats", 60, seats=4, rng=np.random.default_rng(4), **quiet)
     table = records.to_frame()
     table = table[table["seat"].isin(table["seat"].value_counts().index[:3])]
     table = table.assign(test="single-point", position=table["seat"]).filter(regex="theta|test|position")
@@ -212,4 +305,8 @@ def test_what_cannot_be_judged(data: Path, tmp_path: Path) -> None:
     flat.loc[flat["test"] == "sphere", "z_mm"] = 0.0
     flat.to_csv(data, index=False)
     with pytest.raises(AacmmError, match=r"P_Form.*plane"):
+        accept(data)
+    length = lengths(1, 1, 1, 0.0, 0.0, test="volumetric")
+    pd.concat([length, length.assign(feature="C")]).to_csv(data, index=False)
+    with pytest.raises(AacmmError, match=r"1 of A, 1 of B, 2 of C"):
         accept(data)

@@ -69,7 +69,10 @@ def test_fitted_sphere() -> None:
 def test_points_without_a_sphere() -> None:
     with pytest.raises(ShapeError, match="at least 4"):
         fitted_sphere(np.eye(3))
-    with pytest.raises(AacmmError, match="plane"):
-        fitted_sphere([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 2.0, 0]])
+    flat = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 2.0, 0]])
+    for away in (0.0, 3.0):
+        with pytest.raises(AacmmError, match="plane"):
+            fitted_sphere(flat + away)
+    assert fitted_sphere([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]]).diameter == pytest.approx(2 * np.sqrt(3))
     with pytest.raises(ShapeError):
         minimum_circumscribed_sphere(np.empty((0, 3)))

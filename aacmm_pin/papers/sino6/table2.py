@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
-from aacmm_pin._support.progress import watched
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations, tube_end_to_point
 from aacmm_pin.papers.sino6.tables import NominalArm, printed_table2, sino6_nominal
@@ -76,17 +75,14 @@ class Table2(Shown):
         return cast("Axes", report().plots.plot_table2(self, ax))
 
 
-def reproduce_table2(grid: int = GRID, *, progress: bool = True) -> Table2:
+def reproduce_table2(grid: int = GRID) -> Table2:
     """Table 2 by the assumption in the module's docstring, and by exact geometry on the same cells.
 
     Args:
         grid: cells along each of θ2 and θ4.
-        progress: show a bar in a notebook, or on stderr at a terminal.
     """
     arm = sino6_nominal()
     theta2, theta4, points = generating_grid(arm, grid)
-    with watched(np.array_split(points, 4), progress, "Table 2, exact", "part") as parts:
-        exact = np.concatenate([exact_sectors(arm, part) for part in parts])
     cells = pd.DataFrame(
         {
             "theta2_deg": theta2 / DEG,
@@ -94,7 +90,7 @@ def reproduce_table2(grid: int = GRID, *, progress: bool = True) -> Table2:
             "x_mm": points[:, 0] / MM,
             "z_mm": points[:, 2] / MM,
             "reproduced_sectors": _sectors_by_steps(arm, points, theta2, theta4),
-            "exact_sectors": exact,
+            "exact_sectors": exact_sectors(arm, points),
             "behind_axis": points[:, 0] < 0.0,  # the elbow is in front of the base axis, P behind it
         }
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
@@ -13,7 +13,6 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.papers.sino6_table3.evidence import DISCREPANCY, INTERVAL, Evidence, evidence
 from aacmm_pin.papers.sino6_table3.patterns import BOTH, DH, NOISE, NOISE_SIZES, Pattern, patterns
@@ -127,10 +126,8 @@ class Table3Diagnosis(Shown):
     @property
     def model(self) -> ErrorModel:
         """The extended model: the arm whose file states :attr:`noise_beside_dh` for every encoder."""
-        file = self.seats.model.file()
-        noise = {"encoder_noise_rad": float(self.noise_beside_dh[1])}
-        joints = [row if row.fixed else row.model_copy(update=noise) for row in file.joints]
-        return ErrorModel.of(Arm.from_file(file.model_copy(update={"joints": joints})))
+        noise = np.full(self.seats.model.arm.nq, self.noise_beside_dh[1])
+        return replace(self.seats.model, arm=self.seats.model.arm.with_encoder_noise(noise))
 
     def log_bayes_factor(self, cause: str, other: str, seats: Literal["five", "six"], tau: float = DISCREPANCY) -> float:
         """Logarithm of the Bayes factor of ``cause`` against ``other``; τ is one of those of :attr:`evidences`."""

@@ -22,6 +22,7 @@ from aacmm_pin.report.plots.calibration import (
 from aacmm_pin.report.plots.causes import plot_cause, plot_diagnosis, plot_unexplained
 from aacmm_pin.report.plots.circle import plot_circle
 from aacmm_pin.report.plots.groups import plot_groups, plot_held_out, plot_rms
+from aacmm_pin.report.plots.history import plot_history
 from aacmm_pin.report.plots.maps import QUANTITIES, plot_map
 from aacmm_pin.report.plots.papers import (
     plot_bayes_factors,
@@ -50,6 +51,7 @@ __all__ = [
     "plot_geometry",
     "plot_groups",
     "plot_held_out",
+    "plot_history",
     "plot_iterations",
     "plot_map",
     "plot_normalised_residuals",

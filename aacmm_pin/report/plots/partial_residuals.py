@@ -134,7 +134,7 @@ def _amount(effect: Effect, state: State) -> _Amount:
         direction = _common_direction(columns)
         if direction is not None:
             lever = moved(state, Displacement(places[0].place, direction[None, :, None]))[:, :, 0]
-            amount = np.einsum("i,nip,p->n", direction, columns, values)
+            amount = _along(direction, columns, values)
             unit = "µrad" if direction[3:].any() else "µm"
             return _Amount(amount, unit, np.broadcast_to(lever, (state.n, 3)), direction)
         shift, turn = np.split(columns @ values, 2, axis=1)
@@ -147,12 +147,21 @@ def _amount(effect: Effect, state: State) -> _Amount:
 
 
 def _common_direction(columns: Array) -> Array | None:
-    """Unit twist (6,) that all columns (n, 6, p) are multiples of, largest component positive; None if there is none."""
+    """Twist (6,) that all columns (n, 6, p) are multiples of, largest component positive; None if there is none.
+
+    It turns by one radian, and shifts by what goes with that; where it does not turn, it shifts by one metre.
+    """
     left, size, _ = np.linalg.svd(columns.transpose(1, 0, 2).reshape(6, -1), full_matrices=False)
     if size[0] == 0.0 or (size[1:] > 1e-9 * size[0]).any():
         return None
     direction = np.where(np.abs(left[:, 0]) > 1e-9, left[:, 0], 0.0)
-    return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
+    length = float(np.linalg.norm(direction[3:])) or float(np.linalg.norm(direction))
+    return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]) / length)
+
+
+def _along(direction: Array, columns: Array, values: Array) -> Array:
+    """How often the twist is in those of the values (n,)."""
+    return np.asarray(np.einsum("i,nip,p->n", direction / (direction @ direction), columns, values))
 
 
 def _covariate(effect: Effect, state: State, found: _Amount) -> tuple[Array, str]:
@@ -186,7 +195,7 @@ def _over_angle(effect: Effect, state: State, found: _Amount, there: NDArray[np.
     q = np.zeros((DENSE, state.q.shape[1]))
     q[:, number] = grid
     (shown,) = effect.displacements(State(state.arm, q, Conditions(DENSE), state.target))
-    amount = np.einsum("i,nip,p->n", found.direction, shown.columns, np.array(effect.values))
+    amount = _along(found.direction, shown.columns, np.array(effect.values))
     if period is None:  # where no record is near, nobody knows the curve
         ordered = np.sort(angle)
         after = np.clip(np.searchsorted(ordered, grid), 1, len(ordered) - 1)

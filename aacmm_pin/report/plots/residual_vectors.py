@@ -116,7 +116,7 @@ def plot_residual_vectors(
 
 @plain
 def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None) -> Figure:
-    """Residual vectors by two models, see :func:`two_models`, in plan and from the side; of a diagnosis magnified alike.
+    """Residual vectors by two models, see :func:`two_models`, in plan and from the side, magnified alike.
 
     Args:
         result: the calibration or the diagnosis.
@@ -126,11 +126,9 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
         the figure of the four panels: in plan without and with, from the side without and with.
     """
     names, panels = two_models(result), panels_of(ax, (8.6, 8.0), 4, 2)
-    factor = None
-    if isinstance(result, Diagnosis):
-        used, fit = result.extended.used, models(result)[names[0]]
-        deviation = off_stated(fit)[used]
-        factor = magnification_of(fit.solution.point.prediction.tips[used] - deviation, deviation)
+    used, fit = [*models(result).values()][-1].used, models(result)[names[0]]
+    deviation = _deviations(result, fit)[used]
+    factor = magnification_of(fit.solution.point.prediction.tips[used] - deviation, deviation)
     planes: tuple[Plane, ...] = ("xy", "xz")
     for panel, (plane, name) in zip(panels, product(planes, names), strict=True):
         plot_residual_vectors(result, name, plane, factor, panel)

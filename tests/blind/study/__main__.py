@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import os
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from aacmm_pin._support.workers import Workers, results
 from blind.study import page, sources
 from blind.study.outcomes import count, table
-from blind.study.runs import Task, perform, start_worker
+from blind.study.runs import Task, perform
 
 FIRST = 100_000
 """Seed of the first file."""
@@ -57,20 +56,17 @@ def taken_up(path: Path, digest: str) -> dict[int, Row]:
     return found
 
 
-def run(tasks: list[Task], path: Path, jobs: int, made_by: Row) -> list[Row]:
-    """Rows are written as runs end; Ctrl-C waits for the runs under way, and the next study takes up what is there."""
-    context = multiprocessing.get_context("spawn")
+def run(tasks: list[Task], path: Path, workers: Workers, made_by: Row) -> list[Row]:
+    """Rows are written as runs end, and the next study takes up what is there.
+
+    ``workers`` work in main threads, as processes do and Dask's do not: a signal ends what takes too long.
+    """
     rows = []
-    with path.open("a", encoding="utf-8") as file, ProcessPoolExecutor(jobs, context, initializer=start_worker) as pool:
-        waiting = [pool.submit(perform, task) for task in tasks]
-        try:
-            for future in tqdm(as_completed(waiting), total=len(waiting), unit="run", smoothing=0.05):
-                rows.append(future.result() | made_by)
-                file.write("\n" + json.dumps(rows[-1]) + "\n")  # an earlier study may have ended inside a line
-                file.flush()
-        except KeyboardInterrupt:
-            pool.shutdown(cancel_futures=True)
-            raise
+    with path.open("a", encoding="utf-8") as file, results(perform, tasks, workers) as worked:
+        for _, row in tqdm(worked, total=len(tasks), unit="run", smoothing=0.05):
+            rows.append(row | made_by)
+            file.write("\n" + json.dumps(rows[-1]) + "\n")  # an earlier study may have ended inside a line
+            file.flush()
     return rows
 
 

@@ -1,0 +1,140 @@
+"""The DH table of an arm that came as URDF, the same arm exactly: joint axes, base and tip as they are.
+
+A row of standard DH, ``Rz(θ) Tz(d) Tx(a) Rx(α)``, leads from a frame whose z is one axis to a frame whose z is the next,
+with x along the common normal of both: four numbers, because where a frame sits along its axis, and how it is turned about
+it, is free (Denavit, Hartenberg 1955). So the rows are found one by one, each from the frame that the last one left:
+
+- from z of the base to the first joint axis: a fixed row, left out where they are one line;
+- from each joint axis to the next: the row of the joint. Parallel axes have a common normal everywhere; that through the
+  origin of the frame is taken (d = 0). Axes that are parallel but for a small angle have one that is far away, where
+  rounding is multiplied: between them comes a fixed row, by an axis across both;
+- from the last joint axis to z of the tip, and a fixed row ``Rz(θ) Tz(d)`` onto the tip itself, where it is needed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis, screws
+from aacmm_pin.arm.file import AnyArmFile, ArmFile, UrdfArmFile, validated
+from aacmm_pin.errors import UnsupportedArmError
+
+PARALLEL = 1e-13
+"""Axes with a smaller angle between them are parallel: it is that of rounding, and no arm is long enough to see it [rad]."""
+NEARLY_PARALLEL = 1e-2
+"""Of axes with a smaller angle the common normal is not used: its place is off by rounding divided by the angle [rad]."""
+SAME = 1e-14
+"""Lengths and angles below this are rounding [m, rad]."""
+
+
+class Row(NamedTuple):
+    """One row of standard DH [m, rad]."""
+
+    a: float
+    d: float
+    alpha: float
+    theta: float
+
+
+def dh_file(arm: Arm) -> ArmFile:
+    """The arm file, by standard DH, of an arm that came as URDF; masses and limits go along, half-widths cannot.
+
+    Raises:
+        UnsupportedArmError: a joint slides, or the arm has a DH table.
+        ArmFileError: what the URDF states cannot stand in an arm file, such as equal limits.
+    """
+    file, chain = arm.urdf_file, arm.chain
+    if chain.prismatic.any():
+        slides = ", ".join(name for name, slide in zip(arm.joint_names, chain.prismatic, strict=True) if slide)
+        raise UnsupportedArmError(f"{arm.name}: joint {slides} slides; the DH rows of an arm file turn")
+    rotation, origin = (part[:, 0] for part in chain.walk(np.zeros((1, arm.nq))))
+    rows: list[tuple[Row, int | None]] = []  # with the number of the joint, from 0
+    frame, frames = np.eye(4), []
+    for joint, place in enumerate([*chain.moving_axes(), chain.tip], start=-1):
+        for number, exact in enumerate(_onto_axis(frame, rotation[place][:, 2], origin[place])):
+            row = Row(*(value if abs(value) > SAME else 0.0 for value in exact))
+            moving = joint if number == 0 and joint >= 0 else None
+            if moving is not None or any(row):
+                rows.append((row, moving))
+                frame = frame @ _motion(row)
+                frames.append(frame)
+    turn, shift = frame[:3, :3].T @ rotation[-1], frame[:3, :3].T @ (origin[-1] - frame[:3, 3])
+    rest, (last, joint_of_last) = Row(0.0, float(shift[2]), 0.0, math.atan2(turn[1, 0], turn[0, 0])), rows[-1]
+    if last.a == last.alpha == 0.0:
+        rows[-1] = Row(0.0, last.d + rest.d, 0.0, last.theta + rest.theta), joint_of_last
+        frames[-1] = frame @ _motion(rest)
+    elif np.abs(rest).max() > SAME:
+        rows.append((rest, None))
+        frames.append(frame @ _motion(rest))
+    return _file(arm, file, rows, frames)
+
+
+def _file(arm: Arm, file: UrdfArmFile, rows: list[tuple[Row, int | None]], frames: list[Array]) -> ArmFile:
+    """The arm file of these rows, whose frames (4, 4) stand like this where all joints are at zero."""
+    axes = [axis(number) for number in arm.chain.moving_rows()]
+    rotation, origin = (part[axes, 0] for part in arm.chain.walk(np.zeros((1, arm.nq))))
+    joints = []
+    for (row, joint), frame in zip(rows, frames, strict=True):
+        keys = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
+        entry: dict[str, Any] = dict(zip(keys, (row.a / MM, row.d / MM, row.alpha, row.theta), strict=True))
+        if joint is None:
+            entry["fixed"] = True
+        else:
+            entry["limits_rad"] = arm.limits[joint].tolist()
+            entry["encoder_noise_rad"] = None if arm.encoder_noise is None else float(arm.encoder_noise[joint])
+            if arm.masses is not None and arm.masses[joint]:
+                centre = rotation[joint] @ arm.centres_of_mass[joint] + origin[joint]
+                entry["mass_kg"] = float(arm.masses[joint])
+                entry["com_mm"] = (frame[:3, :3].T @ (centre - frame[:3, 3]) / MM).tolist()
+        joints.append(entry)
+    kept = file.model_dump(by_alias=True, include=set(AnyArmFile.model_fields) - {"effects", "covariance"})
+    source = f"DH table of: {file.source or file.name}"
+    return validated(ArmFile, kept | {"source": source, "convention": "standard-dh", "joints": joints}, file.name)
+
+
+def _onto_axis(frame: Array, z: Array, point: Array) -> Iterator[Row]:
+    """The rows, one or two, from a frame (4, 4) to one on the axis with direction z (3,) through a point (3,) [m]."""
+    z, point = _seen_from(frame, z, point)
+    angle = math.hypot(z[0], z[1])
+    if PARALLEL < angle < NEARLY_PARALLEL:
+        # First onto the line across the frame's z and the way to the next axis, which then passes it closely.
+        way = point[:2] if np.hypot(*point[:2]) > SAME else np.array([1.0, 0.0])
+        across = _row(np.array([-way[1], way[0], 0.0]) / np.hypot(*way), np.zeros(3))
+        yield across
+        yield _row(*_seen_from(_motion(across), z, point))
+    else:
+        yield _row(z, point)
+
+
+def _seen_from(frame: Array, z: Array, point: Array) -> tuple[Array, Array]:
+    return frame[:3, :3].T @ z, frame[:3, :3].T @ (point - frame[:3, 3])
+
+
+def _row(z: Array, point: Array) -> Row:
+    """The row onto the axis with direction z (3,) through a point (3,) [m], both in the frame that it starts from."""
+    sine = math.hypot(z[0], z[1])
+    if sine < PARALLEL:
+        a = math.hypot(point[0], point[1])
+        theta = math.atan2(point[1], point[0]) if a > SAME else 0.0
+        return Row(a, 0.0, 0.0 if z[2] > 0 else math.pi, theta)
+    # x = ±(e_z × z)/sin α is the common normal: at q = 0 the one that is turned less is taken.
+    theta = math.atan2(z[0], -z[1])
+    alpha = math.atan2(sine, z[2])
+    if abs(theta) > math.pi / 2:
+        theta, alpha = theta - math.copysign(math.pi, theta), -alpha
+    x = np.array([math.cos(theta), math.sin(theta), 0.0])
+    y = np.array([-x[1], x[0], 0.0])
+    # point = d e_z + a x + s z, with z = -sin α y + cos α e_z
+    s = -float(point @ y) / math.sin(alpha)
+    return Row(float(point @ x), float(point[2] - s * math.cos(alpha)), alpha, theta)
+
+
+def _motion(row: Row) -> Array:
+    return np.asarray(screws(np.array([row.theta]), row.d, 2)[0] @ screws(np.array([row.alpha]), row.a, 0)[0])

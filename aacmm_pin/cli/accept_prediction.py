@@ -1,0 +1,64 @@
+"""What ``accept --predict`` does: the figures of an acceptance test before it is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from aacmm_pin.cli.arm_options import EncoderNoise, in_metres
+from aacmm_pin.cli.common import Results
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.verification import predict_acceptance
+from aacmm_pin.verification.prediction import RUNS
+
+
+@dataclass(frozen=True)
+class BeforeTheTest(EncoderNoise):
+    """Options of a prediction."""
+
+    probe_noise_mm: Annotated[
+        float | None, typer.Option(help="With --predict: standard uncertainty of a coordinate of one contact, in mm.")
+    ] = None
+    predict: Annotated[
+        bool,
+        typer.Option("--predict", help="DATA is a procedure by plan --for acceptance: predict its figures by virtual runs."),
+    ] = False
+    runs: Annotated[int, typer.Option(min=20, help="With --predict: number of virtual runs.")] = RUNS
+    seed: Annotated[int, typer.Option(min=0, help="With --predict: seed of all that is drawn.")] = 1
+
+    def show(
+        self,
+        arms: list[str],
+        path: str,
+        limits: dict[str, float],
+        standard: str | None,
+        results: Results,
+        output: Path | None,
+        json_: str | None,
+    ) -> None:
+        """Predict, write what was asked for, and show it."""
+        from aacmm_pin.report import html, terminal  # these load what draws
+        from aacmm_pin.report.acceptance_prediction import prediction_document
+
+        result = predict_acceptance(
+            path,
+            {arm: ErrorModel.load(arm) for arm in arms},
+            mpe=limits,
+            standard=standard,
+            encoder_noise=self.encoder_noise_rad,
+            probe_noise=in_metres(self.probe_noise_mm) or 0.0,
+            runs=self.runs,
+            rng=np.random.default_rng(self.seed),
+        )
+        document = prediction_document(result)
+        if output is not None:
+            results.text(html.page(document), output)
+        results.json(result.summary(), json_)
+        if json_ == "-":
+            terminal.show_notes(result.notes)
+        else:
+            terminal.show(document)

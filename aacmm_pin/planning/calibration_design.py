@@ -1,0 +1,205 @@
+"""Records for a plain calibration: those that tell most of the geometry together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.display import Shown
+from aacmm_pin._support.progress import Progress, watched
+from aacmm_pin._support.text_escaping import csv_text
+from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.identifiability import Observability
+from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import seed_of
+from aacmm_pin.planning.candidate_design import Situation
+from aacmm_pin.planning.measurement_conditions import MeasurementConditions
+from aacmm_pin.planning.measurement_sheet import sheet_of
+from aacmm_pin.planning.plan import POSTURES, Reference, check_numbers, complete, places_for
+from aacmm_pin.planning.search import Choosing, informing
+from aacmm_pin.planning.task import Task
+
+SCHEMA = "aacmm-pin/calibration-plan/1"
+RANDOM = 20
+"""Random plans that stand beside."""
+ROUNDS = 10
+"""Exchanges of every record, at most; three or four are enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationPlan(Shown):
+    """Records for a calibration, and what they are worth.
+
+    Attributes:
+        model: the arm.
+        records: the plan as a measurement file to be filled in.
+        expected: where the tip will be about, in the frame of the references (n, 3) [m].
+        measurements: the records expected.
+        o1: observability index O1 (Borm, Menq 1991) of existing and planned records.
+        o1_random: the same of random records of the same number, (:data:`RANDOM`,).
+        u: standard uncertainty of the tip by the calibrated geometry, root mean square over all postures to choose from [m].
+        u_random: the same after random records (:data:`RANDOM`,) [m].
+        existing: number of existing records.
+        seed: of all that was drawn, or None where the generator does not say.
+        notes: what was assumed.
+    """
+
+    model: ErrorModel
+    records: pd.DataFrame
+    expected: Array
+    measurements: Measurements
+    o1: float
+    o1_random: Array
+    u: float
+    u_random: Array
+    existing: int
+    seed: int | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def ratio(self) -> float:
+        """O1 of the plan over the median of random plans."""
+        return self.o1 / float(np.median(self.o1_random))
+
+    def csv(self) -> str:
+        """The text of the measurement file."""
+        return csv_text(self.records)
+
+    def __str__(self) -> str:
+        beside = f" beside the {self.existing} existing ones" if self.existing else ""
+        return (
+            f"{len(self.records)} records to calibrate {self.model.arm.name}{beside}: observability O1 is {self.ratio:.2f} "
+            f"times that of random records of the same number; u of a point after calibration {self.u / MM:.4f} mm (root "
+            f"mean square), {float(np.median(self.u_random)) / MM:.4f} mm after random ones"
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Schema ``aacmm-pin/calibration-plan/1``."""
+        return {
+            "schema": SCHEMA,
+            "arm": self.model.arm.name,
+            "records": len(self.records),
+            "existing": self.existing,
+            "o1": self.o1,
+            "o1_random": self.o1_random.tolist(),
+            "o1_ratio": self.ratio,
+            "u_mm": self.u / MM,
+            "u_random_mm": (self.u_random / MM).tolist(),
+            "expected_mm": np.round(self.expected / MM, 3).tolist(),
+            "seed": self.seed,
+            "notes": [*self.notes],
+        }
+
+
+def plan_calibration(
+    model: Arm | ErrorModel,
+    records: int = 40,
+    *,
+    existing: Measurements | None = None,
+    reference: Reference = "free",
+    reference_frame: ReferenceFrame = "base",
+    target: Target = "tip",
+    prior: bool = True,
+    encoder_noise: ArrayLike | None = None,
+    reference_noise: float | None = None,
+    probe_noise: float | None = None,
+    length_noise: float | None = None,
+    above: float | None = None,
+    postures: int = POSTURES,
+    rng: np.random.Generator | None = None,
+    progress: Progress = True,
+) -> CalibrationPlan:
+    """Records that tell most of the geometry: the determinant of the information is as large as exchanges make it.
+
+    Bayesian D-optimality (Chaloner, Verdinelli 1995, Statistical Science 10): log det of the information of what is stated
+    of the arm, of the existing records and of the chosen ones, whitened by the noise. Records come in one after the other,
+    each the best; then every one is exchanged for the best in its place until none changes (Fedorov 1972).
+
+    Args:
+        model: the arm; effects that it has stay.
+        records: how many to plan.
+        existing: what was measured already, which counts too.
+        reference, reference_frame, target, prior: see :func:`plan_measurements`, as all that follow.
+
+    Raises:
+        UnknownNameError: an unknown reference or frame.
+        MissingConditionError: an effect of the arm needs what the existing records do not state.
+        AacmmError: too few records or postures, or an arm that the records are not of.
+    """
+    model, rng = ErrorModel.of(model), rng or np.random.default_rng(1)
+    check_numbers(model, records, postures, existing, reference)
+    seed = seed_of(rng)
+    setup, notes = complete(
+        Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise),
+        model.arm,
+    )
+    task = Task(model, (), existing, setup)
+    where = places_for(task, reference, records, postures, above, rng)
+    situation = Situation.of(task, MeasurementConditions((), model), where, rng)
+    with watched(range(records), progress, "plan", "record") as steps:
+        chosen = d_optimal(situation.rows, situation.known.T @ situation.known, records, steps)
+    judged = _Judged.of(task, situation)
+    beside = [judged.worth([*rng.permutation(situation.pool.n)[:records]]) for _ in range(RANDOM)]
+    (o1, u), (o1_random, u_random) = judged.worth(chosen), np.array(beside).T
+    measured, sheet = sheet_of(task, situation, chosen)
+    expected = task.frame.apply(model.predict(measured.q, measured.conditions))
+    return CalibrationPlan(model, sheet, expected, measured, o1, o1_random, u, u_random, situation.before, seed, notes)
+
+
+def d_optimal(rows: Array, information: Array, count: int, steps: Iterable[int] | None = None) -> list[int]:
+    """``count`` of the candidates ``rows`` (n, 3, p) with a large det of ``information`` (p, p) and theirs."""
+    choice = Choosing(rows, information)
+    choice.run(count, informing, steps)
+    for _ in range(ROUNDS):
+        before = set(choice.taken)
+        choice.exchange(informing)
+        if set(choice.taken) == before:
+            break
+    return choice.taken
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """What records tell of the parameters: their columns stand last, what is refitted beside before them.
+
+    Attributes:
+        situation: the pool.
+        order: of the columns.
+        beside: how many are refitted beside: frame and seats.
+        tips: what one unit of each parameter does to the tip in every posture of the pool (n, 3, p) [m].
+    """
+
+    situation: Situation
+    order: Index
+    beside: int
+    tips: Array
+
+    @staticmethod
+    def of(task: Task, situation: Situation) -> _Judged:
+        problem = task.problem(task.model, situation.pool)
+        own, layout = problem.vector.size, situation.layout
+        jacobian = problem.predict(problem.start, task.frame).jacobian[:, :, :own]
+        order = np.r_[own : layout.width, :own]
+        return _Judged(situation, order, layout.width - own, jacobian * layout.scales[:own])
+
+    def worth(self, chosen: list[int]) -> tuple[float, float]:
+        """O1 of existing and chosen records, and the root mean square u of the tip after them [m]."""
+        situation, width = self.situation, self.situation.layout.width
+        prior, measured = np.split(situation.known, [situation.layout.nuisances])
+        data = np.vstack([measured, situation.rows[chosen].reshape(-1, width)])[:, self.order]
+        told = [
+            np.asarray(np.linalg.qr(np.vstack([rows, np.zeros((width, width))]), mode="r"))[self.beside :, self.beside :]
+            for rows in (data, np.vstack([data, prior[:, self.order]]))
+        ]
+        o1 = Observability.of(told[0], len(chosen) + situation.before).o1
+        spread = self.tips @ np.linalg.inv(told[1])  # the covariance is R⁻¹ R⁻ᵀ
+        return o1, float(np.sqrt(np.square(spread).sum(axis=(1, 2)).mean()))

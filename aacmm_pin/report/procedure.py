@@ -1,0 +1,113 @@
+"""A procedure of an acceptance test as a sheet for the workshop: where things stand, what is touched, in which order."""
+
+from __future__ import annotations
+
+import pandas as pd
+from matplotlib.figure import Figure as Drawing
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.postures.articulation import places
+from aacmm_pin.report.document import Bullets, Document, Download, Figure, Heading, Table, document_of
+from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
+from aacmm_pin.report.plots.two_views import two_views
+from aacmm_pin.verification import Procedure
+
+KINDS = {
+    "sphere": ("sphere", BLUE),
+    "single-point": ("seat", GREEN),
+    "length": ("length bar", VERMILLION),
+    "volumetric": ("ball bar", GREY),
+}
+"""What stands in the room for the tests that begin so, and its colour."""
+SAME = {"location": "sphere", "effective-diameter": "sphere", "length-uni": "length", "length-bi": "length"}
+"""Tests whose artefacts are those of another."""
+FILL_IN = (
+    "Line numbers are those of the CSV file. Make the touches in its order.",
+    "Fill in x_mm, y_mm, z_mm (centre of the probe, by the arm's software), or theta1_deg … (indications), or both; "
+    "columns that stay empty do not count.",
+    "Put the calibrated values of your sphere and lengths in place of the planned ones, and their standard uncertainty into "
+    "u_length_mm: the verdict rests on them.",
+    "Positions are right within a few centimetres, articulations within what the words say; what is measured is where the "
+    "arm says that it was.",
+    "Left and right are those of a person behind the stand who looks along the line from shoulder to tip; out is away from "
+    "the stand. Bearing counts counter-clockwise, seen from above, from the x axis of the base.",
+)
+
+
+@document_of.register
+def procedure_document(procedure: Procedure) -> Document:
+    """The sheet, with the CSV to be filled in inside."""
+    seed = "" if procedure.seed is None else f", seed {procedure.seed}"
+    return Document(
+        f"Acceptance test of {procedure.arm.name}: what to touch",
+        [
+            f"{procedure}.",
+            Heading("Where things stand"),
+            Figure(
+                lambda: procedure_views(procedure),
+                "Spheres, seats and bars round the arm, from above and from the side",
+                "The arm in one of the postures (black), and where everything stands; the bars one after the other.",
+            ),
+            Table(_stands(procedure), "Positions; a bar begins at A, and its far end is in the row below"),
+            Heading("Touches, in order"),
+            Bullets(FILL_IN),
+            Table(_steps(procedure), "One row a step", detail=True),
+            Download("touches.csv", "the file to be filled in", procedure.csv().encode()),
+        ],
+        f"{len(procedure.touches)} touches{seed}",
+    )
+
+
+def _ends(procedure: Procedure) -> pd.DataFrame:
+    """One row for each place of an artefact, and one more for the far end of a bar: kind, position, end, x, y, z [m]."""
+    table = procedure.touches[["test", "position", "feature"]].assign(**dict(zip("xyz", procedure.points.T, strict=True)))
+    table["kind"] = table["test"].replace(SAME)
+    rows = []
+    for (kind, position), touches in table.groupby(["kind", "position"], sort=False):
+        barred = kind in ("length", "volumetric")
+        ends = [touches["feature"].iloc[0], touches["feature"].iloc[-1]] if barred else [touches["feature"].iloc[0]]
+        for end in ends:
+            at = touches.loc[touches["feature"] == end, ["x", "y", "z"]].mean()
+            rows.append({"kind": kind, "position": position, "end": end if barred else ""} | at.to_dict())
+    return pd.DataFrame(rows)
+
+
+def _stands(procedure: Procedure) -> pd.DataFrame:
+    ends = _ends(procedure)
+    where = places(procedure.arm, ends[["x", "y", "z"]].to_numpy())
+    named = {kind: name for kind, (name, _) in KINDS.items()}
+    table = pd.DataFrame({"what": ends["kind"].replace(named), "position": ends["position"], "end": ends["end"]})
+    whole = where.map(lambda value: f"{value:z.0f}")
+    return pd.concat([table, whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)], axis=1)
+
+
+def _steps(procedure: Procedure) -> pd.DataFrame:
+    """Consecutive touches of one test, position and repeat as one row."""
+    touches = procedure.touches.astype({"repeat": "string"}).fillna({"repeat": ""}).reset_index(drop=True)
+    label = touches[["test", "position", "repeat"]].astype(str).agg("|".join, axis=1)
+    rows = []
+    for _, step in touches.groupby((label != label.shift()).cumsum(), sort=False):
+        first = step.iloc[0]
+        pairs = first["test"] in ("length-uni", "length-bi", "volumetric")
+        touch = ", ".join(f"{a}-{b}" for a, b in _pairs(step)) if pairs else f"{len(step)} × {first['feature']}"
+        by = step.groupby("feature", sort=False)["articulation"].first() if pairs else None
+        words = step["articulation"].drop_duplicates() if by is None else by.index + ": " + by
+        lines = f"{step.index[0] + 2} to {step.index[-1] + 2}"
+        cells = {"lines": lines, "test": first["test"], "position": first["position"], "repeat": first["repeat"]}
+        rows.append(cells | {"touch": touch, "articulation": "; ".join(words)})
+    return pd.DataFrame(rows)
+
+
+def _pairs(step: pd.DataFrame) -> list[tuple[str, str]]:
+    names = [*step["feature"]]
+    return [*zip(names[::2], names[1::2], strict=False)]
+
+
+def procedure_views(procedure: Procedure) -> Drawing:
+    """What stands where, from above and from the side."""
+    groups: dict[str, tuple[str, list[tuple[str, Array]]]] = {}
+    for (kind, position), place in _ends(procedure).groupby(["kind", "position"], sort=False):
+        name, colour = KINDS[str(kind)]
+        label = "" if kind == "volumetric" else str(position)
+        groups.setdefault(name, (colour, []))[1].append((label, place[["x", "y", "z"]].to_numpy()))
+    return two_views(procedure.arm, procedure.q[:1], groups)

@@ -1,0 +1,244 @@
+"""The acceptance checks of an arm over time: a file of their figures, and whether the latest lies where the others lie.
+
+An individuals chart (Shewhart; ISO 7870-2): the mean of the earlier values, and limits 2.66 mean moving ranges away from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.output_files import OutputFiles
+from aacmm_pin._support.text_escaping import csv_text
+from aacmm_pin._support.units import MM
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements.csv_columns import Problems
+from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.verification.accept import VERDICTS, AcceptanceResult
+from aacmm_pin.verification.figures import DEFINITIONS
+
+COLUMNS = ("time", "instrument", "arm", "figure", "value_mm", "U_mm", "mpe_mm", "verdict", "version")
+LEAST_CHECKS = 8
+"""Earlier checks that limits need. A figure of an arm that has not changed lies outside then in 3.1 % of checks, with 20
+earlier ones in 1.1 % (200 000 normal series each)."""
+PER_MOVING_RANGE = 2.66
+"""Half-width of the limits in mean moving ranges: three standard deviations, 3 / 1.128."""
+SAME = 1e-9
+"""Values that differ by no more than this are the same [mm]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ControlChart:
+    """The values of one figure by one arm, those of earlier checks and that of the latest.
+
+    Attributes:
+        arm: whose coordinates, as in :class:`~aacmm_pin.verification.accept.AcceptanceFigure`.
+        figure: its name.
+        times: of the checks (n,), the earliest first.
+        values: of the figure without their signs (n,) [m], for the largest error is now above zero and now below; the last
+            is that of the check.
+        mpe: maximum permissible error of the latest [m]; nan where none.
+    """
+
+    arm: str
+    figure: str
+    times: tuple[datetime, ...]
+    values: Array
+    mpe: float
+
+    @property
+    def centre(self) -> float:
+        """Mean of the earlier values [m]; nan where there are none."""
+        return float(self.values[:-1].mean()) if len(self.values) > 1 else math.nan
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Of the usual range [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values."""
+        if len(self.values) <= LEAST_CHECKS:
+            return math.nan, math.nan
+        away = PER_MOVING_RANGE * float(np.abs(np.diff(self.values[:-1])).mean())
+        return self.centre - away, self.centre + away
+
+    @property
+    def left(self) -> bool:
+        """Whether the latest value lies outside the limits."""
+        return bool(self.values[-1] < self.limits[0] or self.values[-1] > self.limits[1])
+
+
+@dataclass(frozen=True, eq=False)
+class History(Shown):
+    """Checks of one arm or several.
+
+    Attributes:
+        checks: one row a figure and check, with the columns of the file; ``time`` is a datetime in UTC.
+        time: of the check that is looked at; None for none.
+        instrument: which arm that was of.
+        appended: whether it was appended, or there before.
+        content: of the file that was read; None where there was none.
+    """
+
+    checks: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(COLUMNS)))
+    time: datetime | None = None
+    instrument: str = ""
+    appended: bool = False
+    content: bytes | None = None
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """The history in a file; an empty one where there is no file.
+
+        Raises:
+            MeasurementFileError: it is damaged; the message names rows and columns.
+        """
+        if not Path(path).exists():
+            return cls()
+        content = Path(path).read_bytes() if Path(path).is_file() else None
+        table, lines, _ = read_table(str(path))
+        problems = Problems(str(path), lines)
+        if sorted(table.columns) != sorted(COLUMNS):
+            problems.add("", f"has columns {', '.join(table.columns)}; expected {', '.join(COLUMNS)}")
+            problems.stop()
+        checks = table.loc[:, list(COLUMNS)]
+        checks["time"] = _read(table, "time", in_utc, "a time as 2026-01-31T09:30:00+00:00", problems)
+        checks["time"] = pd.to_datetime(checks["time"], utc=True)
+        for name in ("value_mm", "U_mm", "mpe_mm"):
+            values = _read(table, name, _number(name != "value_mm"), "a number", problems)
+            checks[name] = values.astype(np.float64)
+        for name, known in (("figure", {d.name for d in DEFINITIONS}), ("verdict", {"", *VERDICTS})):
+            problems.at(~table[name].isin(known).to_numpy(), name, "is {!r}, which is none", table[name].to_numpy())
+        twice = checks.duplicated(["time", "instrument", "arm", "figure"]).to_numpy()
+        problems.at(twice, "figure", "{!r} of this check is there twice", table["figure"].to_numpy())
+        problems.stop()
+        return cls(checks, content=content)
+
+    def with_check(self, result: AcceptanceResult, time: datetime, instrument: str = "") -> History:
+        """The history with the figures of ``result`` that have a value, unless they are there already.
+
+        Args:
+            result: what :func:`~aacmm_pin.verification.accept.accept` found.
+            time: when the arm was checked; in UTC where it states no zone.
+            instrument: which arm was checked, such as its serial number.
+
+        Raises:
+            AacmmError: at this time other values of this arm are there.
+        """
+        time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+        table = result.to_frame().rename(columns={"coordinates": "arm"}).dropna(subset="value_mm")
+        table = table.assign(time=time, instrument=instrument, version=version("aacmm_pin"))
+        table["verdict"] = table["verdict"].astype(object).where(table["verdict"].notna(), "")
+        table = table.loc[:, list(COLUMNS)]
+        of_instrument = self.checks[self.checks["instrument"] == instrument]
+        for then, check in of_instrument.groupby("time"):
+            both = check.merge(table, on=["arm", "figure"])
+            same = len(both) > 0 and bool(((both["value_mm_x"] - both["value_mm_y"]).abs() <= SAME).all())
+            if same and len(both) == len(table):
+                return replace(self, time=check["time"].iloc[0], instrument=instrument)
+            if then == time and len(both):
+                raise AacmmError(
+                    f"a check of {instrument or 'this arm'} at {time.isoformat()} is in the history with other values; "
+                    "expected another time, or another instrument"
+                )
+        checks = table if self.checks.empty else pd.concat([self.checks, table], ignore_index=True)
+        return replace(self, checks=checks, time=time, instrument=instrument, appended=len(table) > 0)
+
+    def charts(self) -> tuple[ControlChart, ...]:
+        """A chart for each figure of the check that is looked at, in its order."""
+        of = self.checks[self.checks["instrument"] == self.instrument]
+        charts = []
+        check: list[Any] = [*of[of["time"] == self.time].itertuples()]
+        for latest in check:
+            alike = of[(of["arm"] == latest.arm) & (of["figure"] == latest.figure) & (of["time"] <= self.time)]
+            alike = alike.sort_values("time")
+            values = np.abs(alike["value_mm"].to_numpy(dtype=np.float64)) * MM
+            charts.append(ControlChart(latest.arm, latest.figure, tuple(alike["time"]), values, latest.mpe_mm * MM))
+        return tuple(charts)
+
+    def __str__(self) -> str:
+        left = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left]
+        count = len(self.checks[["time", "instrument"]].drop_duplicates())
+        text = f"{count} check{'s' * (count != 1)}"
+        return text + (f"; outside the usual range: {', '.join(left)}" if left else "")
+
+    def summary(self) -> list[dict[str, Any]]:
+        """The charts as numbers, for JSON."""
+        return [
+            {
+                "coordinates": chart.arm,
+                "figure": chart.figure,
+                "checks_before": len(chart.values) - 1,
+                "centre_mm": _or_none(chart.centre),
+                "lower_mm": _or_none(chart.limits[0]),
+                "upper_mm": _or_none(chart.limits[1]),
+                "left_usual_range": chart.left if np.isfinite(chart.limits[0]) else None,
+            }
+            for chart in self.charts()
+        ]
+
+    def write(self, files: OutputFiles, path: str | Path) -> None:
+        """Put the file among others that are written together, in the place of what was read."""
+        table = self.checks.assign(time=[time.isoformat() for time in self.checks["time"]])
+        target = files.file(path, instead_of=self.content)
+        target.write_text(csv_text(table), encoding="utf-8", newline="")
+
+    def save(self, path: str | Path) -> None:
+        """Write the file, whole or not at all; only over the file that was read.
+
+        Raises:
+            OutputError: it cannot be written, or is not what was read.
+        """
+        with OutputFiles() as files:
+            self.write(files, path)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the control charts."""
+        return report().plots.plot_history(self, ax)
+
+
+def in_utc(text: str) -> datetime:
+    """A time as ISO 8601 has it, in UTC where it states no zone.
+
+    Raises:
+        ValueError: it is none.
+    """
+    time = datetime.fromisoformat(text)
+    try:
+        return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+    except OverflowError as error:  # of the first or the last day of the calendar
+        raise ValueError(str(error)) from None
+
+
+def _number(may_be_empty: bool) -> Callable[[str], float]:
+    def number(cell: str) -> float:
+        value = math.nan if may_be_empty and not cell else float(cell)
+        if cell and not math.isfinite(value):
+            raise ValueError(cell)
+        return value
+
+    return number
+
+
+def _read(table: pd.DataFrame, name: str, of: Callable[[str], Any], expected: str, problems: Problems) -> pd.Series:
+    """A column of text as what it means."""
+    values: list[Any] = []
+    for cell in table[name].str.strip():
+        try:
+            values.append(of(cell))
+        except ValueError:
+            values.append(None)
+    bad = np.array([value is None for value in values])
+    problems.at(bad, name, f"is {{!r}}, expected {expected}", table[name].to_numpy())
+    return pd.Series(values, table.index, dtype=object)
+
+
+def _or_none(value: float) -> float | None:
+    return value / MM if math.isfinite(value) else None

@@ -1,0 +1,284 @@
+"""Before an acceptance test: the figures that it will show, by virtual runs of its touches.
+
+In each run the errors of the arm's parameters are drawn once and the noise of every touch anew (JCGM 101:2008, 6.4). The
+tip touches the point p, so that the model, which does not know the errors e, states p - S e there, to first order in
+e; the noise η of the readings adds J η. The figures are those of :mod:`aacmm_pin.verification.figures`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from aacmm_pin._support.checks import Array, whole
+from aacmm_pin._support.display import Shown
+from aacmm_pin._support.progress import Progress, watched
+from aacmm_pin._support.units import MM
+from aacmm_pin.accuracy.parameter_draws import source_errors
+from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.geometry import of_geometry
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.measurements.csv_columns import Problems
+from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.noise import ENCODER
+from aacmm_pin.measurements.simulate import seed_of
+from aacmm_pin.verification.accept import STANDARDS, AcceptanceFigure, checked_limits
+from aacmm_pin.verification.figures import DEFINITIONS, Definition
+from aacmm_pin.verification.procedure import Procedure
+from aacmm_pin.verification.touches import what_is_touched
+
+SCHEMA = "aacmm-pin/acceptance-prediction/1"
+RUNS, FEWEST = 200, 20
+"""Virtual runs: usual, and the fewest that an interval can be read from."""
+ALONE = 20
+"""What one cause does alone is the median of about so many of the runs."""
+READINGS, CONTACTS = "encoder noise", "contact noise"
+"""Causes beside the parameters."""
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedFigure:
+    """One figure of one arm.
+
+    Attributes:
+        source: the arm, as it was named.
+        definition: what the figure is.
+        runs: the figure in each run, with its sign, its standard uncertainty and its limit.
+        alone: median of the figure's magnitude by each cause alone [m], largest first.
+    """
+
+    source: str
+    definition: Definition
+    runs: tuple[AcceptanceFigure, ...]
+    alone: pd.Series
+
+    @property
+    def magnitudes(self) -> Array:
+        """Of the figure in each run (runs,) [m]; nan where touches are missing."""
+        return np.abs([figure.evaluated.value for figure in self.runs])
+
+    @property
+    def passes(self) -> float:
+        """Share of the runs with the verdict ``conformity``; nan without a limit or a value."""
+        verdicts = [figure.verdict for figure in self.runs]
+        return math.nan if None in verdicts else float(np.mean([verdict == "conformity" for verdict in verdicts]))
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedAcceptance(Shown):
+    """What :func:`predict_acceptance` found.
+
+    Attributes:
+        path: the procedure.
+        figures: those of one arm stand together.
+        count: number of virtual runs.
+        seed: of all that was drawn, or None where the generator does not say.
+        notes: what was assumed, and what is not in the figures.
+    """
+
+    path: str
+    figures: tuple[PredictedFigure, ...]
+    count: int
+    seed: int | None
+    notes: tuple[str, ...] = ()
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a figure, lengths in mm; NaN where touches are missing, or there is no limit."""
+        rows = []
+        for f in self.figures:
+            low, median, high = np.quantile(f.magnitudes, (0.025, 0.5, 0.975)) / MM
+            rows.append(
+                {
+                    "arm": f.source,
+                    "figure": f.definition.name,
+                    "median_mm": median,
+                    "low_mm": low,
+                    "high_mm": high,
+                    "mpe_mm": f.runs[0].mpe / MM,
+                    "probability_to_pass": f.passes,
+                    "dominant": str(f.alone.index[0]) if len(f.alone) else None,
+                    "dominant_alone_mm": f.alone.iloc[0] / MM if len(f.alone) else math.nan,
+                    "missing": f.runs[0].missing,
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def causes(self) -> pd.DataFrame:
+        """What each cause does alone to each figure: median of its magnitude [mm]."""
+        rows = [{"arm": f.source, "figure": f.definition.name} | (f.alone / MM).to_dict() for f in self.figures]
+        return pd.DataFrame(rows)
+
+    def __str__(self) -> str:
+        judged = [f for f in self.figures if not math.isnan(f.passes)]
+        least = min(judged, key=lambda f: f.passes, default=None)
+        text = f"{len(self.figures)} figures in {self.count} virtual runs"
+        if least is None:
+            return text
+        return (
+            f"{text}; least likely to conform is {least.definition.name} of {least.source}, probability {least.passes:.2f}"
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Schema ``aacmm-pin/acceptance-prediction/1``."""
+        table = self.to_frame().astype(object)
+        figures = table.where(table.notna(), None).to_dict("records")
+        alone = [{str(cause): float(value) / MM for cause, value in f.alone.items()} for f in self.figures]
+        return {
+            "schema": SCHEMA,
+            "procedure": self.path,
+            "runs": self.count,
+            "seed": self.seed,
+            "figures": [
+                {str(k): v for k, v in row.items()} | {"alone_mm": causes}
+                for row, causes in zip(figures, alone, strict=True)
+            ],
+            "notes": [*self.notes],
+        }
+
+
+def predict_acceptance(
+    path: str,
+    arms: Mapping[str, Arm | ErrorModel],
+    *,
+    mpe: Mapping[str, float] | None = None,
+    standard: str | None = None,
+    encoder_noise: ArrayLike | None = None,
+    probe_noise: float = 0.0,
+    runs: int = RUNS,
+    rng: np.random.Generator | None = None,
+    progress: Progress = True,
+) -> PredictedAcceptance:
+    """The figures that the touches of a procedure will show, with an interval, and the cause that each comes from.
+
+    Only what the arm states as uncertain can be predicted: half-widths or the covariance of a calibration, uncertainties of
+    effects, noise. What a model gets wrong without knowing it is not in the figures.
+
+    Args:
+        path: procedure by :func:`aacmm_pin.verification.acceptance_procedure`, as a file.
+        arms: by what the result calls each: nominal, calibrated, extended.
+        mpe: maximum permissible errors by the name of the figure [m].
+        standard: ``iso10360-12`` or ``asme-b89.4.22``: its figures alone.
+        encoder_noise: standard uncertainty of one reading, (nq,) or one number [rad]; default what the arm states,
+            else usual.
+        probe_noise: standard uncertainty of each coordinate of one contact [m].
+        runs: number of virtual runs.
+        rng: for all that is drawn; default seed 1. Every arm gets the same draws.
+        progress: show a bar in a notebook, or on stderr at a terminal; or a function such as ``tqdm``.
+
+    Raises:
+        MeasurementFileError: the file is no procedure of such an arm.
+        UnknownNameError: a figure or a standard that is not known.
+        AacmmError: no arm, fewer runs than 20, or nothing of an arm is uncertain.
+    """
+    limits, rng = checked_limits(mpe), rng or np.random.default_rng(1)
+    if standard is not None and standard not in STANDARDS:
+        raise UnknownNameError("standard", standard, [*STANDARDS])
+    if not arms:
+        raise AacmmError(f"{path}: no arm, expected at least one whose figures are predicted")
+    whole(runs, FEWEST, "virtual runs")
+    seed, draws = seed_of(rng), int(rng.integers(2**32))
+    table, lines, notes = read_table(path)
+    problems = Problems(path, lines)
+    touches = what_is_touched(table, problems)
+    problems.stop()
+    found: list[PredictedFigure] = []
+    for name, arm in arms.items():
+        model = ErrorModel.of(arm)
+        procedure = Procedure.read(path, model.arm)
+        noise = encoder_noise if encoder_noise is not None else model.arm.encoder_noise
+        if noise is None:
+            noise = ENCODER
+            notes += (f"{name}: encoder noise not given; {ENCODER:g} rad assumed",)
+        test = _Test.of(model, procedure, noise, probe_noise, max(runs // ALONE, 1))
+        notes += tuple(f"{name}: not predicted, as no conditions are planned: {left}" for left in test.sources.not_included)
+        wanted = [d for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]]
+        wanted = [d for d in wanted if d.name in limits or touches.loc[touches["test"] == d.test, d.column or "test"].any()]
+        with watched(range(runs), progress, name, "run") as steps:
+            found += test.figures(name, touches, wanted, limits, steps, np.random.default_rng(draws))
+    return PredictedAcceptance(path, tuple(found), runs, seed, notes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """The touches of a procedure by one arm.
+
+    Attributes:
+        sources: what is uncertain.
+        causes: what each of the sources belongs to, in words.
+        points: where the probe is (n, 3) [m].
+        sensitivity: (n, 3, p) [m/unit].
+        probe_noise: [m].
+        every: in every so many-th run each cause is looked at alone.
+    """
+
+    sources: ErrorSources
+    causes: tuple[str, ...]
+    points: Array
+    sensitivity: Array
+    probe_noise: float
+    every: int
+
+    @staticmethod
+    def of(model: ErrorModel, procedure: Procedure, noise: ArrayLike, probe_noise: float, every: int) -> _Test:
+        """The sources of a model at the postures of a procedure."""
+        sources = ErrorSources.of(model, None, noise, procedure.q, None)
+        names = [effect.cause for effect in of_geometry(model.arm) for _ in effect.terms]
+        names += [effect.label for effect in model.effects for _ in effect.terms] + [READINGS] * model.arm.nq
+        causes = tuple(names[column] for column in sources.columns)
+        return _Test(sources, causes, procedure.points, sources.sensitivity(procedure.q), probe_noise, every)
+
+    def figures(
+        self,
+        name: str,
+        touches: pd.DataFrame,
+        wanted: list[Definition],
+        limits: Mapping[str, float],
+        steps: Any,
+        rng: np.random.Generator,
+    ) -> list[PredictedFigure]:
+        """Every figure in each of the runs that ``steps`` counts."""
+        of_test = {d.test: (touches["test"] == d.test).to_numpy() for d in wanted}
+        runs: dict[str, list[AcceptanceFigure]] = {d.name: [] for d in wanted}
+        alone: dict[str, dict[str, list[float]]] = {d.name: {} for d in wanted}
+
+        def evaluated(points: Array) -> Iterator[tuple[Definition, AcceptanceFigure]]:
+            placed = touches.assign(x=points[:, 0], y=points[:, 1], z=points[:, 2])
+            for d in wanted:
+                figure = d.evaluate(placed[of_test[d.test]])
+                yield d, AcceptanceFigure(name, d, figure, limits.get(d.name, math.nan))
+
+        for step in steps:
+            parts = self._drawn(rng)
+            for d, figure in evaluated(self.points + sum(parts.values(), np.zeros_like(self.points))):
+                runs[d.name].append(figure)
+            for cause, part in parts.items() if step % self.every == 0 else ():
+                for d, figure in evaluated(self.points + part):
+                    alone[d.name].setdefault(cause, []).append(abs(figure.evaluated.value))
+        medians = {d.name: pd.Series({c: np.median(v) for c, v in alone[d.name].items()}, dtype=float) for d in wanted}
+        return [
+            PredictedFigure(name, d, tuple(runs[d.name]), medians[d.name].dropna().sort_values(ascending=False))
+            for d in wanted
+        ]
+
+    def _drawn(self, rng: np.random.Generator) -> dict[str, Array]:
+        """How far each cause puts the coordinates of one run off (n, 3) [m]."""
+        n = len(self.points)
+        errors = np.repeat(-source_errors(self.sources, rng, 1), n, axis=0)
+        each = np.array([p.scope == "record" for p in self.sources.parameters])
+        errors[:, each] = rng.normal(size=(n, int(each.sum()))) * self.sources.u[each]
+        names = np.array(self.causes)
+        parts = {}
+        for cause in dict.fromkeys(self.causes):
+            mine = names == cause
+            parts[cause] = np.einsum("nip,np->ni", self.sensitivity[:, :, mine], errors[:, mine])
+        if self.probe_noise > 0:
+            parts[CONTACTS] = self.probe_noise * rng.normal(size=(n, 3))
+        return parts

@@ -1,0 +1,319 @@
+"""Before an acceptance test: where sphere, seat and bars stand, which touches are made in which posture, in order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import Shown
+from aacmm_pin._support.text_escaping import csv_text
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.random_postures import joint_bounds
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
+from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS
+from aacmm_pin.measurements.csv_columns import REFERENCE, Problems
+from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.measuring_points import Pool, bars_for
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import seed_of
+from aacmm_pin.postures.articulation import articulations
+from aacmm_pin.postures.sampling import brought_to, spread_out
+from aacmm_pin.verification.accept import STANDARDS
+from aacmm_pin.verification.figures import DEFINITIONS
+from aacmm_pin.verification.touches import READINGS
+
+NEAR, MIDDLE, FAR = (0.2, 0.45), (0.45, 0.7), (0.7, 0.95)
+"""Between which parts of the reach a distance is near, middle or far; the reach counts from joint 2."""
+POSITIONS = {"near": NEAR, "middle": MIDDLE, "far": FAR}
+LENGTHS, PLACES, REPEATS = 5, 7, 3
+"""Of the tests of lengths."""
+SPHERE, PROBE = 25.0, 6.0
+"""Diameters that are planned with where none are stated [mm]."""
+STEP = 10.0
+"""Lengths are planned in steps of this [mm]."""
+LEVEL = 0.25
+"""Spheres and seats stand at most this part of the reach higher or lower than joint 2."""
+APART = 0.2
+"""Part of the reach by which spheres and seats are apart."""
+CANDIDATES, TRIED = 4000, 30
+"""Places that are looked at, and directions of a bar that are tried beside the wanted one."""
+RIM = 0.1
+"""Touches of a half sphere end this part of the radius above its rim."""
+ROOM = 0.02
+"""Part of a joint's range by which planned postures keep from either limit, so that a hand can move round a sphere."""
+PLANNED = "planned_"
+
+
+@dataclass(frozen=True, eq=False)
+class Procedure(Shown):
+    """Touches to be made, in order.
+
+    Attributes:
+        arm: the arm.
+        touches: one row a touch, with the columns of the file of touches, lengths in mm.
+        q: postures (n, nq) [rad].
+        points: centres of the probe (n, 3) [m].
+        seed: of what was drawn; None where the file says nothing of it.
+    """
+
+    arm: Arm
+    touches: pd.DataFrame
+    q: Array
+    points: Array
+    seed: int | None = None
+
+    def to_frame(self) -> pd.DataFrame:
+        """The file to be filled in: coordinates and indications are empty, what is planned stands behind."""
+        names = [f"theta{k}_deg" for k in range(1, self.arm.nq + 1)]
+        empty = pd.DataFrame("", self.touches.index, [*REFERENCE, *names])
+        at = pd.DataFrame(self.points / MM, columns=[PLANNED + name for name in REFERENCE]).round(6)
+        angles = pd.DataFrame(self.q / DEG, columns=[PLANNED + name for name in names]).round(4)
+        return pd.concat([self.touches, empty, at, angles], axis=1)
+
+    def csv(self) -> str:
+        """The text of that file."""
+        return csv_text(self.to_frame())
+
+    def filled(self, records: Measurements, software: ErrorModel) -> pd.DataFrame:
+        """That file with the indications and conditions of ``records``, and the coordinates by ``software``."""
+        at = software.correct(records.q, records.conditions) / MM
+        indicated = records.to_frame().drop(columns=["record"], errors="ignore")
+        planned = self.to_frame()
+        planned = planned[planned.columns.difference(indicated.columns, sort=False)]
+        return pd.concat([planned.assign(**dict(zip(REFERENCE, at.T, strict=True))), indicated], axis=1)
+
+    def __str__(self) -> str:
+        tests = ", ".join(f"{count} {test}" for test, count in self.touches["test"].value_counts(sort=False).items())
+        return f"{self.arm.name}: {len(self.touches)} touches ({tests})"
+
+    @staticmethod
+    def read(path: str | Path, arm: Arm) -> Procedure:
+        """The procedure in a file that :meth:`csv` made, also where it was filled in.
+
+        Raises:
+            MeasurementFileError: a planned column is missing or has a cell without a number.
+        """
+        table, lines, _ = read_table(str(path))
+        problems, found = Problems(str(path), lines), []
+        angles = [f"{PLANNED}theta{k}_deg" for k in range(1, arm.nq + 1)]
+        for name in (*(PLANNED + name for name in REFERENCE), *angles):
+            if name not in table:
+                raise MeasurementFileError(
+                    str(path), None, name, f"missing; expected a procedure by aacmm-pin plan --for acceptance for {arm.name}"
+                )
+            values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
+            problems.at(~np.isfinite(values), name, "is {!r}, expected a number", table[name].to_numpy())
+            found.append(values)
+        problems.stop()
+        if f"{PLANNED}theta{arm.nq + 1}_deg" in table:
+            raise AacmmError(f"{path}: planned for an arm with more joints than {arm.name}, which has {arm.nq}")
+        planned = (
+            table.columns.str.startswith(PLANNED) | table.columns.isin([*REFERENCE]) | table.columns.str.match(READINGS)
+        )
+        values = np.stack(found, axis=1)
+        return Procedure(arm, table.loc[:, ~planned], values[:, 3:] * DEG, values[:, :3] * MM)
+
+
+def acceptance_procedure(
+    model: Arm | ErrorModel,
+    *,
+    standard: str | None = None,
+    measuring_range: float | None = None,
+    lengths: Sequence[float] | None = None,
+    sphere_diameter: float = SPHERE * MM,
+    probe_diameter: float = PROBE * MM,
+    above: float | None = None,
+    rng: np.random.Generator | None = None,
+) -> Procedure:
+    """Touches for every figure of a standard, at places that the arm reaches in the postures needed.
+
+    Two spheres (near and far), a point at three distances, a bar with five lengths in seven places, along the axes of the
+    base and the diagonals as far as the arm reaches, and ball bars of two lengths in twenty places. Points of a bar are
+    touched in another posture in every repeat; a sphere in five, of which that comes next whose stylus points at it best.
+
+    Args:
+        model: the arm.
+        standard: ``iso10360-12`` or ``asme-b89.4.22``: what its figures need alone.
+        measuring_range: diameter of the working volume [m]; default twice the reach of the tip from joint 2.
+        lengths: five calibrated lengths [m]; default even parts of two thirds of the range.
+        sphere_diameter, probe_diameter: [m].
+        above: height of a table over the base origin, along gravity, under which no tip goes [m].
+        rng: for all that is drawn; default seed 1.
+
+    Raises:
+        UnknownNameError: no such standard.
+        AacmmError: other than five lengths above 0, or the arm does not reach such places.
+    """
+    if standard is not None and standard not in STANDARDS:
+        raise UnknownNameError("standard", standard, [*STANDARDS])
+    rng = rng or np.random.default_rng(1)
+    seed, model = seed_of(rng), ErrorModel.of(model)
+    margin = ROOM * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
+    inner = replace(model, arm=replace(model.arm, limits=model.arm.limits + margin))
+    layout = _Layout(Pool.draw(inner, above, 10, rng), sphere_diameter, probe_diameter, rng)
+    longest = 2 / 3 * (2 * layout.reach if measuring_range is None else measuring_range)
+    bars = [STEP * MM * np.ceil(longest * k / LENGTHS / (STEP * MM)) for k in range(1, LENGTHS + 1)]
+    bars = sorted(bars if lengths is None else lengths)
+    if len(set(bars)) != LENGTHS or not np.all(np.isfinite(bars)) or min(bars) <= 0:
+        raise AacmmError(f"lengths are {', '.join(f'{x / MM:g}' for x in bars)} mm, expected five different ones above 0")
+    wanted = {d.test for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]}
+    layout.spheres(wanted)
+    if "single-point" in wanted:
+        layout.single_points()
+    if {"length-uni", "length-bi"} & wanted:
+        layout.length_bar(bars, wanted)
+    if "volumetric" in wanted:
+        layout.ball_bars(bars[0], bars[2])
+    return layout.procedure(model.arm, seed)
+
+
+class _Layout:
+    """The touches that are laid out so far, over one pool of postures."""
+
+    def __init__(self, pool: Pool, sphere: float, probe: float, rng: np.random.Generator) -> None:
+        self.pool, self.sphere, self.probe, self.rng = pool, sphere, probe, rng
+        self.rows: list[dict[str, Any]] = []
+        self.points: list[Array] = []
+        self.q: list[Array] = []
+        self.taken: list[Array] = []
+        axes = pool.arm.chain.moving_axes()
+        self.shoulder = pool.arm.chain.walk(np.zeros((1, pool.arm.nq)))[1][axes[min(1, len(axes) - 1)]][0]
+        self.distance = np.linalg.norm(pool.tips - self.shoulder, axis=1)
+        self.reach = float(self.distance.max())
+
+    def touch(self, point: Array, q: Array, **cells: Any) -> None:
+        """One more touch at ``point`` (3,) near the posture ``q`` (nq,)."""
+        self.rows.append(cells)
+        self.points.append(point)
+        self.q.append(q)
+
+    def place(self, name: str, each: int) -> tuple[Array, Array]:
+        """A point at this distance, about as high as joint 2, that many postures reach, (3,), and ``each`` of them."""
+        low, high = POSITIONS[name]
+        inside = (self.distance >= low * self.reach) & (self.distance < high * self.reach)
+        inside &= np.abs((self.pool.tips - self.shoulder) @ self.pool.arm.up) <= LEVEL * self.reach
+        for other in self.taken:
+            inside &= np.linalg.norm(self.pool.tips - other, axis=1) > APART * self.reach
+        tips = self.pool.tips[inside][:CANDIDATES]
+        best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]] if len(tips) else np.empty((0, 3))
+        (found,) = self.pool.places(best[:, None], 1, each, f"{name} places")
+        self.taken.append(found.points[0])
+        return found.points[0], found.postures[0]
+
+    def spheres(self, wanted: set[str]) -> None:
+        """Spheres near and far, for all tests that need one."""
+        known = {"feature_diameter_mm": self.sphere / MM, "probe_diameter_mm": self.probe / MM}
+        for name in ("near", "far"):
+            center, postures = self.place(name, 5)
+            cells = {"feature": "sphere", "position": name, **known}
+            if "sphere" in wanted:
+                self._round(center, postures, 25, test="sphere", **cells)
+            for repeat in range(1, 6) if "location" in wanted else ():
+                self._round(center, postures[repeat - 1 : repeat], 5, test="location", repeat=repeat, **cells)
+            for repeat in range(1, 4) if "effective-diameter" in wanted and name == "near" else ():
+                self._round(center, postures, 9, test="effective-diameter", repeat=repeat, **cells)
+
+    def _round(self, center: Array, postures: Array, count: int, **cells: Any) -> None:
+        """``count`` touches over the half of a sphere from which the stylus comes."""
+        stylus = self.pool.arm.stylus_axis
+        pole, tool = self.pool.arm.up, None
+        if stylus is not None:
+            tool = self.pool.arm.chain.walk(postures)[0][self.pool.arm.chain.tip] @ stylus
+            pole = -tool.mean(axis=0) / np.linalg.norm(tool.mean(axis=0)) if len(postures) > 1 else -tool[0]
+        for k, normal in enumerate(_half_sphere(count, pole)):
+            best = k % len(postures) if tool is None else int((-tool @ normal).argmax())
+            self.touch(center + (self.sphere + self.probe) / 2 * normal, postures[best], **cells)
+
+    def single_points(self) -> None:
+        """One point in ten articulations at each of three distances."""
+        for name in POSITIONS:
+            point, postures = self.place(name, 10)
+            for q in postures:
+                self.touch(point, q, test="single-point", feature=f"seat {name}", position=name)
+
+    def length_bar(self, lengths: Sequence[float], wanted: set[str]) -> None:
+        """A bar with one point at 0 and one at each length, in seven places."""
+        for place, (start, direction) in enumerate(self._bar_places(np.array(lengths)), start=1):
+            ends = start + np.array([0.0, *lengths])[:, None] * direction
+            postures = self.pool.touched(ends, REPEATS)
+            for test, aside in (("length-uni", 0.0), ("length-bi", self.probe / 2)):
+                for repeat in range(1, REPEATS + 1) if test in wanted else ():
+                    for number, length in enumerate(lengths, start=1):
+                        cells = {"test": test, "position": f"P{place}", "repeat": repeat, "length_id": f"L{number}"}
+                        cells |= {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
+                        for feature, end, sign in (("A", 0, -1), (f"B{number}", number, 1)):
+                            q = postures[end][(repeat - 1) % len(postures[end])]
+                            self.touch(ends[end] + sign * aside * direction, q, feature=feature, **cells)
+
+    def _bar_places(self, lengths: Array) -> list[tuple[Array, Array]]:
+        """Where the bar begins and how it points, in seven places far from one another."""
+        up = self.pool.arm.up
+        level = np.linalg.svd(up[None])[2][1:]
+        wanted = [*level, up] + [(a * level[0] + b * level[1] + up) / np.sqrt(3) for a in (-1, 1) for b in (-1, 1)]
+        reached = float(np.quantile(self.pool.thinness(self.pool.tips[:CANDIDATES]), 0.98))
+        found: list[tuple[Array, Array]] = []
+        for aim in wanted:
+            directions = aim + np.arange(TRIED)[:, None] / TRIED * self.rng.normal(size=(TRIED, 3))
+            directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+            for direction in directions:  # the wanted one first, then others, farther and farther from it
+                starts = self.pool.tips[self.rng.permutation(len(self.pool.tips))[:CANDIDATES]]
+                ends = starts[:, None] + np.array([0.0, *lengths])[:, None] * direction
+                fits = self.pool.room.admits(ends.reshape(-1, 3)) & (self.pool.thinness(ends.reshape(-1, 3)) <= reached)
+                good = starts[fits.reshape(ends.shape[:2]).all(axis=1)]
+                middles = good + lengths[-1] / 2 * direction
+                before = np.array([start + lengths[-1] / 2 * way for start, way in found])
+                order = spread_out(np.vstack([before, middles]) if found else middles, len(found) + 5, 0.0)
+                tried = [good[k - len(found)] for k in order if k >= len(found)]
+                start = next((s for s in tried if self._touchable(s, direction, lengths)), None)
+                if start is not None:
+                    found.append((start, direction))
+                    break
+        if len(found) < PLACES:
+            raise AacmmError(
+                f"{self.pool.arm.name}: {len(found)} of {PLACES} places found where a bar of {lengths[-1] / MM:g} mm can be "
+                "touched all along; state a shorter range or shorter lengths"
+            )
+        return found
+
+    def _touchable(self, start: Array, direction: Array, lengths: Array) -> bool:
+        return all(len(q) for q in self.pool.touched(start + np.array([0.0, *lengths])[:, None] * direction, 1))
+
+    def ball_bars(self, *lengths: float) -> None:
+        """Ball bars of two lengths in ten places each."""
+        for number, length in enumerate(lengths, start=1):
+            for place, bar in enumerate(bars_for(self.pool, 10, length, 2, self.rng), start=1):
+                cells: dict[str, Any] = {
+                    "test": "volumetric",
+                    "length_id": f"ball bar {number}",
+                    "position": f"B{number}.{place}",
+                }
+                cells |= {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
+                for feature, point, q in zip("AB", bar.points, bar.postures, strict=True):
+                    self.touch(point, q[0], feature=feature, **cells)
+
+    def procedure(self, arm: Arm, seed: int | None) -> Procedure:
+        """All of it, with the tip at its point in every posture."""
+        points = np.array(self.points)
+        q, arrived = brought_to(self.pool.state_of, np.array(self.q), points, joint_bounds(arm))
+        if not arrived.all():
+            raise AacmmError(f"{arm.name}: {(~arrived).sum()} of {len(q)} touches are beyond the limits of the joints")
+        table = pd.DataFrame(self.rows).reindex(columns=[*LABELS, *NUMBERS])
+        table["repeat"] = table["repeat"].astype("Int64")
+        return Procedure(arm, table.assign(articulation=articulations(arm, np.array(self.q))), q, points, seed)
+
+
+def _half_sphere(count: int, pole: Array) -> Array:
+    """``count`` directions spread evenly over the half about ``pole`` (n, 3): a spiral of equal areas (Saff, Kuijlaars)."""
+    along = 1 - np.arange(count) / max(count - 1, 1) * (1 - RIM)
+    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    level = np.linalg.svd(pole[None])[2][1:]
+    around = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ level
+    return np.asarray(along[:, None] * pole + np.sqrt(1 - along**2)[:, None] * around)

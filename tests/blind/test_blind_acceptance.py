@@ -1,0 +1,56 @@
+"""A blind plant fails its acceptance test, the command that this names finds the cause, the extended arm passes the next."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+from aacmm_pin.cli.root_command import app
+from blind.acceptance import acceptance_csv
+from blind.plant import draw
+
+LIMITS = ("--mpe", "E_Uni=0.06", "--mpe", "SPAT.Max=0.04", "--mpe", "P_Form.Sph.1x25=0.06")
+
+
+def run(*words: object) -> Result:
+    outcome = CliRunner().invoke(app, [*map(str, words)])
+    assert outcome.exit_code == 0, outcome.output
+    return outcome
+
+
+def verdicts(outcome: Result) -> dict[str, set[str]]:
+    """The verdicts on each set of coordinates."""
+    found: dict[str, set[str]] = {}
+    for figure in json.loads(outcome.stdout)["figures"]:
+        if figure["mpe_mm"] is not None:
+            found.setdefault(figure["coordinates"], set()).add(figure["verdict"])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("seed", "cause", "joint"),
+    [(1, "encoder_eccentricity", 3), (2, "joint_compliance", 2), (6, "joint_hysteresis", 2)],
+)
+def test_failed_arm_is_diagnosed_and_passes(tmp_path: Path, seed: int, cause: str, joint: int) -> None:
+    first, second, sound = (tmp_path / f"{name}.csv" for name in ("first check", "second", "sound"))
+    for twin, target, index in ((False, first, 1), (False, second, 2), (True, sound, 1)):
+        plant = draw(seed, cause, joint, twin=twin).plant
+        machine = replace(plant.machine, values=0.1 * plant.machine.values)  # well calibrated
+        target.write_text(acceptance_csv(replace(plant, machine=machine), index), encoding="utf-8")
+    assert verdicts(run("accept", "sino6", sound, *LIMITS, "--json", "-"))["sino6"] == {"conformity"}
+    failed = run("accept", "sino6", first, *LIMITS, "--json", "-")
+    assert "non-conformity" in verdicts(failed)["sino6"]
+    command = next(line for line in failed.stderr.splitlines() if "diagnose" in line).removeprefix("note: ")
+    words = shlex.split(command.removesuffix(" looks for the cause"))
+    extended = tmp_path / "extended.toml"
+    found = json.loads(run(*words[1:], "--extended-arm", extended, "--json", "-").stdout)
+    assert (found["verdict"], [(f["cause"], f["joint"]) for f in found["findings"]]) == ("explained", [(cause, joint)])
+    new = verdicts(run("accept", "sino6", extended, second, *LIMITS, "--json", "-"))
+    assert "non-conformity" in new["sino6"]
+    assert new[str(extended)] == {"conformity"}

@@ -1,0 +1,128 @@
+"""Checks over time: limits by hand, what is appended, damaged files, and the certificate on one sheet of paper."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from aacmm_pin import Arm, accept
+from aacmm_pin.cli.root_command import app
+from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
+from aacmm_pin.report.acceptance import Certificate, acceptance_document
+from aacmm_pin.report.html import page as page_of
+from aacmm_pin.verification import History
+from tests.browser import Page as Browser
+from tests.verification.test_accept import everything, rows
+
+START = datetime(2026, 1, 1, tzinfo=UTC)
+
+
+def touches(path: Path, size: float) -> Path:
+    """One point in ten articulations at three distances; the largest distance from the mean is ``size`` [mm]."""
+    offsets = np.zeros((10, 3))
+    offsets[:2, 2] = size, -size
+    pd.concat([rows(offsets + 100 * k, test="single-point", position=k) for k in range(3)]).to_csv(path, index=False)
+    return path
+
+
+def history(folder: Path, sizes: list[float]) -> History:
+    found = History()
+    for month, size in enumerate(sizes):
+        found = found.with_check(accept(touches(folder / "t.csv", size)), START + timedelta(days=30 * month))
+    return found
+
+
+SIZES = [0.020, 0.022, 0.019, 0.021, 0.024, 0.018, 0.023, 0.017]
+
+
+@pytest.mark.parametrize(("latest", "left"), [(0.0307, False), (0.0308, True), (0.0102, True)])
+def test_limits_are_those_of_individuals_charts(tmp_path: Path, latest: float, left: bool) -> None:
+    """Moving ranges 2, 3, 2, 3, 6, 5, 6 µm: their mean 27/7 µm, the mean of the values 20.5 µm."""
+    found = history(tmp_path, [*SIZES, latest])
+    chart = next(chart for chart in found.charts() if chart.figure == "SPAT.Max")
+    assert (chart.centre, *chart.limits) == pytest.approx((20.5e-6, *(20.5e-6 + s * 2.66 * 27e-6 / 7 for s in (-1, 1))))
+    assert (chart.left, "SPAT.Max" in str(found)) == (left, left)
+    few = next(chart for chart in history(tmp_path, [*SIZES[1:], 1.0]).charts() if chart.figure == "SPAT.Max")
+    assert np.isnan(few.limits).all()
+    assert not few.left
+
+
+def test_a_check_is_appended_once(tmp_path: Path) -> None:
+    path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
+    words = ["accept", str(data), "--history", str(path), "--instrument", "no. 12", "--mpe", "SPAT.Max=0.03"]
+    for _ in range(2):
+        done = CliRunner().invoke(app, [*words, "--time", "2026-01-31T10:00+01:00", "--json", "-"])
+        assert done.exit_code == 0, done.output
+        assert len(pd.read_csv(path)) == 3
+    assert "nothing appended" in done.stderr
+    table = pd.read_csv(path)
+    assert set(table["time"]) == {"2026-01-31T09:00:00+00:00"}
+    first = table.iloc[0].dropna().to_dict()
+    assert (first["figure"], first["verdict"], first["instrument"]) == ("SPAT.Max", "conformity", "no. 12")
+    assert {row["checks_before"] for row in json.loads(done.stdout)["history"]} == {0}
+    touches(data, 0.03)
+    done = CliRunner().invoke(app, [*words, "--time", "2026-01-31T09:00"])
+    assert (done.exit_code, len(pd.read_csv(path))) == (1, 3)
+    assert CliRunner().invoke(app, [*words, "--time", "2026-02-28"]).exit_code == 0
+    assert pd.read_csv(path)["value_mm"].tolist()[::3] == pytest.approx([0.02, 0.03])
+
+
+@pytest.mark.parametrize(
+    ("column", "cell"),
+    [("value_mm", "0,02"), ("value_mm", ""), ("time", "31.1.2026"), ("figure", "E_Uno"), ("verdict", "ok")],
+)
+def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -> None:
+    path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
+    history(tmp_path, SIZES).save(path)
+    table = pd.read_csv(path, dtype=str, keep_default_na=False)
+    table.loc[4, column] = cell
+    table.to_csv(path, index=False)
+    before = path.read_bytes()
+    done = CliRunner().invoke(app, ["accept", str(data), "--history", str(path)])
+    assert (done.exit_code, path.read_bytes()) == (1, before)
+    with pytest.raises(MeasurementFileError) as raised:
+        History.read(path)
+    assert (raised.value.row, raised.value.column) == (6, column)
+    path.write_bytes(before[: len(before) // 2])
+    with pytest.raises(AacmmError, match="row"):
+        History.read(path)
+
+
+def test_only_what_was_read_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "checks.csv"
+    history(tmp_path, SIZES[:2]).save(path)
+    read = History.read(path)
+    history(tmp_path, SIZES[:3]).checks.to_csv(path, index=False)  # somebody else meanwhile
+    with pytest.raises(OutputError, match="meanwhile"):
+        read.save(path)
+    with pytest.raises(OutputError, match="exists"):
+        History().save(path)
+    assert len(pd.read_csv(path)) == 9
+
+
+def test_certificate_is_one_sheet(tmp_path: Path, page: Browser) -> None:
+    """With all figures of three sets of coordinates, and charts; on a phone it is as wide as that."""
+    table = everything()
+    table["part"] = np.where(table["test"] == "single-point", np.where(np.arange(len(table)) % 2, "high", ""), "")
+    angles = np.random.default_rng(1).uniform(-20, 20, (len(table), 6))
+    table[[f"theta{k}_deg" for k in range(1, 7)]] = angles
+    table.assign(temperature_c=20.1).to_csv(tmp_path / "touches.csv", index=False)
+    arm = Arm.load("sino6")
+    mpe = {"E_Uni": 1e-4, "E_Bi": 1e-4, "SPAT.Max": 1e-4}
+    for arms in ({}, {"nominal": arm, "extended": arm}):
+        result = accept(tmp_path / "touches.csv", arms, mpe=mpe)
+        checks = history(tmp_path, SIZES).with_check(result, START + timedelta(days=300))
+        told = Certificate(START, b"touches", "no. 12", {"humidity": "45 %"}, checks)
+        target = tmp_path / "certificate.html"
+        target.write_text(page_of(acceptance_document(result, told)), encoding="utf-8")
+        page.open(target, (390, 800), touch=True)
+        assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
+        assert page.evaluate("document.querySelectorAll('figure img').length") == 1
+        assert page.printed_pages() == 1
+        assert page.errors == []

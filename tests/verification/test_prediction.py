@@ -1,0 +1,168 @@
+"""Procedures, predicted figures and virtual touches, against what is known without them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from aacmm_pin import Arm, ErrorModel, accept, acceptance_procedure, perturbed_model, predict_acceptance
+from aacmm_pin.arm.random_postures import joint_bounds
+from aacmm_pin.cli.root_command import app
+from aacmm_pin.errors import AacmmError, MeasurementFileError
+from aacmm_pin.measurements.noise import Noise
+from aacmm_pin.measurements.simulate import simulate_touches
+from aacmm_pin.verification import Procedure
+from aacmm_pin.verification.accept import STANDARDS
+from aacmm_pin.verification.figures import DEFINITIONS
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("procedure") / "touches.csv"
+    procedure = acceptance_procedure(Arm.load("sino6"), rng=np.random.default_rng(3))
+    path.write_text(procedure.csv(), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def few(planned: Path) -> Path:
+    """The touches of ASME B89.4.22 alone, which are quicker."""
+    table = pd.read_csv(planned, dtype=str)
+    tests = [d.test for d in DEFINITIONS if d.standard == STANDARDS["asme-b89.4.22"]]
+    table[table["test"].isin(tests)].to_csv(planned.with_name("few.csv"), index=False)
+    return planned.with_name("few.csv")
+
+
+def only(arm: Arm, *uncertain: str) -> Arm:
+    """The arm with no uncertainty but 1 µm and 1 µrad of the parameters with these names."""
+    width = dict.fromkeys(uncertain, 1e-6)
+    parameters = tuple(
+        replace(p, half_width=width.get(p.name, 0.0), u=width.get(p.name, 0.0) / np.sqrt(3)) for p in arm.parameters
+    )
+    return replace(arm, parameters=parameters)
+
+
+def test_every_touch_of_every_figure_is_planned_within_reach(sino6: Arm, planned: Path) -> None:
+    procedure = Procedure.read(planned, sino6)
+    np.testing.assert_allclose(sino6.positions(procedure.q), procedure.points, atol=5e-6)  # angles are rounded
+    bounds = joint_bounds(sino6)
+    assert ((procedure.q > bounds[:, 0]) & (procedure.q < bounds[:, 1])).all()
+    exact = pd.read_csv(planned, dtype=str)
+    for name in "xyz":
+        exact[f"{name}_mm"] = exact[f"planned_{name}_mm"]
+    exact.to_csv(planned.with_name("exact.csv"), index=False)
+    figures = accept(planned.with_name("exact.csv")).figures
+    assert {f.definition.name for f in figures} == {d.name for d in DEFINITIONS if not d.column}
+    assert all(abs(f.evaluated.value) < 1e-8 for f in figures)  # the file has nanometres
+    lengths = procedure.touches[procedure.touches["test"] == "length-uni"]
+    assert (
+        lengths["length_mm"].astype(float).max() * 1e-3 >= 2 / 3 * 2 * np.linalg.norm(procedure.points, axis=1).max() * 0.8
+    )
+    assert exact.loc[exact["test"] == "single-point", "articulation"].nunique() > 3
+
+
+def test_an_unfilled_procedure_has_no_figures(planned: Path) -> None:
+    with pytest.raises(MeasurementFileError, match="no coordinates"):
+        accept(planned)
+
+
+def test_what_turns_the_whole_arm_changes_no_figure(sino6: Arm, few: Path) -> None:
+    """The zero of joint 1 and d1 move all coordinates as one body, but for the square of the turn."""
+    rigid = predict_acceptance(
+        str(few), {"rigid": only(sino6, "theta_offset1", "d1")}, encoder_noise=0.0, runs=20, progress=False
+    )
+    assert max(f.magnitudes.max() for f in rigid.figures) < 5e-9  # the file has nanometres
+
+
+def test_noise_of_readings_alone_scatters_as_its_covariance_says(sino6: Arm, few: Path) -> None:
+    u, procedure = 2e-5, Procedure.read(few, sino6)
+    found = predict_acceptance(str(few), {"noisy": only(sino6)}, encoder_noise=u, runs=60, progress=False)
+    sigma = next(f for f in found.figures if f.definition.name == "SinglePoint.Sigma")
+    assert sigma.alone.index[0] == "encoder noise"
+    rows = procedure.touches["test"] == "single-point"
+    variance = u**2 * np.square(sino6.jacobian(procedure.q)).sum(axis=(1, 2))
+    mean = variance[rows].reshape(3, 10).mean(axis=1)
+    # The worst of three places is at least the place whose variance is largest, on average.
+    assert np.sqrt(mean.max()) * 0.95 < np.median(sigma.magnitudes) < np.sqrt(mean.max()) * 1.25
+
+
+def test_predictions_are_those_of_the_exact_chain(sino6: Arm, few: Path, tmp_path: Path) -> None:
+    """Figures of arms that are drawn and touch exactly, judged from their files, beside the predicted distribution."""
+    found = predict_acceptance(str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=100, progress=False)
+    procedure, ranks = Procedure.read(few, sino6), []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        true = perturbed_model(ErrorModel(sino6), rng)
+        noise = Noise.of(6, encoder=8e-6)
+        records = simulate_touches(true, procedure.q, procedure.points, rng=rng, noise=noise)
+        procedure.filled(records, ErrorModel(sino6)).to_csv(tmp_path / "filled.csv", index=False)
+        values = {f.definition.name: abs(f.evaluated.value) for f in accept(tmp_path / "filled.csv").figures}
+        ranks.append([np.mean(f.magnitudes < values[f.definition.name]) for f in found.figures])
+    mean = np.mean(ranks, axis=0)  # of uniform ranks 0.5 ± 0.083
+    assert (np.abs(mean - 0.5) < 0.3).all(), dict(zip((f.definition.name for f in found.figures), mean, strict=True))
+    assert abs(np.mean(ranks) - 0.5) < 0.17
+
+
+def test_the_first_order_step_is_exact_physics(sino6: Arm, few: Path) -> None:
+    """One drawn arm without noise: coordinates by exact postures, and p - S e."""
+    procedure, rng = Procedure.read(few, sino6), np.random.default_rng(5)
+    true = perturbed_model(ErrorModel(sino6), rng)
+    silent = Noise.of(6, encoder=0.0)
+    records = simulate_touches(true, procedure.q, procedure.points, rng=rng, noise=silent)
+    off = sino6.positions(records.q) - procedure.points
+    first = sino6.positions(procedure.q) - true.arm.positions(procedure.q)  # what the errors do where the model says p
+    assert np.abs(off).max() > 5e-5
+    np.testing.assert_allclose(off, first, atol=0.01 * np.abs(off).max())
+
+
+def test_the_chain_at_the_shell(tmp_path: Path) -> None:
+    """plan, simulate, accept: an arm with a hidden eccentricity fails, the arm that knows it passes."""
+    touches, filled, truth = (tmp_path / name for name in ("touches.csv", "filled.csv", "truth.toml"))
+    sheet, page = tmp_path / "sheet.html", tmp_path / "page.html"
+    asme = "--standard asme-b89.4.22"
+    said = run(f"plan sino6 --for acceptance {asme} -o {touches} --sheet {sheet}")
+    assert str(touches) in said
+    hidden = "encoder_eccentricity:3,amplitude_rad=3e-4"
+    run(f"simulate sino6 --plan {touches} --effect {hidden} --encoder-noise-rad 1e-6 --truth {truth} -o {filled}")
+    content = json.loads(run(f"accept sino6 {truth} {filled} --mpe SPAT.Max=0.05 --json -"))
+    verdicts = {f["coordinates"]: f["verdict"] for f in content["figures"] if f["figure"] == "SPAT.Max"}
+    assert (verdicts["sino6"], verdicts[str(truth)]) == ("non-conformity", "conformity")
+    options = f"--predict --runs 20 --mpe SPAT.Max=10 --encoder-noise-rad 8e-6 {asme}"
+    content = json.loads(run(f"accept sino6 {touches} {options} --json - -o {page}"))
+    (worst,) = (f for f in content["figures"] if f["figure"] == "SPAT.Max")
+    assert worst["probability_to_pass"] == 1.0
+    assert worst["low_mm"] < worst["median_mm"] < worst["high_mm"] < 1.0
+    assert worst["alone_mm"][worst["dominant"]] == max(worst["alone_mm"].values())
+    for file, word in ((sheet, "elbow"), (page, "SPAT.Max")):
+        assert word in file.read_text(encoding="utf-8")
+
+
+def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
+    with pytest.raises(AacmmError, match="five different"):
+        acceptance_procedure(sino6, lengths=[0.1, 0.2])
+    with pytest.raises(AacmmError, match="shorter"):
+        acceptance_procedure(sino6, standard="iso10360-12", measuring_range=9.0)
+    with pytest.raises(MeasurementFileError, match="planned_x_mm"):
+        predict_acceptance(str(_without(planned, "planned_x_mm")), {"sino6": sino6}, progress=False)
+    for words in (
+        f"plan sino6 --for calibration --sphere-mm 20 -o {planned}",
+        f"simulate sino6 --plan {planned} --records 20",
+    ):
+        assert CliRunner().invoke(app, words.split()).exit_code == 2, words
+
+
+def _without(path: Path, column: str) -> Path:
+    pd.read_csv(path, dtype=str).drop(columns=column).to_csv(path.with_name("less.csv"), index=False)
+    return path.with_name("less.csv")
+
+
+def run(command: str) -> str:
+    done = CliRunner().invoke(app, command.split())
+    assert done.exit_code == 0, done.output
+    return done.stdout
