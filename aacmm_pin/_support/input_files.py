@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from aacmm_pin._support.text_escaping import note
 from aacmm_pin.errors import AacmmError
 
 
@@ -15,6 +16,8 @@ def content_of(path: str | Path, most: int, expected: str, refused: Callable[[st
         AacmmError: it is not there, is a folder, is too large, or cannot be read: as ``refused`` makes it of the message.
     """
     try:
+        if Path(path).is_fifo():
+            note(f"note: {path} is a pipe; waiting for its end")
         with open(path, "rb") as file:
             content = file.read(most + 1)
     except FileNotFoundError:

@@ -1,18 +1,14 @@
-"""``aacmm-pin`` and ``python -m aacmm_pin.cli``: signals are answered from the first moment, before the rest is imported."""
+"""``aacmm-pin`` and ``python -m aacmm_pin.cli``: the streams and signals as the rest needs them, before it is imported."""
 
 from __future__ import annotations
 
 import os
+import resource
 import signal
-from contextlib import suppress
-from types import FrameType
+import sys
 
-
-def _end(number: int, frame: FrameType | None) -> None:
-    """Before anything was begun, and after everything has ended."""
-    with suppress(OSError):  # nobody may be there to read it
-        os.write(2, b"aacmm-pin: interrupted\n")
-    os._exit(128 + number)
+LEAST_MEMORY = 600_000_000
+"""Address space that loading takes [bytes]; with less, OpenBLAS asks for its buffers for ever."""
 
 
 def _open_what_is_closed() -> None:
@@ -25,9 +21,10 @@ def _open_what_is_closed() -> None:
 def main() -> None:
     """The command."""
     _open_what_is_closed()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup wants it, and shells for jobs in the background
-            signal.signal(number, _end)
+    if 0 <= (limit := resource.getrlimit(resource.RLIMIT_AS)[0]) < LEAST_MEMORY:
+        sys.exit(f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space, expected {LEAST_MEMORY / 1e6:.0f}")
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as shells want it for jobs in the background
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # while compiled code is loaded, no handler of Python's would run
     from aacmm_pin.cli.root_command import app
 
     app()

@@ -137,8 +137,9 @@ def _told() -> Iterator[None]:
     except UnicodeEncodeError as error:
         _end(1, f"{error.object[error.start : error.end]!r} cannot be written as {error.encoding}")
     except OSError as error:
-        words = error.strerror or str(error)
-        _end(1, words if error.filename is None else f"{error.filename}: {words}")
+        words, of_stream = error.strerror or str(error), error.errno in (errno.ENOSPC, errno.EPIPE)
+        where = error.filename or ("standard output" if of_stream else None)  # other files are told by their names
+        _end(1, words if where is None else f"{where}: {words}")
     except KeyboardInterrupt:
         _end(128 + signal.SIGINT, INTERRUPTED)
     except Stopped as stopped:
