@@ -587,8 +587,10 @@ def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pyte
     assert labels is not None
     rng = np.random.default_rng(8)
     off = (labels == labels[0])[:, None] * rng.normal(0.0, 2e-5, (RECORDS, 3))
-    choice = replace(case.choice, admitted=())
-    choice = replace(choice, design=replace(choice.design, tips=choice.design.tips + off))
+    used = case.choice.fit.used & (np.arange(RECORDS) != 7)
+    fit_ = replace(case.choice.fit, used=used)
+    design = replace(case.choice.design, fit=fit_, tips=case.choice.design.tips + off)
+    choice = replace(case.choice, fit=fit_, design=design, admitted=())
     case = replace(case, choice=choice)
     spread = np.zeros((RECORDS, 3)) if alike else rng.normal(0.0, 1.0, (RECORDS, 3))
     scatter = np.exp(spread)[:, :, None] * np.eye(3)
@@ -609,11 +611,19 @@ def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pyte
         ratio = max((whole[0] - others[0]) / more, 0.0) / (others[0] / others[1])
         group = found[f"session {name}"]
         assert group.times == pytest.approx(np.sqrt(ratio), rel=1e-4)
-        own, rest = (np.exp(spread[side]).ravel() for side in (labels == name, labels != name))
+        own, rest = (np.exp(spread[side]).ravel() for side in (used & (labels == name), used & (labels != name)))
         of_own, of_rest = (c.sum() ** 2 / c.size / np.square(c).sum() for c in (own, rest))
         chance = f.sf(ratio * rest.mean() / own.mean(), more * of_own, others[1] * of_rest)
         assert group.p_value == pytest.approx(min(1.0, len(names) * chance), rel=1e-3)
-        assert group.records == int(np.sum(labels == name))
+        assert group.records == int(np.sum(used & (labels == name)))
+
+
+def test_causes_that_leave_the_noise_untold_are_not_admitted(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    choice = free_case.choice
+    monkeypatch.setattr(model_extension, "_chosen", lambda *_: replace(choice, admitted=(5,)))
+    monkeypatch.setattr(model_extension, "fit", lambda _: SimpleNamespace(tells_noise=False))
+    found = model_extension._standing(free_case.problem, choice.fit, choice.library, choice.others, choice.parts, False)
+    assert found.admitted == ()
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.95])

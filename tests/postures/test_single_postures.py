@@ -16,6 +16,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.postures import newton_search
 from aacmm_pin.postures.continuation import System, polish, trace
+from aacmm_pin.postures.curve_loop import FIRST_STEP
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
 from aacmm_pin.postures.newton_search import ENOUGH, NOTHING, ROUND, Finds, Isolated, SelfMotion, search
 from aacmm_pin.postures.wrist_ik import spread_angles
@@ -347,5 +348,6 @@ def test_a_trace_stays_on_its_side_of_a_narrow_gap(gap: float) -> None:
     start = np.array([[np.arccos(gap / 2)] * 2, [np.arccos(gap - np.cos(0.3)), 0.3]])
     for curve in trace(system, start, np.zeros(2, dtype=np.intp))[0]:
         assert curve.closed
+        assert np.linalg.norm(curve.q[1] - curve.q[0]) < 1.1 * FIRST_STEP  # as over a crossing it would go farther
         assert np.abs(curve.q).sum(axis=1).max() < np.pi
         assert set(map(tuple, np.sign(curve.q).astype(int))) >= {(1, 1), (1, -1), (-1, 1), (-1, -1)}
