@@ -95,6 +95,8 @@ class OutputFiles:
     def file(self, path: str | Path, instead_of: bytes | None = None) -> Path:
         """A temporary name to write to what shall stand in ``path``, in the place of a file with the content ``instead_of``.
 
+        No content (``b""``) is that of no file.
+
         Raises:
             OutputError: see :meth:`check`; or ``path`` was given before.
         """
@@ -174,7 +176,8 @@ class OutputFiles:
 
     def _place(self, temporary: Path, target: Path, undo: ExitStack) -> None:
         """Put one file in its place; ``undo`` learns how to go back."""
-        if target in self._instead_of and (not target.exists() or target.read_bytes() != self._instead_of[target]):
+        found = target.read_bytes() if target in self._instead_of and target.exists() else b""
+        if found != self._instead_of.get(target, b""):
             raise OutputError(f"{target}: another process wrote it meanwhile, and it is left as it is; try again")
         if not self._force and target not in self._instead_of:
             _move_where_nothing_is(temporary, target)

@@ -58,7 +58,7 @@ class MapParts:
         try:
             there = json.loads(path.read_text(encoding="utf-8"))
         except ValueError as error:
-            raise AacmmError(f"{path}: is no JSON: {error}") from None
+            raise AacmmError(f"{path}: is no JSON ({error}); remove its folder, and the map is worked out again") from None
         asked = json.loads(text)
         other = [key for key in asked if not isinstance(there, dict) or there.get(key) != asked[key]]
         if other:

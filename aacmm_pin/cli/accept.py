@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import tomllib
+from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ import typer
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.cli.accept_prediction import BeforeTheTest
-from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note
+from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, refuse
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.records import Measurements
@@ -22,6 +23,7 @@ from aacmm_pin.verification.history import in_utc
 
 @command
 def run(
+    context: typer.Context,
     files: Annotated[
         list[str],
         typer.Argument(metavar="[ARM]... DATA", help="Arms that make coordinates of indications, and the touches (CSV)."),
@@ -53,10 +55,12 @@ def run(
     from aacmm_pin.report.document import Document
 
     *arms, path = files
+    if before.predict:
+        refuse(context, ("range_mm", "history", "plot", "time", "instrument", "about"), "is of a check that was made")
+    else:
+        refuse(context, [f.name for f in fields(before)], "goes with --predict")
     if plot is not None and history is None:
         raise typer.BadParameter("--plot draws the checks of --history FILE")
-    if before.predict and history is not None:
-        raise typer.BadParameter("--history keeps checks that were made, --predict is of one that was not")
     reads = [*files, *(m for m in mpe or [] if "=" not in m)]
     with Results(force, output, plot=plot, json_=json_, reads=reads) as results:
         if before.predict:
@@ -78,7 +82,7 @@ def run(
                 checks.write(results, history)
             results.picture(lambda: plots.plot_history(checks), plot)
         if output is not None:
-            certificate = Certificate(when, Path(path).read_bytes(), instrument, _about(about or []), checks)
+            certificate = Certificate(when, instrument, _about(about or []), checks)
             results.text(html.page(acceptance_document(result, certificate)), output)
         results.json(summary, json_)
     if json_ != "-":
@@ -87,8 +91,9 @@ def run(
     else:
         terminal.show_notes(result.notes)
     if checks is not None and not checks.appended:
-        note(f"note: nothing appended to {history}: it has these figures already, or no figure has a value")
-    if (failed := _failed_arm(result, arms)) is not None:
+        same = f"its check of {checks.time} has the very same values, so that it is this one" if checks.charts() else ""
+        note(f"note: nothing appended to {history}: {same or 'no figure has a value'}")
+    if (failed := _failed_arm(result, arms)) is not None and Path(path).is_file():
         note(f"note: {_next_step(failed, path)}")
 
 

@@ -82,6 +82,14 @@ Plot = Annotated[Path | None, typer.Option("--plot", help="Draw the result into 
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 
 
+def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
+    """Refuse those of the ``options``, by the names of their arguments, that were given with a command."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(str(parameter.name))
+        if parameter.name in options and source is not None and source.name != "DEFAULT":
+            raise typer.BadParameter(f"{parameter.opts[0]} {why}")
+
+
 class Results(OutputFiles):
     """The files of one command and what it prints in their stead: all of it in the end, or nothing."""
 
@@ -124,8 +132,16 @@ class Results(OutputFiles):
         self.file("-" if path is None else path).write_text(encodable(text), encoding="utf-8", newline="")
 
     def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
-        """Write the arm file of a model; the URDF that it names is never replaced."""
+        """Write the arm file of a model; the URDF that it names is never replaced.
+
+        An estimate that is larger than any file may state is written and shown, for it took long to find.
+        """
         self.keep(model.arm)
+        for effect in model.effects:
+            try:
+                effect.require_plausible()
+            except AacmmError as error:
+                note(f"note: {error}: {path} cannot be read with it")
         self.text(model.text(comment, path.parent), path)
 
     def keep(self, arm: Arm) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -11,10 +12,9 @@ import typer
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres
-from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, say
+from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, refuse, say
 from aacmm_pin.cli.plan_acceptance import Artefacts
 from aacmm_pin.errors import UnknownNameError
-from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning import CalibrationPlan, plan_calibration, plan_measurements
 from aacmm_pin.planning.plan import POSTURES, Reference
@@ -23,10 +23,19 @@ from aacmm_pin.report.calibration_plan import calibration_plan_document
 from aacmm_pin.report.plan import plan_document
 
 PURPOSES = ("causes", "calibration", "acceptance")
+OPTIONS_FOR = {
+    ("split", "set_up_arm", "as_it_stands"): ("causes",),
+    tuple(f.name for f in fields(MeasuredHow)): ("causes", "calibration"),
+    ("data", "json_", "records", "reference", "postures"): ("causes", "calibration"),
+    ("sheet",): ("calibration", "acceptance"),
+    tuple(f.name for f in fields(Artefacts)): ("acceptance",),
+}
+"""Options, by the names of their arguments, that some purposes have no use for."""
 
 
 @command
 def run(
+    context: typer.Context,
     arm: UncertainArm,
     how: MeasuredHow,
     for_: Annotated[
@@ -66,7 +75,11 @@ def run(
     force: Force = False,
 ) -> None:
     """What to measure next: postures and set-up, as a file to be filled in."""
-    _require_used(for_, artefacts, sheet, split, data, set_up_arm, json_)
+    if for_ not in PURPOSES:
+        raise UnknownNameError("purpose", for_, [*PURPOSES])
+    for names, purposes in OPTIONS_FOR.items():
+        if for_ not in purposes:
+            refuse(context, names, f"goes with --for {' or '.join(purposes)}")
     if for_ == "acceptance":
         artefacts.plan(arm, above_mm, seed, output, sheet, force)
         return
@@ -86,11 +99,11 @@ def run(
             **how.keywords(),
         }
         if for_ == "calibration":
-            _for_calibration(plan_calibration(model, records, **options), data, results, output, sheet, json_)
+            _for_calibration(plan_calibration(model, records, **options), existing, results, output, sheet, json_)
             return
         plan = plan_measurements(model, split, records, as_it_stands=as_it_stands, **options)
         if output is not None or json_ is None:
-            results.text(plan.csv() if data is None else _like(data, plan.records), output)
+            results.text(plan.csv() if existing is None else _like(existing, plan.records), output)
         if set_up_arm is not None:
             results.arm(plan.model, set_up_arm, f"Set up to be measured by a plan: {plan.setup}.")
         results.json(plan.summary(), json_)
@@ -108,12 +121,17 @@ def run(
 
 
 def _for_calibration(
-    plan: CalibrationPlan, data: str | None, results: Results, output: Path | None, sheet: Path | None, json_: str | None
+    plan: CalibrationPlan,
+    existing: Measurements | None,
+    results: Results,
+    output: Path | None,
+    sheet: Path | None,
+    json_: str | None,
 ) -> None:
     """Write and show a plan for a calibration."""
     document = calibration_plan_document(plan)
     if output is not None or (json_ is None and sheet is None):
-        results.text(plan.csv() if data is None else _like(data, plan.records), output)
+        results.text(plan.csv() if existing is None else _like(existing, plan.records), output)
     if sheet is not None:
         results.text(html.page(document), sheet)
     results.json(plan.summary(), json_)
@@ -123,38 +141,9 @@ def _for_calibration(
         terminal.show_notes(plan.notes)
 
 
-def _require_used(
-    for_: str,
-    artefacts: Artefacts,
-    sheet: Path | None,
-    split: tuple[str, str] | None,
-    data: str | None,
-    set_up_arm: Path | None,
-    json_: str | None,
-) -> None:
-    """Refuse options that go with another purpose.
-
-    Raises:
-        UnknownNameError: no such purpose.
-    """
-    if for_ not in PURPOSES:
-        raise UnknownNameError("purpose", for_, [*PURPOSES])
-    used = {
-        "--split": (split, ("causes",)),
-        "--set-up-arm": (set_up_arm, ("causes",)),
-        "--sheet": (sheet, ("calibration", "acceptance")),
-        "--data": (data, ("causes", "calibration")),
-        "--json": (json_, ("causes", "calibration")),
-    }
-    used |= {f"--{name.replace('_', '-')}": (value, ("acceptance",)) for name, value in vars(artefacts).items()}
-    for option, (value, purposes) in used.items():
-        if value is not None and for_ not in purposes:
-            raise typer.BadParameter(f"{option} goes with --for {' or '.join(purposes)}")
-
-
-def _like(data: str, records: pd.DataFrame) -> str:
+def _like(existing: Measurements, records: pd.DataFrame) -> str:
     """The plan with its columns in the order, and its angles in the unit, of the file to which it will be appended."""
-    header = read_table(data)[0].columns
+    header = pd.Index(existing.header)
     if "theta1_rad" in header:
         angles = [str(name) for name in records.filter(like="theta")]
         records = records.assign(**{name: np.radians(records[name]) for name in angles})

@@ -12,7 +12,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres
-from aacmm_pin.cli.common import EffectTexts, Force, Output, Results, Seed, command, note
+from aacmm_pin.cli.common import EffectTexts, Force, Output, Results, Seed, command, note, refuse
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.cause_text import stated_cause
 from aacmm_pin.effects.error_model import ErrorModel, require_shown
@@ -21,16 +21,21 @@ from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import PLANS, Plan, simulate_measurements, simulate_touches
 from aacmm_pin.verification import Procedure
 
-RECORDS = 300
-"""Number of records where none is stated."""
-SEATS = 10
-"""Number of seats where none is stated."""
+OPTION_OF = {
+    "records": PLANS,
+    "unknown": ("seats",),
+    "seats": ("seats", "ball-bar"),
+    "bar_length_mm": ("ball-bar",),
+    "reference_noise_mm": ("free", "seats", "ball-bar"),
+}
+"""Which plans use an option, by the name of its argument."""
 BAR_LENGTH_MM = 500.0
 """Length of a ball bar where none is stated."""
 
 
 @command
 def run(
+    context: typer.Context,
     arm: UncertainArm,
     plan: Annotated[
         str,
@@ -38,10 +43,8 @@ def run(
             help=f"One of {', '.join(PLANS)}; or a procedure (CSV) by plan --for acceptance, whose touches are filled in."
         ),
     ] = "seats",
-    records: Annotated[int | None, typer.Option(help=f"Number of records. Default {RECORDS}.")] = None,
-    seats: Annotated[
-        int | None, typer.Option(help=f"With plans seats, ball-bar: number of seats; two for each bar. Default {SEATS}.")
-    ] = None,
+    records: Annotated[int, typer.Option(help="Number of records.")] = 300,
+    seats: Annotated[int, typer.Option(help="With plans seats, ball-bar: number of seats; two for each bar.")] = 10,
     unknown: Annotated[bool, typer.Option("--unknown", help="With plan seats: without their coordinates.")] = False,
     bar_length_mm: Annotated[float | None, typer.Option(help="With plan ball-bar: length of the bars.")] = None,
     effect: EffectTexts = None,
@@ -56,7 +59,11 @@ def run(
     force: Force = False,
 ) -> None:
     """Virtual measurements of an arm with known errors, as CSV."""
-    _require_used(plan, records, unknown, seats, bar_length_mm, stated.reference_noise_mm)
+    for option, plans in OPTION_OF.items():
+        if (plan in PLANS or plan.endswith(".csv")) and plan not in plans:
+            refuse(context, [option], f"goes with --plan {' or '.join(plans)}")
+    if unknown:
+        refuse(context, ["reference_noise_mm"], "beside --unknown, which states no reference")
     rng = np.random.default_rng(seed)
     procedure = plan if plan.endswith(".csv") else None
     with Results(force, output, truth, reads=[*arm.files, procedure]) as results:
@@ -81,16 +88,16 @@ def run(
             data = simulate_measurements(
                 model,
                 cast(Plan, plan),
-                RECORDS if records is None else records,
+                records,
                 rng=rng,
                 encoder_noise=noise.encoder,
                 reference_noise=noise.reference,
                 probe_noise=noise.probe,
-                seats=SEATS if seats is None else seats,
+                seats=seats,
                 known=not unknown,
                 bar_length=length,
             )
-            data.save(results.file(output or "-"))
+            results.text(data.csv(), output)
         _require_effects_shown(effects, model, data)
         encoder = ", ".join(f"{u:g}" for u in dict.fromkeys(noise.encoder))
         words = f"noise: readings {encoder} rad, references {noise.reference / MM:g} mm, contacts {noise.probe / MM:g} mm"
@@ -105,26 +112,3 @@ def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measu
         require_shown(given, model.arm, data.q, data.conditions, "this plan")
         if given.of_reference and not data.known.any():
             raise AacmmError(f"--effect {given.key}: is of stated coordinates, which records of this plan do not have")
-
-
-def _require_used(
-    plan: str,
-    records: int | None,
-    unknown: bool,
-    seats: int | None,
-    bar_length_mm: float | None,
-    reference_noise_mm: float | None,
-) -> None:
-    """Refuse options that the plan does not use."""
-    options = {
-        "--records": (records is not None, PLANS),
-        "--unknown": (unknown, ("seats",)),
-        "--seats": (seats is not None, ("seats", "ball-bar")),
-        "--bar-length-mm": (bar_length_mm is not None, ("ball-bar",)),
-        "--reference-noise-mm": (reference_noise_mm is not None, ("free", "seats", "ball-bar")),
-    }
-    for option, (given, plans) in options.items():
-        if given and (plan in PLANS or plan.endswith(".csv")) and plan not in plans:
-            raise typer.BadParameter(f"{option} goes with --plan {' or '.join(plans)}")
-    if unknown and reference_noise_mm is not None:
-        raise typer.BadParameter("--reference-noise-mm beside --unknown, which states no reference")

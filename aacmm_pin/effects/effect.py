@@ -413,14 +413,21 @@ class Effect(Shown, ABC):
         if missing:
             raise AacmmError(f"{cls.cause}: missing {', '.join(missing)}")
         bare = cls(**{name: cls._checked(name, value) for name, value in structure.items()})
-        effect = bare.at(bare.values_from(parameters), bare._by_key(uncertainty or {}))
-        for term, value, u in zip(effect.terms, effect.values, effect.u, strict=True):
+        return bare.at(bare.values_from(parameters), bare._by_key(uncertainty or {})).require_plausible()
+
+    def require_plausible(self) -> Self:
+        """The cause itself, if no value or u is beyond what a file can state.
+
+        Raises:
+            AacmmError: one is.
+        """
+        for term, value, u in zip(self.terms, self.values, self.u, strict=True):
             most = MOST_TYPICAL * term.typical if term.largest is None else term.largest
             for what, number, limit in (("", value, most), ("u of ", u, LEAST_KNOWN * term.typical)):
                 if abs(number) > limit:
                     came, expected = (f"{size / term.scale:g}" for size in (number, limit))
-                    raise AacmmError(f"{effect.label}: {what}{term.key} is {came}, expected at most {expected}")
-        return effect
+                    raise AacmmError(f"{self.label}: {what}{term.key} is {came}, expected at most {expected}")
+        return self
 
     def require_sign(self) -> Self:
         """The cause itself, if no value is stated below zero that nature has above zero only.

@@ -25,18 +25,28 @@ _COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?\s*")
 _POINT = re.compile(r"\s*[+-]?[0-9]*\.[0-9]*([eE][+-]?[0-9]+)?\s*")
 
 
-def read_table(path: str) -> tuple[pd.DataFrame, Index, tuple[str, ...]]:
+def measurement_file(path: str) -> bytes:
+    """Its content.
+
+    Raises:
+        MeasurementFileError: the file cannot be read.
+    """
+    expected = "a measurement file, *.csv,"
+    return content_of(path, LARGEST_FILE, expected, lambda message: MeasurementFileError(path, None, "", message))
+
+
+def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, Index, tuple[str, ...]]:
     """Cells of a CSV file as text, the line of each record, and how the file was read where that is not as it usually is.
 
     Cells may be separated by commas, semicolons or tabulators, with spaces behind them; with the latter two, numbers may
     have decimal commas. Lines that begin with #, and a first one such as sep=; of
     spreadsheets, are left out where they can be no records. Known names of columns may be in
-    upper case. (pandas would fill short rows up and lose count of the lines.)
+    upper case. (pandas would fill short rows up and lose count of the lines.) With ``content`` nothing is read.
 
     Raises:
         MeasurementFileError: the file cannot be read, or is not such a table.
     """
-    text = _text(path)
+    text = _text(path, measurement_file(path) if content is None else content)
     notes: list[str] = []
     header = _header(path, text, ",")
     separator = next((mark for mark in SEPARATORS if len(header) == 1 and mark in header[0]), ",")
@@ -119,9 +129,7 @@ def _decimal_points(header: list[str], columns: dict[int, list[str]], notes: lis
         columns[k] = [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in columns[k]]
 
 
-def _text(path: str) -> str:
-    expected = "a measurement file, *.csv,"
-    content = content_of(path, LARGEST_FILE, expected, lambda message: MeasurementFileError(path, None, "", message))
+def _text(path: str, content: bytes) -> str:
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

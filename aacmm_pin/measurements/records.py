@@ -80,6 +80,7 @@ class Measurements(Shown):
         source: the file as the caller named it, or ``table``.
         read_as: how the file was read, where that is not as it usually is: separators, decimal commas, comments left out,
             touches of an acceptance test.
+        header: names of the columns of the file, as they stand there.
     """
 
     q: Array
@@ -95,6 +96,7 @@ class Measurements(Shown):
     row: Index
     source: str
     read_as: tuple[str, ...] = ()
+    header: tuple[str, ...] = ()
 
     @staticmethod
     def read(path: str | Path, nq: int | None = None) -> Measurements:
@@ -106,7 +108,7 @@ class Measurements(Shown):
         """
         table, lines, read_as = read_table(str(path))
         found = _from_table(table, lines, nq, str(path))
-        return replace(found, read_as=read_as + found.read_as)
+        return replace(found, read_as=read_as + found.read_as, header=tuple(table.columns))
 
     @staticmethod
     def from_frame(table: pd.DataFrame, nq: int | None = None, source: str = "table") -> Measurements:
@@ -304,16 +306,11 @@ class Measurements(Shown):
             columns |= dict(zip(texts, np.atleast_2d(values.T), strict=True))
         return pd.concat([pd.DataFrame(columns), self.extra], axis=1)
 
-    def save(self, path: str | Path, force: bool = False) -> None:
-        """Write the CSV file, whole or not at all; :meth:`read` gives the same numbers back.
+    def csv(self) -> str:
+        """The text of a CSV file from which :meth:`read` gives the same numbers back.
 
         Angles are in degrees, or in radians where :meth:`read` would take the degrees for radians.
-
-        Raises:
-            OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
         """
-        from aacmm_pin._support.output_files import whole_file
-
         table = self.to_frame("rad" if names.looks_like_radians(self.q / DEG) else "deg")
         dates = table.select_dtypes(["datetime", "datetimetz", "timedelta"])
         table[dates.columns] = dates.astype("string")  # without the hour where all are of midnight
@@ -321,8 +318,18 @@ class Measurements(Shown):
         # A lone carriage return ends a line for readers, but is no reason to quote for the writer.
         returns = any(texts[name].astype(str).str.contains("\r", regex=False, na=False).any() for name in texts)
         quoting: Literal[0, 2] = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
+        return csv_text(table, quoting)
+
+    def save(self, path: str | Path, force: bool = False) -> None:
+        """Write the file of :meth:`csv`, whole or not at all.
+
+        Raises:
+            OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
+        """
+        from aacmm_pin._support.output_files import whole_file
+
         with whole_file(path, force) as temporary:
-            temporary.write_text(csv_text(table, quoting), encoding="utf-8", newline="")
+            temporary.write_text(self.csv(), encoding="utf-8", newline="")
 
     def __str__(self) -> str:
         unknown = f", unknown columns {', '.join(self.extra.columns)}" if len(self.extra.columns) else ""

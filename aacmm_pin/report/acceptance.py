@@ -45,14 +45,12 @@ class Certificate:
 
     Attributes:
         time: of the check.
-        data: content of the file of touches, which stands in the page.
         instrument: which arm was checked.
         about: further lines, by what they are called.
         history: of the checks of the arm.
     """
 
     time: datetime
-    data: bytes
     instrument: str = ""
     about: Mapping[str, str] = field(default_factory=dict)
     history: History | None = None
@@ -87,7 +85,7 @@ def acceptance_document(result: AcceptanceResult, certificate: Certificate | Non
         return Document("Acceptance test", [*blocks, Table(named, "What the figures are", detail=True)], result.path)
     files = [
         Download("acceptance.json", "the figures as JSON", json_text(result.summary()).encode()),
-        Download("touches.csv", "the touches", certificate.data),
+        Download("touches.csv", "the touches", result.data),
     ]
     checked = Paragraph(_conditions(result, certificate), head="Checked:")
     return Document(

@@ -17,6 +17,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.measurements.csv_table import measurement_file
 from aacmm_pin.verification.figures import ASME, DEFINITIONS, ISO, Definition, Evaluated
 from aacmm_pin.verification.touches import read_touches
 
@@ -106,12 +107,14 @@ class AcceptanceResult(Shown):
         figures: one after the other; of several sets of coordinates those of one set stand together.
         notes: what was assumed.
         stated: the different numbers or labels in columns that tell of the check as a whole, such as ``temperature_c``.
+        data: content of the file.
     """
 
     path: str
     figures: tuple[AcceptanceFigure, ...]
     notes: tuple[str, ...] = field(default=())
     stated: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    data: bytes = b""
 
     @property
     def failed(self) -> tuple[AcceptanceFigure, ...]:
@@ -186,7 +189,8 @@ def accept(
         raise AacmmError(f"measuring range is {measuring_range}, expected a length above 0")
     models = {name: ErrorModel.of(arm) for name, arm in (arms or {}).items()}
     wanted = [d for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]]
-    sets, read_as, stated = read_touches(str(path), models)
+    data = measurement_file(str(path))
+    sets, read_as, stated = read_touches(str(path), data, models)
     figures = []
     doubts = list(_doubts(*next(iter(sets.items()))))
     for source, touches in sets.items():
@@ -199,7 +203,8 @@ def accept(
                 except AacmmError as error:
                     raise AacmmError(f"{path}: {definition.name} by {source}: {error}") from None
                 figures.append(AcceptanceFigure(source, definition, evaluated, limits.get(definition.name, math.nan)))
-    return AcceptanceResult(str(path), tuple(figures), (*read_as, *doubts, *_notes(figures, measuring_range)), stated)
+    notes = (*read_as, *doubts, *_notes(figures, measuring_range))
+    return AcceptanceResult(str(path), tuple(figures), notes, stated, data)
 
 
 def _doubts(source: str, touches: pd.DataFrame) -> Iterator[str]:

@@ -23,7 +23,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.csv_columns import Problems
-from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.csv_table import measurement_file, read_table
 from aacmm_pin.verification.accept import VERDICTS, AcceptanceResult
 from aacmm_pin.verification.figures import DEFINITIONS
 
@@ -84,14 +84,14 @@ class History(Shown):
         time: of the check that is looked at; None for none.
         instrument: which arm that was of.
         appended: whether it was appended, or there before.
-        content: of the file that was read; None where there was none.
+        content: of the file that was read; empty where there was none.
     """
 
     checks: pd.DataFrame = field(default_factory=lambda: pd.DataFrame(columns=list(COLUMNS)))
     time: datetime | None = None
     instrument: str = ""
     appended: bool = False
-    content: bytes | None = None
+    content: bytes = b""
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
@@ -102,8 +102,8 @@ class History(Shown):
         """
         if not Path(path).exists():
             return cls()
-        content = Path(path).read_bytes() if Path(path).is_file() else None
-        table, lines, _ = read_table(str(path))
+        content = measurement_file(str(path))
+        table, lines, _ = read_table(str(path), content)
         problems = Problems(str(path), lines)
         if sorted(table.columns) != sorted(COLUMNS):
             problems.add("", f"has columns {', '.join(table.columns)}; expected {', '.join(COLUMNS)}")
@@ -122,17 +122,19 @@ class History(Shown):
         return cls(checks, content=content)
 
     def with_check(self, result: AcceptanceResult, time: datetime, instrument: str = "") -> History:
-        """The history with the figures of ``result`` that have a value, unless they are there already.
+        """The history with the figures of ``result`` that have a value, unless some check has the very same.
 
         Args:
             result: what :func:`~aacmm_pin.verification.accept.accept` found.
             time: when the arm was checked; in UTC where it states no zone.
-            instrument: which arm was checked, such as its serial number.
+            instrument: which arm was checked, such as its serial number, in capitals or not.
 
         Raises:
             AacmmError: at this time other values of this arm are there.
         """
         time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+        known = {name.strip().casefold(): name for name in self.checks["instrument"]}
+        instrument = known.get(instrument.strip().casefold(), instrument.strip())
         table = result.to_frame().rename(columns={"coordinates": "arm"}).dropna(subset="value_mm")
         table = table.assign(time=time, instrument=instrument, version=version("aacmm_pin"))
         table["verdict"] = table["verdict"].astype(object).where(table["verdict"].notna(), "")

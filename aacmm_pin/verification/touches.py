@@ -28,7 +28,7 @@ AS_GIVEN = "coordinates of the file"
 
 
 def read_touches(
-    path: str, models: Mapping[str, ErrorModel]
+    path: str, content: bytes, models: Mapping[str, ErrorModel]
 ) -> tuple[dict[str, pd.DataFrame], tuple[str, ...], dict[str, tuple[Any, ...]]]:
     """The touches of a file, once for its coordinates, if it has them, and once for each arm that makes some.
 
@@ -40,7 +40,7 @@ def read_touches(
         MeasurementFileError: a column is missing, a cell is not as expected, or the file has nothing that gives coordinates.
         AacmmError: an arm with an effect that does not know these indications.
     """
-    table, lines, read_as = read_table(path)
+    table, lines, read_as = read_table(path, content)
     problems = Problems(path, lines)
     touches = what_is_touched(table, problems)
     to_fill = table.columns.isin([*REFERENCE]) | table.columns.str.fullmatch(READINGS)

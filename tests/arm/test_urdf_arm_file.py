@@ -120,3 +120,7 @@ def test_another_urdf_is_refused(calibrated_ur5: str, robot_file: Callable[[str]
     urdf.write_bytes(robot_file("ur5_robot.urdf").read_bytes().replace(b"0.425", b"0.426"))
     with pytest.raises(ArmFileError, match=r"cal\.toml: urdf\.sha256: .*ur5_robot\.urdf was changed"):
         ErrorModel.load(tmp_path / "cal.toml")
+    urdf.unlink()
+    urdf.symlink_to("/dev/zero")
+    with pytest.raises(ArmFileError, match="larger than"):
+        ErrorModel.load(tmp_path / "cal.toml")

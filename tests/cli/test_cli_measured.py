@@ -17,14 +17,10 @@ import aacmm_pin
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects import (
-    EncoderEccentricity,
-    JointErrorCurve,
-    StylusOffset,
-    ThermalExpansion,
-)
+from aacmm_pin.cli.common import Results
+from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointErrorCurve, StylusOffset, ThermalExpansion
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError
+from aacmm_pin.errors import AacmmError, ArmFileError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 
@@ -190,6 +186,15 @@ def test_a_calibrated_file_tells_where_it_comes_from_and_comes_back(folder: Path
     once, twice = (ErrorModel.load(path) for path in (folder / "cal.toml", tmp_path / "again.toml"))
     for a, b in zip(once.parameters, twice.parameters, strict=True):
         assert b.value == pytest.approx(a.value, abs=1e-9 + a.u)
+
+
+def test_an_estimate_that_no_file_may_state_is_told(sino6: Arm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "c.toml"
+    with Results(False, path) as results:
+        results.arm(ErrorModel(sino6, (EncoderGain(3, values=(9.0,)),)), path, "")
+    assert "encoder_gain:3" in capsys.readouterr().err
+    with pytest.raises(ArmFileError, match="encoder_gain:3"):
+        ErrorModel.load(path)
 
 
 def test_json_is_alone_on_stdout(data: Path) -> None:

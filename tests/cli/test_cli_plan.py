@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pandas as pd
@@ -51,7 +53,9 @@ def test_a_plan_is_filled_in_appended_and_diagnosed(tmp_path: Path, sino6: Arm) 
     angles = [f"theta{j}_deg" for j in range(1, 7)]
     radians = before.assign(**np.radians(before[angles])).rename(columns={a: a.replace("deg", "rad") for a in angles})
     radians.to_csv(old, index=False)
-    done("plan", "sino6", *PAIR, *QUICK, "--data", old, "-o", plan, "--force")
+    os.mkfifo(tmp_path / "pipe")
+    Thread(target=(tmp_path / "pipe").write_bytes, args=[old.read_bytes()]).start()
+    done("plan", "sino6", *PAIR, *QUICK, "--data", tmp_path / "pipe", "-o", plan, "--force")
     assert list(pd.read_csv(plan)) == list(radians)
     assert np.abs(Measurements.read(plan, 6).q).max() > 1
 

@@ -197,6 +197,7 @@ def refused(place: Place, limit: Callable[[], None] | None = None) -> str:
     status = ended(run)
     assert (status, place.judged()) == (1, "old"), (place.command.text, status, told(run))
     assert told(run).splitlines()[-1].startswith("aacmm-pin: "), told(run)
+    assert HIDDEN not in told(run), told(run)
     return "refused"
 
 

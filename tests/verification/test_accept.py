@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -266,6 +267,11 @@ def test_certificate_has_every_figure_and_the_touches(data: Path, tmp_path: Path
         assert name in page
     assert out.count("non-conformity") >= 1
     assert "touches.csv" in page
+    read, write = os.pipe()
+    os.write(write, data.read_bytes())
+    os.close(write)
+    piped = done(f"/dev/fd/{read}", "--mpe", limits, "--mpe", "E_Bi=0.06", "-o", tmp_path / "piped.html")
+    assert piped.count("conformity") == out.count("conformity")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin import Arm, accept
+from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
 from aacmm_pin.report.acceptance import Certificate, acceptance_document
@@ -66,6 +67,9 @@ def test_a_check_is_appended_once(tmp_path: Path) -> None:
     first = table.iloc[0].dropna().to_dict()
     assert (first["figure"], first["verdict"], first["instrument"]) == ("SPAT.Max", "conformity", "no. 12")
     assert {row["checks_before"] for row in json.loads(done.stdout)["history"]} == {0}
+    other = [*words[:-4], "--instrument", " NO. 12", *words[-2:], "--time", "2026-02-28", "--force"]
+    done = CliRunner().invoke(app, other)
+    assert (done.exit_code, len(pd.read_csv(path)), "2026-01-31 09:00" in done.stderr) == (0, 3, True)
     touches(data, 0.03)
     done = CliRunner().invoke(app, [*words, "--time", "2026-01-31T09:00"])
     assert (done.exit_code, len(pd.read_csv(path))) == (1, 3)
@@ -101,8 +105,9 @@ def test_only_what_was_read_is_replaced(tmp_path: Path) -> None:
     history(tmp_path, SIZES[:3]).checks.to_csv(path, index=False)  # somebody else meanwhile
     with pytest.raises(OutputError, match="meanwhile"):
         read.save(path)
-    with pytest.raises(OutputError, match="exists"):
-        History().save(path)
+    for force in (False, True):
+        with pytest.raises(OutputError, match="meanwhile"), OutputFiles(force) as files:
+            History().write(files, path)
     assert len(pd.read_csv(path)) == 9
 
 
@@ -118,7 +123,7 @@ def test_certificate_is_one_sheet(tmp_path: Path, page: Browser) -> None:
     for arms in ({}, {"nominal": arm, "extended": arm}):
         result = accept(tmp_path / "touches.csv", arms, mpe=mpe)
         checks = history(tmp_path, SIZES).with_check(result, START + timedelta(days=300))
-        told = Certificate(START, b"touches", "no. 12", {"humidity": "45 %"}, checks)
+        told = Certificate(START, "no. 12", {"humidity": "45 %"}, checks)
         target = tmp_path / "certificate.html"
         target.write_text(page_of(acceptance_document(result, told)), encoding="utf-8")
         page.open(target, (390, 800), touch=True)

@@ -153,6 +153,10 @@ def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
     for words in (
         f"plan sino6 --for calibration --sphere-mm 20 -o {planned}",
         f"simulate sino6 --plan {planned} --records 20",
+        f"plan sino6 --for acceptance --postures 100 -o {planned}",
+        f"plan sino6 --for acceptance --encoder-noise-rad 1e-6 -o {planned}",
+        f"accept sino6 {planned} --seed 1",
+        f"accept sino6 {planned} --predict --range-mm 1200",
     ):
         assert CliRunner().invoke(app, words.split()).exit_code == 2, words
 
