@@ -25,7 +25,7 @@ from aacmm_pin._support.output_files import HIDDEN
 
 OLD = "what was there before"
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
-PATIENCE = 30.0
+PATIENCE = 120.0
 """So long a command may take to end after a signal, or the processes that it started after it [s]."""
 
 
