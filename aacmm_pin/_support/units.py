@@ -9,6 +9,8 @@ MM = 1e-3
 """One millimetre in metres."""
 UM = 1e-6
 """One micrometre in metres."""
+LARGE = 1e4
+"""Changes and errors of so many µm or µrad stand in mm or mrad."""
 MM3 = MM**3
 """One cubic millimetre in cubic metres."""
 DEG = math.pi / 180.0

@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import LARGE, MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.effects.effect import PLACES, Effect, Reading
 
 FEW_VALUES = 8
 """More parameters than this are no reading."""
-IN_MM = 1e4
-"""Values in µm of which one is larger, which are no errors but places of targets, stand in mm [µm]."""
 MOST_DECIMALS = 6
 """Numbers of more decimals than this are written with a power of ten."""
 
@@ -59,7 +57,7 @@ def values_in_words(effect: Effect, values: Mapping[str, tuple[float, float]], s
     if slides:
         readings = {key: reading._replace(unit=reading.unit.replace("rad", "m")) for key, reading in readings.items()}
     in_um = [abs(value) * readings[key].factor for key, (value, _) in values.items() if readings[key].unit == "µm"]
-    if in_um and max(in_um) >= IN_MM:
+    if in_um and max(in_um) >= LARGE:
         readings = {key: r._replace(unit="mm", factor=r.factor * MM) if r.unit == "µm" else r for key, r in readings.items()}
     return ", ".join(_value(readings[key], value, COVERAGE_FACTOR * u) for key, (value, u) in values.items())
 

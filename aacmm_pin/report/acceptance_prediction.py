@@ -20,7 +20,8 @@ def prediction_document(result: PredictedAcceptance) -> Document:
     table = result.to_frame()
     heads = {"low_mm": "95 % from_mm", "high_mm": "95 % to_mm", "mpe_mm": "MPE_mm", "probability_to_pass": "conforms"}
     heads |= {"dominant": "most by", "dominant_alone_mm": "that alone_mm"}
-    shown = ["arm"] * (table["arm"].nunique() > 1) + ["figure", "median_mm", *heads]
+    several = table["arm"].nunique() > 1
+    shown = ["arm"] * several + ["figure", "median_mm", *heads]
     shown += ["missing"] * bool((table["missing"] != "").any())
     return Document(
         "Acceptance test, before it is made",
@@ -38,8 +39,8 @@ def prediction_document(result: PredictedAcceptance) -> Document:
                 "Median and 95 % interval of every figure; a mark stands at the MPE.",
             ),
             Table(
-                result.causes(),
-                "Median of the figure by each cause alone, in mm",
+                result.causes().drop(columns=[] if several else "arm"),
+                "Median of the figure by each cause alone",
                 explained="Parameters that a calibration knows together may do more alone than together.",
                 detail=True,
             ),

@@ -243,6 +243,7 @@ def _parameters(result: Calibration) -> list[Block]:
         none = "No parameter was estimated: the arm states all of them to be exact; --no-prior estimates them all the same."
         return [Heading("Parameters"), none]
     form = decimals(rows)
+    tallest = number if rows["stated"].notna().any() else rows["in"].str[1:].value_counts().max()
     rows["change"] = [f"{'* ' * b}{change:{form}}" for b, change in zip(rows["beyond"], rows["change"], strict=True)]
     beyond = ", ".join(rows["parameter"][rows["beyond"]])
     return [
@@ -257,7 +258,7 @@ def _parameters(result: Calibration) -> list[Block]:
         ),
         f"* moved farther than its stated and new uncertainties together allow: {beyond}" if beyond else "",
         Figure(
-            lambda: plots.plot_parameter_changes(result, blank_axes(7.0, 1.2 + 0.24 * number)),
+            lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
             "Change of each parameter over its stated uncertainty",
             "Change of each parameter with its new expanded uncertainty, over its stated uncertainty where there is one.",
         ),

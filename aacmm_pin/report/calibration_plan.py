@@ -49,5 +49,5 @@ def _records(plan: CalibrationPlan, where: pd.DataFrame) -> pd.DataFrame:
     whole = where.map(lambda value: f"{value:z.0f}")
     table = pd.concat([table, whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)], axis=1)
     shown = np.where(arm.chain.prismatic, q, q / DEG)
-    angles = [", ".join(f"{x:.0f}" for x in row) for row in shown]
+    angles = [" ".join(f"{x:.0f}" for x in row) for row in shown]
     return table.assign(articulation=articulations(arm, q), **{"joints [°]": angles})

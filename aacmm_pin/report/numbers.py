@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.units import MM, UM
+from aacmm_pin._support.units import LARGE, MM, UM
 
 IN_MM = 1e-4
 """Lengths from here on stand in mm, smaller ones in µm [m]."""
@@ -101,15 +101,16 @@ def quantity(value: float, unit: str) -> str:
 
 def small(value: float, unit: str) -> str:
     """A change or an uncertainty of a parameter [SI] in its small unit: ``30 µm``, ``27.1 µrad``."""
-    name, factor = small_unit(unit)
+    name, factor = small_unit(unit, value)
     return f"{value * factor:.4g} {name}"
 
 
-def small_unit(unit: str) -> tuple[str, float]:
-    """The unit of changes of a parameter whose value has ``unit``, and how many of it make one of that."""
-    if unit in ("m", "mm"):
-        return "µm", 1e6 if unit == "m" else 1e3
-    return ("µ" + unit if unit.startswith("rad") else "ppm" + unit.removeprefix("1")), 1e6
+def small_unit(unit: str, largest: float = 0.0) -> tuple[str, float]:
+    """The unit of changes, up to ``largest``, of a parameter whose value has ``unit``; how many of it make one of that."""
+    if unit not in ("m", "mm") and not unit.startswith("rad"):
+        return "ppm" + unit.removeprefix("1"), 1e6
+    name, factor = ("µm", 1e3 if unit == "mm" else 1e6) if unit in ("m", "mm") else (f"µ{unit}", 1e6)
+    return (f"m{name[1:]}", factor / 1e3) if abs(largest) * factor >= LARGE else (name, factor)
 
 
 def vector(values: Iterable[float], form: str = "z.4g") -> str:

@@ -33,15 +33,16 @@ def parameter_table(result: Calibration) -> pd.DataFrame:
 
 
 def readable_parameters(result: Calibration) -> pd.DataFrame:
-    """The same for reading: value with its unit as text; changes and uncertainties in µm and µrad, see column ``in``."""
+    """The same for reading: value with its unit as text; changes and uncertainties in small units, see column ``in``."""
     table = parameter_table(result)
-    units, factor = zip(*(small_unit(unit) for unit in table["unit"]), strict=True) if len(table) else ((), ())
+    largest = table[["change", "stated", "U"]].abs().max(axis=1)
+    small = [small_unit(unit, most) for unit, most in zip(table["unit"], largest, strict=True)]
     readable = {
         "parameter": table["parameter"],
         "value": [quantity(value, unit) for value, unit in zip(table["after"], table["unit"], strict=True)],
-        "in": list(units),
+        "in": [unit for unit, _ in small],
     }
-    readable |= {name: table[name] * np.array(factor) for name in ("change", "stated", "u", "U")}
+    readable |= {name: table[name] * [factor for _, factor in small] for name in ("change", "stated", "u", "U")}
     return pd.DataFrame(readable | {"known": table["known"], "beyond": table["beyond"]})
 
 

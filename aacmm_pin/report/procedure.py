@@ -48,7 +48,10 @@ def procedure_document(procedure: Procedure) -> Document:
                 "Spheres, seats and bars round the arm, from above and from the side",
                 "The arm in one of the postures (black), and where everything stands; the bars one after the other.",
             ),
-            Table(_stands(procedure), "Positions; a bar begins at A, and its far end is in the row below"),
+            Table(
+                _stands(procedure),
+                "Positions: distance from the stand, bearing, height; of a bar those of A, and of its far end",
+            ),
             Heading("Touches, in order"),
             Bullets(FILL_IN),
             Table(_steps(procedure), "One row a step", detail=True),
@@ -73,12 +76,17 @@ def _ends(procedure: Procedure) -> pd.DataFrame:
 
 
 def _stands(procedure: Procedure) -> pd.DataFrame:
+    """One row for each place of an artefact, that of its far end behind."""
     ends = _ends(procedure)
-    where = places(procedure.arm, ends[["x", "y", "z"]].to_numpy())
-    named = {kind: name for kind, (name, _) in KINDS.items()}
-    table = pd.DataFrame({"what": ends["kind"].replace(named), "position": ends["position"], "end": ends["end"]})
-    whole = where.map(lambda value: f"{value:z.0f}")
-    return pd.concat([table, whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)], axis=1)
+    where = places(procedure.arm, ends[["x", "y", "z"]].to_numpy()).set_axis(
+        ["away [mm]", "bearing [°]", "height [mm]"], axis=1
+    )
+    table = ends[["kind", "position", "end"]].join(where.map(lambda value: f"{value:z.0f}"))
+    table["kind"] = table["kind"].replace({kind: name for kind, (name, _) in KINDS.items()})
+    again = table.duplicated(["kind", "position"])
+    far = table[again].rename(columns={name: f"far {name}" for name in ("end", *where)})
+    near = table[~again].drop(columns="end").merge(far, "left", on=["kind", "position"])
+    return near.rename(columns={"kind": "what"}).fillna("")
 
 
 def _steps(procedure: Procedure) -> pd.DataFrame:
@@ -89,18 +97,18 @@ def _steps(procedure: Procedure) -> pd.DataFrame:
     for _, step in touches.groupby((label != label.shift()).cumsum(), sort=False):
         first = step.iloc[0]
         pairs = first["test"] in ("length-uni", "length-bi", "volumetric")
-        touch = ", ".join(f"{a}-{b}" for a, b in _pairs(step)) if pairs else f"{len(step)} × {first['feature']}"
+        names = [*step["feature"].unique()]
+        touch = (
+            f"{names[0]} to {' … '.join(names[1:][:: max(1, len(names) - 2)])}"
+            if pairs
+            else f"{len(step)} × {first['feature']}"
+        )
         by = step.groupby("feature", sort=False)["articulation"].first() if pairs else None
         words = step["articulation"].drop_duplicates() if by is None else by.index + ": " + by
         lines = f"{step.index[0] + 2} to {step.index[-1] + 2}"
         cells = {"lines": lines, "test": first["test"], "position": first["position"], "repeat": first["repeat"]}
         rows.append(cells | {"touch": touch, "articulation": "; ".join(words)})
     return pd.DataFrame(rows)
-
-
-def _pairs(step: pd.DataFrame) -> list[tuple[str, str]]:
-    names = [*step["feature"]]
-    return [*zip(names[::2], names[1::2], strict=False)]
 
 
 def procedure_views(procedure: Procedure) -> Drawing:

@@ -113,7 +113,9 @@ class PredictedAcceptance(Shown):
 
     def causes(self) -> pd.DataFrame:
         """What each cause does alone to each figure: median of its magnitude [mm]."""
-        rows = [{"arm": f.source, "figure": f.definition.name} | (f.alone / MM).to_dict() for f in self.figures]
+        rows = [
+            {"arm": f.source, "figure": f.definition.name} | (f.alone / MM).add_suffix("_mm").to_dict() for f in self.figures
+        ]
         return pd.DataFrame(rows)
 
     def __str__(self) -> str:

@@ -21,7 +21,7 @@ from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.report.parameters import parameter_table, readable_parameters
+from aacmm_pin.report.parameters import parameter_table
 from aacmm_pin.report.plots import (
     BLUE,
     VERMILLION,
@@ -38,8 +38,9 @@ from aacmm_pin.report.plots import (
 READINGS = 8e-6
 
 
-def drawn(figure: Any) -> None:
+def drawn(figure: Any) -> Any:
     figure.canvas.draw()
+    return figure
 
 
 def labels(ax: Any) -> tuple[str, str]:
@@ -143,8 +144,7 @@ def test_normalised_residuals_follow_chi(at_seats: Calibration) -> None:
 
 
 def test_changes_stand_over_what_was_stated(at_seats: Calibration) -> None:
-    ax = plot_parameter_changes(at_seats)
-    drawn(ax.figure)
+    (ax,) = drawn(plot_parameter_changes(at_seats)).axes
     assert ax.get_xlabel() == "change / stated ± [1]; bars: U (k = 2)"
     table = parameter_table(at_seats)
     assert [tick.get_text() for tick in ax.get_yticklabels()] == list(table["parameter"])
@@ -156,14 +156,15 @@ def test_changes_stand_over_what_was_stated(at_seats: Calibration) -> None:
 
 
 def test_without_stated_uncertainties_changes_stand_in_small_units(of_robot: Calibration) -> None:
-    ax = plot_parameter_changes(of_robot)
-    drawn(ax.figure)
-    assert ax.get_xlabel() == "change [µm, µrad]; bars: U (k = 2)"
-    assert "open: known only in combination" in ax.get_title()
-    (points,) = (c for c in ax.collections if isinstance(c, PathCollection))
-    np.testing.assert_allclose(points.get_offsets()[:, 0], readable_parameters(of_robot)["change"], rtol=1e-9)
-    open_ = [to_hex(colour) == "#ffffff" for colour in points.get_facecolors()]
-    assert open_ == list(of_robot.parameters["known"] == "in combination")
+    figure = drawn(plot_parameter_changes(of_robot))
+    assert "open: known only in combination" in figure.axes[0].get_title()
+    assert [ax.get_xlabel() for ax in figure.axes] == [f"change [{unit}]; bars: U (k = 2)" for unit in ("µm", "µrad")]
+    for ax, (_, table) in zip(figure.axes, of_robot.parameters.groupby("unit", sort=False), strict=True):
+        (points,) = (c for c in ax.collections if isinstance(c, PathCollection))
+        factor = {"mm": 1e3, "rad": 1e6}[table["unit"].iloc[0]]
+        np.testing.assert_allclose(points.get_offsets()[:, 0], factor * table["change"], rtol=1e-9)
+        open_ = [to_hex(colour) == "#ffffff" for colour in points.get_facecolors()]
+        assert open_ == list(table["known"] == "in combination")
 
 
 def test_correlation_hides_what_is_not_told(of_robot: Calibration, at_seats: Calibration) -> None:

@@ -22,7 +22,7 @@ from aacmm_pin.report.document import (
     SceneView,
     Table,
 )
-from aacmm_pin.report.numbers import count, in_one_unit, lengths, p_equals, small_unit, spread
+from aacmm_pin.report.numbers import count, in_one_unit, lengths, p_equals, small, small_unit, spread
 from aacmm_pin.report.scenes import arm_scene
 from aacmm_pin.report.scenes.page import viewer_script
 from tests.pages import Page
@@ -147,6 +147,12 @@ def test_numbers_have_one_style() -> None:
     units = {"mm": "µm", "rad": "µrad", "rad/(N·m)": "µrad/(N·m)", "1/K": "ppm/K", "1": "ppm"}
     assert {unit: small_unit(unit)[0] for unit in units} == units
     assert [small_unit(unit)[1] for unit in ("m", "mm", "rad")] == [1e6, 1e3, 1e6]
+    assert [small(0.13456, unit) for unit in ("m", "mm", "rad", "1")] == [
+        "134.6 mm",
+        "134.6 µm",
+        "134.6 mrad",
+        "1.346e+05 ppm",
+    ]
     assert (count(1, "record"), count(2, "record")) == ("1 record", "2 records")
     ends = spread(pd.DataFrame({"v": [np.nan, 1.0, 4.0, 3.0, np.inf]}), "over")
     assert ends.to_dict("list") == {"over": ["least", "median", "largest"], "v": [1.0, 3.0, 4.0]}

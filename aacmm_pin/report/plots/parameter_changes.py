@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
@@ -13,33 +14,37 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects.labels import in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import small_unit
-from aacmm_pin.report.parameters import readable_parameters
-from aacmm_pin.report.plots.style import BLUE, INK, VERMILLION, axes_of, plain
+from aacmm_pin.report.parameters import parameter_table
+from aacmm_pin.report.plots.style import BLUE, INK, VERMILLION, axes_of, panels_of, plain, whole
 
 WITHIN = "#e4e9ee"
 """Colour of what was stated."""
 
 
 @plain
-def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Axes:
+def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figure:
     """Change of each parameter with its expanded uncertainty U (k = 2), over how far off it was said to be.
 
     Parameters of another colour moved farther than their stated and their new uncertainty together allow (E_n > 1); open
-    ones are known only in combination with others. Where nothing was stated, changes stand in µm and µrad.
+    ones are known only in combination with others. Where nothing was stated, lengths and angles have a panel each.
 
     Args:
         result: the calibration.
-        ax: axes.
+        ax: axes, whose place is divided.
     """
-    table = readable_parameters(result)
+    table = parameter_table(result)
     stated, title = table["stated"].notna(), f"{result.model.arm.name}: parameters"
     if stated.any() and not stated.all():
         title += f"\n{(~stated).sum()} without a stated uncertainty are not shown"
     if (table["known"] == "in combination").any():
         title += "\nopen: known only in combination with others"
-    ax = _draw_changes(table[stated] if stated.any() else table, ax)
-    ax.set_title(title, fontsize=10)
-    return ax
+    parts = [table[stated]] if stated.any() else [part for _, part in table.groupby("unit", sort=False)]
+    size = (6.6 if len(parts) == 1 else 8.6, 1.2 + 0.24 * max(map(len, parts)))
+    panels = panels_of(ax, size, len(parts), min(len(parts), 2))
+    for panel, part in zip(panels, parts, strict=True):
+        _draw_changes(part, panel)
+    panels[0].set_title(title, fontsize=10)
+    return whole(panels)
 
 
 @plain
@@ -55,13 +60,16 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
     arm, rows = result.before.problem.model.arm, []
     for effect in found:
         for parameter, value, u in zip(geometric_parameters(arm, effect), effect.values, effect.u, strict=True):
-            unit, factor = small_unit(parameter.unit)
-            change, expanded = factor * value, COVERAGE_FACTOR * factor * u
+            expanded = COVERAGE_FACTOR * u
+            unit, factor = small_unit(parameter.unit, max(abs(value), expanded))
             what = in_words(effect) if len(effect.values) == 1 else parameter.name
-            stated = factor * (parameter.half_width or COVERAGE_FACTOR * parameter.u or np.nan)
-            numbers = {"change": change, "U": expanded, "stated": stated}
-            rows.append({"parameter": f"{what}\n{change:+.1f} ± {expanded:.1f} {unit}", "in": unit, **numbers})
-    ax = _draw_changes(pd.DataFrame(rows).assign(known="", beyond=True), ax)
+            numbers = {
+                "parameter": f"{what}\n{factor * value:+.1f} ± {factor * expanded:.1f} {unit}",
+                "stated": parameter.half_width or COVERAGE_FACTOR * parameter.u or np.nan,
+            }
+            rows.append({"unit": parameter.unit, "change": value, "U": expanded} | numbers)
+    ax = axes_of(ax, (6.6, 1.2 + 0.24 * len(rows)))
+    _draw_changes(pd.DataFrame(rows).assign(known="", beyond=True), ax)
     ax.set_title(f"{result.model.arm.name}: geometry beyond its stated uncertainty", fontsize=10)
     return ax
 
@@ -71,11 +79,11 @@ def geometric(result: Diagnosis, finding: Finding) -> bool:
     return bool(geometric_parameters(result.extended.problem.model.arm, finding.effect))
 
 
-def _draw_changes(table: pd.DataFrame, ax: Axes | None) -> Axes:
-    """Columns parameter, change, U, stated, in, known, beyond: over what was stated, or where it was not in their units."""
+def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
+    """Columns parameter, unit, change, U, stated, known, beyond: over what was stated, or in a small unit of the first."""
     stated, place = bool(table["stated"].notna().all()), np.arange(len(table))
-    ax = axes_of(ax, (6.6, 1.2 + 0.24 * len(table)))
-    scale = table["stated"] if stated else 1.0
+    unit, factor = small_unit(table["unit"].iloc[0], np.abs(table[["change", "U"]].to_numpy()).max())
+    scale = table["stated"] if stated else 1 / factor
     change, bar = table["change"] / scale, table["U"] / scale
     if stated:
         ax.axvspan(-1, 1, color=WITHIN, zorder=0)
@@ -86,7 +94,5 @@ def _draw_changes(table: pd.DataFrame, ax: Axes | None) -> Axes:
     ax.scatter(change, place, 24, facecolors=list(faces), edgecolors=list(colours), zorder=3)
     ax.set_yticks(place, list(table["parameter"]), fontsize=8)
     ax.set_ylim(len(table) - 0.4, -0.6)
-    units = "/ stated ± [1]" if stated else f"[{', '.join(table['in'].unique())}]"
-    ax.set_xlabel(f"change {units}; bars: U (k = 2)")
+    ax.set_xlabel(f"change {'/ stated ± [1]' if stated else f'[{unit}]'}; bars: U (k = 2)")
     ax.spines[["top", "right"]].set_visible(False)
-    return ax

@@ -94,10 +94,10 @@ def legend_below(ax: Axes, columns: int = 4, **more: Any) -> None:
 
 
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
-    """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or half as many names upright."""
+    """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or a third as many names upright."""
     names = [printable(name) for name in names]
     wide = sum(2 + max(map(len, name.split("\n"))) for name in names)
-    some = slice(None, None, -(-2 * len(names) // letters))
+    some = slice(None, None, -(-3 * len(names) // letters))
     ax.set_xticks(range(len(names))[some], names[some], fontsize=size, rotation=90 if wide > letters else 0)
 
 
