@@ -152,6 +152,7 @@ def _concluded(
         notes=(
             *notes_of(extended),
             *_below_zero(findings),
+            *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
             *_size(extended),
             *_clock(extended),
             *_too_good(extended),

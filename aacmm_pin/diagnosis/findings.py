@@ -52,6 +52,7 @@ def _admitted(choice: Choice, strong: list[Strength]) -> Iterator[Finding]:
             brought(choice, choice.admitted, strength.block),
             _inner_values(choice, effect, strength.block),
             effect.slides(choice.fit.problem.model.arm),
+            None if effect.place is None else estimated.get(effect.cause, (None,))[0],
         )
 
 

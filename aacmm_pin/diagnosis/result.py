@@ -52,6 +52,7 @@ class Finding(Shown):
         brought: what it brings on held-out records; None where too few groups say something of it.
         inner: order, time constant or time that these records told, with u: name -> (value, u).
         slides: True where its joint slides, so that its values in rad are metres.
+        beside: the same cause of the whole arm, on top of which its values come; None where that was not estimated.
     """
 
     effect: Effect
@@ -63,6 +64,7 @@ class Finding(Shown):
     brought: Brought | None = None
     inner: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     slides: bool = False
+    beside: Effect | None = None
 
     @property
     def cause(self) -> str:
@@ -82,7 +84,8 @@ class Finding(Shown):
     @property
     def below_zero(self) -> tuple[str, ...]:
         """Keys of values that are negative beyond their U (k = 2), though nature has them above zero only."""
-        known = zip(self.effect.terms, self.effect.values, self.effect.u, strict=True)
+        whole = np.array(self.effect.values) + (0.0 if self.beside is None else np.array(self.beside.values))
+        known = zip(self.effect.terms, whole, self.effect.u, strict=True)
         return tuple(term.key for term, value, u in known if term.positive and value + COVERAGE_FACTOR * u < 0.0)
 
     @property

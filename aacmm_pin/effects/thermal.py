@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
-from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, twist
+from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.tube import tubes
 
 
 @dataclass(frozen=True)
@@ -23,8 +20,8 @@ class ThermalExpansion(Effect):
     Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1. Needs ``temperature_c``, or
     ``temperature1_c …`` of each row: that of the body which moves with it, d and a of the row in standard DH, d of the
     row and a of the next in modified DH. What stands before row 1 has ``temperature_c``, else the mean of the rows.
-    Confused with: the scale of the reference, ``link_length`` and ``joint_distance`` where the temperature hardly
-    changes.
+    A body beside the whole arm has what it grows more, below zero where it grows less. Confused with: the scale of the
+    reference, ``link_length`` and ``joint_distance`` where the temperature hardly changes; the whole arm with one tube.
     """
 
     link: int | None = None
@@ -34,15 +31,6 @@ class ThermalExpansion(Effect):
     terms: ClassVar[tuple[Term, ...]] = (
         Term("", "1/K", 2e-5, "expansion_per_k", read_in=("µm/(m·K)", 1e-6), positive=True),
     )
-
-    @classmethod
-    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """The whole arm; its tubes too, where each has its own temperature."""
-        present = ("temperature",) if records is None else records.conditions.present
-        if "temperature" in present or "link_temperature" in present:
-            yield (cls(),)
-        if "link_temperature" in present:
-            yield from ((cls(row),) for row in tubes(arm))
 
     def displacements(self, state: State) -> list[Displacement]:
         """Each length of the chain per kelvin, times what the record is warmer."""

@@ -29,6 +29,7 @@ from aacmm_pin.effects import (
     JointCompliance,
     SeatError,
     Term,
+    ThermalExpansion,
     ZeroDrift,
 )
 from aacmm_pin.effects.error_model import ErrorModel
@@ -230,6 +231,11 @@ def test_a_value_that_nature_does_not_have_explains_nothing(sino6: Arm) -> None:
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
     assert (found.verdict, [f.below_zero for f in found.findings]) == ("inconclusive", [("compliance_rad_per_nm",)])
     assert any("joint_compliance:2" in note for note in found.notes)
+    steel_and_carbon = ErrorModel(sino6, (ThermalExpansion(values=(2e-5,)), ThermalExpansion(5, values=(-1.8e-5,))))
+    data = simulate_measurements(steel_and_carbon, "free", 100, temperature_range=15.0, rng=np.random.default_rng(1))
+    found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
+    assert {f.label: f.below_zero for f in found.findings} == {"thermal_expansion": (), "thermal_expansion:5": ()}
+    assert (found.verdict, found.findings[-1].beside) == ("explained", found.findings[0].effect)
 
 
 def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6: Arm) -> None:

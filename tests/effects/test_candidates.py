@@ -73,7 +73,7 @@ def test_places(sino6: Arm, zero6: Arm, robot_file: Callable[[str], Path], rng: 
         (EncoderSlip, taken(rng, time=np.full(N, 7.0)), []),
         (EncoderSlip, taken(rng, time=np.arange(N) * 1.0), every),
         (ThermalExpansion, bare, []),
-        (ThermalExpansion, taken(rng, temperature=links[:, 0]), [None]),
+        (ThermalExpansion, taken(rng, temperature=links[:, 0]), [None, 3, 5, 6]),
         (ThermalExpansion, taken(rng, link_temperature=links), [None, 3, 5, 6]),
         (SeatError, bare, []),
         (SeatError, taken(rng, seat=seat), [f"s{k}" for k in range(6)]),
