@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.jacobian import Columns
@@ -21,11 +22,14 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.state import State
 
 
-def test_columns_of_all_effects_are_those_of_each(sino6: Arm, rng: np.random.Generator) -> None:
-    """Tips and derivatives; constant twists, those of a record, an exact arcsine, what bends, and a seat."""
-    n = 8
+@pytest.mark.parametrize("n", [1, 8])
+def test_columns_of_all_effects_are_those_of_each(n: int, sino6: Arm, rng: np.random.Generator) -> None:
+    """Tips and derivatives; constant twists, those of a record, an exact arcsine, what bends, and a seat.
+
+    In a single record thermal expansion too is a parameter with constant twists, at several places at once.
+    """
     q = np.column_stack([rng.uniform(low, high, n) for low, high in sino6.limits])
-    seat = np.array(["A", "", "B", "A"] * 2, dtype=object)
+    seat = np.array(["A", "", "B", "A"] * 2, dtype=object)[:n]
     known = Conditions(n, temperature=rng.uniform(15.0, 30.0, n), seat=seat)
     effects = [
         LinkLength(2), LinkTwist(3), JointZeroOffset(1), StylusOffset(),
