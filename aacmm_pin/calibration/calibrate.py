@@ -152,13 +152,17 @@ def _references_in_other_unit(after: Fit) -> list[str]:
 def _counted_before(after: Fit) -> list[str]:
     """Records that the stated uncertainties of the parameters come from already (JCGM 100, F.1.2.3: correlated inputs)."""
     problem = after.problem
-    again = set(problem.known_from).intersection(problem.measurements.take(after.used).fingerprints())
-    if not again or not problem.setup.prior or not problem.stated.any():
+    if not problem.known_from or not problem.setup.prior or not problem.stated.any():
         return []
-    return [
-        f"{len(again)} of these {int(after.used.sum())} records are in the calibration of {problem.model.arm.name} already "
-        "and count twice, so the uncertainties are too small: start from the arm as it was before, or without a prior"
-    ]
+    again = set(problem.known_from).intersection(problem.measurements.take(after.used).fingerprints())
+    return (
+        []
+        if not again
+        else [
+            f"{len(again)} of these {int(after.used.sum())} records are in the calibration of {problem.model.arm.name} already "
+            "and count twice, so the uncertainties are too small: start from the arm as it was before, or without a prior"
+        ]
+    )
 
 
 def _of_conditions(after: Fit) -> list[str]:

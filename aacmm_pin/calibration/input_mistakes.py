@@ -110,8 +110,9 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
         _require_no_mistake(problem, np.inf, thorough=True)
         raise
     travel = _travel(problem) if after.unmodelled > FAR else np.inf
-    unlike = after.unmodelled > UNLIKE * travel
-    _require_no_mistake(problem, _median(after.solution.system.deviation), thorough=unlike)
+    unlike, fitted = after.unmodelled > UNLIKE * travel, _median(after.solution.system.deviation)
+    if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
+        _require_no_mistake(problem, fitted, thorough=unlike)
     if unlike:
         raise AacmmError(
             f"{problem.measurements.source} does not fit this arm: are the columns of angles and coordinates, their units "
@@ -175,6 +176,12 @@ def _absorbs(after: Fit) -> bool:
     vector, moved = after.problem.vector, np.abs(after.solution.point.x - after.problem.start)
     geometric = [k for effect, own in vector if isinstance(effect, (JointPlacement, *KIND_OF)) for k in np.r_[own]]
     return any(moved[k] > MOVED * ASSEMBLED[vector.parameters[k].unit] for k in geometric)
+
+
+def _as_described(after: Fit) -> float:
+    """Median distance by the arm as it is described, with frame and seats where the fit has them, to first order [m]."""
+    x, jacobian = after.solution.point.x - after.problem.start, after.solution.point.prediction.jacobian
+    return _median(after.solution.system.deviation - jacobian[:, :, : x.size] @ x)
 
 
 def _median(deviation: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import reprlib
 from abc import ABC, abstractmethod
@@ -165,7 +166,7 @@ class Effect(Shown, ABC):
                 raise AacmmError(f"{self.cause}: {field.name} is {reprlib.repr(where)}, {expected}")
         for name in ("values", "u"):
             numbers = tuple(float(value) for value in getattr(self, name)) or (0.0,) * len(self.terms)
-            if len(numbers) != len(self.terms) or not np.isfinite(numbers).all():
+            if len(numbers) != len(self.terms) or not all(map(math.isfinite, numbers)):
                 raise AacmmError(f"{self.label}: {name} is {numbers}, expected {len(self.terms)} finite numbers")
             object.__setattr__(self, name, numbers)
         for name in self.inner:
