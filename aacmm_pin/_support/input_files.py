@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from aacmm_pin._support.text_escaping import note
 from aacmm_pin.errors import AacmmError
 
 
@@ -17,6 +16,8 @@ def content_of(path: str | Path, most: int, expected: str, refused: Callable[[st
     """
     try:
         if Path(path).is_fifo():
+            from aacmm_pin._support.text_escaping import note  # few are
+
             note(f"note: {path} is a pipe; waiting for its end")
         with open(path, "rb") as file:
             content = file.read(most + 1)
