@@ -155,14 +155,12 @@ def _counted_before(after: Fit) -> list[str]:
     if not problem.known_from or not problem.setup.prior or not problem.stated.any():
         return []
     again = set(problem.known_from).intersection(problem.measurements.take(after.used).fingerprints())
-    return (
-        []
-        if not again
-        else [
-            f"{len(again)} of these {int(after.used.sum())} records are in the calibration of {problem.model.arm.name} already "
-            "and count twice, so the uncertainties are too small: start from the arm as it was before, or without a prior"
-        ]
-    )
+    if not again:
+        return []
+    return [
+        f"{len(again)} of these {int(after.used.sum())} records are in the calibration of {problem.model.arm.name} already "
+        "and count twice, so the uncertainties are too small: start from the arm as it was before, or without a prior"
+    ]
 
 
 def _of_conditions(after: Fit) -> list[str]:
