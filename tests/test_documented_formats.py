@@ -50,9 +50,10 @@ def keys(value: Any, at: str = "") -> Iterator[str]:
 def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
     """Keys that commands wrote, by schema; each of several small outputs adds some."""
     folder = tmp_path_factory.mktemp("json")
-    data, external, hidden = (str(folder / name) for name in ("data.csv", "external.csv", "hidden.csv"))
+    data, external, hidden, poses = (str(folder / f"{name}.csv") for name in ("data", "external", "hidden", "poses"))
     simulate = "simulate sino6 --encoder-noise-rad 8e-6 --records 60 -o"
     run(f"{simulate} {data} --plan free --effect joint_periodic_error:joint=3,order=7,amplitude_rad=5e-4")
+    run(f"{simulate} {poses} --plan seats --orientation-noise-rad 50urad")
     run(f"{simulate} {hidden} --plan seats --effect base_compliance:compliance_rad_per_nm=3e-5")
     table = pd.read_csv(data, dtype=str)
     table.loc[8, "x_mm"] = "999.0"
@@ -70,6 +71,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
         "map sino6 --cells 3 3",
         f"calibrate sino6 {data} {noise}",
         f"calibrate sino6 {external} --reference-frame external {noise}",
+        f"calibrate sino6 {poses} --report {folder / 'poses.html'}",
+        f"diagnose sino6 {poses} --no-held-out {noise}",
         f"diagnose sino6 {external} {noise}",
         f"diagnose sino6 {hidden} --no-held-out {noise}",
         f"plan sino6 --split encoder_eccentricity:2 joint_compliance:2 --data {data} --records 4 --postures 30",
@@ -147,7 +150,7 @@ def test_columns_of_what_commands_write(tmp_path: Path) -> None:
         str(tmp_path / f"{name}.csv") for name in ("data", "circle", "accuracy", "residuals", "corrected", "to")
     )
     point = "--point 33.6 -671.9 182.9 --count 6 -o"
-    run(f"simulate sino6 --plan seats --records 40 --seats 5 -o {data}")
+    run(f"simulate sino6 --plan seats --records 40 --seats 5 --orientation-noise-rad 5e-5 -o {data}")
     run(f"configurations sino6 {point} {tables[0]}")
     run(f"accuracy sino6 {point} {tables[1]}")
     run(f"calibrate sino6 {data} --no-held-out --residuals {tables[2]}")

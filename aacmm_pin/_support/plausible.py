@@ -86,6 +86,9 @@ TURN_HALF_WIDTH = Range(0.0, math.pi, "rad")
 LENGTH_NOISE = Range(0.0, 0.01, "m")
 """Standard uncertainty of a reference, a contact, a length of a bar."""
 
+TURN_NOISE = Range(0.0, 0.1, "rad")
+"""Standard uncertainty of a stated orientation about each axis: a laser tracker has 5e-5, a camera 1e-3."""
+
 
 COUNTS = {
     "cells": (4_000_000, 1e3),

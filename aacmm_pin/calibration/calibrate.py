@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
-from aacmm_pin._support.units import DEG, MM
+from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
@@ -66,6 +66,8 @@ def calibrate(
             arm's lengths and axes), effects, or a list of these.
         reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external`` if their frame is unknown.
         target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body was; markers always are.
+            The axes of a target whose orientation the records state are turned in the tip by an unknown constant, one for
+            each marker; ``frame`` if both point and axes are the tip's.
         prior: use the arm's stated uncertainties as information; default yes for all but plain zero offsets.
         encoder_noise: standard uncertainty of a reading, one number or (nq,) [rad]; default what the arm states.
         reference_noise: of each coordinate of a reference where the records do not state it [m].
@@ -174,6 +176,11 @@ def _of_conditions(after: Fit) -> list[str]:
     return found
 
 
+def _scatter(after: Fit) -> str:
+    turns = f" and {after.noise.turn_scatter / UM:.3g} µrad" if after.problem.turns else ""
+    return f"{after.unmodelled / MM:.4f} mm{turns}"
+
+
 def notes_of(after: Fit) -> list[str]:
     """What was assumed, or found instead of stated."""
     problem, setup = after.problem, after.problem.setup
@@ -182,12 +189,12 @@ def notes_of(after: Fit) -> list[str]:
         found.append("encoder noise not given; estimated with the scatter")
     if not after.stated:
         what = " and ".join(setup.unstated(problem.measurements))
-        scatter = f"{after.unmodelled / MM:.4f} mm of scatter per coordinate were found beside what is stated"
+        scatter = f"{_scatter(after)} of scatter per coordinate were found beside what is stated"
         enough = "what is stated of it is enough for these records, and none was added"
         found.append(f"noise {what} not given: {scatter if after.scatters else enough}")
     elif after.unmodelled > 0:
         found.append(
-            f"the records scatter more than stated: {after.unmodelled / MM:.4f} mm per coordinate were added, "
+            f"the records scatter more than stated: {_scatter(after)} per coordinate were added, "
             "so the uncertainties hold for this arm with what is still wrong in it"
         )
     found += [*_references_in_other_unit(after), *_of_conditions(after)]

@@ -50,12 +50,20 @@ class HeldOut(Shown):
         groups: how many parts were left out in turn.
         before: residual of each record by the arm as it was, only the set-up fitted (n,) [m]; nan where there is none.
         after: by the calibrated arm (n,) [m].
+        turn_before, turn_after: how far orientations are off (n,) [rad]; nan where none is stated.
     """
 
     kind: str
     groups: int
     before: Array
     after: Array
+    turn_before: Array
+    turn_after: Array
+
+    @property
+    def turned(self) -> bool:
+        """Whether there are orientations."""
+        return bool(np.isfinite(self.turn_after).any())
 
     @property
     def rms_before(self) -> float:
@@ -160,12 +168,13 @@ def left_out_in_turn(
     return distance
 
 
-def distances(records: Measurements, tips: Array, seats: Mapping[str, Array] | None = None) -> Array:
+def distances(records: Measurements, poses: Array, seats: Mapping[str, Array] | None = None, lever: float = 0.0) -> Array:
     """Distance of predicted tips (n, 3) from the reference, else from the seat where it is known, else from the mean there.
 
     The mean is of these records themselves, so their spread about it is widened by √(m/(m-1)); NaN for a single record.
-    ``seats`` are places that other records know (3,) [m].
+    ``seats`` are places that other records know (3,) [m]. Turns behind the tips (n, 6) count over a ``lever`` [m].
     """
+    tips = poses[:, :3]
     distance = np.linalg.norm(tips - records.reference, axis=1)
     for label, members in records.seats().items():
         unknown = members[~records.known[members]]
@@ -174,7 +183,7 @@ def distances(records: Measurements, tips: Array, seats: Mapping[str, Array] | N
         elif unknown.size > 1:
             spread = np.linalg.norm(tips[unknown] - tips[unknown].mean(axis=0), axis=1)
             distance[unknown] = spread * np.sqrt(unknown.size / (unknown.size - 1))
-    return np.asarray(distance)
+    return np.asarray(np.hypot(distance, lever * np.linalg.norm(poses[:, 3:], axis=1)))
 
 
 def held_out(before: Fit, after: Fit, rng: np.random.Generator, progress: Progress = None) -> list[HeldOut]:
@@ -192,20 +201,26 @@ def held_out(before: Fit, after: Fit, rng: np.random.Generator, progress: Progre
         count = np.unique(part[used]).size
         if count >= 2:
             residual = left_out_in_turn(
-                part, used, lambda _, out: [_predicted(fit, used & ~out, out) for fit in (before, after)], name, progress
+                part, used, lambda _, out: _predicted((before, after), used & ~out, out), name, progress
             )
             found.append(HeldOut(name, count, *residual))
     return found
 
 
-def _predicted(fit: Fit, kept: Mask, out: Mask) -> Array:
-    """Distances of the records ``out`` from where a fit of the records ``kept`` puts them."""
+def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
+    """Distances of the records ``out`` from where fits of the records ``kept`` put them; then their turns."""
+    distance, turn = zip(*(_predicted_by(fit, kept, out) for fit in fits), strict=True)
+    return [*distance, *turn]
+
+
+def _predicted_by(fit: Fit, kept: Mask, out: Mask) -> tuple[Array, Array]:
     records, start = fit.problem.measurements, fit.solution.point
     problem = fit.problem.of(records.take(kept))
-    noise = NoiseModel.of(problem, start.frame, fit.unmodelled)
+    noise = NoiseModel.of(problem, start.frame, fit.unmodelled, turn_scatter=fit.noise.turn_scatter)
     prediction = problem.predict(start.x, start.frame)
     point = Point(start.x, start.frame, noise.observations.start(prediction.tips), prediction)
     end = solve(problem, noise, point, np.ones(problem.measurements.n)).point
     left = records.take(out)
-    tips = fit.problem.of(left).tips(end.x, end.frame)
-    return distances(left, tips, dict(zip(noise.observations.labels, end.seats, strict=True)))
+    poses = fit.problem.of(left).poses(end.x, end.frame)
+    turn = np.where(left.oriented, np.linalg.norm(poses[:, 3:], axis=1), np.nan)
+    return distances(left, poses, dict(zip(noise.observations.labels, end.seats, strict=True))), turn

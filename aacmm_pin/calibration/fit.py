@@ -84,6 +84,18 @@ class Fit:
         return self.noise.scatter
 
     @property
+    def turns(self) -> Array:
+        """How far each record's orientation is from the stated one (n,) [rad]; NaN where none is stated."""
+        return np.where(self.observations.oriented, np.linalg.norm(self.solution.system.off[:, 3:], axis=1), np.nan)
+
+    @property
+    def lever(self) -> float:
+        """Distance over which a turn counts as much as a shift: that of their noise [m]; 0 without orientations."""
+        both = self.residual_noise[self.used & self.observations.oriented]
+        variances = np.diagonal(both, axis1=1, axis2=2).sum(axis=0)
+        return float(np.sqrt(variances[:3].sum() / variances[3:].sum())) if len(both) else 0.0
+
+    @property
     def tells_noise(self) -> bool:
         """Whether the noise is stated, or the records are enough to tell it."""
         return self.stated or self.dof >= LEAST_DOF
@@ -96,18 +108,18 @@ class Fit:
     @property
     def scatters(self) -> bool:
         """Whether there is scatter beyond the stated noise that is worth a word."""
-        return self.unmodelled > NO_SCATTER
+        return max(self.unmodelled, self.noise.turn_scatter) > NO_SCATTER
 
     @property
     def residual_noise(self) -> Array:
-        """Covariance of each residual by its reading, its target and the scatter that was found (n, 3, 3) [m²]."""
+        """Covariance of each residual by its reading, its target and the scatter found (n, 3, 3) [m²], or (n, 6, 6)."""
         return self.noise.of_residuals
 
     @property
     def stated_noise(self) -> Array:
         """The same without the scatter that was found beside a noise that is stated in full."""
-        found = self.unmodelled**2 * np.eye(3) if self.stated else 0.0
-        return np.asarray(self.residual_noise - found)
+        found = np.repeat([self.noise.scatter**2, self.noise.turn_scatter**2], 3)[: self.residual_noise.shape[1]]
+        return np.asarray(self.residual_noise - np.diag(self.stated * found))
 
     @cached_property
     def unknown(self) -> Array:
@@ -118,7 +130,7 @@ class Fit:
         would pass for knowledge. The first does not move targets apart, the second not tips: so both are asked.
         """
         point = self.solution.point
-        off = np.nan_to_num(deviations(self.observations, point))
+        off = np.nan_to_num(self.solution.system.deviation)
         seen = self.problem.predict(point.x, point.frame, point.prediction.tips - off)
         there = Point(point.x, point.frame, point.seats, replace(point.prediction, jacobian=seen.jacobian))
         at_targets = standing(self.problem, self.noise, there, self.solution.weights).spectrum
@@ -160,14 +172,14 @@ class Fit:
         return _covariance(values, vt.T, scales, unknown)
 
     def _by_inner(self, number: int, effect: Effect, name: str, width: float) -> Array:
-        """∂(tip)/∂(inner value) (n, 3) [m/unit] by central differences."""
-        tips = []
+        """∂(pose)/∂(inner value) (n, 3 or 6) [m/unit] by central differences."""
+        poses = []
         for step in (OF_WIDTH * width, -OF_WIDTH * width):
             effects = list(self.problem.vector.effects)
             effects[number] = replace(effects[number], **{name: getattr(effect, name) + step})
             moved = replace(self.problem, vector=replace(self.problem.vector, effects=tuple(effects)))
-            tips.append(moved.tips(self.solution.point.x, self.solution.point.frame))
-        return np.asarray(tips[0] - tips[1]) / (2 * OF_WIDTH * width)
+            poses.append(moved.poses(self.solution.point.x, self.solution.point.frame))
+        return np.asarray(poses[0] - poses[1]) / (2 * OF_WIDTH * width)
 
 
 def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> Fit:
@@ -208,9 +220,9 @@ class _Estimation:
         self.stated = not problem.setup.unstated(problem.measurements)
         self.observations = observations_of(problem.measurements, problem.setup, FIRST_SCATTER)
 
-    def noise(self, point: Point, scatter: float) -> NoiseModel:
-        """The noise with a scatter that stands in for what is not stated."""
-        return NoiseModel.of(self.problem, point.frame, scatter, self.observations if self.stated else None)
+    def noise(self, point: Point, scatter: float, turn_scatter: float = 0.0) -> NoiseModel:
+        """The noise with scatters that stand in for what is not stated."""
+        return NoiseModel.of(self.problem, point.frame, scatter, self.observations if self.stated else None, turn_scatter)
 
     def approached(self, point: Point, used: Mask, *, robust: bool) -> Solution:
         """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.
@@ -218,15 +230,17 @@ class _Estimation:
         From afar the noise itself would give the data so much weight that the search follows every valley of parameters
         which they hardly tell; the widths of the parameters hold it in.
         """
-        squared = np.square(deviations(self.observations, point)[used]).sum(axis=1)
-        scatter = float(np.sqrt(np.median(squared) / MEDIAN))
+        tips, turns = (np.square(part).sum(axis=1) for part in np.split(deviations(self.observations, point), [3], axis=1))
+        turned = turns[used & self.observations.oriented]
+        scatter = float(np.sqrt(np.median(tips[used]) / MEDIAN))
+        turn_scatter = float(np.sqrt(np.median(turned) / MEDIAN)) if turned.size else 0.0
         for _ in range(MOST_ROUNDS):
-            noise = self.noise(point, scatter)
+            noise = self.noise(point, scatter, turn_scatter)
             solution = solve(self.problem, noise, point, used.astype(np.float64), robust=robust, roughly=True)
             if not robust:
                 break
             point = solution.point
-            before, scatter = scatter, self.scatter_of_median(noise, point, used)
+            before, (scatter, turn_scatter) = scatter, self.scatters_of_median(noise, point, used)
             if scatter == 0.0 or scatter > 0.8 * before:
                 break
         return solution
@@ -234,13 +248,14 @@ class _Estimation:
     def without_outliers(self, near: Solution) -> tuple[Solution, Mask]:
         """The search without the records that do not belong, judged by the scatter of the better half; and the others."""
         says = self.observations.says
-        count, dof = int(says.sum()), max(near.chi2.dof, 1.0)
-        scatter = self.scatter_of_median(near.noise, near.point, says, min(1.0, dof / (3 * count)))
-        noise = self.noise(near.point, scatter)
+        count, dof, of_each = int(says.sum()), max(near.chi2.dof, 1.0), np.maximum(self.observations.counts, 3)
+        share = min(1.0, dof / int(self.observations.counts.sum()))
+        scatter, turn_scatter = self.scatters_of_median(near.noise, near.point, says, share)
+        noise = self.noise(near.point, scatter, turn_scatter)
         # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
         chance = FALSE_EXCLUSION / count
-        limit = 3 * f_isf(chance, 3, EFFICIENCY * dof) if scatter > 0 else chi2_isf(chance, 3)
-        limit *= 1.0 if self.stated else UNEQUAL**2
+        limit = of_each * f_isf(chance, of_each, EFFICIENCY * dof) if scatter > 0 else chi2_isf(chance, of_each)
+        limit = limit * (1.0 if self.stated else UNEQUAL**2)
         used = says.copy()
         solution = standing(self.problem, noise, near.point, near.weights)
         for tried in range(MOST_ROUNDS):
@@ -259,21 +274,25 @@ class _Estimation:
         found = self.by_stated_noise(point, self.observations.says)[0] if self.stated else None
         if found is None:
             return None
-        limit = chi2_isf(FALSE_EXCLUSION / int(self.observations.says.sum()), 3)
+        says = self.observations.says
+        limit = chi2_isf(FALSE_EXCLUSION / int(says.sum()), np.maximum(self.observations.counts, 3))
         farthest = np.maximum(deleted_distances(found.solution), studentised_distances(found.solution))
-        return found if farthest[self.observations.says].max() <= limit else None
+        return found if (farthest <= limit)[says].all() else None
 
-    def scatter_of_median(self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0) -> float:
-        """Scatter beyond the stated noise that brings the median squared distance to that of χ² with three degrees.
+    def scatters_of_median(self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0) -> tuple[float, float]:
+        """Scatters of tips and turns that bring their median squared distances to that of χ² with three degrees.
 
-        What was fitted to the records has taken some of it away: ``share`` is what it left.
+        They are beyond the stated noise. What was fitted to the records has taken some away: ``share`` is what it left.
         """
-        deviation, own = deviations(noise.observations, point)[used], noise.without_scatter[used]
+        off, own, turned = deviations(noise.observations, point), noise.without_scatter, used & noise.observations.oriented
+        tip = self._of_median(off[used, :3], own[used, :3, :3], share)
+        return tip, self._of_median(off[turned, 3:], own[turned, 3:, 3:], share) if turned.any() else 0.0
 
+    def _of_median(self, deviation: Array, own: Array, share: float) -> float:
         def excess(variance: float) -> float:
             return float(np.median(squared_distances(deviation, own + variance * np.eye(3)))) - share * MEDIAN
 
-        slack = MEDIAN * 6.0 / np.sqrt(used.sum())  # the median of a few records scatters by itself
+        slack = MEDIAN * 6.0 / np.sqrt(len(own))  # the median of a few records scatters by itself
         if self.stated and excess(0.0) < slack:
             return 0.0
         return float(np.sqrt(_root(excess, deviation)))
@@ -285,21 +304,22 @@ class _Estimation:
             found, judged = self.by_stated_noise(point, used)
             if found:
                 return found
-            first = self.scatter_of_median(self.noise(point, 0.0), point, used) or FIRST_SCATTER
-            noise = self.noise(point, first)
+            first, turned = self.scatters_of_median(self.noise(point, 0.0), point, used)
+            noise = self.noise(point, first or FIRST_SCATTER, turned)
         solution = solve(self.problem, noise, point, weights)
         for _ in range(MOST_ROUNDS):
-            before, scatter = solution.noise.scatter, _variance_component(solution, used)
-            noise = self.noise(solution.point, scatter)
+            before = np.array([noise.scatter, noise.turn_scatter])
+            scatters = [_variance_component(solution, used, turns) for turns in (False, True)]
+            noise = self.noise(solution.point, *scatters)
             solution = solve(self.problem, noise, solution.point, weights)
-            if abs(scatter - before) <= 1e-3 * scatter:
+            if (np.abs(scatters - before) <= 1e-3 * np.array(scatters)).all():
                 break
         if self.stated:
             # From afar one step promises too little: judged again where the search came to rest.
             found, judged = self.by_stated_noise(solution.point, used)
             if found:
                 return found
-            solution = replace(solution, noise=self.noise(solution.point, noise.scatter))
+            solution = replace(solution, noise=self.noise(solution.point, noise.scatter, noise.turn_scatter))
         return self.fit(solution, used, judged)
 
     def by_stated_noise(self, point: Point, used: Mask) -> tuple[Fit | None, Chi2]:
@@ -318,20 +338,29 @@ class _Estimation:
         return Fit(solution, self.stated, used, self.observations.says & ~used, judged, solution.chi2.dof)
 
 
-def _variance_component(solution: Solution, used: Mask) -> float:
-    """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none [m]."""
-    noise, dof = solution.noise, solution.chi2.dof
+def _variance_component(solution: Solution, used: Mask, turns: bool = False) -> float:
+    """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none [m].
+
+    That of tips; or of turns [rad], which are looked at beside what the tips say already.
+    """
+    noise, own, of_turns = solution.noise, solution.noise.without_scatter[used], solution.turn_dof
+    dof = of_turns if turns else solution.chi2.dof - of_turns
     if dof < LEAST_DOF:
-        return noise.scatter
-    deviation, own = solution.system.deviation[used], noise.without_scatter[used]
-    seats = solution.point.seats
+        return noise.turn_scatter if turns else noise.scatter
+    deviation, seats = solution.system.off[used], solution.point.seats
     ties = (noise.observations.of_seats(seats), noise.observations.of_bars(seats)[0])
-    tied = sum(float(np.square(tie).sum()) for tie in ties)
+    rest = sum(float(np.square(tie).sum()) for tie in ties)
+    varied = np.eye(3)
+    if turns:
+        own[:, :3, :3] += noise.scatter**2 * np.eye(3)
+        rest, varied = -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum()), np.diag([0.0, 0, 0, 1, 1, 1])
+    else:
+        deviation, own = deviation[:, :3], own[:, :3, :3]
 
     def excess(variance: float) -> float:
-        return float(squared_distances(deviation, own + variance * np.eye(3)).sum()) + tied - dof
+        return float(squared_distances(deviation, own + variance * varied).sum()) + rest - dof
 
-    return float(np.sqrt(_root(excess, deviation)))
+    return float(np.sqrt(_root(excess, deviation[:, -3:])))
 
 
 def _covariance(values: Array, directions: Array, scales: Array, unknown: Array) -> Array:
@@ -352,8 +381,8 @@ def deleted_distances(solution: Solution) -> Array:
     target is only as sure as the others of its seat make it; bars count for nothing here. Records without a target are
     infinitely far.
     """
-    observations, covariance = solution.noise.observations, solution.noise.of_residuals
-    off = deviations(observations, solution.point)
+    observations, covariance = solution.noise.observations, solution.noise.of_residuals[:, :3, :3].copy()
+    off = solution.system.deviation.copy()
     touched = np.flatnonzero(observations.seat >= 0)
     if touched.size:
         seat = observations.seat[touched]
@@ -367,7 +396,7 @@ def deleted_distances(solution: Solution) -> Array:
         covariance[touched] += rest
     found = np.full(len(off), np.inf)
     says = observations.says
-    found[says] = squared_distances(off[says], covariance[says])
+    found[says] = squared_distances(off[says], covariance[says]) + np.nan_to_num(solution.system.turn_distance[says])
     return found
 
 
@@ -378,12 +407,13 @@ def studentised_distances(solution: Solution) -> Array:
     (internally studentised residuals; Cook and Weisberg 1982). Records without a target are infinitely far.
     """
     system, spectrum, says = solution.system, solution.spectrum, solution.noise.observations.says
-    known, rows = spectrum.known, 3 * int(says.sum())
+    known, wide = spectrum.known, solution.noise.of_residuals.shape[1]
+    rows = wide * int(says.sum())
     directions = solution.problem.scales[:, None] * spectrum.directions[:, known] / spectrum.values[known]
-    along = (system.jacobian[:rows] @ directions).reshape(-1, 3, int(known.sum()))
-    left = np.eye(3) - along @ along.transpose(0, 2, 1)
+    along = (system.jacobian[:rows] @ directions).reshape(-1, wide, int(known.sum()))
+    left = np.eye(wide) - along @ along.transpose(0, 2, 1)
     found = np.full(len(says), np.inf)
-    found[says] = squared_distances(system.residual[:rows].reshape(-1, 3), left)
+    found[says] = squared_distances(system.residual[:rows].reshape(-1, wide), left)
     return found
 
 
@@ -393,9 +423,9 @@ def redundant(solution: Solution) -> bool:
 
 
 def squared_distances(deviation: Array, covariance: Array) -> Array:
-    """``dᵀ C⁻¹ d`` of each deviation (n, 3) by its covariance (n, 3, 3)."""
+    """``dᵀ C⁻¹ d`` of each deviation (n, k) by its covariance (n, k, k)."""
     # Stated noise may be nothing at all, of an exact contact with exact readings.
-    covariance = covariance + LEAST_SCATTER**2 * np.eye(3)
+    covariance = covariance + LEAST_SCATTER**2 * np.eye(deviation.shape[1])
     return np.asarray(np.einsum("ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]))
 
 

@@ -59,7 +59,7 @@ def _typical(problem: Problem) -> Array:
     of_parameters = [
         usual.get(p.unit, float(width)) for p, width in zip(problem.vector.parameters, problem.widths, strict=True)
     ]
-    return np.array(of_parameters + ([1e-3] * 6 if problem.external else []))
+    return np.array(of_parameters + [1e-3] * (len(problem.names) - len(of_parameters)))
 
 
 def _sparse(rows: Array) -> Array:

@@ -56,6 +56,8 @@ UNITS = {
 ANGLES = {"degrees, taken as radians": DEG, "radians, taken as degrees": 1 / DEG, "gon, taken as degrees": 0.9}
 """The same of angles."""
 AXES = np.arange(3)
+TURNED = 0.05
+"""Median turn from the stated orientations after a fit that no arm has [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +92,10 @@ class _Mistake:
             reference=(self.scale * records.reference)[:, order] * np.array(signs),
             reference_u=records.reference_u[:, order],
             bar_length=None if records.bar_length is None else self.bars * records.bar_length,
+            orientation=None,  # tips alone show what is wrong with them
         )
         setup = replace(setup, reference_frame="external") if self.external else setup
-        return replace(problem, measurements=changed, setup=setup)
+        return replace(problem, measurements=changed, setup=setup, targets=())
 
 
 def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
@@ -120,7 +123,30 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
             f"{after.unmodelled / MM:.0f} mm in each coordinate; the tips at these angles are spread over "
             f"{travel / MM:.0f} mm.)"
         )
+    _require_orientations(after)
     return after
+
+
+def _require_orientations(after: Fit) -> None:
+    """Refuse orientations that are not of a body which moves with the last one, and say what explains them.
+
+    Raises:
+        AacmmError: they are none.
+    """
+    problem, point, rows = after.problem, after.solution.point, after.used & after.observations.oriented
+    stated = problem.measurements.orientation
+    if stated is None or not rows.any() or (off := np.median(after.turns[rows])) < TURNED:
+        return
+    why = "no other order of the four numbers explains it"
+    for mistake, other in (
+        ("the scalar comes last, and has to come first", stated[:, [3, 0, 1, 2]]),
+        ("they are those of the reference frame in the tip's, not the other way", stated * [1, -1, -1, -1]),
+    ):
+        changed = replace(problem, measurements=replace(problem.measurements, orientation=other))
+        poses = changed.poses(point.x, changed.with_targets(point.x, point.frame))
+        why = mistake if np.median(np.linalg.norm(poses[rows, 3:], axis=1)) < TURNED else why
+    source = problem.measurements.source
+    raise AacmmError(f"{source}: orientations do not fit this arm, they are off by {off / DEG:.3g}° (median): {why}")
 
 
 def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None:
@@ -181,7 +207,7 @@ def _absorbs(after: Fit) -> bool:
 def _as_described(after: Fit) -> float:
     """Median distance by the arm as it is described, with frame and seats where the fit has them, to first order [m]."""
     x, jacobian = after.solution.point.x - after.problem.start, after.solution.point.prediction.jacobian
-    return _median(after.solution.system.deviation - jacobian[:, :, : x.size] @ x)
+    return _median(after.solution.system.deviation - jacobian[:, :3, : x.size] @ x)
 
 
 def _median(deviation: Array) -> float:
@@ -193,7 +219,8 @@ def _median(deviation: Array) -> float:
 
 def _misfit(problem: Problem) -> tuple[float, float]:
     """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same over the tips' travel."""
-    bare, records = _of_targets(problem), problem.measurements
+    bare = _of_targets(problem)
+    records = bare.measurements
     observations = observations_of(records, bare.setup, FIRST_SCATTER)
     try:
         point = begin(bare, observations)
@@ -220,6 +247,8 @@ def _of_targets(problem: Problem) -> Problem:
     mine = np.concatenate([np.arange(0), *(np.r_[own] for _, own in of_target)])
     return replace(
         problem,
+        measurements=replace(problem.measurements, orientation=None),
+        targets=(),
         vector=replace(problem.vector, effects=tuple(effect for effect, _ in of_target)),
         widths=problem.widths[mine],
         stated=problem.stated[mine],

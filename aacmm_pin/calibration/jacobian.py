@@ -121,8 +121,8 @@ class Columns:
         return replace(state, twists=_sum(dict(state.twists), of_reference)) if of_reference else state
 
     def jacobian(self, state: State) -> Array:
-        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]."""
-        total = np.zeros((3, self.vector.size, state.n)).transpose(2, 0, 1)
+        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; see :meth:`Effect.sensitivity` for turns."""
+        total = np.zeros((state.coordinates, self.vector.size, state.n)).transpose(2, 0, 1)
         if self.same.place.size:
             total[:, :, self.same.number] = self._same_columns(state)
         for part in self.varying:
@@ -132,11 +132,13 @@ class Columns:
         return total
 
     def _same_columns(self, state: State) -> Array:
-        """``R v + (R ω) × (p - o)`` for all of them together (n, 3, k)."""
+        """``R v + (R ω) × (p - o)`` for all of them together (n, 3, k); the turns ``R ω`` behind it where asked for."""
         axes = state.rotation.transpose(0, 3, 2, 1)[self.same.place].reshape(-1, 3, 3 * state.n)
         moves = (self.same.twist.reshape(-1, 2, 3) @ axes).reshape(-1, 2, 3, state.n)
         lever = state.position.T - state.origin.transpose(0, 2, 1)[self.same.place]
-        return np.asarray((moves[:, 0] + cross(moves[:, 1], lever)).transpose(2, 1, 0))
+        shifts = moves[:, 0] + cross(moves[:, 1], lever)
+        motions = np.concatenate([shifts, moves[:, 1]], axis=1) if state.turns else shifts
+        return np.asarray(motions.transpose(2, 1, 0))
 
     def _twists(self, x: Array, of_reference: bool) -> Twists:
         places, per_unit = self._same_twists[of_reference]

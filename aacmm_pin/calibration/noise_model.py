@@ -34,41 +34,60 @@ class NoiseModel:
     Attributes:
         scatter: of each coordinate, which the stated noise does not explain; stands in for a noise that is not stated [m].
         observations: targets of the tips.
-        tips: covariance of each tip in the frame of the references, by its reading and the scatter (n, 3, 3) [m²].
+        tips: covariance of each tip in the frame of the references, by its reading and the scatter (n, 3, 3) [m²]; with
+            orientations (n, 6, 6), the turn behind it [rad²].
+        turn_scatter: the scatter of each component of a turn [rad].
     """
 
     scatter: float
     observations: Observations
     tips: Array
+    turn_scatter: float = 0.0
 
     @staticmethod
-    def of(problem: Problem, frame: Frame, scatter: float, known: Observations | None = None) -> NoiseModel:
+    def of(
+        problem: Problem, frame: Frame, scatter: float, known: Observations | None = None, turn_scatter: float = 0.0
+    ) -> NoiseModel:
         """The noise of a problem's records, the base being at ``frame`` in that of the references.
 
         ``known`` are the observations, where they are worked out already and do not depend on the scatter.
         """
         setup, n = problem.setup, problem.measurements.n
         observations = known or observations_of(problem.measurements, setup, scatter)
-        tips = np.broadcast_to(max(scatter, LEAST) ** 2 * np.eye(3), (n, 3, 3))
+        scatters = _scatters(scatter, turn_scatter, observations)
+        tips = np.broadcast_to(scatters, (n, *scatters.shape))
         if setup.encoder_noise is not None and setup.encoder_noise.any():
             readings = np.einsum("j,njik->nik", setup.encoder_noise**2, problem.reading_covariance)
-            tips = tips + frame.rotation @ readings @ frame.rotation.T
-        return NoiseModel(scatter, observations, tips)
+            turn = np.kron(np.eye(len(scatters) // 3), frame.rotation)
+            tips = tips + turn @ readings @ turn.T
+        return NoiseModel(scatter, observations, tips, turn_scatter)
 
     @property
     def of_residuals(self) -> Array:
-        """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²]."""
+        """Covariance of each residual, by its reading, its target and the scatter (n, 3, 3) [m²], or (n, 6, 6)."""
         return np.asarray(self.tips + self.observations.covariance)
 
     @cached_property
     def whitening(self) -> Array:
-        """What gives each residual unit variance (n, 3, 3) [1/m]."""
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.of_residuals)))
+        """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6); zero for turns that nobody states.
+
+        As a triangle it leaves the first three numbers what they are without turns.
+        """
+        found = np.linalg.inv(np.linalg.cholesky(self.of_residuals))
+        found[~self.observations.oriented, 3:] = 0.0
+        return np.asarray(found)
 
     @property
     def without_scatter(self) -> Array:
-        """Covariance of each residual by the stated noise alone (n, 3, 3) [m²]."""
-        return np.asarray(self.tips - max(self.scatter, LEAST) ** 2 * np.eye(3) + self.observations.covariance)
+        """Covariance of each residual by the stated noise alone (n, 3, 3) [m²], or (n, 6, 6)."""
+        scatters = _scatters(self.scatter, self.turn_scatter, self.observations)
+        return np.asarray(self.tips - scatters + self.observations.covariance)
+
+
+def _scatters(scatter: float, turn_scatter: float, observations: Observations) -> Array:
+    """Covariance of a residual by the two scatters alone (3, 3), or (6, 6)."""
+    variances = np.repeat([max(scatter, LEAST) ** 2, max(turn_scatter, LEAST) ** 2], 3)
+    return np.diag(variances[: observations.covariance.shape[1]])
 
 
 def observations_of(measurements: Measurements, setup: Setup, scatter: float) -> Observations:
@@ -88,18 +107,22 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
     alone = known & (seat < 0)
     # What is not stated is in the covariance of the tips already.
     own = np.where(alone[:, None], np.hypot(reference_u(measurements, setup, 0.0), contact), contact)
+    if measurements.orientation is not None:
+        u = np.zeros(measurements.n) if measurements.orientation_u is None else np.nan_to_num(measurements.orientation_u)
+        own = np.hstack([own, np.repeat(u[:, None], 3, axis=1)])
     chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
     ends, length = _bars(measurements, {label: k for k, label in enumerate(chosen)})
     return Observations(
         reference=np.where(alone[:, None], measurements.reference, np.nan),
         seat=seat.astype(np.intp),
-        covariance=own[:, :, None] ** 2 * np.eye(3),
+        covariance=own[:, :, None] ** 2 * np.eye(own.shape[1]),
         labels=tuple(chosen),
         stated=at[~mixed],
         stated_u=at_u[~mixed],
         ends=ends,
         length=length,
         length_u=np.full(len(length), max(LENGTH if setup.length_noise is None else setup.length_noise, LEAST)),
+        oriented=measurements.oriented,
     )
 
 

@@ -75,7 +75,8 @@ def problem_of(
     vector = ParameterVector(base.arm, tuple(e for e, _, _ in chosen))
     correlation = _correlation(model.arm, vector, np.where(stated, widths, np.nan))
     known_from = model.arm.covariance.records if model.arm.covariance is not None and (setup.prior or known) else ""
-    return Problem(base, vector, widths, stated, correlation, measurements, setup, tuple(known_from.split()))
+    targets = () if setup.target == "frame" else _turned_targets(measurements)
+    return Problem(base, vector, widths, stated, correlation, measurements, setup, tuple(known_from.split()), targets)
 
 
 def lengths_untold(problem: Problem) -> list[str]:
@@ -167,6 +168,12 @@ def _of_effect(effect: Effect) -> _Unknown:
     u = np.array(effect.u)
     stated = u > 0
     return effect, np.where(stated, u, [BEYOND_TYPICAL * t.typical for t in effect.terms]), stated
+
+
+def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
+    """Labels of the targets whose orientation was measured, "" for one without a label."""
+    marker, oriented = measurements.conditions.marker, measurements.oriented
+    return tuple(dict.fromkeys((np.full(measurements.n, "") if marker is None else marker)[oriented].tolist()))
 
 
 def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, skew
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.state import State
+from aacmm_pin.measurements import orientation
 from aacmm_pin.measurements.records import Measurements
 
 FRAME_WIDTHS = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])
@@ -28,15 +29,21 @@ FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Placement of the arm's base in the frame of the references: ``x_reference = R x_base + t``."""
+    """Placement of the arm's base in the frame of the references: ``x_reference = R x_base + t``.
+
+    Attributes:
+        rotation, shift: R (3, 3) and t (3,) [m].
+        targets: axes of each target whose orientation was measured, in those of the tip (k, 3, 3).
+    """
 
     rotation: Array
     shift: Array
+    targets: Array = field(default_factory=lambda: np.empty((0, 3, 3)))
 
     @staticmethod
-    def identity() -> Frame:
-        """The two frames are one."""
-        return Frame(np.eye(3), np.zeros(3))
+    def identity(targets: int = 0) -> Frame:
+        """The two frames are one, and so are those of the tip and of so many targets."""
+        return Frame(np.eye(3), np.zeros(3), np.tile(np.eye(3), (targets, 1, 1)))
 
     def apply(self, points: Array) -> Array:
         """Points (n, 3) of the base in the frame of the references."""
@@ -47,9 +54,14 @@ class Frame:
         return np.asarray((points - self.shift) @ self.rotation)
 
     def moved(self, step: Array) -> Frame:
-        """With the base moved by a twist (6,), v then ω, in its own axes [m, rad]."""
-        motion = exp(step[None])[0]
-        return Frame(self.rotation @ motion[:3, :3], self.rotation @ motion[:3, 3] + self.shift)
+        """With the base moved by a twist, v then ω, in its own axes; behind it turns of the targets in theirs [m, rad].
+
+        ``step`` is (6 + 3 k,), or (3 k,) where the base stays.
+        """
+        base, turns = np.split(step, [step.size - 3 * len(self.targets)])
+        motion = exp(base.reshape(-1, 6))[0] if base.size else np.eye(4)
+        targets = self.targets @ exp(np.pad(turns.reshape(-1, 3), ((0, 0), (3, 0))))[:, :3, :3]
+        return Frame(self.rotation @ motion[:3, :3], self.rotation @ motion[:3, 3] + self.shift, targets)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +69,19 @@ class Prediction:
     """Tips in the frame of the references, and their derivative.
 
     Attributes:
-        tips: (n, 3) [m].
-        jacobian: by the unknown parameters, last the base's twist where the frame is unknown (n, 3, p) [m/unit].
+        poses: tips (n, 3) [m]; of records with orientations (n, 6), behind them the turn from the stated orientation to that
+            of the target, in the axes of the references, zero where none is stated [rad].
+        jacobian: by the unknown parameters, last the base's twist where the frame is unknown and the turns of the targets
+            (n, 3 or 6, p) [m/unit, rad/unit].
     """
 
-    tips: Array
+    poses: Array
     jacobian: Array
+
+    @property
+    def tips(self) -> Array:
+        """(n, 3) [m]."""
+        return self.poses[:, :3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +97,7 @@ class Problem:
         measurements: the records.
         setup: how they were taken.
         known_from: fingerprints of the records that the arm's file knows its parameters from.
+        targets: labels of the targets whose orientation on the tip is unknown; their turns are the last columns.
     """
 
     model: ErrorModel
@@ -88,6 +108,12 @@ class Problem:
     measurements: Measurements
     setup: Setup
     known_from: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()
+
+    @property
+    def turns(self) -> bool:
+        """Whether orientations are looked at, so that residuals have six numbers."""
+        return self.measurements.orientation is not None
 
     @property
     def external(self) -> bool:
@@ -97,12 +123,13 @@ class Problem:
     @property
     def names(self) -> list[str]:
         """Names of all columns, the frame's included."""
-        return self.vector.names + (list(FRAME) if self.external else [])
+        turns = [f"target.{axis}{label and ':'}{label}" for label in self.targets for axis in ("rx", "ry", "rz")]
+        return self.vector.names + (list(FRAME) if self.external else []) + turns
 
     @cached_property
     def scales(self) -> Array:
         """Width of every column, the frame's included."""
-        return np.concatenate([self.widths, FRAME_WIDTHS if self.external else []])
+        return np.concatenate([self.widths, FRAME_WIDTHS if self.external else [], np.ones(3 * len(self.targets))])
 
     @property
     def start(self) -> Array:
@@ -130,13 +157,21 @@ class Problem:
     @cached_property
     def _columns(self) -> Columns:
         records, arm = self.measurements, self.model.arm
-        drawn = State(arm, records.q, records.conditions, arm.chain.tip)
+        drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=self.turns)
         return Columns.of(drawn, (*self.model.effects, *self.vector.effects))
 
     @cached_property
     def reading_covariance(self) -> Array:
-        """``J J^T`` per joint: the tip's covariance for one unit of variance in each reading (n, nq, 3, 3) [m²/rad²]."""
-        jacobian = self.model.arm.jacobian(self.measurements.q)
+        """``J J^T`` per joint: the tip's covariance for one unit of variance in each reading (n, nq, 3, 3) [m²/rad²].
+
+        With orientations (n, nq, 6, 6): one reading moves tip and orientation together.
+        """
+        arm, q = self.model.arm, self.measurements.q
+        jacobian = arm.jacobian(q)
+        if self.turns:
+            rotation, origin = arm.chain.walk(q)
+            turns = arm.chain.jacobian(rotation, origin, origin[-1])[1] * self.measurements.oriented[:, None, None]
+            jacobian = np.concatenate([jacobian, turns], axis=1)
         return np.asarray(np.einsum("nij,nkj->njik", jacobian, jacobian))
 
     def predict(self, x: Array, frame: Frame, looked_at: Array | None = None) -> Prediction:
@@ -151,24 +186,64 @@ class Problem:
         state = self._columns.at(np.concatenate([self._fixed, x]))
         seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
         jacobian = self._columns.jacobian(seen)[:, :, self._fixed.size :]
-        tips = frame.apply(state.position)
         if self.external:
-            turns = -skew(seen.position)
-            of_all = [jacobian, np.broadcast_to(np.eye(3), turns.shape), turns]
-            columns = np.concatenate([part.transpose(1, 2, 0) for part in of_all], axis=1)
-            jacobian = (frame.rotation @ columns.reshape(3, -1)).reshape(columns.shape).transpose(2, 0, 1)
-        return Prediction(tips, jacobian)
+            of_base = np.concatenate([np.broadcast_to(np.eye(3), (state.n, 3, 3)), -skew(seen.position)], axis=2)
+            if self.turns:
+                of_base = np.concatenate([of_base, np.broadcast_to(np.eye(3, 6, 3), (state.n, 3, 6))], axis=1)
+            columns = np.concatenate([part.transpose(1, 2, 0) for part in (jacobian, of_base)], axis=1)
+            turned = frame.rotation @ columns.reshape(state.coordinates // 3, 3, -1)
+            jacobian = turned.reshape(columns.shape).transpose(2, 0, 1)
+        poses = self._poses(state, frame)
+        if self.turns:
+            one = np.arange(len(self.targets)) == self._target[:, None]
+            of_targets = one[:, None, :, None] * self._orientations(state, frame)[:, :, None, :]
+            of_targets = np.pad(of_targets.reshape(state.n, 3, -1), ((0, 0), (3, 0), (0, 0)))
+            jacobian = np.concatenate([jacobian, of_targets], axis=2)
+            jacobian[:, 3:] = orientation.by_small_turn(poses[:, 3:]) @ jacobian[:, 3:]
+        return Prediction(poses, jacobian)
 
-    def tips(self, x: Array, frame: Frame) -> Array:
-        """Tips (n, 3) alone of what :meth:`predict` gives [m]."""
-        return frame.apply(self._columns.at(np.concatenate([self._fixed, x])).position)
+    def poses(self, x: Array, frame: Frame) -> Array:
+        """Poses alone of what :meth:`predict` gives (n, 3 or 6) [m, rad]."""
+        return self._poses(self._columns.at(np.concatenate([self._fixed, x])), frame)
+
+    def _poses(self, state: State, frame: Frame) -> Array:
+        tips = frame.apply(state.position)
+        if not self.turns:
+            return tips
+        turns = orientation.turns(self._orientations(state, frame), self._stated)
+        return np.hstack([tips, np.where(self.measurements.oriented[:, None], turns, 0.0)])
+
+    def _orientations(self, state: State, frame: Frame) -> Array:
+        """Of the targets, in the axes of the references (n, 3, 3)."""
+        tips = frame.rotation @ state.rotation[-1]
+        return np.asarray(tips @ frame.targets[self._target] if self.targets else tips)
+
+    def with_targets(self, x: Array, frame: Frame) -> Frame:
+        """The frame with each target turned as the orientations that records state of it say on average."""
+        state = self._columns.at(np.concatenate([self._fixed, x]))
+        turned = (frame.rotation @ state.rotation[-1]).transpose(0, 2, 1) @ self._stated
+        own = [self.measurements.oriented & (self._target == k) for k in range(len(self.targets))]
+        return replace(frame, targets=np.array([orientation.mean(turned[rows]) for rows in own]).reshape(-1, 3, 3))
+
+    @cached_property
+    def _stated(self) -> Array:
+        """Orientations that the records state (n, 3, 3)."""
+        stated = self.measurements.orientation
+        return np.empty((0, 3, 3)) if stated is None else orientation.matrices(stated)
+
+    @cached_property
+    def _target(self) -> Index:
+        """Number of each record's target among those of unknown orientation (n,); 0 for records without one."""
+        marker, number = self.measurements.conditions.marker, {label: k for k, label in enumerate(self.targets)}
+        labels = [""] * self.measurements.n if marker is None else marker
+        return np.array([number.get(label, 0) for label in labels], dtype=np.intp)
 
     def bends(self, x: Array) -> bool:
         """Whether the arm bends under weight with the parameters ``x`` (p,)."""
         return self._columns.bends(np.concatenate([self._fixed, x]))
 
     def answer_of_bending(self, x: Array, frame: Frame, prediction: Prediction) -> Array:
-        """What the derivative of the tips leaves out: a turned arm bends otherwise (n, 3, columns) [m/unit].
+        """What the derivative of the poses leaves out: a turned arm bends otherwise (n, 3 or 6, columns) [m/unit].
 
         By central differences, for the parameters that displace all records alike: others turn it by too little to matter.
         """
@@ -176,7 +251,7 @@ class Problem:
         for k in self._columns.alike - fixed.size:
             if k >= 0:
                 step = OF_WIDTH * self.widths[k] * np.eye(x.size)[k]
-                numeric = self.tips(x + step, frame) - self.tips(x - step, frame)
+                numeric = self.poses(x + step, frame) - self.poses(x - step, frame)
                 answer[:, :, k] = numeric / (2 * step[k]) - prediction.jacobian[:, :, k]
         return answer
 

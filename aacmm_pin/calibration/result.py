@@ -17,7 +17,7 @@ from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import UNTOLD, calibrated_model
-from aacmm_pin.calibration.cross_validation import HeldOut
+from aacmm_pin.calibration.cross_validation import HeldOut, rms
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.identifiability import Observability, undetermined
 from aacmm_pin.calibration.problem import Problem
@@ -49,6 +49,7 @@ def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
         deviation = each.solution.system.deviation
         table |= {f"{axis}_{name}_mm": deviation[:, k] / MM for k, axis in enumerate("xyz")}
         table[f"{name}_mm"] = np.linalg.norm(deviation, axis=1) / MM
+        table |= {f"turn_{name}_rad": each.turns} if each.problem.turns else {}
     return pd.DataFrame(table)
 
 
@@ -91,7 +92,19 @@ class Calibration(Shown):
     @property
     def noise(self) -> float:
         """What that distance should be by the stated and found noise [m]."""
-        return float(np.sqrt(np.trace(self.fit.residual_noise[self.fit.used], axis1=1, axis2=2).mean()))
+        return float(np.sqrt(np.trace(self.fit.residual_noise[self.fit.used, :3, :3], axis1=1, axis2=2).mean()))
+
+    @property
+    def turns(self) -> dict[str, float] | None:
+        """Root mean square turn from the stated orientations of the used records, as :attr:`rms_before`, :attr:`rms` and
+        :attr:`noise` are of distances [rad]; None where none is stated.
+        """
+        turned = self.fit.used & self.fit.observations.oriented
+        if not turned.any():
+            return None
+        noise = np.sqrt(np.trace(self.fit.residual_noise[turned, 3:, 3:], axis1=1, axis2=2).mean())
+        before, after = (rms(each.turns[turned]) for each in (self.before, self.fit))
+        return {"simulation": before, "calibrated": after, "noise": float(noise)}
 
     @property
     def p_value(self) -> float | None:
@@ -184,7 +197,9 @@ class Calibration(Shown):
             },
             "rms_mm": {"simulation": self.rms_before / MM, "calibrated": self.rms / MM, "noise": self.noise / MM},
             "chi2": None if judged is None else {"value": judged[0], "dof": judged[1], "p_value": self.p_value},
+            "rms_rad": self.turns,
             "unmodelled_mm": self.fit.unmodelled / MM,
+            "unmodelled_rad": self.fit.noise.turn_scatter if self.turns else None,
             "noise_stated": self.fit.stated,
             "parameters": [{k: _plain(v) for k, v in row.items()} for row in self.parameters.to_dict("records")],
             "undetermined": list(self.undetermined),
@@ -194,6 +209,7 @@ class Calibration(Shown):
                     "kind": h.kind,
                     "groups": h.groups,
                     "rms_mm": {"simulation": h.rms_before / MM, "calibrated": h.rms_after / MM},
+                    "rms_rad": {"simulation": rms(h.turn_before), "calibrated": rms(h.turn_after)} if h.turned else None,
                 }
                 for h in self.held_out
             ],

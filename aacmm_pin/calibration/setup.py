@@ -18,7 +18,7 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 
 ReferenceFrame = Literal["base", "external"]
-Target = Literal["tip", "unknown"]
+Target = Literal["tip", "unknown", "frame"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,8 @@ class Setup:
 
     Attributes:
         reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external`` if their frame is unknown.
-        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body was.
+        target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body was; the axes of a target
+            with orientation are turned in the tip by an unknown constant, but for ``frame``: tip and axes are the tip's.
         prior: the arm's stated uncertainties are information.
         encoder_noise: standard uncertainty of one reading of each joint (nq,) [rad].
         reference_noise: of each coordinate of a reference, where the records do not state their own [m].
@@ -101,6 +102,9 @@ class Setup:
         found = []
         if self.reference_noise is None and not stated[measurements.known].all():
             found.append("of the reference coordinates")
+        turn_u = np.full(measurements.n, np.nan) if measurements.orientation_u is None else measurements.orientation_u
+        if not np.isfinite(turn_u[measurements.oriented]).all():
+            found.append("of the orientations")
         # Without these a seat touched again would have to give the very same tip.
         if touched.any() and self.probe_noise is None and (self.encoder_noise is None or not all(placed)):
             found.append("of a contact in its seat")

@@ -162,13 +162,25 @@ class Solution:
     @cached_property
     def chi2(self) -> Chi2:
         """χ² and its degrees of freedom: rows that count, less what the data determine of the parameters."""
-        system, spectrum = self.system, self.spectrum
+        system = self.system
         # A parameter that its prior determines costs nothing: trace of (data's information) (whole information)⁻¹.
-        movable = spectrum.movable
-        scaled = spectrum.directions[:, movable] / spectrum.values[movable] * self.problem.scales[:, None]
-        determined = float(np.linalg.norm(system.jacobian @ scaled)) ** 2
-        left_out = 3 * int(np.sum((self.weights == 0.0) & np.isfinite(system.distance)))
+        determined = float(np.linalg.norm(system.jacobian @ self._scaled)) ** 2
+        left_out = int(self.noise.observations.counts[self.weights == 0.0].sum())
         return Chi2(float(system.residual @ system.residual), system.free - left_out - determined)
+
+    @cached_property
+    def turn_dof(self) -> float:
+        """How many of the degrees of freedom are those of turns."""
+        counts = self.noise.observations.counts
+        if not self.problem.turns:
+            return 0.0
+        rows = (self.system.jacobian[: 6 * int((counts > 0).sum())] @ self._scaled).reshape(-1, 6, self._scaled.shape[1])
+        return 3.0 * int(((counts == 6) & (self.weights > 0.0)).sum()) - float(np.square(rows[:, 3:]).sum())
+
+    @property
+    def _scaled(self) -> Array:
+        spectrum, movable = self.spectrum, self.spectrum.movable
+        return spectrum.directions[:, movable] / spectrum.values[movable] * self.problem.scales[:, None]
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -178,14 +190,19 @@ class Solution:
 
 def begin(problem: Problem, observations: Observations) -> Point:
     """The start: the frame by a robust registration, the unknown points by medians."""
-    frame = Frame.identity()
+    frame = Frame.identity(len(problem.targets))
     prediction = problem.predict(problem.start, frame)
     if problem.external:
         known = problem.measurements.known
         if known.sum() < 3:
             raise AacmmError(f"{known.sum()} records have reference coordinates, expected 3 or more to find their frame")
-        frame = registered(prediction.tips[known], problem.measurements.reference[known])
-        prediction = Prediction(frame.apply(prediction.tips), frame.rotation @ prediction.jacobian)
+        found = registered(prediction.tips[known], problem.measurements.reference[known])
+        frame = replace(found, targets=frame.targets)
+        if not problem.turns:
+            prediction = Prediction(frame.apply(prediction.tips), frame.rotation @ prediction.jacobian)
+    if problem.turns:
+        frame = problem.with_targets(problem.start, frame)
+        prediction = problem.predict(problem.start, frame)
     return Point(problem.start, frame, observations.start(prediction.tips), prediction)
 
 
@@ -225,7 +242,7 @@ class _Search:
         system, first, held_up = self.system(point), 0.0, f"{MOST_STEPS} steps were not enough"
         for count in range(1, MOST_STEPS + 1):
             if self.robust:
-                self.weights = _by_fit(system.distance)
+                self.weights = _by_fit(np.fmax(system.distance, system.turn_distance))
                 system = self.system(point)
             point, system = self.seats_at_best(point, system)
             step = _Step.of(self.problem, system, point.x, self.units)
@@ -257,7 +274,7 @@ class _Search:
     def advanced(self, point: Point, system: System, step: Array) -> tuple[Point, System] | None:
         """The trial; None where the arm cannot be evaluated there, such as one too soft to carry its weight."""
         p = point.x.size
-        frame = point.frame.moved(step[p:]) if self.problem.external else point.frame
+        frame = point.frame.moved(step[p:])
         x = point.x + step[:p]
         try:
             prediction = self.problem.predict(x, frame)
@@ -359,8 +376,8 @@ def standing(problem: Problem, noise: NoiseModel, point: Point, weights: Array) 
 
 
 def deviations(observations: Observations, point: Point) -> Array:
-    """Tip minus target (n, 3) [m]; NaN where a record has none."""
-    return point.prediction.tips - observations.targets(point.seats)
+    """Tip minus target (n, 3) [m], the turn behind it where orientations are stated (n, 6) [rad]; NaN where it has none."""
+    return observations.deviations(point.prediction.poses, point.seats)
 
 
 def _triangle(problem: Problem, system: System, x: Array) -> Array:

@@ -19,7 +19,7 @@ from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U
+from aacmm_pin.measurements.csv_columns import BAR, ORIENTATION, ORIENTATION_U, REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.report.numbers import count
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
 """The columns that ``correct`` adds."""
-OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U)
+OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U)
 """Columns that say where the tip should be have no part in where the readings put it."""
 
 

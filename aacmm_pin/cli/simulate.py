@@ -12,7 +12,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres
-from aacmm_pin.cli.common import EffectTexts, Force, Output, Results, Seed, command, note, refuse
+from aacmm_pin.cli.common import EffectTexts, Force, Output, Results, Seed, angle_option, command, note, refuse
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.cause_text import stated_cause
 from aacmm_pin.effects.error_model import ErrorModel, require_shown
@@ -27,6 +27,7 @@ OPTION_OF = {
     "seats": ("seats", "ball-bar"),
     "bar_length_mm": ("ball-bar",),
     "reference_noise_mm": ("free", "seats", "ball-bar"),
+    "orientation_noise_rad": ("free", "seats"),
 }
 """Which plans use an option, by the name of its argument."""
 BAR_LENGTH_MM = 500.0
@@ -48,6 +49,10 @@ def run(
     unknown: Annotated[bool, typer.Option("--unknown", help="With plan seats: without their coordinates.")] = False,
     bar_length_mm: Annotated[float | None, typer.Option(help="With plan ball-bar: length of the bars.")] = None,
     effect: EffectTexts = None,
+    orientation_noise_rad: Annotated[
+        float | None,
+        angle_option("With coordinates: orientations of the tip too, with this standard uncertainty, in rad or as 50urad."),
+    ] = None,
     perturb: Annotated[
         bool, typer.Option("--perturb", help="Draw the true geometry within the arm's uncertainties.")
     ] = False,
@@ -63,7 +68,7 @@ def run(
         if (plan in PLANS or plan.endswith(".csv")) and plan not in plans:
             refuse(context, [option], f"goes with --plan {' or '.join(plans)}")
     if unknown:
-        refuse(context, ["reference_noise_mm"], "beside --unknown, which states no reference")
+        refuse(context, ["reference_noise_mm", "orientation_noise_rad"], "beside --unknown, which states no reference")
     rng = np.random.default_rng(seed)
     procedure = plan if plan.endswith(".csv") else None
     with Results(force, output, truth, reads=[*arm.files, procedure]) as results:
@@ -96,6 +101,7 @@ def run(
                 seats=seats,
                 known=not unknown,
                 bar_length=length,
+                orientation_noise=orientation_noise_rad,
             )
             results.text(data.csv(), output)
         _require_effects_shown(effects, model, data)

@@ -77,10 +77,11 @@ def _scatter(choice: Choice) -> Array:
     used = fit.used & fit.observations.says
     if fit.problem.setup.encoder_noise is not None or not used.any():
         return alike
-    whiten = fit.noise.whitening
-    left = np.einsum("nij,nj->ni", whiten, choice.tips - fit.observations.targets(fit.solution.point.seats))[used]
+    whiten = fit.noise.whitening[:, :3, :3]
+    off = fit.observations.deviations(choice.tips, fit.solution.point.seats)[:, :3]
+    left = np.einsum("nij,nj->ni", whiten, off)[used]
     into = whiten @ fit.solution.point.frame.rotation  # of the base, where the readings' covariance is
-    readings = into @ fit.problem.reading_covariance.sum(axis=1) @ into.transpose(0, 2, 1)
+    readings = into @ fit.problem.reading_covariance.sum(axis=1)[:, :3, :3] @ into.transpose(0, 2, 1)
     readings = readings * (3.0 / np.trace(readings[used], axis1=1, axis2=2).mean())
     likely = {}
     for share in BY_READINGS:

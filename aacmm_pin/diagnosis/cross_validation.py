@@ -33,7 +33,8 @@ class Gain(Shown):
     Attributes:
         kind: ``seats`` or ``blocks`` of joint space.
         groups: how many parts were left out in turn.
-        simulation, recalibrated, extended: distances of the records by each model (n,) [m]; nan where there is none.
+        simulation, recalibrated, extended: distances of the records by each model (n,) [m]; nan where there is none. A turn
+            from a stated orientation is part of it, by :attr:`Fit.lever`.
         smooth: the same with the smooth corrections of what no cause explains (n,) [m].
         part: part of each record (n,).
         chosen: labels that were chosen without each part.
@@ -89,7 +90,7 @@ def gain_of(
         causes = tuple(k for k in admitted if choice.question.owner(k) < choice.design.causes)
         chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
         rows, records = choice.of_part[number]
-        simulation = distances(records, before.solution.point.prediction.tips[rows])
+        simulation = distances(records, before.solution.point.prediction.poses[rows], lever=choice.fit.lever)
         return [simulation, *(_predicted(choice, training, blocks, number) for blocks in ((), causes, admitted))]
 
     simulation, recalibrated, extended, smooth = left_out_in_turn(part, used & (part >= 0), predict, kind, progress)
@@ -154,7 +155,7 @@ def brought(choice: Choice, admitted: tuple[int, ...], block: int) -> Brought | 
     if choice.in_one_part(block):
         return None
     without = tuple(k for k in admitted if k != block)
-    weight = 1.0 / np.trace(choice.fit.residual_noise, axis1=1, axis2=2)
+    weight = 1.0 / np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
     pairs = [
         [float(np.nansum(d**2 * weight[choice.of_part[number][0]])) for d in distances]
         for number, distances in _predictions(choice, choice.held, (admitted, without))
@@ -192,7 +193,7 @@ def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], number
     if key not in steps:
         steps[key] = Projection(training, admitted).solution()
     rows, records = choice.of_part[number]
-    return distances(records, choice.design.moved(admitted, steps[key], rows))
+    return distances(records, choice.design.moved(admitted, steps[key], rows), lever=choice.fit.lever)
 
 
 def _interval(recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator) -> tuple[float, float]:

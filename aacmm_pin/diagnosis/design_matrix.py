@@ -68,7 +68,8 @@ class Design:
         scales: by which each column is multiplied, so that all are of one order (columns,).
         kept: which of the fit's own parameters are nuisances.
         prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances + 1).
-        tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m].
+        tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m]; with orientations
+            (n, 6), see :class:`Prediction`.
         taken_out: how many of the calibration's estimated effects these are, its last ones.
     """
 
@@ -97,7 +98,7 @@ class Design:
         return replace(self, blocks=tuple(blocks), scales=scales)
 
     def strips(self) -> Iterator[tuple[slice, Array]]:
-        """The columns of all in turn, a limited number at once: which, and (n, 3, q), scaled [m]."""
+        """The columns of all in turn, a limited number at once: which, and (n, 3 or 6, q), scaled [m, rad]."""
         yield slice(0, self.nuisances), self.columns(None)
         most = max(min(AT_ONCE, NUMBERS_AT_ONCE // self.tips.size), 1)
         for _, group in groupby(self.blocks, key=lambda b: b.columns.start // most):
@@ -107,7 +108,7 @@ class Design:
                 yield columns, self._of([b.source for b in some]) * self.scales[columns]
 
     def columns(self, block: int | None) -> Array:
-        """The columns of a block, or of the nuisances where it is None, scaled (n, 3, q) [m]; kept."""
+        """The columns of a block, or of the nuisances where it is None, scaled (n, 3 or 6, q) [m, rad]; kept."""
         if block not in self._kept:
             if block is None:
                 own = self.fit.solution.point.prediction.jacobian[:, :, self.kept]
@@ -117,7 +118,7 @@ class Design:
         return self._kept[block]
 
     def moved(self, admitted: Sequence[int], step: Array, rows: Index | slice = slice(None)) -> Array:
-        """Tips (n, 3) of some records with a step of the nuisances and of these blocks, in this order [m]."""
+        """Tips (n, 3 or 6) of some records with a step of the nuisances and of these blocks, in this order [m, rad]."""
         columns = np.concatenate([self.columns(block)[rows] for block in (None, *admitted)], axis=2)
         return np.asarray(self.tips[rows] + columns @ step)
 
@@ -126,7 +127,7 @@ class Design:
         return {}
 
     def _of(self, sources: Sequence[Effect | Carried]) -> Array:
-        """Columns of causes alone, or of covariates alone (n, 3, q) [m/unit]."""
+        """Columns of causes alone, or of covariates alone (n, 3 or 6, q) [m/unit]."""
         effects = [source for source in sources if isinstance(source, Effect)]
         if effects:
             return self._calibrated.columns(effects)
@@ -155,7 +156,7 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     arm_u = problem.vector.arm_u
     within = stays + np.flatnonzero(arm_u[stays:] > 0.0)
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
-    tips = point.prediction.tips - own[:, :, stays:width] @ point.x[stays:width]
+    tips = point.prediction.poses - own[:, :, stays:width] @ point.x[stays:width]
     left = np.sqrt(np.square(fit.solution.system.deviation[fit.used]).mean())
     candidates: list[Sequence[Effect | Carried]] = [*library, *(covariate.variants for covariate in others)]
     blocks, typical, first = [], [], kept.size
@@ -178,20 +179,25 @@ class _Calibrated:
     def __init__(self, fit: Fit) -> None:
         problem, point = fit.problem, fit.solution.point
         arm, records = problem.model.arm, problem.measurements
-        self.drawn = State(arm, records.q, records.conditions, arm.chain.tip)
+        self.drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=problem.turns)
         given = ParameterVector(arm, (*problem.model.effects, *fit.solution.effects))
         self.state = Columns.of(self.drawn, given.effects).at(given.values)
         self.frame = point.frame.rotation if problem.external else np.eye(3)
         self.rows = arm.chain.moving_rows()
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """∂(tip)/∂parameters of effects that are all zero, in the frame of the references (n, 3, p) [m/unit]."""
-        return np.asarray(self.frame @ Columns.of(self.drawn, effects).jacobian(self.state))
+        """∂(pose)/∂parameters of effects that are all zero, in the frame of the references (n, 3 or 6, p) [m/unit]."""
+        columns = Columns.of(self.drawn, effects).jacobian(self.state)
+        if not self.state.turns:
+            return np.asarray(self.frame @ columns)
+        return np.concatenate([self.frame @ half for half in np.split(columns, 2, axis=1)], axis=1)
 
     def carried(self, way: Carried) -> Array:
-        """Shift of the tip by each function on each axis of the carrier (n, 3, functions · axes) [m/unit]."""
+        """Shift of the tip by each function on each axis of the carrier (n, 3 or 6, functions · axes) [m/unit]."""
         axes = self._axes(way.carrier)
-        return np.asarray(np.einsum("nm,nij->nimj", way.functions, axes).reshape(len(axes), 3, -1))
+        if missing := self.state.coordinates - axes.shape[1]:  # what shifts the tip alone turns nothing
+            axes = np.pad(axes, ((0, 0), (0, missing), (0, 0)))
+        return np.asarray(np.einsum("nm,nij->nimj", way.functions, axes).reshape(*axes.shape[:2], -1))
 
     @cached_property
     def _of_angles(self) -> Array:

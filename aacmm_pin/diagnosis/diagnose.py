@@ -213,7 +213,7 @@ def _surviving(choice: Choice, problem: ProblemOf) -> Choice:
 
 def _floor(extended: Fit) -> float:
     """RMS of the residuals that the stated noise alone would leave; that which was found, where it is not stated [m]."""
-    return float(np.sqrt(np.trace(extended.stated_noise[extended.used], axis1=1, axis2=2).mean()))
+    return float(np.sqrt(np.trace(extended.stated_noise[extended.used, :3, :3], axis1=1, axis2=2).mean()))
 
 
 def _excess(extended: Fit) -> float:
@@ -226,7 +226,7 @@ def _excess(extended: Fit) -> float:
     left = np.square(extended.solution.system.deviation[extended.used]).sum(axis=1).mean()
     explained = _floor(extended) ** 2
     if extended.problem.setup.encoder_noise is None:
-        levers = np.trace(extended.problem.reading_covariance[extended.used], axis1=2, axis2=3)
+        levers = np.trace(extended.problem.reading_covariance[extended.used, :, :3, :3], axis1=2, axis2=3)
         explained += PLAIN_ENCODER**2 * float(levers.sum(axis=1).mean())
     chi2, dof = extended.chi2_stated
     return max(extended.dof * (1.0 - dof / chi2), 0.0) if left > MUCH_MORE**2 * explained else 0.0

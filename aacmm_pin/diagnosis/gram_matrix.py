@@ -219,13 +219,14 @@ def _parts_of(design: Design, part: Index) -> list[Part]:
     part = np.where(used, part, -1)
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.solution.point.seats[old]
-    whiten = np.linalg.inv(np.linalg.cholesky(fit.residual_noise)) * used[:, None, None]
+    whiten = fit.noise.whitening * used[:, None, None]
     elimination = Elimination(observations, points, whiten)
-    off = np.where(used[:, None], design.tips - observations.targets(points), 0.0)[:, :, None]
+    off = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)[:, :, None]
     of_bar = of_seat[observations.ends[:, 0]]
     owners = (part, np.where(observations.known, of_seat, -1), of_bar)
     own = [[np.flatnonzero(owner == k) for owner in owners] for k in range(int(part.max(initial=0)) + 1)]
-    counts = [3 * records.size + 3 * seats.size + bars.size for records, seats, bars in own]
+    ties = [3 * seats.size + bars.size for _, seats, bars in own]
+    counts = [whiten.shape[1] * records.size + tied for (records, *_), tied in zip(own, ties, strict=True)]
     width = design.width
     kind = np.float64 if off.size * width <= MOST_DOUBLE else np.float32
     found = [np.empty((count, width + 1), dtype=kind) for count in counts]
@@ -235,4 +236,5 @@ def _parts_of(design: Design, part: Index) -> list[Part]:
             rows = [each[some].reshape(-1, strip.shape[2]) for each, some in zip(whole, chosen, strict=True)]
             into[:, columns] = np.concatenate(rows)
     seats = np.bincount(of_seat[of_seat >= 0], minlength=len(own))
-    return [Part(r, max(n - 3 * int(s), 0)) for r, n, s in zip(found, counts, seats, strict=True)]
+    free = [observations.counts[records].sum() + tied for (records, *_), tied in zip(own, ties, strict=True)]
+    return [Part(r, max(int(n - 3 * s), 0)) for r, n, s in zip(found, free, seats, strict=True)]

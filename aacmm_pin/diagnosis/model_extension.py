@@ -87,7 +87,7 @@ class Choice:
 
     @property
     def tips(self) -> Array:
-        """Tips (n, 3) with all that was admitted, covariates included, refitted [m]."""
+        """Tips (n, 3), turns behind them (n, 6), with all that was admitted, covariates included, refitted [m, rad]."""
         return self.design.moved(self.admitted, self.left.projection.solution())
 
     @property
@@ -148,15 +148,15 @@ def _doubtful(choice: Choice, first: Fit) -> int:
 
 def _put_back(first: Fit) -> NDArray[np.bool_]:
     """The records that count, and those that were excluded but not by far (n,)."""
-    far = _times_the_limit(first, first.solution.point.prediction.tips, first)
+    far = _times_the_limit(first, first.solution.point.prediction.poses, first)
     return np.asarray(first.used | (first.excluded & (far < NOT_FAR)))
 
 
 def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:
     """Distance of each record's tip from its target, over what a good one may have by the scatter of ``judge`` (n,)."""
     says = at.observations.says
-    off = tips - at.observations.targets(at.solution.point.seats)
-    found, limit = np.zeros(len(tips)), chi2_isf(FALSE_EXCLUSION / len(tips), 3)
+    off = at.observations.deviations(tips, at.solution.point.seats)
+    found, limit = np.zeros(len(tips)), chi2_isf(FALSE_EXCLUSION / len(tips), at.observations.counts[says])
     found[says] = np.sqrt(squared_distances(off[says], judge.residual_noise[says]) / limit)
     return found
 

@@ -28,7 +28,7 @@ def residuals_by_group(before: Fit) -> pd.DataFrame:
     sensitivity = model.arm.sensitivity(before.problem.measurements.q)
     sensitivity = before.solution.point.frame.rotation @ sensitivity
     own = model.covariance()[: sensitivity.shape[2], : sensitivity.shape[2]]
-    return groups_table(before, before.stated_noise + sensitivity @ own @ sensitivity.transpose(0, 2, 1))
+    return groups_table(before, before.stated_noise[:, :3, :3] + sensitivity @ own @ sensitivity.transpose(0, 2, 1))
 
 
 def groups_table(fit: Fit, covariance: Array) -> pd.DataFrame:

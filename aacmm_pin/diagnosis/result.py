@@ -166,6 +166,13 @@ class Diagnosis(Shown):
         return of_fits | {"noise": self.noise}
 
     @property
+    def turns(self) -> dict[str, float] | None:
+        """RMS turn of the used records from their stated orientations, by each model [rad]; None where none is stated."""
+        used = self.extended.used & self.extended.observations.oriented
+        fits = {"simulation": self.before, "recalibrated": self.recalibrated, "extended": self.extended}
+        return {name: rms(fit.turns[used]) for name, fit in fits.items()} if used.any() else None
+
+    @property
     def excluded(self) -> pd.DataFrame:
         """Records that cannot belong even with the causes known: row, residual [mm], reason."""
         records, out = self.extended.problem.measurements, self.extended.excluded
@@ -208,6 +215,7 @@ class Diagnosis(Shown):
                 ],
             },
             "rms_mm": {name: value / MM for name, value in self.rms.items()},
+            "rms_rad": self.turns,
             "findings": [_finding(f) for f in self.findings],
             "held_out": None if self.held_out is None else _held_out(self.held_out),
             "unexplained": {

@@ -78,7 +78,7 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     # Each function has one column for each quantity; the first function is the constant where there is one.
     sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
     axes = _axes(design, block, way, count)
-    off = choice.tips - choice.fit.observations.targets(choice.fit.solution.point.seats)
+    off = choice.fit.observations.deviations(choice.tips, choice.fit.solution.point.seats)[:, :3]
     each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
     covariate = choice.others[design.blocks[block].candidate - design.causes]
     table = covariate.values.copy()
@@ -92,6 +92,7 @@ def _axes(design: Design, block: int, way: Carried, count: int) -> Array:
     strongest = np.argmax(
         np.abs(way.functions), axis=1
     )  # a column is a function times the shift; divide by one that is there
-    own = (design.columns(block) / design.scales[design.blocks[block].columns]).reshape(len(strongest), 3, -1, count)
+    of_tips = design.columns(block)[:, :3]
+    own = (of_tips / design.scales[design.blocks[block].columns]).reshape(len(strongest), 3, -1, count)
     row = np.arange(len(strongest))
     return np.asarray(own[row, :, strongest] / way.functions[row, strongest][:, None, None])

@@ -378,8 +378,11 @@ class Effect(Shown, ABC):
         return replace(self, values=tuple(values), u=tuple(u))
 
     def sensitivity(self, state: State) -> Array:
-        """∂(position of the target)/∂parameters: (n, 3, p) [m/unit]. Places behind the target do not matter to it."""
-        total = np.zeros((state.n, 3, len(self.terms)))
+        """∂(position of the target)/∂parameters: (n, 3, p) [m/unit]. Places behind the target do not matter to it.
+
+        With ``state.turns`` (n, 6, p), the turn of the last body behind it [rad/unit].
+        """
+        total = np.zeros((state.n, state.coordinates, len(self.terms)))
         for d in self.displacements(state):
             if d.place <= state.target:
                 total += moved(state, d)
@@ -493,12 +496,16 @@ def turns(typical: float) -> tuple[Term, ...]:
 
 
 def moved(state: State, displacement: Displacement) -> Array:
-    """What a displacement does to the target: ``R (v + ω × r)``, r the target seen from the place: (n, 3, p)."""
+    """What a displacement does to the target: ``R (v + ω × r)``, r the target seen from the place: (n, 3, p).
+
+    With ``state.turns`` the turn ``R ω`` behind it: (n, 6, p), as ``LOCAL_WORLD_ALIGNED`` has it.
+    """
     place, columns = displacement.place, displacement.columns
     lever = state.in_axes_of(place, state.position - state.origin[place])
     v, w = columns[:, :3], columns[:, 3:]
     local = v - skew(lever) @ w if w.any() else np.broadcast_to(v, (state.n, *v.shape[1:]))
-    return np.asarray(state.rotation[place] @ local)
+    motion = np.asarray(state.rotation[place] @ local)
+    return np.concatenate([motion, state.rotation[place] @ w], axis=1) if state.turns else motion
 
 
 def about_axis(state: State, row: int, columns: Array) -> Displacement:

@@ -30,6 +30,7 @@ class State:
         target: the place whose origin is looked at.
         twists: displacements of places, see :meth:`Chain.walk`.
         looked_at: a point of the last body near the target, whose motion is asked for (n, 3) [m]; None for the target.
+        turns: whether the turn of the last body is asked for too, behind the motion of the point.
     """
 
     arm: Arm
@@ -38,6 +39,7 @@ class State:
     target: int
     twists: Mapping[int, Array] = field(default_factory=dict)
     looked_at: Array | None = None
+    turns: bool = False
 
     @cached_property
     def _frames(self) -> tuple[Array, Array]:
@@ -57,6 +59,11 @@ class State:
     def n(self) -> int:
         """Number of records."""
         return len(self.q)
+
+    @property
+    def coordinates(self) -> int:
+        """How many numbers a motion has: three, or six with the turn."""
+        return 6 if self.turns else 3
 
     @property
     def position(self) -> Array:

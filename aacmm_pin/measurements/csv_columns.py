@@ -32,11 +32,14 @@ Mask = NDArray[np.bool_]
 THETA: dict[AngleUnit, str] = {"deg": "theta#_deg", "rad": "theta#_rad"}
 REFERENCE = ("x_mm", "y_mm", "z_mm")
 REFERENCE_U = ("u_x_mm", "u_y_mm", "u_z_mm")
+ORIENTATION, ORIENTATION_U = ("qw", "qx", "qy", "qz"), "u_rot_rad"
 BAR = ("bar", "bar_end", "bar_length_mm")
 APPROACH, TORQUE, LINK_TEMPERATURE = "approach#", "torque#_nm", "temperature#_c"
 FIELDS: dict[str, tuple[tuple[str, ...], float]] = {
     "reference": (REFERENCE, MM),
     "reference_u": (REFERENCE_U, MM),
+    "orientation": (ORIENTATION, 1.0),
+    "orientation_u": ((ORIENTATION_U,), 1.0),
     "seat": (("seat",), 1.0),
     "marker": (("marker",), 1.0),
     "bar": (("bar",), 1.0),
@@ -58,6 +61,7 @@ A name with # stands for as many columns with numbers in its place, from 1: of t
 PLAUSIBLE: dict[str, Range] = {
     "reference": plausible.COORDINATE,
     "reference_u": plausible.LENGTH_NOISE,
+    "orientation_u": plausible.TURN_NOISE,
     "bar_length": plausible.BAR_LENGTH,
     "time": plausible.TIME,
     "temperature": plausible.TEMPERATURE,
@@ -68,7 +72,9 @@ PLAUSIBLE: dict[str, Range] = {
 LABELS = ("seat", "marker", "bar", "bar_end", "session", "operator", "record")
 NUMBERED = (*THETA.values(), APPROACH, TORQUE, LINK_TEMPERATURE)
 SINGLE = tuple(name for columns, _ in FIELDS.values() for name in columns if "#" not in name)
-MAY_BE_EMPTY = (*REFERENCE, *REFERENCE_U, "bar_length_mm")
+MAY_BE_EMPTY = (*REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U, "bar_length_mm")
+NOT_ROUNDING = 2e-3
+"""A quaternion whose norm is off one by more than this is none: four numbers with three decimals give 1e-3 at most."""
 
 ALIKE = 0.9
 """Similarity (difflib) from which an unknown name is taken for a slip of a known one: one letter wrong in ten."""
@@ -247,12 +253,13 @@ def _joints(header: Header, names: Sequence[str], nq: int | None, problems: Prob
 
 def _companions(there: set[str], joints: int, link_temperature: Sequence[str], problems: Problems) -> None:
     """Names that need others, or exclude them."""
-    for group in (REFERENCE, REFERENCE_U, BAR):
+    for group in (REFERENCE, REFERENCE_U, ORIENTATION, BAR):
         present, missing = [n for n in group if n in there], [n for n in group if n not in there]
         if present and missing:
             problems.add(", ".join(missing), f"missing beside {', '.join(present)}; expected all of {', '.join(group)}")
-    if there.intersection(REFERENCE_U) and not there.intersection(REFERENCE):
-        problems.add("u_x_mm", "uncertainty of a reference that is not there; expected x_mm, y_mm, z_mm too")
+    for u, of in ((REFERENCE_U[0], REFERENCE), (ORIENTATION_U, ORIENTATION)):
+        if u in there and not there.intersection(of):
+            problems.add(u, f"uncertainty of a reference that is not there; expected {', '.join(of)} too")
     if there.intersection(BAR) and "seat" not in there:
         problems.add("seat", "missing beside bar; expected the label of the seat that each end of a bar stands for")
     if link_temperature and "temperature_c" in there:
@@ -381,15 +388,20 @@ def _angles(columns: Columns, problems: Problems) -> None:
 
 
 def _references(columns: Columns, problems: Problems) -> None:
-    for names in (REFERENCE, REFERENCE_U):
+    for names in (REFERENCE, REFERENCE_U, ORIENTATION):
         stated = np.isfinite(columns.block(names))
         partly = stated.any(axis=1) & ~stated.all(axis=1)
         for k, name in enumerate(names):
-            expected = f"is empty in a row that states others of {', '.join(names)}; expected all three or none"
+            expected = f"is empty in a row that states others of {', '.join(names)}; expected all or none"
             problems.at(partly & ~stated[:, k], name, expected)
-    for name in filter(columns.numbers.__contains__, REFERENCE_U):
+    for name in filter(columns.numbers.__contains__, (*REFERENCE_U, ORIENTATION_U)):
         u = columns.numbers[name]
         problems.at(u == 0.0, name, "is {:g}, expected a standard uncertainty above zero", u)
+    norm = np.linalg.norm(columns.block(ORIENTATION), axis=1)
+    expected = "expected 1: a unit quaternion, scalar first (angles in degrees or Euler angles are to be converted)"
+    problems.at(np.abs(norm - 1.0) > NOT_ROUNDING, span(ORIENTATION), f"has the norm {{:.6g}}, {expected}", norm)
+    placed = np.isfinite(columns.block(REFERENCE)).any(axis=1) | (columns.label("seat") != "")
+    problems.at(np.isfinite(norm) & ~placed, span(ORIENTATION), f"in a row without {span(REFERENCE)} and seat")
 
 
 def _approaches(columns: Columns, problems: Problems) -> None:

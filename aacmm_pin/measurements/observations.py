@@ -36,6 +36,8 @@ class Observations:
         ends: seats at the two ends of each bar (b, 2).
         length: calibrated lengths of the bars (b,) [m].
         length_u: their standard uncertainties (b,) [m].
+        oriented: True for records that state an orientation (n,). The covariance is then (n, 6, 6), of the turn behind the
+            tip [rad²].
     """
 
     reference: Array
@@ -47,11 +49,17 @@ class Observations:
     ends: Index
     length: Array
     length_u: Array
+    oriented: NDArray[np.bool_]
 
     @cached_property
     def says(self) -> NDArray[np.bool_]:
         """(n,) True for records that say something."""
         return np.asarray((self.seat >= 0) | np.isfinite(self.reference).all(axis=1))
+
+    @property
+    def counts(self) -> Index:
+        """How many numbers each record states (n,): none, three, or six with its orientation."""
+        return 3 * (self.says * (1 + self.oriented.astype(np.intp)))
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -81,6 +89,12 @@ class Observations:
         found = self.reference.copy()
         found[self.seat >= 0] = points[self.seat[self.seat >= 0]]
         return found
+
+    def deviations(self, poses: Array, points: Array) -> Array:
+        """``poses`` (n, 3 or 6) [m, rad] less the targets, see :meth:`targets`; turns are from the target already."""
+        off = poses.copy()
+        off[:, :3] -= self.targets(points)
+        return off
 
     def of_seats(self, points: Array) -> Array:
         """Residual of each seat's stated coordinates over their u (s, 3); zero where none are stated."""
@@ -131,7 +145,7 @@ class Elimination:
     """
 
     def __init__(self, observations: Observations, points: Array, whiten: Array) -> None:
-        """At seats ``points`` (s, 3), with each record's residual whitened by ``whiten`` (n, 3, 3)."""
+        """At seats ``points`` (s, 3), with each record's residual whitened by ``whiten`` (n, 3, 3), or (n, 6, 6)."""
         self.observations = observations
         self.touched = np.flatnonzero(observations.seat >= 0)
         self.numbers = observations.seat[self.touched]
@@ -141,7 +155,7 @@ class Elimination:
         tie = np.where(
             observations.known[:, None], 1.0 / np.where(observations.known[:, None], observations.stated_u, 1.0), 0
         )
-        by, by_tie = -whiten[self.touched], tie[:, :, None] * np.eye(3)
+        by, by_tie = -whiten[self.touched, :, :3], tie[:, :, None] * np.eye(3)
         # Cholesky QR twice: orthonormal to rounding, however uneven a seat's directions are known.
         self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
         for least in (NOTHING_KNOWN, 0.5):
@@ -163,7 +177,7 @@ class Elimination:
         return np.asarray(self._sum @ flat).reshape(len(self.observations.labels), *each.shape[1:])
 
     def eliminated(self, rows: Array, residual: bool) -> tuple[Array, Array, Array, Array]:
-        """Whitened rows (n, 3, c) with the seats at their best; where ``residual``, the last column is the residual.
+        """Whitened rows (n, 3 or 6, c) with the seats at their best; where ``residual``, the last column is the residual.
 
         Returns:
             ``Qᵀ R`` (s, 3, c), the records' rows (n, 3, c), in place, the seats' own (s, 3, c), and one for each bar (b, c).

@@ -81,6 +81,10 @@ class Measurements(Shown):
         read_as: how the file was read, where that is not as it usually is: separators, decimal commas, comments left out,
             touches of an acceptance test.
         header: names of the columns of the file, as they stand there.
+        orientation: of the target in the frame of the references, unit quaternions with the scalar first (n, 4), NaN rows
+            where it is not known; None where it nowhere is.
+        orientation_u: its standard uncertainty about each axis (n,) [rad], NaN where it is not stated; None where it
+            nowhere is.
     """
 
     q: Array
@@ -97,6 +101,8 @@ class Measurements(Shown):
     source: str
     read_as: tuple[str, ...] = ()
     header: tuple[str, ...] = ()
+    orientation: Array | None = None
+    orientation_u: Array | None = None
 
     @staticmethod
     def read(path: str | Path, nq: int | None = None) -> Measurements:
@@ -132,6 +138,8 @@ class Measurements(Shown):
         bar_length: ArrayLike | None = None,
         operator: ArrayLike | None = None,
         record: ArrayLike | None = None,
+        orientation: ArrayLike | None = None,
+        orientation_u: ArrayLike | None = None,
         extra: pd.DataFrame | None = None,
         source: str = "table",
     ) -> Measurements:
@@ -164,6 +172,8 @@ class Measurements(Shown):
             bar_length=_checked("bar_length", bar_length, n),
             operator=_checked("operator", operator, n),
             record=_checked("record", record, n),
+            orientation=_checked("orientation", orientation, n),
+            orientation_u=_checked("orientation_u", orientation_u, n),
             extra=extra,
             row=np.arange(n) + FIRST_RECORD,
             source=source,
@@ -188,6 +198,11 @@ class Measurements(Shown):
     def known(self) -> NDArray[np.bool_]:
         """(n,) True where the reference is known."""
         return np.asarray(np.isfinite(self.reference).all(axis=1))
+
+    @property
+    def oriented(self) -> NDArray[np.bool_]:
+        """(n,) True where an orientation is stated."""
+        return np.zeros(self.n, dtype=bool) if self.orientation is None else np.isfinite(self.orientation[:, 0])
 
     def take(self, rows: Index | slice | NDArray[np.bool_] | Sequence[int]) -> Measurements:
         """Some of the records; seats and bars may lose what made them useful, which only reading a file checks."""
@@ -377,9 +392,20 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     conditions = Conditions(columns.n, **{name: found.pop(name) for name in COLUMNS})
     for name, of_form in (("reference", names.REFERENCE), ("reference_u", names.REFERENCE_U)):
         found[name] = columns.block(of_form) * MM
+    if (turned := _unit(found.pop("orientation"))) is not None:
+        found["orientation"] = turned
+    else:
+        del found["orientation_u"]
     q = columns.block(columns.header.theta) * (DEG if columns.header.unit == "deg" else 1.0)
     extra = table[list(columns.header.extra)].reset_index(drop=True)
     return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **found)
+
+
+def _unit(quaternions: Array | None) -> Array | None:
+    """With the norm of one, which those of a file have but for rounding; None where none is stated."""
+    if quaternions is None or np.isnan(quaternions).all():
+        return None
+    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
 
 
 # --- from arrays
@@ -395,13 +421,14 @@ def _checked(name: str, values: ArrayLike | None, n: int) -> Any:
         return None
     if name in names.LABELS:
         return _labels(name, values, n)
-    if name in ("reference", "reference_u"):
-        array = _with_gaps(values, lambda filled: batch(filled, 3, name, "m"))
+    if name in ("reference", "reference_u", "orientation"):
+        width, unit = (4, "1") if name == "orientation" else (3, "m")
+        array = _with_gaps(values, lambda filled: batch(filled, width, name, unit))
         partly = np.flatnonzero(np.isnan(array).any(axis=1) & ~np.isnan(array).all(axis=1))
         if partly.size:
             raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all where not known")
-    elif name == "bar_length":
-        array = _with_gaps(values, lambda filled: vector(filled, n, name, "m"))
+    elif name in ("bar_length", "orientation_u"):
+        array = _with_gaps(values, lambda filled: vector(filled, n, name, "m" if name == "bar_length" else "rad"))
     elif name in ("time", "temperature"):
         array = vector(values, n, name, COLUMNS[name])
     else:
@@ -411,8 +438,15 @@ def _checked(name: str, values: ArrayLike | None, n: int) -> Any:
     if name in names.PLAUSIBLE:
         range_ = names.PLAUSIBLE[name]
         range_.check(np.where(np.isnan(array), range_.most, array), name, ShapeError)
-    if name == "reference_u" and (array == 0.0).any():
-        raise ShapeError("reference_u holds numbers that are not above zero")
+    if name in ("reference_u", "orientation_u") and (array == 0.0).any():
+        raise ShapeError(f"{name} holds numbers that are not above zero")
+    if name == "orientation":
+        norm = np.linalg.norm(array, axis=1)
+        if (np.abs(norm - 1.0) > names.NOT_ROUNDING).any():
+            raise ShapeError(
+                f"orientation has norms of {np.nanmin(norm):g} to {np.nanmax(norm):g}, expected unit quaternions"
+            )
+        return _unit(array)
     if name == "approach" and not np.isin(array, (-1.0, 0.0, 1.0)).all():
         raise ShapeError("approach holds other numbers than -1, 0 and 1")
     return array

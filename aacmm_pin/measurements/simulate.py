@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, whole
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import exp
 from aacmm_pin.arm.random_postures import MARGIN, Room
 from aacmm_pin.effects.conditions import Conditions, Labels
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import SEATS_APART, Place, Pool, bars_for, seats_for, visits
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
+from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.schedule import sessions, workshop_conditions
 from aacmm_pin.postures.sampling import brought_to
@@ -39,6 +41,7 @@ def simulate_measurements(
     bar_length: float | None = None,
     above: float | None = None,
     temperature_range: float = 3.0,
+    orientation_noise: float | None = None,
 ) -> Measurements:
     """Measurements of an arm that has just the errors of ``model``, by :meth:`ErrorModel.predict`, plus noise.
 
@@ -69,6 +72,8 @@ def simulate_measurements(
         bar_length: for plan ``ball-bar`` [m].
         above: height of a table over the base origin, along gravity, under which no tip goes [m].
         temperature_range: temperatures stay within ± this of the arm's reference temperature [K].
+        orientation_noise: where coordinates are stated, state the orientation of the tip too, with this standard uncertainty
+            about each axis [rad]; None for positions alone.
 
     Raises:
         UnknownNameError: no such plan; a ``seat_error`` of a seat that the plan does not have.
@@ -92,7 +97,9 @@ def simulate_measurements(
     )
     seed = seed_of(rng)
     source = f"simulated, {model.arm.name}, plan {plan}, seed {'unknown' if seed is None else seed}{assumed}"
-    shop = _Workshop(model, noise, temperature_range, rng, source)
+    if orientation_noise is not None:
+        plausible.TURN_NOISE.check(orientation_noise, "orientation_noise")
+    shop = _Workshop(model, noise, temperature_range, rng, source, orientation_noise)
     if plan == "free":
         return shop.free(Room(model.arm, above).postures(records, rng)[0])
     counts = np.bincount(np.arange(records) % points)
@@ -123,6 +130,7 @@ class _Workshop:
     temperature_range: float
     rng: np.random.Generator
     source: str
+    orientation_noise: float | None = None
 
     def free(self, q: Array) -> Measurements:
         """Records at the postures ``q`` (n, nq), each with its own reference."""
@@ -192,17 +200,23 @@ class _Workshop:
     def _normal(self, u: float, like: Array) -> Array:
         return np.asarray(u * self.rng.normal(size=like.shape))
 
-    def _recorded(self, q: Array, conditions: Conditions, reference: Array | None, **bars: Any) -> Measurements:
+    def _recorded(self, q: Array, conditions: Conditions, reference: Array | None, **more: Any) -> Measurements:
         """The records, with noisy readings; exact references state no uncertainty."""
         u = self.noise.reference
+        readings = q + self.noise.encoder * self.rng.normal(size=q.shape)
+        if self.orientation_noise is not None and reference is not None:
+            state = self.model.state(q, conditions, as_referenced=True)
+            turned = exp(np.hstack([np.zeros_like(reference), self._normal(self.orientation_noise, reference)]))[:, :3, :3]
+            more["orientation"] = quaternions(turned @ state.rotation[-1])
+            more["orientation_u"] = np.full(len(q), self.orientation_noise) if self.orientation_noise > 0 else None
         return Measurements.of(
-            q + self.noise.encoder * self.rng.normal(size=q.shape),
+            readings,
             reference,
             np.full((len(q), 3), u) if reference is not None and u > 0 else None,
             conditions,
             record=np.array([str(k) for k in range(1, len(q) + 1)], dtype=object),
             source=self.source,
-            **bars,
+            **more,
         )
 
 

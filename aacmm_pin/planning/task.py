@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,10 @@ class Task:
     causes: tuple[Effect, ...]
     existing: Measurements | None
     setup: Setup
+
+    def __post_init__(self) -> None:
+        if self.existing is not None:  # a plan is of tips
+            object.__setattr__(self, "existing", replace(self.existing, orientation=None, orientation_u=None))
 
     @property
     def conditions(self) -> Conditions:

@@ -9,8 +9,9 @@ import pandas as pd
 
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import DEG, MM
+from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.calibration import Calibration
+from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.solver import MISFIT
 from aacmm_pin.diagnosis.result import described
 from aacmm_pin.effects.error_model import ErrorModel
@@ -171,6 +172,10 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
         "seed": seed,
         "verdict": verdict(result),
         "base_in_reference_frame": placement if result.fit.problem.external else None,
+        "targets": [
+            {"marker": label, "rotation": rotation.tolist()}
+            for label, rotation in zip(result.fit.problem.targets, frame.targets, strict=True)
+        ],
     }
 
 
@@ -179,6 +184,10 @@ def _result(result: Calibration) -> list[Block]:
     rows += [(f"held-out {KINDS[h.kind]}, in {h.groups} parts", h.rms_before, h.rms_after) for h in result.held_out]
     sizes = pd.DataFrame(rows, columns=["records", "before_mm", "after_mm"])
     sizes["gain"] = 1.0 - sizes["after_mm"] / sizes["before_mm"]
+    turned = [("used in the fit", t["simulation"], t["calibrated"])] if (t := result.turns) else []
+    turned += [(f"held-out {KINDS[h.kind]}", rms(h.turn_before), rms(h.turn_after)) for h in result.held_out if h.turned]
+    turns = pd.DataFrame(turned, columns=["records", "before [µrad]", "after [µrad]"])
+    turns.iloc[:, 1:] /= UM
     silent = int((~result.fit.used & ~result.fit.excluded).sum())
     return [
         Heading("Result"),
@@ -194,6 +203,12 @@ def _result(result: Calibration) -> list[Block]:
             "seat, where all its records and its reference together put it. Held-out records were predicted by calibrations "
             "that did not use them, and are compared with their own reference. Single records have neighbours that stay in; "
             f"rely on whole groups. The noise alone would give {length(result.noise)}.",
+        ),
+        Table(
+            turns,
+            "RMS turn from the stated orientation",
+            dict.fromkeys(turns.columns[1:], ".1f"),
+            explained=f"The noise alone would give {t['noise'] / UM:.1f} µrad." if t else "",
         ),
         f"{count(silent, 'record')} not used: no coordinates, and no seat with other records." if silent else "",
         Notes(result.notes),

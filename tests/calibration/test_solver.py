@@ -205,7 +205,8 @@ def test_the_scatter_with_which_chi2_meets_its_degrees_of_freedom() -> None:
         found: Any = SimpleNamespace(
             noise=noise,
             chi2=SimpleNamespace(dof=dof),
-            system=SimpleNamespace(deviation=deviation),
+            turn_dof=0.0,
+            system=SimpleNamespace(off=deviation),
             point=SimpleNamespace(seats=seats),
         )
         scatter = 7e-5 if wanted is None else 1e-5 * np.sqrt(wanted - 9.0)

@@ -112,6 +112,7 @@ SUMMARY = fields(
         "converge_note": lambda v: isinstance(v, str),
         "records": fields({"used": count, "excluded": several(fields({"row": count, "reason": text, "residual_mm": SIZE}))}),
         "rms_mm": fields(RMS | {"noise": SIZE}),
+        "rms_rad": none_or(fields(RMS)),
         "findings": several(FINDING),
         "held_out": none_or(
             fields(

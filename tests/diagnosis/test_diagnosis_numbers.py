@@ -644,7 +644,7 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
     fit_ = SimpleNamespace(
         used=used,
         problem=problem,
-        observations=SimpleNamespace(says=np.ones(n, dtype=bool), targets=lambda _: np.ones((n, 3))),
+        observations=SimpleNamespace(says=np.ones(n, dtype=bool), deviations=lambda tips, _: tips - 1.0),
         noise=SimpleNamespace(whitening=whitening),
         solution=SimpleNamespace(point=SimpleNamespace(seats=None, frame=SimpleNamespace(rotation=frame))),
     )

@@ -364,7 +364,7 @@ def test_excluded_records_are_tried_with_the_others(
     excluded = np.arange(records) < near + 20
     far = np.where(np.arange(records) < near, 4.9, 5.1)  # among the others are such that say nothing
     first: Any = SimpleNamespace(used=~excluded & (np.arange(records) < records - 2), excluded=excluded, name="first")
-    first.solution = SimpleNamespace(point=SimpleNamespace(prediction=SimpleNamespace(tips=None)))
+    first.solution = SimpleNamespace(point=SimpleNamespace(prediction=SimpleNamespace(poses=None)))
     tried, put_back = [], np.flatnonzero(first.used | (np.arange(records) < near)).tolist()
 
     def fit(_: object, used: Array) -> Any:
@@ -394,7 +394,8 @@ def test_how_far_from_its_target_a_record_is() -> None:
     limit = chi2.isf(0.01 / 4, 3)
     off = np.array([[3e-5, 0.0, 0.0], [0.0, 4e-5, 0.0], [0.0, 3e-5, 4e-5], [np.nan] * 3])
     targets = np.full((4, 3), 0.5)
-    observations = SimpleNamespace(says=np.array([True, True, True, False]), targets=lambda _: targets)
+    says = np.array([True, True, True, False])
+    observations = SimpleNamespace(says=says, counts=3 * says, deviations=lambda tips, _: tips - targets)
     at: Any = SimpleNamespace(observations=observations, solution=SimpleNamespace(point=SimpleNamespace(seats=None)))
     judge: Any = SimpleNamespace(residual_noise=np.array([1.0, 4.0, 1.0, 1.0])[:, None, None] * 1e-10 * np.eye(3))
     found = model_extension._times_the_limit(at, targets + off, judge)

@@ -132,7 +132,7 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     """
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records, tips = fit.problem.measurements, fit.solution.point.prediction.tips
-    weight = UM**2 / np.diagonal(fit.residual_noise, axis1=1, axis2=2)
+    weight = UM**2 / np.diagonal(fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
     found = {e.place: np.array(e.values) for e in (*(f.effect for f in result.findings), effect) if e.corrects_seat}
     seats = {name: own[fit.used[own]] for name, own in records.seats().items() if records.known[own].all()}
     names = sorted((name for name, own in seats.items() if own.size), key=numbers_by_size)

@@ -101,7 +101,7 @@ def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
         raise AacmmError(f"{effect.label} displaces every record alike, expected a cause that depends on something")
     found = _amount(effect, state)
     lever = found.lever @ fit.solution.point.frame.rotation.T
-    weighted = np.linalg.solve(fit.residual_noise, lever[:, :, None])[:, :, 0]
+    weighted = np.linalg.solve(fit.residual_noise[:, :3, :3], lever[:, :, None])[:, :, 0]
     information = np.einsum("ni,ni->n", lever, weighted)
     there = fit.used & (information > 1e-6 * np.nanmax(information))
     off = np.einsum("ni,ni->n", weighted, np.nan_to_num(fit.solution.system.deviation))

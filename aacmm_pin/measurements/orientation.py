@@ -1,0 +1,45 @@
+"""Turns between orientations: matrices of stated quaternions, rotation vectors and their derivative, a mean."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.chain import skew
+
+
+def matrices(quaternions: Array) -> Array:
+    """Orientations (n, 3, 3) of unit quaternions (n, 4), scalar first; no turn where one is NaN."""
+    filled = np.where(np.isfinite(quaternions), quaternions, [1.0, 0.0, 0.0, 0.0])
+    return np.asarray(scipy.spatial.transform.Rotation.from_quat(filled[:, [1, 2, 3, 0]]).as_matrix())
+
+
+def quaternions(orientations: Array) -> Array:
+    """The way back: unit quaternions (n, 4), scalar first, of orientations (n, 3, 3)."""
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(orientations).as_quat()[:, [3, 0, 1, 2]])
+
+
+def turns(orientation: Array, start: Array) -> Array:
+    """Rotation vectors ``log(R Sᵀ)`` (n, 3) [rad] from ``start`` S to ``orientation`` R, in the axes in which both are."""
+    way = orientation @ start.transpose(0, 2, 1)
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(way).as_rotvec())
+
+
+def by_small_turn(turn: Array) -> Array:
+    """∂log(exp(δ) exp(φ))/∂δ at δ = 0 for rotation vectors φ (n, 3) [rad]: (n, 3, 3).
+
+    The inverse left Jacobian ``I - [φ]/2 + (1/φ² - cot(φ/2)/(2φ)) [φ]²`` (Barfoot 2017, 7.77).
+    """
+    size = np.linalg.norm(turn, axis=1)[:, None, None]
+    safe = np.where(size > 1e-3, size, 1.0)
+    square = np.where(size > 1e-3, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2, 1.0 / 12.0)
+    cross = skew(turn)
+    return np.asarray(np.eye(3) - 0.5 * cross + square * (cross @ cross))
+
+
+def mean(orientations: Array) -> Array:
+    """The mean (3, 3) of orientations (n, 3, 3), nearest to all in the Frobenius norm; no turn where there are none."""
+    if not len(orientations):
+        return np.eye(3)
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(orientations).mean().as_matrix())
