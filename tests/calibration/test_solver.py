@@ -167,10 +167,15 @@ def test_a_frame_is_no_mirror_image(rng: np.random.Generator) -> None:
 
 def test_coordinates_of_a_seat_that_hardly_differ_are_the_same(sino6: Arm) -> None:
     seats = Conditions(2, seat=np.array(["A", "A"], dtype=object))
-    for apart, labels in ((0.3, ("A",)), (0.4, ())):
+    for apart, u, noise, labels in (
+        (0.3, 1e-5, None, ("A",)),
+        (0.4, 1e-5, None, ()),
+        (0.3, np.nan, 1e-5, ("A",)),
+        (0.3, np.nan, None, ()),
+    ):
         points = np.array([[0.5, 0.0, 0.0], [0.5 + apart * 1e-5, 0.0, 0.0]])
-        records = Measurements.of(np.zeros((2, 6)), points, np.full((2, 3), 1e-5), conditions=seats)
-        assert observations_of(records, Setup.of(sino6), 0.0).labels == labels
+        records = Measurements.of(np.zeros((2, 6)), points, np.full((2, 3), u), conditions=seats)
+        assert observations_of(records, Setup.of(sino6, reference_noise=noise), 0.0).labels == labels
 
 
 def test_distances_at_unknown_seats() -> None:
