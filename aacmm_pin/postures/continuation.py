@@ -80,6 +80,15 @@ class Curve:
     problem: int
 
 
+def following(curves: list[Curve]) -> Index:
+    """Of the vertices of some curves, one curve after the other, the number of each one's next round its curve (n,)."""
+    lengths = np.array([len(curve.q) for curve in curves])
+    last = np.cumsum(lengths) - 1
+    behind = np.arange(1, lengths.sum() + 1)
+    behind[last] = last - lengths + 1
+    return behind
+
+
 @dataclass(frozen=True, eq=False)
 class Curves:
     """The curves of some problems, and what is known besides of their solutions.

@@ -32,8 +32,8 @@ SINGULAR = 1e-6
 """A solution is singular where the smallest singular value of the equations' derivative is this part of the largest."""
 CLEARLY = 10.0
 """A bound so many times larger than ``SINGULAR`` leaves room for the rounding of a determinant, 1e-8 of its root."""
-LONGEST_STEP = 0.20
-FIRST_STEP = 0.25 * LONGEST_STEP
+LONGEST_STEP = 0.40
+FIRST_STEP = 0.125 * LONGEST_STEP
 """Of a predictor along the curve [rad]."""
 SHORTENED = 0.4
 """A step that failed is tried again at this part of its length."""

@@ -13,11 +13,11 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, Index, whole
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
-from aacmm_pin.postures.continuation import Curve, System, polish
+from aacmm_pin.postures.continuation import Curve, System, following, polish
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.wrist_ik import Wrist
 
-FINER = 8
+FINER = 16
 """Parts of each piece between vertices when a path is measured."""
 STILL = 1e-9
 """A path shorter than this along a whole curve gives no measure of it [m, rad]."""
@@ -83,17 +83,21 @@ class Components:
     @cached_property
     def segments(self) -> _Segments:
         """Pieces between neighbouring vertices of all curves."""
-        lengths = np.array([len(c.q) for c in self.curves])
+        lengths = [len(c.q) for c in self.curves]
         start = np.concatenate([c.q for c in self.curves])
         problem = np.repeat([c.problem for c in self.curves], lengths)
-        last = np.cumsum(lengths) - 1
-        following = np.arange(1, len(start) + 1)
-        following[last] = last - lengths + 1  # the last vertex is followed by the first
         swivel = self.swivel.angle(self.full(start), self.points[problem])
-        keep = np.delete(np.arange(len(start)), last[[not c.closed for c in self.curves]])
-        behind = following[keep]
+        ends = np.cumsum(lengths)[[not c.closed for c in self.curves]] - 1
+        keep = np.delete(np.arange(len(start)), ends)
+        behind = following(self.curves)[keep]
         end = start[keep] + wrapped(start[behind] - start[keep])
         return _Segments(start[keep], end, swivel[keep], wrapped(swivel[behind] - swivel[keep]), problem[keep])
+
+    def outside(self, limits: Array) -> NDArray[np.bool_]:
+        """Which of the segments are outside the ``limits`` (nq, 2) [rad] all along: (s,)."""
+        pieces = self.segments
+        first, last = inside_part(self.full(pieces.start), self.full(pieces.end), limits + CURVED * OUTWARDS)
+        return np.asarray(last <= first)
 
     def divided(self, pieces: _Segments, which: NDArray[np.bool_]) -> _Segments:
         """Those of the ``pieces`` that are marked, each cut into ``LIMIT_PARTS`` with solutions at the cuts."""
@@ -169,21 +173,21 @@ def _finer(system: System, curves: list[Curve]) -> list[Array]:
     return np.split(solutions, np.cumsum([len(q) for q in finer])[:-1])
 
 
-def at_swivel(components: Components, angles: Array) -> tuple[Array, Index, Index]:
-    """Every configuration whose swivel angle is one of ``angles`` (s,) [rad].
+def _crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
+    """Where the swivel becomes one of ``angles`` (s,) [rad], a piece's start included, its end not.
 
     Returns:
-        whole configurations (n, nq) [rad], the number of the angle (n,), the number of the point (n,).
+        numbers of the piece and of the angle (n,), and how far that is ahead of the piece's start (n,) [rad].
     """
-    if not components.curves:
-        return np.empty((0, components.nq)), np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    pieces = components.segments
-    ahead = wrapped(angles[None, :] - pieces.swivel[:, None])
-    turn = pieces.turn[:, None]
+    order = np.argsort(wrapped(angles))
+    every = (wrapped(angles)[order] + 2 * np.pi * np.arange(-1, 2)[:, None]).ravel()
+    low, high = np.sort([pieces.swivel, pieces.swivel + pieces.turn], axis=0)
+    first, last = np.searchsorted(every, low - SAME_SWIVEL), np.searchsorted(every, high + SAME_SWIVEL)
+    piece = np.repeat(np.arange(len(first)), last - first)
+    which = order[(np.arange(len(piece)) + np.repeat(last - np.cumsum(last - first), last - first)) % len(angles)]
+    ahead, turn = wrapped(angles[which] - pieces.swivel[piece]), pieces.turn[piece]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
-    piece, which = np.nonzero(passed)
-    q, there = _between(components, pieces, piece, angles[which], ahead[piece, which])
-    return components.full(q[there]), which[there], pieces.problem[piece[there]]
+    return piece[passed], which[passed], ahead[passed]
 
 
 def _between(
@@ -246,12 +250,19 @@ class Sectors:
     @staticmethod
     def of(components: Components, limits: Array, sectors: int) -> Sectors:
         """Those of the points of ``components`` with ``limits`` (nq, 2) [rad]."""
-        q, sector, point = at_swivel(components, sector_centres(sectors))
-        q = into_limits(q, limits)
-        inside = ~broken_limits(q, limits).any(axis=1)
         theoretical, working = np.zeros((2, len(components.points), sectors), dtype=bool)
-        theoretical[point, sector] = True
-        q, sector, point = q[inside], sector[inside], point[inside]
+        if not components.curves:
+            none = np.empty(0, dtype=np.intp)
+            return Sectors(np.empty((0, components.nq)), none, none, theoretical, working)
+        pieces, centres = components.segments, sector_centres(sectors)
+        piece, sector, ahead = _crossings(pieces, centres)
+        theoretical[pieces.problem[piece], sector] = True
+        near = ~components.outside(limits)[piece]
+        piece, sector, ahead = piece[near], sector[near], ahead[near]
+        q, there = _between(components, pieces, piece, centres[sector], ahead)
+        q = into_limits(components.full(q), limits)
+        inside = there & ~broken_limits(q, limits).any(axis=1)
+        q, sector, point = q[inside], sector[inside], pieces.problem[piece[inside]]
         working[point, sector] = True
         return Sectors(q, sector, point, theoretical, working)
 
@@ -282,11 +293,9 @@ def arc_fractions(components: Components, limits: Array) -> Array:
     if not components.curves:
         return np.full(m, np.nan)
     pieces = components.segments
-    start, end = components.full(pieces.start), components.full(pieces.end)
-    nothing = np.less_equal(*inside_part(start, end, limits + CURVED * OUTWARDS)[::-1])
-    first, last = inside_part(start, end, limits - CURVED * OUTWARDS)
+    first, last = inside_part(components.full(pieces.start), components.full(pieces.end), limits - CURVED * OUTWARDS)
     whole = (first == 0.0) & (last == 1.0)
-    fine = components.divided(pieces, ~(nothing | whole))
+    fine = components.divided(pieces, ~(components.outside(limits) | whole))
     first, last = inside_part(components.full(fine.start), components.full(fine.end), limits)
     some = last > first
     problem = np.concatenate([pieces.problem[whole], fine.problem[some]])

@@ -14,7 +14,7 @@ from aacmm_pin._support.compiled import Loop
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.postures import curve_loop
 
-MANY_POINTS = 700
+MANY_POINTS = 250
 """With so many points at once, a piece of a large map, loading the loop is soon made good. It differs from NumPy in the last
 digits, so that the choice must not depend on the time: the same points are always solved the same way."""
 NEWTON = Loop(curve_loop.newton, curve_loop.NEWTON, curve_loop.HELPERS)

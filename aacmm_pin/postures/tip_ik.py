@@ -13,7 +13,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable, cross
-from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, polish
+from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, following, polish
 from aacmm_pin.postures.wrist_ik import POSITIONING, Wrist, spread_angles, with_spread, wrist_curves
 
 SPREAD = 600
@@ -77,12 +77,13 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
     back = bodies @ behind[:3, 3]
     wrist = Wrist.of(dh)
     places = (points[:, None, :] - back).reshape(-1, 3)
-    seeds, problem = [np.empty((0, 6))], [np.empty(0, dtype=np.intp)]
-    for curve in wrist_curves(wrist, places, per_turn).curves:
-        point, body = divmod(curve.problem, DIRECTIONS)
-        seeds.append(_wrist_angles(wrist.full(curve.q), bodies[body], links))
-        problem.append(np.full(len(seeds[-1]), point))
-    return np.concatenate(seeds), np.concatenate(problem)
+    curves = wrist_curves(wrist, places, per_turn).curves
+    if not curves:
+        return np.empty((0, dh.nq)), np.empty(0, dtype=np.intp)
+    point, body = np.divmod(np.repeat([c.problem for c in curves], [len(c.q) for c in curves]), DIRECTIONS)
+    q = wrist.full(np.concatenate([c.q for c in curves]))
+    seeds, vertex = _wrist_angles(q, following(curves), bodies[body], links)
+    return seeds, point[vertex]
 
 
 def _bodies_about(axis: Array, stylus: Array) -> Array:
@@ -103,27 +104,27 @@ def _rotation_between(u: Array, v: Array) -> Array:
     return np.asarray(frames[1] @ frames[0].T)
 
 
-def _wrist_angles(q: Array, body: Array, links: Array) -> Array:
-    """Of one wrist curve, the places where joint 6 can carry ``body``, with θ5 and θ6: (n, 6) [rad].
+def _wrist_angles(q: Array, behind: Index, body: Array, links: Array) -> tuple[Array, Index]:
+    """Vertices of wrist curves at which joint 6 can carry ``body`` (n, 3, 3), with θ5 and θ6 (m, 6) [rad]; their numbers.
 
     In the axes of joint 5 joint 6's axis is ``Rz(θ5) L5 e_z``; its z component does not depend on θ5, which gives the
-    condition on joints 1 to 4.
+    condition on joints 1 to 4. ``behind`` is the number of the vertex behind each (n,).
     """
     before = np.broadcast_to(links[0][:3, :3], (len(q), 3, 3))
     for joint in range(POSITIONING):
         before = before @ _turns(q[:, joint]) @ links[joint + 1][:3, :3]
-    axis = np.einsum("nji,j->ni", before, body[:, 2])
+    axis = np.einsum("nji,nj->ni", before, body[:, :, 2])
     wanted = links[5][:3, 2]
     gap = axis[:, 2] - wanted[2]
-    following = np.roll(gap, -1)
-    size = np.abs(gap)
-    least = (size <= np.roll(size, 1)) & (size <= np.abs(following)) & (size < 0.05)
-    pick = np.flatnonzero((gap * following <= 0) | least)
+    size, ahead = np.abs(gap), np.abs(gap)[behind]
+    least = (size < 0.05) & (size <= ahead)
+    least[behind] &= ahead <= size
+    pick = np.flatnonzero((gap * gap[behind] <= 0) | least)
     seeds = q[pick].copy()
     seeds[:, 4] = np.arctan2(axis[pick, 1], axis[pick, 0]) - np.arctan2(wanted[1], wanted[0])
-    rest = np.einsum("nji,jk->nik", before[pick] @ _turns(seeds[:, 4]) @ links[5][:3, :3], body)
+    rest = np.einsum("nji,njk->nik", before[pick] @ _turns(seeds[:, 4]) @ links[5][:3, :3], body[pick])
     seeds[:, 5] = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
-    return seeds
+    return seeds, pick
 
 
 def _turns(angles: Array) -> Array:

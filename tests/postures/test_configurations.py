@@ -27,7 +27,7 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures import three_revolutes
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle, configuration_circles
 from aacmm_pin.postures.continuation import Curve
-from aacmm_pin.postures.curve_sampling import Components, at_swivel, sector_centres
+from aacmm_pin.postures.curve_sampling import Components, Sectors, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
 from tests.arm_files import craig, nominal
@@ -340,7 +340,8 @@ def test_configurations_at_a_swivel_have_it(name: str) -> None:
     points = np.concatenate([p[:10] for p in clouds_of(arm, rng, 10).values()])
     curves = wrist_curves(wrist, points, 8).curves
     components = Components(swivel, wrist_system(wrist, points), points, curves, wrist)
-    q, sector, which = at_swivel(components, sector_centres(12))
+    found = Sectors.of(components, np.array([[-np.inf, np.inf]] * arm.nq), 12)
+    q, sector, which = found.q, found.sector, found.point
     assert len(q) > 500
     np.testing.assert_allclose(arm.poses(q, "frame5").position, points[which], rtol=0, atol=1e-12)
     gap = wrapped(swivel.angle(q, points[which]) - sector_centres(12)[sector])
