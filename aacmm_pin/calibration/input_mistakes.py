@@ -274,8 +274,10 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
     records, one = problem.measurements, np.eye(problem.measurements.nq)
     for j, largest in enumerate(np.abs(records.q).max(axis=0)):
         yield _counted(j, nq=records.nq)
+        units = [(ANGLES["gon, taken as degrees"], "gon", "deg")]
         if largest > TURN or largest <= TURN * DEG:
-            factor, unit, column = (DEG, "degrees", "rad") if largest > TURN else (1 / DEG, "radians", "deg")
+            units.append((DEG, "degrees", "rad") if largest > TURN else (1 / DEG, "radians", "deg"))
+        for factor, unit, column in units:
             name = f"the angles of joint {j + 1} alone are in {unit}, in the column theta{j + 1}_{column}"
             yield _Mistake(name, f"unit {j}", turned=np.diag(np.where(one[j] > 0, factor, 1.0)))
     for j, degrees in product(range(records.nq), (90, -90, 180)):

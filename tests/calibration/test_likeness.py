@@ -90,6 +90,7 @@ OF_ANGLES: list[tuple[Change, str]] = [
     (swapped(1, 2), "joints 2 and 3 are exchanged"),
     (lambda d: replace(d, q=d.q / 0.9), "angles are in gon"),
     (in_radians(2), "joint 3 alone are in radians, in the column theta3_deg"),
+    (lambda d: replace(d, q=d.q / [1, 0.9, 1, 1, 1, 1]), "joint 2 alone are in gon, in the column theta2_deg"),
     (in_degrees(3), "joint 4 alone are in degrees, in the column theta4_rad"),
     (first_and_second, "joint 3 is counted the other way, and the zero of joint 2"),
 ]
