@@ -21,7 +21,7 @@ from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
-from aacmm_pin.accuracy.map_parts import MapParts, digits
+from aacmm_pin.accuracy.map_checkpoint import MapCheckpoint, digits
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
@@ -175,7 +175,7 @@ def map_workspace(
     probe = _probe(model, conditions, method)
     points = np.stack(np.meshgrid(*_centres(box, cells), indexing="ij"), axis=-1).reshape(-1, 3)
     pieces = chunks(len(points), CELLS_AT_ONCE)
-    kept = None if parts is None else MapParts.of(parts, _question(arm, probe, box, cells, sectors))
+    kept = None if parts is None else MapCheckpoint.of(parts, _question(arm, probe, box, cells, sectors))
     merged: dict[str, Array] = {}
     with bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving:
 

@@ -127,7 +127,7 @@ def _next_step(arm: str, path: str) -> str:
     except MeasurementFileError:
         return "with indications (theta1_deg …) beside the coordinates, aacmm-pin diagnose could look for the cause"
     if not seats:
-        return "touches of spheres alone say nothing of the cause; those of single points and of ends touched once do"
+        return "touches of spheres are not used to find the cause; those of single points and of ends touched once are"
     return f"{shlex.join(['aacmm-pin', 'diagnose', arm, path])} looks for the cause"
 
 

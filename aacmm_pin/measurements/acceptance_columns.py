@@ -45,7 +45,7 @@ def as_records(table: pd.DataFrame, lines: Index, source: str) -> tuple[pd.DataF
 
     A single point is a seat. So is each end of a length that is touched once a repeat, over all repeats of its position; the
     length is a bar between them, longer by the probe's diameter where it is touched from opposite sides. Other touches lie
-    on spheres, and say of no point that it was touched again. Where the table has seats or bars of its own, these hold.
+    on spheres of unknown centre, and are not used. Where the table has seats or bars of its own, these hold.
     Coordinates are those of the arm that is tested, and no reference.
 
     Raises:
@@ -80,8 +80,8 @@ def as_records(table: pd.DataFrame, lines: Index, source: str) -> tuple[pd.DataF
     records["bar_length_mm"] = length.astype(object).where(is_bar, "")
     notes.append(
         f"touches of an acceptance test: {cells['position'][is_point].nunique()} single points and the ends of "
-        f"{name[is_bar].nunique()} lengths are seats that stood still; {(~is_bar & ~is_point).sum()} touches on spheres say "
-        "nothing of the cause"
+        f"{name[is_bar].nunique()} lengths are seats that stood still; {(~is_bar & ~is_point).sum()} touches on "
+        "spheres are not used"
     )
     return records, tuple(notes)
 

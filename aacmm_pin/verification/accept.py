@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -18,7 +18,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.csv_table import measurement_file
-from aacmm_pin.verification.figures import ASME, DEFINITIONS, ISO, Definition, Evaluated
+from aacmm_pin.verification.figures import DEFINITIONS, ISO, Definition, Evaluated, definitions
 from aacmm_pin.verification.touches import read_touches
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
@@ -26,10 +26,8 @@ COVERAGE = 2.0
 """Coverage factor of the guard band: U = 2 u, about 95 %."""
 CLOSE = 3e-3
 """Touches of a test that are all closer together than this may be coordinates in another unit [m]."""
-LONGEST_PART = 2 / 3
+LONGEST_PART = 0.66
 """The longest of five lengths is at least this part of the measuring range (ISO 10360-12)."""
-STANDARDS = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
-"""What ``standard`` can be, and whose figures are then evaluated."""
 
 SINGULAR = {"touches": "touch", "lengths": "length"}
 
@@ -60,19 +58,12 @@ class AcceptanceFigure:
         A largest error conforms where each error does, and does not where one of them does not: the largest of them need not
         be the one that decides, since each has a U of its own.
         """
-        if math.isnan(self.evaluated.value) or math.isnan(self.mpe):
-            return None
-        size, guard = self._sizes
-        if (size + guard <= self.mpe).all():
-            return "conformity"
-        return "non-conformity" if (size - guard > self.mpe).any() else "neither"
+        return None if math.isnan(self.evaluated.value) or math.isnan(self.mpe) else _verdict(*self._sizes, self.mpe)
 
     @property
     def _sizes(self) -> tuple[Array, Array]:
-        """Magnitude and U of each error of which this is the largest, or of the figure itself (n,) [m]."""
-        errors = (
-            self.evaluated.errors if len(self.evaluated.errors) else np.array([[self.evaluated.value, self.evaluated.u]])
-        )
+        """Magnitude and U of each error of which this is the largest (n,) [m]."""
+        errors = self.evaluated.errors
         return np.abs(errors[:, 0]), COVERAGE * np.nan_to_num(errors[:, 1])
 
     @property
@@ -85,8 +76,7 @@ class AcceptanceFigure:
         """Magnitude and U [m] of a smaller error that alone forbids a better verdict; None where the largest decides."""
         size, guard = self._sizes
         largest = int(size.argmax())
-        alone = replace(self, evaluated=replace(self.evaluated, errors=np.empty((0, 2))))
-        if self.verdict == alone.verdict:
+        if self.verdict == _verdict(size[[largest]], guard[[largest]], self.mpe):
             return None
         other = int((size - guard if self.verdict == "non-conformity" else size + guard).argmax())
         return None if other == largest else (float(size[other]), float(guard[other]))
@@ -96,6 +86,12 @@ class AcceptanceFigure:
         """What is missing, in words; "" where nothing is."""
         few, counted = self.evaluated.missing, self.definition.counted
         return f"{few} {counted if few > 1 else SINGULAR[counted]}" if few else self.evaluated.why_incomplete
+
+
+def _verdict(size: Array, guard: Array, mpe: float) -> Verdict:
+    if (size + guard <= mpe).all():
+        return "conformity"
+    return "non-conformity" if (size - guard > mpe).any() else "neither"
 
 
 @dataclass(frozen=True)
@@ -175,7 +171,7 @@ def accept(
         mpe: maximum permissible errors by the name of the figure [m].
         standard: ``iso10360-12`` or ``asme-b89.4.22``: its figures alone, those without touches too.
         measuring_range: of the arm, the diameter of its working volume [m]; with it E_Uni and E_Bi are
-            given only where the longest length is at least two thirds of it.
+            given only where the longest length is at least 66 % of it.
 
     Raises:
         MeasurementFileError: the file cannot be used.
@@ -183,12 +179,10 @@ def accept(
         AacmmError: an MPE or the range is no positive number, touches determine no sphere, arms do not fit the file.
     """
     limits = checked_limits(mpe)
-    if standard is not None and standard not in STANDARDS:
-        raise UnknownNameError("standard", standard, [*STANDARDS])
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
         raise AacmmError(f"measuring range is {measuring_range}, expected a length above 0")
     models = {name: ErrorModel.of(arm) for name, arm in (arms or {}).items()}
-    wanted = [d for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]]
+    wanted = definitions(standard)
     data = measurement_file(str(path))
     sets, read_as, stated = read_touches(str(path), data, models)
     figures = []
@@ -260,5 +254,5 @@ def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -
                 f"{figure.definition.name} by {figure.source}: another error, {size} with U = {guard}, decides the verdict"
             )
     if measuring_range is None and any(f.definition.name in ("E_Uni", "E_Bi") for f in figures):
-        notes.append("measuring range not given; whether the longest length is two thirds of it was not checked")
+        notes.append("measuring range not given; whether the longest length is 66 % of it was not checked")
     return tuple(notes)

@@ -15,7 +15,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.accuracy.single_point import single_point_statistics
-from aacmm_pin.errors import AacmmError
+from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.acceptance_columns import PART
 from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere, minimum_circumscribed_sphere
 
@@ -28,8 +28,8 @@ them are within about 45° of their middle then, nine within 60°."""
 class Evaluated:
     """One figure's value and its standard uncertainty [m], how many of what it had, and how many are missing.
 
-    ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs to the figure. Where the
-    figure is the largest of several errors, ``errors`` (n, 2) are all of them, each with its own u.
+    ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs to the figure. ``errors``
+    (n, 2) are all of which it is the largest, each with its own u.
     """
 
     value: float
@@ -155,11 +155,11 @@ def _volumetric(touches: pd.DataFrame, rms: bool) -> Evaluated:
     lengths = _lengths(touches, both_sides=False)
     places = len(lengths[["length_id", "position"]].drop_duplicates())
     errors = lengths["error"].to_numpy()
-    missing = max(20 - places, 2 - lengths["length_id"].nunique())
-    if missing > 0 or not rms:
-        return _worst([*errors], [*lengths["u"]], len(errors), max(missing, 0))
+    missing = max(20 - places, 2 - lengths["length_id"].nunique(), 0)
+    if missing or not rms:
+        return _worst([*errors], [*lengths["u"]], len(errors), missing)
     # A common error of the calibrated lengths moves the RMS by as much as itself at most.
-    return Evaluated(2 * float(np.sqrt(np.mean(errors**2))), 2 * float(lengths["u"].max(skipna=False)), len(errors), 0)
+    return _worst([2 * np.sqrt(np.mean(errors**2))], [2 * lengths["u"].max(skipna=False)], len(errors), 0)
 
 
 def _single_point(touches: pd.DataFrame, statistic: Callable[[Array], float]) -> Evaluated:
@@ -187,11 +187,9 @@ def _sigma(points: Array) -> float:
     return single_point_statistics(points).sigma
 
 
-def _two_sigma(points: Array) -> float:
-    return 2 * _sigma(points)
-
-
 ISO, ASME, PAPER = "ISO 10360-12", "ASME B89.4.22", "Xu You et al. 2019"
+STANDARDS = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
+"""What ``standard`` can be, and whose figures are then evaluated."""
 _PLACE = ("feature", "position")
 DEFINITIONS = (
     Definition(
@@ -232,7 +230,7 @@ DEFINITIONS = (
     Definition(
         "SPAT.2s", ASME, "single-point articulation performance test", "single-point",
         "twice the standard deviation of one point in ten articulations; the worst of three distances",
-        partial(_single_point, statistic=_two_sigma),
+        partial(_single_point, statistic=lambda points: 2 * _sigma(points)),
     ),
     Definition(
         "Volumetric.Max", ASME, "volumetric performance test", "volumetric",
@@ -260,3 +258,14 @@ DEFINITIONS = (
         partial(_single_point_part, high=False), column="part",
     ),
 )  # fmt: skip
+
+
+def definitions(standard: str | None) -> list[Definition]:
+    """The figures of a standard; of all where none is named.
+
+    Raises:
+        UnknownNameError: no such standard.
+    """
+    if standard is not None and standard not in STANDARDS:
+        raise UnknownNameError("standard", standard, [*STANDARDS])
+    return [d for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]]

@@ -25,13 +25,13 @@ from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.geometry import of_geometry
-from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.csv_columns import Problems
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.simulate import seed_of
-from aacmm_pin.verification.accept import STANDARDS, AcceptanceFigure, checked_limits
-from aacmm_pin.verification.figures import DEFINITIONS, Definition
+from aacmm_pin.verification.accept import AcceptanceFigure, checked_limits
+from aacmm_pin.verification.figures import Definition, definitions
 from aacmm_pin.verification.procedure import Procedure
 from aacmm_pin.verification.touches import what_is_touched
 
@@ -180,9 +180,7 @@ def predict_acceptance(
         UnknownNameError: a figure or a standard that is not known.
         AacmmError: no arm, fewer runs than 20, or nothing of an arm is uncertain.
     """
-    limits, rng = checked_limits(mpe), rng or np.random.default_rng(1)
-    if standard is not None and standard not in STANDARDS:
-        raise UnknownNameError("standard", standard, [*STANDARDS])
+    limits, of_standard, rng = checked_limits(mpe), definitions(standard), rng or np.random.default_rng(1)
     if not arms:
         raise AacmmError(f"{path}: no arm, expected at least one whose figures are predicted")
     whole(runs, FEWEST, "virtual runs")
@@ -201,8 +199,9 @@ def predict_acceptance(
             notes += (f"{name}: encoder noise not given; {ENCODER:g} rad assumed",)
         test = _Test.of(model, procedure, noise, probe_noise, max(runs // ALONE, 1))
         notes += tuple(f"{name}: not predicted, as no conditions are planned: {left}" for left in test.sources.not_included)
-        wanted = [d for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]]
-        wanted = [d for d in wanted if d.name in limits or touches.loc[touches["test"] == d.test, d.column or "test"].any()]
+        wanted = [
+            d for d in of_standard if d.name in limits or touches.loc[touches["test"] == d.test, d.column or "test"].any()
+        ]
         with watched(range(runs), progress, name, "run") as steps:
             found += test.figures(name, touches, wanted, limits, steps, np.random.default_rng(draws))
     return PredictedAcceptance(path, tuple(found), runs, seed, notes)

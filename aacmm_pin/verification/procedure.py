@@ -17,7 +17,7 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
+from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS
 from aacmm_pin.measurements.csv_columns import REFERENCE, Problems
 from aacmm_pin.measurements.csv_table import read_table
@@ -26,8 +26,7 @@ from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.postures.articulation import articulations
 from aacmm_pin.postures.sampling import brought_to, spread_out
-from aacmm_pin.verification.accept import STANDARDS
-from aacmm_pin.verification.figures import DEFINITIONS
+from aacmm_pin.verification.figures import definitions
 from aacmm_pin.verification.touches import READINGS
 
 NEAR, MIDDLE, FAR = (0.2, 0.45), (0.45, 0.7), (0.7, 0.95)
@@ -152,8 +151,7 @@ def acceptance_procedure(
         UnknownNameError: no such standard.
         AacmmError: other than five lengths above 0, or the arm does not reach such places.
     """
-    if standard is not None and standard not in STANDARDS:
-        raise UnknownNameError("standard", standard, [*STANDARDS])
+    wanted = {d.test for d in definitions(standard)}
     rng = rng or np.random.default_rng(1)
     seed, model = seed_of(rng), ErrorModel.of(model)
     margin = ROOM * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
@@ -164,7 +162,6 @@ def acceptance_procedure(
     bars = sorted(bars if lengths is None else lengths)
     if len(set(bars)) != LENGTHS or not np.all(np.isfinite(bars)) or min(bars) <= 0:
         raise AacmmError(f"lengths are {', '.join(f'{x / MM:g}' for x in bars)} mm, expected five different ones above 0")
-    wanted = {d.test for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]}
     layout.spheres(wanted)
     if "single-point" in wanted:
         layout.single_points()

@@ -38,7 +38,6 @@ from aacmm_pin.report.diagnosis import (
 )
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.numbers import lengths, percent
-from aacmm_pin.report.plots.groups import place_in_words
 from aacmm_pin.report.scenes.page import viewer_script
 from tests.pages import Page
 
@@ -163,11 +162,6 @@ def test_why_nothing_can_be_concluded(eccentric: Diagnosis) -> None:
     told += [verdict_in_words(one) for one in (stuck, few)]
     assert len(set(told)) == 5
     assert ["encoder eccentricity of joint 1" in text for text in told[:4]] == [False, True, True, False]
-
-
-def test_a_group_in_words() -> None:
-    assert place_in_words("joint 1", "-39 to 0°") == "joint 1, -39 to 0°"
-    assert place_in_words("seat", "P3") == "seat P3"
 
 
 def test_geometry_and_what_is_alike_in_all_records(eccentric: Diagnosis) -> None:

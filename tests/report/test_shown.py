@@ -90,7 +90,7 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
     q = circle.q[circle.within_limits]
     plan = plan_measurements(arm, ("bearing_tilt:1", "base_compliance"), 4, postures=60)
     table2 = reproduce_table2(grid=6)
-    figure = AcceptanceFigure(NASTY, DEFINITIONS[0], Evaluated(1e-5, float("nan"), 50, 0), mpe=2e-5)
+    figure = AcceptanceFigure(NASTY, DEFINITIONS[0], Evaluated(1e-5, np.nan, 50, 0, "", np.array([[1e-5, np.nan]])), 2e-5)
     predicted = PredictedFigure(NASTY, DEFINITIONS[0], (figure,) * 3, pd.Series({NASTY: 1e-5}))
     touches = pd.DataFrame(
         {"test": "single-point", "feature": NASTY, "position": NASTY, "repeat": [1, 2], "articulation": NASTY}

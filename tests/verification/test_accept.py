@@ -199,7 +199,7 @@ def test_a_volumetric_test_needs_two_lengths(tmp_path: Path) -> None:
 
 def test_lengths_are_long_enough_for_the_range(data: Path) -> None:
     """The longest is 1100 mm."""
-    for measuring_range, there in ((1.64, True), (1.66, False)):
+    for measuring_range, there in ((1.666, True), (1.667, False)):
         found = {f.definition.name: f for f in accept(data, measuring_range=measuring_range).figures}
         assert np.isfinite(found["E_Uni"].evaluated.value) == there
         assert bool(found["E_Bi"].missing) != there

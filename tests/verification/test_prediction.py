@@ -18,8 +18,7 @@ from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.simulate import simulate_touches
 from aacmm_pin.verification import Procedure
-from aacmm_pin.verification.accept import STANDARDS
-from aacmm_pin.verification.figures import DEFINITIONS
+from aacmm_pin.verification.figures import DEFINITIONS, definitions
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +33,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def few(planned: Path) -> Path:
     """The touches of ASME B89.4.22 alone, which are quicker."""
     table = pd.read_csv(planned, dtype=str)
-    tests = [d.test for d in DEFINITIONS if d.standard == STANDARDS["asme-b89.4.22"]]
+    tests = [d.test for d in definitions("asme-b89.4.22")]
     table[table["test"].isin(tests)].to_csv(planned.with_name("few.csv"), index=False)
     return planned.with_name("few.csv")
 

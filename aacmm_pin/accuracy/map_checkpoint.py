@@ -19,7 +19,7 @@ QUESTION = "question.json"
 
 
 @dataclass(frozen=True)
-class MapParts:
+class MapCheckpoint:
     """A folder with ``question.json``, what was asked, and a netCDF file (64-bit offsets) for each piece that is done.
 
     Attributes:
@@ -31,7 +31,7 @@ class MapParts:
     question: str
 
     @staticmethod
-    def of(folder: str | Path, question: dict[str, Any]) -> MapParts:
+    def of(folder: str | Path, question: dict[str, Any]) -> MapCheckpoint:
         """The folder, made where there is none.
 
         Args:
@@ -63,7 +63,7 @@ class MapParts:
         other = [key for key in asked if not isinstance(there, dict) or there.get(key) != asked[key]]
         if other:
             raise AacmmError(f"{folder}: holds parts of another map, with another {', '.join(other)}; expected a new folder")
-        return MapParts(folder, hashlib.sha256(text.encode()).hexdigest())
+        return MapCheckpoint(folder, hashlib.sha256(text.encode()).hexdigest())
 
     def load(self, number: int, cells: int) -> dict[str, Array] | None:
         """What is there of a piece, by name (cells,) or (cells, any); None where it is not done.
