@@ -65,6 +65,8 @@ def rows_for(cause: str, arm: Chain) -> list[int | None]:
         return [int(i) + 1 for i in np.flatnonzero(arm.moving)]
     if cause in PER_TUBE:
         return list(arm.tubes())
+    if cause == "thermal_expansion":
+        return [None, *arm.tubes()]
     if cause in SHOULDER:
         return [2]
     if cause in GEOMETRY:

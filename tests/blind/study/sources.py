@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import hashlib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
@@ -12,6 +13,7 @@ ROOMS = ("diagnosis", "effects")
 """Where it starts: what diagnoses, and the causes, which are loaded when they are asked for."""
 
 
+@cache
 def digest() -> str:
     """Of every statement of the modules that diagnosis needs; where these stand, what they import, and all text is left
     out, so that moving code or saying something better does not make a measurement of it old.
