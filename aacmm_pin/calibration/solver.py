@@ -174,7 +174,8 @@ class Solution:
         counts = self.noise.observations.counts
         if not self.problem.turns:
             return 0.0
-        rows = (self.system.jacobian[: 6 * int((counts > 0).sum())] @ self._scaled).reshape(-1, 6, self._scaled.shape[1])
+        known = int((counts > 0).sum())
+        rows = (self.system.jacobian[: 6 * known] @ self._scaled).reshape(known, 6, self._scaled.shape[1])
         return 3.0 * int(((counts == 6) & (self.weights > 0.0)).sum()) - float(np.square(rows[:, 3:]).sum())
 
     @property

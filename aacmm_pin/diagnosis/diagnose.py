@@ -219,14 +219,15 @@ def _floor(extended: Fit) -> float:
 def _excess(extended: Fit) -> float:
     """By how much χ² is larger than the stated noise explains, over the scatter found in its place; 0 where it is not.
 
-    Where the noise of the encoders is not stated, they may have as much as plain ones.
+    Of shifts or of turns. Where the noise of the encoders is not stated, they may have as much as plain ones.
     """
-    if extended.chi2_stated is None or extended.unmodelled == 0.0:
+    if extended.chi2_stated is None or max(extended.unmodelled, extended.noise.turn_scatter) == 0.0:
         return 0.0
-    left = np.square(extended.solution.system.deviation[extended.used]).sum(axis=1).mean()
-    explained = _floor(extended) ** 2
+    off, explained = extended.solution.system.off, np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:
-        levers = np.trace(extended.problem.reading_covariance[extended.used, :, :3, :3], axis1=2, axis2=3)
-        explained += PLAIN_ENCODER**2 * float(levers.sum(axis=1).mean())
+        readings = np.diagonal(extended.problem.reading_covariance, axis1=2, axis2=3)
+        explained = explained + PLAIN_ENCODER**2 * readings.sum(axis=1)
+    kinds = [(slice(3), extended.used), (slice(3, 6), extended.used & extended.observations.oriented)]
+    much = any(np.square(off[some, of]).sum() > MUCH_MORE**2 * explained[some, of].sum() for of, some in kinds)
     chi2, dof = extended.chi2_stated
-    return max(extended.dof * (1.0 - dof / chi2), 0.0) if left > MUCH_MORE**2 * explained else 0.0
+    return max(extended.dof * (1.0 - dof / chi2), 0.0) if much else 0.0

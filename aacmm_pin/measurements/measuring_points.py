@@ -76,9 +76,12 @@ class Pool:
         """The arm."""
         return self.room.arm
 
-    def thinness(self, points: Array) -> Array:
-        """Radius about each point (n, 3) that holds the nearest tips of the pool; large where few postures reach [m]."""
-        return np.asarray(self.tree.query(points, k=LEAST_GUESSES)[0][:, -1])
+    def thinness(self, points: Array, most: float = np.inf) -> Array:
+        """Radius about each point (n, 3) that holds the nearest tips of the pool; large where few postures reach [m].
+
+        Infinite from ``most`` on: looking so far takes long.
+        """
+        return np.asarray(self.tree.query(points, k=LEAST_GUESSES, distance_upper_bound=most)[0][:, -1])
 
     def dense(self, rng: np.random.Generator, count: int) -> Array:
         """The better half of ``2 count`` random tips, those that many postures reach: (count, 3) [m]."""

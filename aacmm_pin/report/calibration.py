@@ -261,10 +261,11 @@ def _parameters(result: Calibration) -> list[Block]:
     tallest = number if rows["stated"].notna().any() else rows["in"].str[1:].value_counts().max()
     rows["change"] = [f"{'* ' * b}{change:{form}}" for b, change in zip(rows["beyond"], rows["change"], strict=True)]
     beyond = ", ".join(rows["parameter"][rows["beyond"]])
+    listed = rows.sort_values("known", key=lambda known: known == "in combination", kind="stable")
     return [
         Heading("Parameters"),
         Table(
-            rows[["parameter", "value", "change", "U", "stated", "in", "known"]],
+            listed[["parameter", "value", "change", "U", "stated", "in", "known"]],
             "Parameters",
             dict.fromkeys(("stated", "U"), form),
             {"stated": "stated ±", "U": "U (k = 2)"},

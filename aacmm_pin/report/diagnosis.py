@@ -146,6 +146,8 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
 
 def _not_explained(result: Diagnosis) -> str:
     more = f"the residuals stay {result.rms['extended'] / result.noise:.1f} times the noise"
+    if result.extended.stated and (turned := result.extended.noise.turn_scatter):
+        more += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
     depends = listed(result.unexplained.depends_on)
     return f"{more} and depend on {depends} in a way that no known cause has" if depends else more
 
@@ -307,16 +309,16 @@ def _wrong(result: Diagnosis) -> list[Block]:
     table["where"] = [place_in_words(by, group) for by, group in zip(table["by"], table["group"], strict=True)]
     sizes = [f"{name}_mm" for name in ("simulation", "predicted", "extended")]
     worst = table.sort_values("times_predicted", ascending=False)[["where", "records", *sizes, "times_predicted"]]
-    beside, times = "what its stated uncertainties and the noise predict", "times predicted"
+    beside, times, line = "what its stated uncertainties and the noise predict", "times predicted", "dashed"
     if not result.before.problem.model.covariance().any():
         worst = worst.rename(columns={"predicted_mm": "noise_mm"})
-        beside, times = "the noise, as the arm states no uncertainty that would predict more", "times noise"
+        beside, times, line = "the noise, as the arm states no uncertainty that would predict more", "times noise", "dotted"
     return [
         title,
         Figure(
             lambda: plots.plot_groups(result, blank_axes(9.3, height)),
             "RMS of the residuals by joint range, time, temperature and seat, by the three models",
-            "RMS of the residuals in groups of records. Black: the simulation, to be compared with the dashed line: "
+            f"RMS of the residuals in groups of records. Black: the simulation, to be compared with the {line} line: "
             f"{beside}. Grey and blue: recalibrated and extended, to be compared with the dotted line, the noise alone. "
             "What stays above it is not explained.",
         ),

@@ -263,7 +263,9 @@ class _Layout:
             for direction in directions:  # the wanted one first, then others, farther and farther from it
                 starts = self.pool.tips[self.rng.permutation(len(self.pool.tips))[:CANDIDATES]]
                 ends = starts[:, None] + np.array([0.0, *lengths])[:, None] * direction
-                fits = self.pool.room.admits(ends.reshape(-1, 3)) & (self.pool.thinness(ends.reshape(-1, 3)) <= reached)
+                fits = self.pool.room.admits(ends.reshape(-1, 3)) & np.isfinite(
+                    self.pool.thinness(ends.reshape(-1, 3), reached)
+                )
                 good = starts[fits.reshape(ends.shape[:2]).all(axis=1)]
                 middles = good + lengths[-1] / 2 * direction
                 before = np.array([start + lengths[-1] / 2 * way for start, way in found])

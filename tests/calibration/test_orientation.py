@@ -25,6 +25,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report.plots.groups import residuals_by_group
 
 NOISE = {"encoder_noise": 2e-5, "reference_noise": 1.2e-5}
 TURN = 3e-5
@@ -140,6 +141,18 @@ def test_turns_show_a_cause_in_the_wrist(straight: Arm, rng: np.random.Generator
     assert told.turns is not None
     assert told.turns["recalibrated"] > 2 * told.turns["extended"]
     assert diagnose(straight, replace(data, orientation=None), rng=rng, hold_out=False, **NOISE).findings == ()
+
+
+def test_turns_that_nothing_explains(straight: Arm, rng: np.random.Generator) -> None:
+    """A target that was knocked halfway; its page shows positions."""
+    data = simulate_measurements(straight, "free", 80, rng=rng, orientation_noise=TURN, **NOISE)
+    assert data.orientation is not None
+    knock = Rotation.from_rotvec([[0.0, 0.0, 0.0]] * 40 + [[3e-4, 0.0, 0.0]] * 40)
+    knocked = (Rotation.from_quat(data.orientation[:, [1, 2, 3, 0]]) * knock).as_quat()[:, [3, 0, 1, 2]]
+    for orientation, target, verdict in ((data.orientation, "frame", "no-discrepancy"), (knocked, "tip", "unexplained")):
+        told = diagnose(straight, replace(data, orientation=orientation), target=target, rng=rng, hold_out=False, **NOISE)
+        assert told.verdict == verdict
+        assert np.isfinite(residuals_by_group(told)["times_noise"]).all()
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ def residuals_by_group(result: Diagnosis) -> pd.DataFrame:
     before, extended, keys = result.before, result.extended, ["by", "group"]
     model, records = before.problem.model, before.problem.measurements
     # Scatter that was found is what this asks about; it is noise only where nobody stated any.
-    noise = extended.stated_noise
+    noise = extended.stated_noise[:, :3, :3]
     turned = before.solution.point.frame.rotation @ model.sensitivity(records.q, records.conditions)
     spread = turned @ model.covariance() @ turned.transpose(0, 2, 1)
     simulated = groups_table(before, noise + spread).set_index(keys)
@@ -94,8 +94,11 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     columns = min(3, len(kinds))
     size = (3.1 * columns, 2.2 * -(-len(kinds) // columns) + 0.5)
     panels = panels_of(ax, size, len(kinds), columns, share_y=True)
+    expected = {"noise": (":", "noise alone")}
+    if result.before.problem.model.covariance().any():  # else the noise is all that is predicted
+        expected = {"predicted": ("--", "predicted for it")} | expected
     for panel, kind in zip(panels, kinds, strict=True):
-        _draw_groups(panel, kind, table[table["by"] == kind])
+        _draw_groups(panel, kind, table[table["by"] == kind], expected)
     panels[0].set_ylim(0, 1.06 * float(table[["predicted_mm", *(f"{name}_mm" for name in MODELS)]].max().max()))
     for panel in panels[::columns]:
         panel.set_ylabel("RMS [mm]")
@@ -104,12 +107,12 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     return whole(panels)
 
 
-def _draw_groups(panel: Axes, kind: str, table: pd.DataFrame) -> None:
-    """The groups of one kind side by side."""
+def _draw_groups(panel: Axes, kind: str, table: pd.DataFrame, expected: dict[str, tuple[str, str]]) -> None:
+    """The groups of one kind side by side, below lines of what is ``expected`` (column: line style, label)."""
     unit = UNITS.get(kind.split()[0], "")
     table = table.sort_values("group", key=lambda groups: groups.map(_start if unit else numbers_by_size))
     edges = np.arange(len(table) + 1) - 0.5
-    for name, line, label in (("predicted", "--", "predicted for it"), ("noise", ":", "noise alone")):
+    for name, (line, label) in expected.items():
         panel.stairs(table[f"{name}_mm"], edges, baseline=None, color=VERMILLION, lw=1.2, ls=line, label=label)
     for name, colour in MODELS.items():
         label = "as simulated" if name == "simulation" else name
