@@ -31,10 +31,12 @@ def records(plan: str, seed: int = 5) -> Measurements:
 def said() -> Callable[..., dict[str, Any]]:
     """What a diagnosis says, each file diagnosed once."""
     known: dict[tuple[int, str], dict[str, Any]] = {}
+    asked: list[Measurements] = []  # kept, lest another file gets the id of one that is gone
 
     def of(data: Measurements, frame: str = "base") -> dict[str, Any]:
         key = (id(data), frame)
         if key not in known:
+            asked.append(data)
             result = diagnose(Arm.load("sino6"), data, reference_frame=frame, **STATED)  # type: ignore[arg-type]
             known[key] = result.summary()
         return known[key]
