@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
+import copyreg
+
+MOST_CHARACTERS = 1200
+"""Of a line of a message; what is longer, such as a number of thousands of digits that it quotes, is cut in the middle."""
+
 
 class AacmmError(Exception):
     """Base of every error that this package raises on purpose; its text is meant for the user."""
+
+    def __init__(self, message: str) -> None:
+        half = MOST_CHARACTERS // 2
+        lines = message.split("\n")
+        super().__init__("\n".join(x if len(x) <= MOST_CHARACTERS else f"{x[:half]} … {x[-half:]}" for x in lines))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """As pickle takes it: an error of a worker process has to arrive as what it was, whatever its own arguments."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class ShapeError(AacmmError):

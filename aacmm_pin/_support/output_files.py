@@ -264,10 +264,21 @@ def _locked_folder(parent: Path) -> Iterator[Path]:
             folder = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=parent))
             lock = os.open(folder, os.O_RDONLY)
             stack.callback(os.close, lock)
-            stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            stack.callback(_remove, folder)
             fcntl.flock(lock, fcntl.LOCK_EX)
             (folder / MARK).touch()  # when it is locked: nobody takes it for one that was left
         yield folder
+
+
+def _remove(folder: Path) -> None:
+    """Remove a hidden folder, its mark last: what a process that is killed meanwhile leaves is still known as ours."""
+    with _signals_wait(), suppress(OSError):
+        for entry in folder.iterdir():
+            if entry.is_dir():
+                shutil.rmtree(entry, ignore_errors=True)
+            elif entry.name != MARK:
+                entry.unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _remove_what_dead_processes_left(parent: Path) -> None:
@@ -276,7 +287,7 @@ def _remove_what_dead_processes_left(parent: Path) -> None:
             lock = os.open(mark.parent, os.O_RDONLY | os.O_NOFOLLOW)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(mark.parent, ignore_errors=True)
+                _remove(mark.parent)
             finally:
                 os.close(lock)
 

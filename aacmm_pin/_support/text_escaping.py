@@ -70,6 +70,8 @@ def csv_text(table: pd.DataFrame | Mapping[str, Any], quoting: Literal[0, 2] = c
 def _quoted(value: object) -> object:
     if isinstance(value, str):
         return csv_quoted(value)
+    if isinstance(value, bool):
+        return str(value).lower()
     return "" if str(value) in _NOTHING else value
 
 

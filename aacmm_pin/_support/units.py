@@ -1,4 +1,4 @@
-"""Units at the doors of the package: multiply on the way in, divide on the way out. Inside everything is SI."""
+"""Units where files and people state them: multiply on the way in, divide on the way out. Inside everything is SI."""
 
 from __future__ import annotations
 

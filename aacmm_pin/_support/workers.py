@@ -30,13 +30,16 @@ MOST_WAITING = 256
 
 
 @contextmanager
-def results(work: Callable[[J], R], jobs: Iterable[J], workers: Workers) -> Iterator[Iterator[tuple[int, R]]]:
+def results(
+    work: Callable[[J], R], jobs: Iterable[J], workers: Workers, *, beside: bool = False
+) -> Iterator[Iterator[tuple[int, R]]]:
     """Numbers and results of all jobs as they come; when the context ends, nothing is worked out any more.
 
     Args:
         work: a function of a module, for it is sent by its name.
         jobs: taken from the iterable as they are handed out.
-        workers: see :data:`Workers`; one process is this one.
+        workers: see :data:`Workers`; one process is this one, and so it is where there is one job.
+        beside: this process has work of its own meanwhile, so that even one job is worth another process.
 
     Raises:
         AacmmError: a process was killed, or there are not so many.
@@ -48,7 +51,7 @@ def results(work: Callable[[J], R], jobs: Iterable[J], workers: Workers) -> Iter
     count, jobs = whole(workers, 1, "processes"), iter(jobs)
     first = list(islice(jobs, count))
     jobs = chain(first, jobs)
-    if len(first) <= 1 or count == 1:
+    if count == 1 or len(first) <= 1 - beside:
         yield enumerate(map(work, jobs))
         return
     context = get_context("spawn")

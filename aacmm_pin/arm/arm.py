@@ -403,7 +403,7 @@ def _read_model(path: str | Path) -> tuple[Any, str]:
 def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
     """The arm of a file that names a URDF; ``path`` is what errors call the file."""
     urdf = file.urdf
-    if not Path(urdf.file).exists():
+    if not os.path.exists(urdf.file):
         raise ArmFileError(path, "urdf.file", f"{urdf.file}: no such file; expected the URDF, by its path from {path}")
     model, sha256 = _read_model(urdf.file)
     if urdf.sha256 not in (None, sha256):

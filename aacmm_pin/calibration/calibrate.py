@@ -12,6 +12,7 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, redundant
@@ -22,15 +23,16 @@ from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel, require_shown
-from aacmm_pin.errors import AacmmError
+from aacmm_pin.effects.state import State
+from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.measurements.records import Measurements
 
 OTHER_UNIT = 100.0
-"""An uncertainty that is so many times off may be in another unit: the factor is 1000, but residuals have other parts."""
+"""An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but there are other parts."""
 BEST_REFERENCE = 2e-7
 """No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m]."""
-HOT_WORKSHOP = 50.0
-"""No record is taken where it is always warmer; 50 °F are 10 °C [°C]."""
+COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
+"""No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -171,9 +173,30 @@ def _of_conditions(after: Fit) -> list[str]:
     for values in (conditions.temperature, conditions.link_temperature):
         if values is not None and values.min() > HOT_WORKSHOP:
             found.append(f"temperatures are {values.min():.4g} to {values.max():.4g} °C: are they in Fahrenheit?")
+        if values is not None and values.max() < COLD_WORKSHOP:
+            asked = f"are they differences from {arm.reference_temperature:g} °C?"
+            found.append(f"temperatures are {values.min():.4g} to {values.max():.4g} °C: {asked}")
+    found += _of_torques(after)
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         found.append(f"joint {j} slides: theta{j}_rad holds metres, theta{j}_deg metres times 180/π")
     return found
+
+
+def _of_torques(after: Fit) -> list[str]:
+    """Torques that are far more than the weight of the arm gives, where its masses are known."""
+    problem, arm, torque = after.problem, after.problem.model.arm, after.problem.measurements.conditions.torque
+    if torque is None:
+        return []
+    state = State(arm, problem.measurements.q, problem.measurements.conditions, arm.chain.tip)
+    rows = [row for row in arm.chain.moving_rows() if not arm.chain.prismatic[state.joint(row)]]
+    try:
+        moments = [np.sum(state.moment_at_axis(row) * state.rotation[axis(row)][:, :, 2], axis=1) for row in rows]
+    except UnsupportedArmError:  # no masses
+        return []
+    measured, weight = np.nanmax(np.abs(torque), initial=0.0), np.max(np.abs(moments), initial=0.0)
+    if weight == 0.0 or measured < OTHER_UNIT * weight:
+        return []
+    return [f"torques are up to {measured:.4g} N·m, where the masses of the arm give {weight:.3g} N·m: are they in N·mm?"]
 
 
 def _scatter(after: Fit) -> str:

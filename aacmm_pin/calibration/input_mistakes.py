@@ -53,7 +53,15 @@ UNITS = {
     "mm, taken as metres": MM,
 }
 """Units that lengths may have come in, and the factor that undoes it."""
-ANGLES = {"degrees, taken as radians": DEG, "radians, taken as degrees": 1 / DEG, "gon, taken as degrees": 0.9}
+ANGLES = {
+    "degrees, taken as radians": DEG,
+    "radians, taken as degrees": 1 / DEG,
+    "gon, taken as degrees": 0.9,
+    "minutes of arc, taken as degrees": 1 / 60,
+    "milliradians, taken as radians": 1e-3,
+    "turns, taken as degrees": 360.0,
+    "turns, taken as radians": 360.0 * DEG,
+}
 """The same of angles."""
 AXES = np.arange(3)
 TURNED = 0.05

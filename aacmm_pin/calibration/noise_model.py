@@ -69,7 +69,7 @@ class NoiseModel:
 
     @cached_property
     def whitening(self) -> Array:
-        """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6); zero for turns that nobody states.
+        """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6); zero for turns that are not stated.
 
         As a triangle it leaves the first three numbers what they are without turns.
         """

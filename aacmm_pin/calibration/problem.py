@@ -60,7 +60,9 @@ class Frame:
         """
         base, turns = np.split(step, [step.size - 3 * len(self.targets)])
         motion = exp(base.reshape(-1, 6))[0] if base.size else np.eye(4)
-        targets = self.targets @ exp(np.pad(turns.reshape(-1, 3), ((0, 0), (3, 0))))[:, :3, :3]
+        targets = self.targets
+        if turns.size:
+            targets = targets @ exp(np.pad(turns.reshape(-1, 3), ((0, 0), (3, 0))))[:, :3, :3]
         return Frame(self.rotation @ motion[:3, :3], self.rotation @ motion[:3, 3] + self.shift, targets)
 
 
@@ -261,7 +263,7 @@ class Problem:
 
 
 def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:
-    """The frame that brings ``tips`` onto ``references`` (n, 3) with the least sum of distances, deaf to wild records.
+    """The frame that brings ``tips`` onto ``references`` (n, 3) with the least sum of distances: robust to gross errors.
 
     Kabsch's solution (Acta Cryst. A32, 1976), weighted anew by the inverse distances (Weiszfeld). With fewer than three
     records the rotation is the least that does.

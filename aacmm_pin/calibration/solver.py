@@ -28,6 +28,8 @@ SETTLED = 1e-6
 """The search ends when a step promises to lower χ² by less than this: parameters then stand still to 0.001 u."""
 LOOSELY_SETTLED = 1e-2
 """The same of a search whose result is only a start."""
+NO_STEP = 1e-12
+"""A step that promises less than this is not taken: where it ends is where it begins, to a millionth of u."""
 SHRINKS = 0.9
 """A step of the ends of bars is to be smaller than this part of the one before."""
 AT_BEST = 1e-7
@@ -248,6 +250,9 @@ class _Search:
             point, system = self.seats_at_best(point, system)
             step = _Step.of(self.problem, system, point.x, self.units)
             self.units = step.units
+            if step.promise < (NO_STEP if self.ends == SETTLED else self.ends):  # of a mere start it need not be taken
+                held_up = ""
+                break
             delta, length, promised = step.within(self.radius)
             first = first or length
             trial = self.advanced(point, system, delta)

@@ -13,6 +13,7 @@ import typer
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.cli.accept_prediction import BeforeTheTest
+from aacmm_pin.cli.arm_options import UrdfArm
 from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, refuse
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
@@ -45,6 +46,7 @@ def run(
         list[str] | None, typer.Option(metavar="NAME=TEXT", help="A further line of the certificate; several times.")
     ] = None,
     *,
+    robot: UrdfArm,
     before: BeforeTheTest,
     json_: Json = None,
     force: Force = False,
@@ -54,22 +56,25 @@ def run(
     from aacmm_pin.report.acceptance import Certificate, acceptance_document, history_blocks
     from aacmm_pin.report.document import Document
 
-    *arms, path = files
+    *names, path = files
     if before.predict:
         refuse(context, ("range_mm", "history", "plot", "time", "instrument", "about"), "is of a check that was made")
     else:
         refuse(context, [f.name for f in fields(before)], "goes with --predict")
     if plot is not None and history is None:
         raise typer.BadParameter("--plot draws the checks of --history FILE")
-    reads = [*files, *(m for m in mpe or [] if "=" not in m)]
+    reads = [*files, *([robot.urdf] if robot.urdf else []), *(m for m in mpe or [] if "=" not in m)]
     with Results(force, output, plot=plot, json_=json_, reads=reads) as results:
+        arms, by_urdf = {name: ErrorModel.load(name) for name in names}, robot.of_urdf()
+        if by_urdf is not None:
+            arms[str(robot.urdf)] = by_urdf
         if before.predict:
             before.show(arms, path, _limits(mpe or []), standard, results, output, json_)
             return
         past = None if history is None else History.read(history)
         result = accept(
             path,
-            {arm: ErrorModel.load(arm) for arm in arms},
+            arms,
             mpe=_limits(mpe or []),
             standard=standard,
             measuring_range=None if range_mm is None else range_mm * MM,
@@ -93,8 +98,8 @@ def run(
     if checks is not None and not checks.appended:
         same = f"its check of {checks.time} has the very same values, so that it is this one" if checks.charts() else ""
         note(f"note: nothing appended to {history}: {same or 'no figure has a value'}")
-    if (failed := _failed_arm(result, arms)) is not None and Path(path).is_file():
-        note(f"note: {_next_step(failed, path)}")
+    if (failed := _failed_arm(result, list(arms))) is not None and Path(path).is_file():
+        note(f"note: {_next_step(robot.urdf_words if failed == robot.urdf else [failed], path)}")
 
 
 def _when(time: str | None, path: str) -> datetime:
@@ -120,7 +125,7 @@ def _failed_arm(result: AcceptanceResult, arms: list[str]) -> str | None:
     return next((arm for arm in arms if arm in failed), "ARM" if failed and not arms else None)
 
 
-def _next_step(arm: str, path: str) -> str:
+def _next_step(arm: list[str], path: str) -> str:
     """How the cause of a failed check is found from the same touches, or why it is not."""
     try:
         seats = Measurements.read(path).seats()
@@ -128,7 +133,7 @@ def _next_step(arm: str, path: str) -> str:
         return "with indications (theta1_deg …) beside the coordinates, aacmm-pin diagnose could look for the cause"
     if not seats:
         return "touches of spheres are not used to find the cause; those of single points and of ends touched once are"
-    return f"{shlex.join(['aacmm-pin', 'diagnose', arm, path])} looks for the cause"
+    return f"{shlex.join(['aacmm-pin', 'diagnose', *arm, path])} looks for the cause"
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
@@ -152,5 +157,5 @@ def _limits(texts: list[str]) -> dict[str, float]:
         try:
             limits[name] = float(str(limit)) * MM
         except ValueError:
-            raise AacmmError(f"MPE of {name} is {limit!r}, expected a number of millimetres") from None
+            raise AacmmError(f"MPE of {name} is {limit!r}, expected a number of millimetres, with a decimal point") from None
     return limits

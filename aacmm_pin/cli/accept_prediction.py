@@ -32,7 +32,7 @@ class BeforeTheTest(EncoderNoise):
 
     def show(
         self,
-        arms: list[str],
+        arms: dict[str, ErrorModel],
         path: str,
         limits: dict[str, float],
         standard: str | None,
@@ -46,7 +46,7 @@ class BeforeTheTest(EncoderNoise):
 
         result = predict_acceptance(
             path,
-            {arm: ErrorModel.load(arm) for arm in arms},
+            arms,
             mpe=limits,
             standard=standard,
             encoder_noise=self.encoder_noise_rad,

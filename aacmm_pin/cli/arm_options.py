@@ -19,13 +19,9 @@ BUNDLED = ", ".join(bundled_arms())
 
 
 @dataclass(frozen=True)
-class AnyArm:
-    """An arm by its name or file, or by its URDF."""
+class UrdfArm:
+    """An arm by its URDF."""
 
-    arm: Annotated[
-        str | None,
-        typer.Argument(metavar="ARM", help=f"Bundled arm ({BUNDLED}) or path of an arm file; none with --urdf."),
-    ] = None
     urdf: Annotated[
         str | None, typer.Option("--urdf", metavar="FILE", help="Any serial arm by its URDF, in place of ARM.")
     ] = None
@@ -34,23 +30,46 @@ class AnyArm:
     ] = None
 
     @property
+    def urdf_words(self) -> list[str]:
+        """The options as they are typed; none where the arm is not given so."""
+        return [] if self.urdf is None else ["--urdf", self.urdf, "--frame", str(self.frame)]
+
+    def of_urdf(self, **half_widths: float) -> ErrorModel | None:
+        """The arm, if it is given so; half-widths are those of its joint placements [m, rad].
+
+        Raises:
+            AacmmError: the arm cannot be used.
+        """
+        if (self.urdf is None) != (self.frame is None):
+            raise typer.BadParameter("--urdf and --frame go together")
+        if self.urdf is None or self.frame is None:
+            return None
+        return ErrorModel(Arm.from_urdf(self.urdf, self.frame, **half_widths))
+
+
+@dataclass(frozen=True)
+class AnyArm(UrdfArm):
+    """An arm by its name or file, or by its URDF."""
+
+    arm: Annotated[
+        str | None,
+        typer.Argument(metavar="ARM", help=f"Bundled arm ({BUNDLED}) or path of an arm file; none with --urdf."),
+    ] = None
+
+    @property
     def files(self) -> tuple[str | None, ...]:
         """What is read."""
         return self.arm, self.urdf
 
     def model(self, **half_widths: float) -> ErrorModel:
-        """The arm with its effects; half-widths are those of a URDF's joint placements [m, rad].
+        """The arm with its effects; see :meth:`UrdfArm.of_urdf`.
 
         Raises:
             AacmmError: the arm cannot be used.
         """
         if (self.arm is None) == (self.urdf is None):
             raise typer.BadParameter("expected ARM, or --urdf FILE --frame NAME in its place")
-        if (self.urdf is None) != (self.frame is None):
-            raise typer.BadParameter("--urdf and --frame go together")
-        if self.urdf is not None and self.frame is not None:
-            return ErrorModel(Arm.from_urdf(self.urdf, self.frame, **half_widths))
-        return ErrorModel.load(str(self.arm))
+        return self.of_urdf(**half_widths) or ErrorModel.load(str(self.arm))
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ def run(
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
         results.text(csv_text(table.assign(**dict(zip(names, found.T, strict=True)))), output)
-    effects = ", ".join(effect.label for effect in model.effects) or "no effects"
+    effects = ", ".join(effect.label for effect in model.effects) or "its geometry alone"
     done = np.isfinite(found[:, 0]).sum()
     note(f"{path}: {done} of {readings.n} readings corrected by {model.arm.name} with {effects}")
 

@@ -16,7 +16,7 @@ from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, no
 from aacmm_pin.cli.plan_acceptance import Artefacts
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
-from aacmm_pin.planning import CalibrationPlan, plan_calibration, plan_measurements
+from aacmm_pin.planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_measurements
 from aacmm_pin.planning.plan import POSTURES, Reference
 from aacmm_pin.report import html, terminal
 from aacmm_pin.report.calibration_plan import calibration_plan_document
@@ -98,47 +98,35 @@ def run(
             "rng": np.random.default_rng(seed),
             **how.keywords(),
         }
+        plan: CalibrationPlan | MeasurementPlan
         if for_ == "calibration":
-            _for_calibration(plan_calibration(model, records, **options), existing, results, output, sheet, json_)
-            return
-        plan = plan_measurements(model, split, records, as_it_stands=as_it_stands, **options)
-        if output is not None or json_ is None:
+            plan = plan_calibration(model, records, **options)
+            document = calibration_plan_document(plan)
+        else:
+            plan = plan_measurements(model, split, records, as_it_stands=as_it_stands, **options)
+            document = plan_document(plan)
+        if output is not None or (json_ is None and sheet is None):
             results.text(plan.csv() if existing is None else _like(existing, plan.records), output)
-        if set_up_arm is not None:
+        if sheet is not None:
+            results.text(html.page(document), sheet)
+        if set_up_arm is not None and isinstance(plan, MeasurementPlan):
             results.arm(plan.model, set_up_arm, f"Set up to be measured by a plan: {plan.setup}.")
         results.json(plan.summary(), json_)
-    if output is not None and json_ != "-":
-        terminal.show(plan_document(plan))
-        only = "" if plan.needed else "for that check, "
-        where = "where the arm only comes near a posture, enter the angles indicated"
-        say(f"{output}: {only}fill in x_mm, y_mm, z_mm; {where}")
-    else:
-        terminal.show_notes(plan.notes)
-    if plan.changes_arm and set_up_arm is None:
-        note("note: this set-up is another arm file, which --set-up-arm FILE writes; diagnose the new records with it")
-    if output is not None and json_ != "-":
-        note(f"note: chosen from {postures} postures, seed {seed}")
-
-
-def _for_calibration(
-    plan: CalibrationPlan,
-    existing: Measurements | None,
-    results: Results,
-    output: Path | None,
-    sheet: Path | None,
-    json_: str | None,
-) -> None:
-    """Write and show a plan for a calibration."""
-    document = calibration_plan_document(plan)
-    if output is not None or (json_ is None and sheet is None):
-        results.text(plan.csv() if existing is None else _like(existing, plan.records), output)
-    if sheet is not None:
-        results.text(html.page(document), sheet)
-    results.json(plan.summary(), json_)
-    if output is not None and json_ != "-":
+    shown = output is not None and json_ != "-"
+    if shown:
         terminal.show(document)
     else:
         terminal.show_notes(plan.notes)
+    if isinstance(plan, CalibrationPlan):
+        return
+    if shown:
+        only = "" if plan.needed else "for that check, "
+        where = "where the arm only comes near a posture, enter the angles indicated"
+        say(f"{output}: {only}fill in x_mm, y_mm, z_mm; {where}")
+    if plan.changes_arm and set_up_arm is None:
+        note("note: this set-up is another arm file, which --set-up-arm FILE writes; diagnose the new records with it")
+    if shown:
+        note(f"note: chosen from {postures} postures, seed {seed}")
 
 
 def _like(existing: Measurements, records: pd.DataFrame) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -55,4 +56,5 @@ class Artefacts:
                 results.text(html.page(procedure_document(procedure)), sheet)
         if output is not None:
             terminal.show(procedure_document(procedure))
-            say(f"{output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then: aacmm-pin accept {output}")
+            then = shlex.join(["aacmm-pin", "accept", *arm.urdf_words, str(output)])
+            say(f"{output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then: {then}")

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.parameter_vector import OF_KIND
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import CAUSES, Effect, ReferenceFrame, StylusOffset, all_candidates
 from aacmm_pin.effects.error_model import ErrorModel, require_row
 from aacmm_pin.errors import UnknownNameError
@@ -22,7 +23,7 @@ def candidates(
     """Every registered cause that these records could show, one for each place where it can sit.
 
     Args:
-        model: the arm; what it is known to have is no candidate.
+        model: the arm; of what it is known to have, a change is a candidate, whose u is what is stated of it.
         measurements: the records.
         problem: what is refitted anyway; geometric values beyond what is stated of them are causes too.
         extra: causes to try besides; those with one label are variants of one candidate, which may be the library's.
@@ -40,7 +41,14 @@ def candidates(
             raise UnknownNameError("cause", effect.cause, list(CAUSES), "aacmm_pin.effects.register adds one of your own")
         label = require_row(effect, arm).label
         of_label[label] = tuple(dict.fromkeys((*of_label.get(label, ()), effect.at(()))))
-    return [variants for label, variants in of_label.items() if label not in known]
+    changes = [(effect.at((), effect.u),) for effect in told(model, problem.setup)]
+    return [*changes, *(variants for label, variants in of_label.items() if label not in known)]
+
+
+def told(model: ErrorModel, setup: Setup) -> list[Effect]:
+    """The causes that the arm is known to have, with a stated uncertainty that counts."""
+    labels = [effect.label for effect in model.effects]
+    return [effect for effect in model.effects if setup.prior and any(effect.u) and labels.count(effect.label) == 1]
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

@@ -146,17 +146,20 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
         library: causes to consider.
         others: covariates that anything else may depend on.
         taken_out: so many of the estimated effects, the last ones, are no nuisances but candidates: what they do is taken
-            out of the tips, so that they can be chosen again or not. A geometric value among them is a nuisance as well,
-            within what the arm states of it.
+            out of the tips, so that they can be chosen again or not. What the arm states of a geometric value among them,
+            or of a cause that it is known to have, is a nuisance as well, within its u.
     """
     problem, point = fit.problem, fit.solution.point
     width = problem.vector.size
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
-    arm_u = problem.vector.arm_u
-    within = stays + np.flatnonzero(arm_u[stays:] > 0.0)
+    stated_u, known = problem.vector.arm_u, {variants[0].identity: variants[0].u for variants in library}
+    for effect, place in problem.vector:
+        if place.start >= stays and any(known.get(effect.identity, ())):
+            stated_u[place] = known[effect.identity]
+    within = stays + np.flatnonzero(stated_u[stays:] > 0.0)
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
-    tips = point.prediction.poses - own[:, :, stays:width] @ point.x[stays:width]
+    tips = point.prediction.poses - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
     left = np.sqrt(np.square(fit.solution.system.deviation[fit.used]).mean())
     candidates: list[Sequence[Effect | Carried]] = [*library, *(covariate.variants for covariate in others)]
     blocks, typical, first = [], [], kept.size
@@ -164,7 +167,7 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
         for which, source in enumerate(variants):
             typical.append(_typical(source, left))
             blocks.append(Block(number, which, slice(first, first := first + typical[-1].size), source))
-    scales = np.concatenate([problem.scales[:stays], arm_u[within], problem.scales[width:], *typical])
+    scales = np.concatenate([problem.scales[:stays], stated_u[within], problem.scales[width:], *typical])
     names = (*(variants[0].label for variants in library), *(covariate.name for covariate in others))
     prior = np.zeros((width + within.size, kept.size + 1))
     prior[:width, :stays] = problem.prior[:, :stays]

@@ -1,4 +1,4 @@
-"""The door: from an arm and measurements to a verdict, its causes, an extended model and the gain."""
+"""From an arm and measurements to a verdict, its causes, an extended model and the gain."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameters import length_held, problem_of
+from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
-from aacmm_pin.diagnosis.candidates import candidates
+from aacmm_pin.diagnosis.candidates import candidates, told
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.findings import UNLIKELY, findings_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
-from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, too_good
-from aacmm_pin.diagnosis.significance import Place, Strength, look_alikes, strengths, visible
+from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, too_good
+from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Effect
@@ -101,23 +102,33 @@ def diagnose(
     choice = replace(choice, fit=replace(choice.fit, found=tuple(effect.label for effect in choice.effects)))
     used, setup = choice.fit.used, recalibrated.problem.setup
     before, recalibrated = (fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([])))
-    strong = strengths(choice, _excess(choice.fit), rng)
+    pairs = in_pairs(choice)
+    strong = strengths(choice, _excess(choice.fit), pairs, rng)
     held = gain_of(choice, before, kind, rng, progress) if hold_out and enough_postures(measurements) else None
     if choice.held is not choice.gram:
         choice.held.products.release()
-    result = _concluded(model, choice, before, recalibrated, strong, held, repeated)
+    result = _concluded(model, choice, before, recalibrated, strong, held, [*_rivals(choice, pairs), *repeated])
     choice.gram.products.release()
     return result
 
 
 def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:
-    """The calibration problem with some causes estimated too; what the arm is known to have is refitted with the geometry,
-    freely: it may have changed.
+    """The calibration problem with some causes estimated too. What the arm is known to have is refitted with the geometry,
+    within what is stated of it; freely where nothing is, or where it is itself among the causes, for it may have changed.
     """
-    known = [effect.at(effect.values, free(effect).u) for effect in model.effects]
-    held = length_held(problem_of(model, measurements, ["geometry", *known], setup))
+    known = {effect.identity: effect for effect in told(model, setup)}
+    untold = [effect.at(effect.values, free(effect).u) for effect in model.effects if effect.identity not in known]
+    held = length_held(problem_of(model, measurements, ["geometry", *untold, *known.values()], setup))
     setup = replace(setup, held=held)
-    return lambda causes: problem_of(model, measurements, ["geometry", *known, *causes], setup)
+
+    def problem(causes: Sequence[Effect]) -> Problem:
+        freed = [
+            replace(cause, values=known[cause.identity].values) if cause.identity in known else cause for cause in causes
+        ]
+        within = [effect for identity, effect in known.items() if identity not in {cause.identity for cause in causes}]
+        return problem_of(model, measurements, ["geometry", *untold, *within, *freed], setup)
+
+    return problem
 
 
 def _concluded(
@@ -127,7 +138,7 @@ def _concluded(
     recalibrated: Fit,
     strong: list[Strength],
     held: Gain | None,
-    repeated: list[str],
+    notes: list[str],
 ) -> Diagnosis:
     """What a choice of causes says, beside the arm as it was and recalibrated."""
     extended = choice.fit
@@ -153,12 +164,30 @@ def _concluded(
             *notes_of(extended),
             *_below_zero(findings),
             *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
+            *(f"{f.label} was known as {_as_known(f.was)}, and has changed" for f in findings if f.was),
             *_size(extended),
             *_clock(extended),
             *_too_good(extended),
-            *repeated,
+            *notes,
         ),
     )
+
+
+def _rivals(choice: Choice, pairs: Sequence[InPairs]) -> list[str]:
+    """Causes that look like two others together."""
+    name = choice.design.names
+    return [
+        f"{' with '.join(name[choice.question.owner(k)] for k in pair.blocks)} may be {one} with {other} instead "
+        f"(probability {share:.2g})"
+        for pair in pairs
+        for one, other, share in pair.rivals
+    ]
+
+
+def _as_known(effect: Effect) -> str:
+    """Values of a cause as the arm states them, with u."""
+    stated = described(effect, np.diag(np.square(effect.u)))
+    return ", ".join(f"{name} = {value:.3g} (u {u:.2g})" for name, (value, u) in stated.items())
 
 
 def _size(extended: Fit) -> list[str]:

@@ -1,4 +1,4 @@
-"""What was admitted, as findings: causes with their values, known causes that changed, geometry beyond what is stated."""
+"""What was admitted, as findings: causes, new or changed, with their values, and geometry beyond what is stated."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from aacmm_pin.diagnosis.significance import Place, Strength, aliases_of, retain
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 
-CHANGED = 0.01
-"""Family-wise level at which a known cause counts as changed."""
 MOVED = 0.01
 """Family-wise level at which a geometric value counts as beyond its stated uncertainty."""
 LEAST_SHARE = 0.5
@@ -28,12 +26,13 @@ UNLIKELY = 0.2
 
 
 def findings_of(model: ErrorModel, choice: Choice, strong: list[Strength]) -> list[Finding]:
-    """Causes, strongest first; known causes that changed; geometric values."""
-    return [*_admitted(choice, strong), *_changed(model, choice), *_geometry(choice)]
+    """Causes, strongest first; geometric values."""
+    return [*_admitted(model, choice, strong), *_geometry(choice)]
 
 
-def _admitted(choice: Choice, strong: list[Strength]) -> Iterator[Finding]:
+def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iterator[Finding]:
     """The admitted causes with the values that the last refit gave them."""
+    known = {effect.label: effect for effect in model.effects}
     estimated = {effect.label: (effect, covariance) for effect, covariance in _estimated(choice)}
     for strength in strong:
         if strength.block not in choice.causes:
@@ -53,6 +52,7 @@ def _admitted(choice: Choice, strong: list[Strength]) -> Iterator[Finding]:
             _inner_values(choice, effect, strength.block),
             effect.slides(choice.fit.problem.model.arm),
             None if effect.place is None else estimated.get(effect.cause, (None,))[0],
+            known.get(effect.label),
         )
 
 
@@ -61,25 +61,6 @@ def _inner_values(choice: Choice, effect: Effect, block: int) -> dict[str, tuple
     told = {name: u for (label, name), u in choice.fit.inner_u.items() if label == effect.label}
     told |= {name: u_of_step(choice, block, name) for name in effect.inner if name not in effect.inner_widths()}
     return {name: (float(getattr(effect, name)), u) for name, u in told.items()}
-
-
-def _changed(model: ErrorModel, choice: Choice) -> Iterator[Finding]:
-    """Causes that the arm was known to have, with other values than were stated.
-
-    ``Δᵀ (C + U)⁻¹ Δ`` of the change Δ with the covariances of the old and the new values is χ² if nothing changed;
-    Bonferroni's bound over the known causes.
-    """
-    before = {effect.label: effect for effect in model.effects if any(effect.u)}
-    for effect, covariance in _estimated(choice):
-        if effect.label not in before or not np.all(np.isfinite(covariance)):
-            continue
-        old = before[effect.label]
-        change = np.array(effect.values) - np.array(old.values)
-        misfit = float(change @ np.linalg.pinv(covariance + np.diag(np.square(old.u))) @ change)
-        p_value = min(1.0, len(before) * float(chi2_sf(misfit, len(change))))
-        if p_value < CHANGED:
-            slides = effect.slides(model.arm)
-            yield Finding(effect, described(effect, covariance), 1.0 - p_value, p_value, 1.0, (), slides=slides)
 
 
 def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:

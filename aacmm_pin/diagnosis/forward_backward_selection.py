@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -107,6 +109,20 @@ def search(question: Question, gram: Gram, start: tuple[int, ...] = ()) -> tuple
     return _Search(question, gram).run(start)
 
 
+def rival_pairs(question: Question, gram: Gram, admitted: tuple[int, ...]) -> dict[tuple[int, int], list[Rival]]:
+    """Of two admitted blocks, the pairs that may be there in their place; only of those that have any."""
+    tried = _Search(question, gram)
+    found = {two: tried.rivals(admitted, two) for two in tried.doubtful(admitted)}
+    return {two: rivals for two, rivals in found.items() if rivals}
+
+
+class Rival(NamedTuple):
+    """Two blocks in the place of two others: by how much the log evidence is larger with them."""
+
+    more: float
+    blocks: tuple[int, ...]
+
+
 class _Search:
     """One search; remembers what is left beside the sets of causes that it has tried."""
 
@@ -141,9 +157,9 @@ class _Search:
             seen.add(admitted)
         return admitted
 
-    def odds(self, admitted: tuple[int, ...]) -> tuple[Array, dict[int, int]]:
-        """Log odds of each candidate beside the admitted, these struck out, and the best variant of each."""
-        return self._odds(admitted, self.left(admitted).evidences)
+    def odds(self, admitted: tuple[int, ...], barred: frozenset[int] = frozenset()) -> tuple[Array, dict[int, int]]:
+        """Log odds of each candidate beside the admitted, these and the barred struck out, and the best variant of each."""
+        return self._odds(admitted, self.left(admitted).evidences, barred)
 
     def odds_instead(self, whole: tuple[int, ...], block: int) -> tuple[Array, dict[int, int]]:
         """The same of all in the place of one of the admitted.
@@ -153,8 +169,10 @@ class _Search:
         """
         return self._odds(_without(whole, block), self.left(whole).evidences_without(block))
 
-    def _odds(self, admitted: tuple[int, ...], evidences: Array) -> tuple[Array, dict[int, int]]:
-        evidences = self.question.without(self.question.struck_out(admitted), evidences)
+    def _odds(
+        self, admitted: tuple[int, ...], evidences: Array, barred: frozenset[int] = frozenset()
+    ) -> tuple[Array, dict[int, int]]:
+        evidences = self.question.without(self.question.struck_out(admitted) | barred, evidences)
         return self.question.odds(evidences), self.question.best_blocks(evidences)
 
     def settled(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
@@ -208,17 +226,33 @@ class _Search:
                 found, best = max((self.log_evidence(_ordered((*rest, *pair))), pair) for pair in pairs)
                 if found > value + SURE:
                     return _ordered((*rest, *best))
+        for two in self.doubtful(admitted) if len(admitted) <= WEAKEST else ():
+            rival = max(self.rivals(admitted, two), default=Rival(-np.inf, two))
+            if rival.more > EQUAL:
+                return _ordered((*_without(_without(admitted, two[0]), two[1]), *rival.blocks))
         return admitted
 
-    def pairs(self, rest: tuple[int, ...], count: int) -> list[tuple[int, ...]]:
-        """Each of the leading candidates with its best second, beside ``rest``."""
-        odds, blocks = self.odds(rest)
+    def doubtful(self, admitted: tuple[int, ...]) -> list[tuple[int, int]]:
+        """The weakest of the admitted, two and two; all would cost more than everything else."""
+        return [*combinations(sorted(self.by_strength(admitted)[-WEAKEST:]), 2)]
+
+    def rivals(self, admitted: tuple[int, ...], two: tuple[int, int]) -> list[Rival]:
+        """Pairs of other candidates that may be there in the place of two of the admitted."""
+        rest = _without(_without(admitted, two[0]), two[1])
+        pairs = self.pairs(rest, WEAKEST, frozenset(map(self.question.owner, two)))
+        self.gram.prepare(k for pair in pairs for k in pair)
+        value = self.log_evidence(admitted)
+        return [Rival(self.log_evidence(_ordered((*rest, *pair))) - value, pair) for pair in pairs]
+
+    def pairs(self, rest: tuple[int, ...], count: int, barred: frozenset[int] = frozenset()) -> list[tuple[int, ...]]:
+        """Each of the leading candidates, but for the barred, with its best second, beside ``rest``."""
+        odds, blocks = self.odds(rest, barred)
         evidences = odds - self.question.log_prior
         leading = [blocks[k] for k in np.argsort(-odds)[:count] if np.isfinite(evidences[k]) and evidences[k] > 0]
         self.gram.prepare(leading)
         found = []
         for first in leading:
-            second, others = self.odds(_ordered((*rest, first)))
+            second, others = self.odds(_ordered((*rest, first)), barred)
             if np.isfinite(second).any():
                 pair = self.question.joined((first,), others[int(np.argmax(second))])
                 found += [pair] if len(pair) == 2 else []

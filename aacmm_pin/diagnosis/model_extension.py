@@ -255,7 +255,7 @@ def _refined(choice: Choice, block: int) -> Effect:
     """The effect with its inner parameter where the evidence is largest, the others held."""
     effect = choice.variant(block).at(())
     tried = effect.refined(choice.fit.problem.measurements)
-    if len(tried) < 2:
+    if len(tried) < 2 or any(choice.variant(block).u):  # a cause that is known changes its values alone
         return effect
     evidences = _evidences(choice, block, tried)
     best = int(np.argmax(evidences))

@@ -53,6 +53,7 @@ class Finding(Shown):
         inner: order, time constant or time that these records told, with u: name -> (value, u).
         slides: True where its joint slides, so that its values in rad are metres.
         beside: the same cause of the whole arm, on top of which its values come; None where that was not estimated.
+        was: the cause as the arm was known to have it before; None where it is new.
     """
 
     effect: Effect
@@ -65,6 +66,7 @@ class Finding(Shown):
     inner: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     slides: bool = False
     beside: Effect | None = None
+    was: Effect | None = None
 
     @property
     def cause(self) -> str:
@@ -158,19 +160,22 @@ class Diagnosis(Shown):
         return "; ".join(f"{name}: {fit.solution.held_up}" for name, fit in fits.items() if not fit.solution.converged)
 
     @property
+    def _fits(self) -> dict[str, Fit]:
+        """The three models by name."""
+        return {"simulation": self.before, "recalibrated": self.recalibrated, "extended": self.extended}
+
+    @property
     def rms(self) -> dict[str, float]:
         """RMS of the used records by simulation, recalibrated and extended model, and by noise alone [m]."""
         used = self.extended.used
-        fits = {"simulation": self.before, "recalibrated": self.recalibrated, "extended": self.extended}
-        of_fits = {name: rms(np.linalg.norm(fit.solution.system.deviation[used], axis=1)) for name, fit in fits.items()}
-        return of_fits | {"noise": self.noise}
+        deviations = {name: fit.solution.system.deviation[used] for name, fit in self._fits.items()}
+        return {name: rms(np.linalg.norm(each, axis=1)) for name, each in deviations.items()} | {"noise": self.noise}
 
     @property
     def turns(self) -> dict[str, float] | None:
         """RMS turn of the used records from their stated orientations, by each model [rad]; None where none is stated."""
         used = self.extended.used & self.extended.observations.oriented
-        fits = {"simulation": self.before, "recalibrated": self.recalibrated, "extended": self.extended}
-        return {name: rms(fit.turns[used]) for name, fit in fits.items()} if used.any() else None
+        return {name: rms(fit.turns[used]) for name, fit in self._fits.items()} if used.any() else None
 
     @property
     def excluded(self) -> pd.DataFrame:

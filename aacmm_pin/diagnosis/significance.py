@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_sf, f_sf
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
-from aacmm_pin.diagnosis.forward_backward_selection import Question
+from aacmm_pin.diagnosis.forward_backward_selection import Question, rival_pairs
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.effects import Effect
@@ -113,14 +114,40 @@ class Place:
         return float(self.shares[self.own])
 
 
-def strengths(choice: Choice, excess: float, rng: np.random.Generator) -> list[Strength]:
+class InPairs(NamedTuple):
+    """Two admitted causes that two others together may look like, though none of these alone looks like one of them.
+
+    Attributes:
+        blocks: numbers of the two.
+        probability: that they are there rather than such others.
+        rivals: names of two others, and their probability; the most probable first.
+    """
+
+    blocks: tuple[int, int]
+    probability: float
+    rivals: list[tuple[str, str, float]]
+
+
+def in_pairs(choice: Choice) -> list[InPairs]:
+    """Every two of the admitted that have such rivals."""
+    question, names, found = choice.question, choice.design.names, []
+    for two, rivals in rival_pairs(question, choice.gram, choice.admitted).items():
+        log_odds = np.array([0.0, *(rival.more for rival in rivals)])
+        own, *others = np.exp(log_odds - logsumexp(log_odds)).tolist()
+        labels = [tuple(names[question.owner(k)] for k in rival.blocks) for rival in rivals]
+        told = [(one, other, share) for (one, other), share in zip(labels, others, strict=True) if share > WORTH_LISTING]
+        found.append(InPairs(two, own, sorted(told, key=lambda rival: -rival[2])))
+    return found
+
+
+def strengths(choice: Choice, excess: float, pairs: Sequence[InPairs], rng: np.random.Generator) -> list[Strength]:
     """Of each admitted block, the others held in place.
 
     ``excess`` is by how much χ² is larger than the stated noise explains, where structure is left that nothing has.
 
     Beside structure that no cause explains a cause may be no more than a part of that structure: its probability is lowered
     by the chance that as many directions of the structure look as strong (F test of the two mean squares, times the
-    number of candidates that have as many).
+    number of candidates that have as many). None is more probable than the ``pairs`` of which it is one.
     """
     question, causes = choice.question, choice.design.causes
     places = {k: Place.of(choice, choice.left, k) for k in choice.admitted}
@@ -129,6 +156,7 @@ def strengths(choice: Choice, excess: float, rng: np.random.Generator) -> list[S
     structure += [Ratio(excess, UNSEEN)] if excess > 0.0 else []
     found = []
     for k, place in places.items():
+        among = min((pair.probability for pair in pairs if k in pair.blocks), default=1.0)
         chance, block = 0.0, question.blocks[k]
         if structure and question.owner(k) < causes:
             alike = len({b.candidate for b in question.blocks if b.size >= block.size})
@@ -136,7 +164,7 @@ def strengths(choice: Choice, excess: float, rng: np.random.Generator) -> list[S
         found.append(
             Strength(
                 k,
-                place.probability * (1.0 - chance),
+                place.probability * (1.0 - chance) * among,
                 family_wise(question, place.left, float(place.odds[place.own]), k, rng),
                 retained(place.left, block),
                 tuple(aliases_of(choice, place, k)),

@@ -113,7 +113,7 @@ def history_blocks(history: History) -> list[Block]:
         if chart.left
     ]
     few = [len(chart.values) - 1 for chart in charts if not np.isfinite(chart.limits[0])]
-    text = "; ".join(left) or ("" if few else "no figure.")
+    text = "; ".join(left) or ("" if few else "no figure has left it.")
     if few:
         text += (
             f"{' ' * bool(text)}{len(few)} of {len(charts)} figures have no limits yet, which need {LEAST_CHECKS} earlier "

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure as Drawing
 from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import csv_text, encodable
 from aacmm_pin._support.units import MM
+from aacmm_pin._support.workers import results
 from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
 from aacmm_pin.arm.arm import Arm
@@ -207,6 +208,7 @@ def run_demo(
     progress: bool = True,
     cells: tuple[int, int] = (48, 48),
     sectors: int = 12,
+    processes: int = 1,
 ) -> DemoSummary:
     """Compute the tour and write it to ``folder``: index.html, and the files and pages behind it.
 
@@ -220,6 +222,7 @@ def run_demo(
         progress: show bars in a notebook, or on stderr at a terminal.
         cells: cells of the map along x and z.
         sectors: sectors of the configuration circle.
+        processes: with two the papers' page is made beside the rest.
 
     Raises:
         OutputError: the folder cannot be used.
@@ -227,10 +230,11 @@ def run_demo(
         AacmmError: the arm states no uncertainty, or cannot reach the point within its limits.
     """
     started, folder, when = time.perf_counter(), Path(folder), f"{datetime.now(UTC):%Y-%m-%d}"
-    with OutputFiles(force) as outputs:
+    arm_file = load_arm_file(arm_name)
+    arm = Arm.from_file(arm_file)
+    seeds = [SEED] if arm.name == ARM_OF_THE_PAPER else []
+    with OutputFiles(force) as outputs, results(_papers, seeds, processes, beside=True) as papers:
         out = outputs.folder(folder)
-        arm_file = load_arm_file(arm_name)
-        arm = Arm.from_file(arm_file)
         circle = configuration_circle(arm, printed_points()[0])
         accuracy = circle_accuracy(circle)
         over_map = map_workspace(arm, cells, sectors, progress=progress)
@@ -248,9 +252,9 @@ def run_demo(
             "postures.html": circle_scene(circle, accuracy).html(),
             "workspace.html": map_scene(over_map, arm).html(),
         }
-        papers = PaperStudy.of(SEED) if arm.name == ARM_OF_THE_PAPER else None
-        if papers is not None:
-            texts["papers.html"] = page(papers_document(papers))
+        of_papers: list[str] = []
+        for _, (texts["papers.html"], said) in papers:
+            of_papers += said
         over_map.save(out / "map.nc")
         data.save(out / "measured.csv")
         files = sorted([*texts, "map.nc", "measured.csv", "index.html"])
@@ -266,9 +270,14 @@ def run_demo(
         texts["index.html"] = page(Document(f"{arm.name}: postures, accuracy, diagnosis", blocks, f"Geometry: {arm.source}"))
         for name, text in texts.items():
             (out / name).write_text(encodable(text), encoding="utf-8")
-    findings = [block.text for block in told if isinstance(block, Paragraph) and block.finding]
-    findings += [] if papers is None else papers.findings()
+    findings = [*(block.text for block in told if isinstance(block, Paragraph) and block.finding), *of_papers]
     return DemoSummary(folder, tuple(files), tuple(findings), of_point, of_map, time.perf_counter() - started)
+
+
+def _papers(seed: int) -> tuple[str, list[str]]:
+    """The papers' page, and what the shell says of it."""
+    study = PaperStudy.of(seed)
+    return page(papers_document(study)), study.findings()
 
 
 def _simulated(arm: Arm) -> tuple[Effect, Measurements]:

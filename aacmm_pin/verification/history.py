@@ -132,7 +132,7 @@ class History(Shown):
         Raises:
             AacmmError: at this time other values of this arm are there.
         """
-        time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+        time = _utc(time)
         known = {name.strip().casefold(): name for name in self.checks["instrument"]}
         instrument = known.get(instrument.strip().casefold(), instrument.strip())
         table = result.to_frame().rename(columns={"coordinates": "arm"}).dropna(subset="value_mm")
@@ -214,9 +214,13 @@ def in_utc(text: str) -> datetime:
     """
     time = datetime.fromisoformat(text)
     try:
-        return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+        return _utc(time)
     except OverflowError as error:  # of the first or the last day of the calendar
         raise ValueError(str(error)) from None
+
+
+def _utc(time: datetime) -> datetime:
+    return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
 
 
 def _number(may_be_empty: bool) -> Callable[[str], float]:

@@ -103,6 +103,7 @@ def main(words: Sequence[str]) -> None:
     parser.add_argument("--quick", action="store_true", help="smallest sizes, one turn: whether it works")
     parser.add_argument("--long", action="store_true", help="also what takes many minutes")
     given = parser.parse_args(words)
+    given.json.parent.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault(VARIABLE, ALWAYS)  # as in a process that has worked for a while
     report: dict[str, Any] = {
         "commit": commit(),

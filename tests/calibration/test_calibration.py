@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.file import ArmFile, load_arm_file
 from aacmm_pin.calibration import Calibration, calibrate, solver
 from aacmm_pin.calibration.calibrate import notes_of
@@ -35,6 +36,7 @@ from aacmm_pin.effects import (
 )
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
@@ -382,9 +384,10 @@ def test_conditions_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.G
     data = simulate_measurements(sino6, "free", 30, rng=rng)
     assert data.conditions.temperature is not None
     warm = replace(data.conditions, temperature=1.8 * data.conditions.temperature + 32.0)
-    for conditions, asked in ((warm, 1), (data.conditions, 0)):
+    less = replace(data.conditions, temperature=data.conditions.temperature - 20.0)
+    for conditions, asked in ((warm, ["Fahrenheit"]), (less, ["differences from 20 °C"]), (data.conditions, [])):
         notes = quick(sino6, replace(data, conditions=conditions), "geometry").notes
-        assert len([note for note in notes if "Fahrenheit" in note]) == asked
+        assert [word for word in ("Fahrenheit", "differences from 20 °C") if word in " ".join(notes)] == asked
     limits = 'effort="1" velocity="1"'
     joints = (
         ("rail", "prismatic", f'lower="0" upper="1" {limits}'),
@@ -468,3 +471,13 @@ def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
     fails("too few records to find the noise", lambda: calibrate(zero6, bare, hold_out=False))
     seats = simulate_measurements(zero6, "seats", 60, rng=rng, known=False)
     fails("nothing of the arm's size", lambda: calibrate(zero6, seats, hold_out=False))
+
+
+def test_torques_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.Generator) -> None:
+    data = simulate_measurements(sino6, "free", 30, rng=rng)
+    state = State(sino6, data.q, data.conditions, sino6.chain.tip)
+    moments = [state.moment_at_axis(row) * state.rotation[axis(row)][:, :, 2] for row in range(1, 7)]
+    torque = np.sum(moments, axis=2).T
+    for factor, asked in ((1.0, 0), (-3.0, 0), (1000.0, 1)):
+        given = replace(data, conditions=replace(data.conditions, torque=factor * torque))
+        assert len([note for note in quick(sino6, given, "geometry").notes if "in N·mm" in note]) == asked

@@ -63,6 +63,10 @@ def in_unit(factor: float) -> Change:
     return lambda d: replace(d, reference=factor * d.reference)
 
 
+def as_angles(factor: float) -> Change:
+    return lambda d: replace(d, q=factor * d.q)
+
+
 def of_columns(*factors: float) -> Change:
     return lambda d: replace(d, reference=np.array(factors) * d.reference)
 
@@ -88,7 +92,7 @@ OF_ANGLES: list[tuple[Change, str]] = [
     (turned(2, 180.0), "zero of joint 3 is turned: 180°"),
     (turned(4, -90.0), "zero of joint 5 is turned: -90°"),
     (swapped(1, 2), "joints 2 and 3 are exchanged"),
-    (lambda d: replace(d, q=d.q / 0.9), "angles are in gon"),
+    (as_angles(1 / 0.9), "angles are in gon"),
     (in_radians(2), "joint 3 alone are in radians, in the column theta3_deg"),
     (lambda d: replace(d, q=d.q / [1, 0.9, 1, 1, 1, 1]), "joint 2 alone are in gon, in the column theta2_deg"),
     (in_degrees(3), "joint 4 alone are in degrees, in the column theta4_rad"),
@@ -134,7 +138,7 @@ def test_every_mistake_is_named(arm: Arm, setup: str, rng: np.random.Generator) 
     else:
         data = simulate_measurements(arm, "ball-bar", 60, rng=rng, seats=6, bar_length=0.3)
     mistakes = {
-        "base": OF_ANGLES + OF_COORDINATES,
+        "base": [*OF_ANGLES, *OF_COORDINATES, (as_angles(60.0), "minutes of arc"), (as_angles(1 / 360), "in turns")],
         "external": [*OF_ANGLES, (OF_COORDINATES[1][0], "mirror image"), *OF_COORDINATES[2:4]],
         "seats": OF_ANGLES,
         "bars": [OF_ANGLES[2], OF_ANGLES[4], (bars_in(1e-3), "bars are in metres")],  # bars are slower to fit

@@ -145,9 +145,14 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot: tuple[Path, Pa
     refused("map", truth, said=["needs a DH table"])
     touches = measured[thetas].assign(test="single-point", feature="P", position=np.arange(60) // 20 + 1)
     touches.to_csv(tmp_path / "touches.csv", index=False)
-    judged = found("accept", truth, tmp_path / "touches.csv")["figures"]
-    spread = np.linalg.norm(places - places.reshape(3, 20, 3).mean(axis=1).repeat(20, axis=0), axis=1)
-    assert judged[0]["value_mm"] == pytest.approx(spread.max() / MM, rel=1e-9)
+    plain = ["--urdf", urdf, "--frame", model.arm.tip]
+    judged = found("accept", truth, *plain, tmp_path / "touches.csv")["figures"]
+    for arm, tips in ((truth, places), (urdf, wanted)):
+        own = next(figure for figure in judged if figure["coordinates"] == str(arm))
+        spread = np.linalg.norm(tips - tips.reshape(3, 20, 3).mean(axis=1).repeat(20, axis=0), axis=1)
+        assert own["value_mm"] == pytest.approx(spread.max() / MM, rel=1e-9)
+    mpe = ["--mpe", f"{own['figure']}={own['value_mm'] / 2}"]
+    assert f"diagnose --urdf {urdf} --frame" in done("accept", *plain, tmp_path / "touches.csv", *mpe)[1]
     refused("accept", urdf, tmp_path / "touches.csv", said=["is a URDF", "[urdf]"])
     refused("urdf", truth, "-o", urdf, "--force", said=["is read by this command"])
     urdf.write_bytes(urdf.read_bytes() + b" ")

@@ -453,7 +453,7 @@ def test_structure_that_nothing_has_takes_from_the_probability(free_case: Case) 
     own = findings.Ratio.of(findings.Place.of(choice, choice.left, 5).left, block).value
     alike = len({b.candidate for b in blocks if b.size >= block.size})
     excess = 10.0 * own / block.size / f.isf(0.3 / alike, block.size, 10.0)
-    with_it, alone = (findings.strengths(choice, e, np.random.default_rng(1))[0].probability for e in (excess, 0.0))
+    with_it, alone = (findings.strengths(choice, e, [], np.random.default_rng(1))[0].probability for e in (excess, 0.0))
     assert with_it == pytest.approx(0.7 * alone, rel=1e-6)
 
 

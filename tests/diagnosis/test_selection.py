@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from aacmm_pin.diagnosis import forward_backward_selection, model_extension
 from aacmm_pin.diagnosis.design_matrix import Block, Design
-from aacmm_pin.diagnosis.forward_backward_selection import SURE, WEAKEST, Question, _Search, search
+from aacmm_pin.diagnosis.forward_backward_selection import EQUAL, SURE, WEAKEST, Question, _Search, rival_pairs, search
 from aacmm_pin.diagnosis.gram_matrix import Gram, Part, Products
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.significance import Place
@@ -280,6 +280,23 @@ def test_the_weakest_three_are_tried_against_pairs() -> None:
         assert small.of_set((0, 1, *rest)) > small.of_set((2, *rest)) + 2.0 * SURE
         assert small.steps.by_strength((2, *rest))[0] == 2
         assert small.steps.exchanged((2, *rest)) == ((0, 1, *rest) if tried else (2, *rest))
+
+
+def test_two_that_two_others_look_like() -> None:
+    """Their sum and difference, a little beside them: neither looks like one of the two, both look like both."""
+    for beside, likely in ((0.1, True), (0.3, False)):
+        columns, residual = axes(20.0, 8.0, 0.0)
+        turned = np.hstack(columns[:2]) @ np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2.0) + beside * columns[2]
+        small = Small([columns[0], columns[1], turned[:, :1], turned[:, 1:]], residual)
+        less = small.of_set((2, 3)) - small.of_set((0, 1))
+        assert less < -EQUAL
+        assert (less > np.log(0.01)) == likely
+        (two, (rival,)) = next(iter(rival_pairs(small.question, small.gram, (0, 1)).items()))
+        assert (two, rival.blocks) == ((0, 1), (2, 3))
+        assert rival.more == pytest.approx(less, abs=1e-5)
+        assert small.steps.exchanged((0, 1)) == (0, 1)
+        assert small.steps.exchanged((2, 3)) == ((0, 1) if likely else (0, 1, 2))
+        assert small.found(2, 3) == [0, 1]
 
 
 def test_what_contains_two_stands_for_both() -> None:

@@ -18,7 +18,7 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
 from aacmm_pin.diagnosis.evidence import LARGE, MAGNITUDES, Scatter, evidence_of
-from aacmm_pin.diagnosis.result import Finding, _finding
+from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, _finding
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import (
@@ -37,6 +37,7 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report.diagnosis import verdict_in_words
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 
@@ -282,3 +283,40 @@ def test_a_look_alike_at_a_seat_has_a_seat_and_no_joint() -> None:
         ("seat_error", None, "3"),
         ("humidity_pct", None, None),
     ]
+
+
+def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 300, seed: int = 1) -> Diagnosis:
+    """Of records of an arm that is known to have a compliance of joint 2, with another value or with causes besides."""
+    known = JointCompliance(joint=2, values=(2e-5,), u=(2e-7,))
+    truth = ErrorModel(sino6, (known.at((value,)), *new))
+    data = simulate_measurements(truth, "free", records, rng=np.random.default_rng(seed), **NOISE)
+    return diagnose(ErrorModel(sino6, (known,)), data, **NOISE, progress=False)
+
+
+def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6: Arm) -> None:
+    """An eccentricity whose phase makes it like the torque of gravity, in few records."""
+    told = set()
+    for phase in np.arange(8) * np.pi / 4:
+        new = EncoderEccentricity(joint=2, values=(8e-5 * np.cos(phase), 8e-5 * np.sin(phase)))
+        found = known_before(sino6, new, records=20)
+        sure = {finding.label for finding in found.findings if finding.probability >= SETTLED}
+        assert sure <= {new.label}, (phase, str(found))
+        told |= {finding.label for finding in found.findings} | {a.label for f in found.findings for a in f.aliases}
+    assert new.label in told
+
+
+def test_a_known_cause_that_has_changed(sino6: Arm) -> None:
+    for value in (2.6e-5, 0.0):
+        found = known_before(sino6, value=value)
+        (finding,) = found.findings
+        assert (found.verdict, finding.label) == ("explained", "joint_compliance:2")
+        ((changed, u),) = finding.parameters.values()
+        assert abs(changed - value) < 3.3 * u < 1e-6
+        assert finding.was is not None
+        assert finding.was.values == (2e-5,)
+        assert found.held_out is not None
+        assert found.held_out.interval[0] > 0.0
+        assert "no longer right for compliance" in verdict_in_words(found)
+        assert any("joint_compliance:2 was known as compliance_rad_per_nm = 2e-05" in note for note in found.notes)
+    same = known_before(sino6)
+    assert (same.verdict, same.findings) == ("no-discrepancy", ())

@@ -634,7 +634,7 @@ def test_unknown_columns_of_any_kind_are_saved(tmp_path: Path) -> None:
     path = tmp_path / "out.csv.gz"  # the name promises what nobody asked for: the file is plain text
     Measurements.of([[1.0], [2.0]], extra=extra).save(path)
     again = Measurements.read(path).extra.to_dict("list")
-    assert again == {"a": ["x", ""], "b": ["1.5", ""], "c": ["True", "False"], "d": ["2020-01-01", ""]}
+    assert again == {"a": ["x", ""], "b": ["1.5", ""], "c": ["true", "false"], "d": ["2020-01-01", ""]}
 
 
 # --- part of it, and what people see

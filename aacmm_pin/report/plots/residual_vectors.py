@@ -77,7 +77,7 @@ def plot_residual_vectors(
 ) -> Axes:
     """Residuals as lines from each target towards the tip, projected, behind them the arm in a few postures.
 
-    Targets of a diagnosis are the stated places, or where nobody states one, where the records of the seat together put
+    Targets of a diagnosis are the stated places, or where none is stated, where the records of the seat together put
     it. The ends of the lines, where the tips would be, have a dot; excluded records are crosses at their targets.
 
     Args:
@@ -157,7 +157,7 @@ def some_of(records: Index) -> Index:
 
 
 def off_stated(fit: Fit) -> Array:
-    """Tip minus stated place, or minus the place that a seat seems to have where nobody states it (n, 3) [m]."""
+    """Tip minus stated place, or minus the place that a seat seems to have where none is stated (n, 3) [m]."""
     records, tips = fit.problem.measurements, fit.solution.point.prediction.tips
     return np.where(records.known[:, None], tips - records.reference, fit.solution.system.deviation)
 
