@@ -32,6 +32,9 @@ CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
 OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U)
 """Columns that say where the tip should be have no part in where the readings put it."""
 
+LARGE = 0.05
+"""A command that changes more than errors of an arm account for is next to a singular posture [rad]."""
+
 
 @command
 def run(
@@ -99,6 +102,10 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
 def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path: str) -> Array:
     """Commands (n, nq) [rad]; nan where the tip does not arrive, which is listed."""
     commands, arrived = joint_commands(model, nominal, known.q, known.conditions)
+    changes = np.where(model.arm.chain.prismatic, 0.0, np.abs(commands - known.q))
+    for k in np.flatnonzero(arrived & (changes.max(axis=1) > LARGE)):
+        joint, turn = changes[k].argmax() + 1, changes[k].max() / DEG
+        note(f"{path}: row {known.row[k]} is near a singular posture: the command of joint {joint} changes by {turn:.1f}°")
     refused = {
         "is next to a singular posture, or out of reach": ~arrived,
         "has a command outside the joint limits": broken_limits(commands, model.arm.limits).any(axis=1),
@@ -113,22 +120,33 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
 
 def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, rows: Index, tips: Array, path: str) -> None:
     """Say how far the tips (n, 3) [m] are from what the file states, by the arm before and after the correction."""
-    if not table.columns.isin([*REFERENCE, BAR[0]]).any() or not len(rows):
+    if not table.columns.isin([*REFERENCE, BAR[0], "seat"]).any() or not len(rows):
         return
     try:
         records = Measurements.from_frame(table, model.arm.nq, path).take(rows)
     except MeasurementFileError as error:
-        note(f"note: references and bars are not compared: {str(error).splitlines()[0]}")
+        note(f"note: references, bars and seats are not compared: {str(error).splitlines()[0]}")
         return
     # Geometry alone, where nobody says what was before: the file may know the effects together with it.
-    first = model.arm.positions(records.q) if before is None else before.correct(records.q, records.conditions)
+    both = (model.arm.positions(records.q) if before is None else before.correct(records.q, records.conditions), tips)
     known = records.known
     if known.any():
-        off = [np.linalg.norm((where - records.reference)[known], axis=1) for where in (first, tips)]
-        _tell(f"distance from {count(int(known.sum()), 'reference')}", off)
+        u = np.linalg.norm(records.reference_u[known], axis=1)
+        of = f", themselves known within {rms(u[np.isfinite(u)]) / MM:.4f} mm (k = 1)" if np.isfinite(u).any() else ""
+        _tell(
+            f"distance from {count(int(known.sum()), 'reference')}{of}",
+            [np.linalg.norm((where - records.reference)[known], axis=1) for where in both],
+        )
     bars = records.bars()
     if bars:
-        _tell(f"error of {count(len(bars), 'bar length')}", [records.bar_length_errors(where) for where in (first, tips)])
+        _tell(f"error of {count(len(bars), 'bar length')}", [records.bar_length_errors(where) for where in both])
+    unknown = [touched for touched in records.seats().values() if len(touched) > 1 and not known[touched].any()]
+    if unknown:
+        of_seats = [np.concatenate([where[touched] - where[touched].mean(axis=0) for touched in unknown]) for where in both]
+        _tell(
+            f"distance from the mean of the touches of {count(len(unknown), 'seat')} without coordinates",
+            [np.linalg.norm(off, axis=1) for off in of_seats],
+        )
 
 
 def _tell(what: str, errors: list[Array]) -> None:

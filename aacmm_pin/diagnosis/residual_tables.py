@@ -16,46 +16,40 @@ BINS = 4
 """Ranges into which joints, time and temperature are divided, with as many records in each."""
 
 
-def residuals_by_group(before: Fit) -> pd.DataFrame:
-    """:func:`groups_table` of the arm as it was, against what the stated uncertainties predict: ``S U Sᵀ`` plus noise.
+def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.DataFrame:
+    """RMS of the records by seat, joint range, time, temperature, …, by the three models, beside what is predicted.
 
-    Scatter that was found beside a stated noise is what the simulation gets wrong, and is not predicted.
+    Predicted for the arm as it was: by its stated uncertainties, the noise and, where its targets are as stated, what the
+    records of a seat share, ``S U Sᵀ + C + u²`` (GUM, eq. 13); for the others, whose targets are fitted, the noise ``C``
+    alone. Scatter that was found beside a stated noise is what this asks about, and is not predicted.
 
     Args:
         before: the arm as it was, set-up fitted.
+        recalibrated, extended: its geometry fitted too; with the causes found.
+
+    Returns:
+        by, group, records, simulation_mm, predicted_mm, times_predicted, recalibrated_mm, extended_mm, noise_mm,
+        times_noise (extended), the largest times_predicted first; groups of fewer than two records are left out.
     """
-    model = before.problem.model
-    sensitivity = model.arm.sensitivity(before.problem.measurements.q)
-    sensitivity = before.solution.point.frame.rotation @ sensitivity
-    own = model.covariance()[: sensitivity.shape[2], : sensitivity.shape[2]]
-    return groups_table(before, before.stated_noise[:, :3, :3] + sensitivity @ own @ sensitivity.transpose(0, 2, 1))
-
-
-def groups_table(fit: Fit, covariance: Array) -> pd.DataFrame:
-    """Residuals by seat, joint range, time, temperature, session: RMS, and how many times what is predicted.
-
-    Args:
-        fit: whose residuals are looked at.
-        covariance: predicted for each residual (n, 3, 3) [m²].
-    """
-    deviation = fit.solution.system.deviation
-    squared, expected = np.square(deviation).sum(axis=1), np.trace(covariance, axis1=1, axis2=2)
+    model, records, point = before.problem.model, before.problem.measurements, before.solution.point
+    turned = point.frame.rotation @ model.sensitivity(records.q, records.conditions)
+    noise = np.trace(extended.stated_noise[:, :3, :3], axis1=1, axis2=2)
+    predicted = noise + np.einsum("nij,jk,nik->n", turned, model.covariance(), turned)
+    if not before.problem.scales.size:  # nothing is fitted, not even targets
+        touched = before.observations.seat >= 0
+        shared = before.observations.stated_u[before.observations.seat[touched]]
+        predicted[touched] += np.square(np.nan_to_num(shared)).sum(axis=1)
+    simulated, *fitted = (np.square(fit.solution.system.deviation).sum(axis=1) for fit in (before, recalibrated, extended))
+    names = ["simulation_mm", "predicted_mm", "recalibrated_mm", "extended_mm", "noise_mm"]
     rows = []
-    for what, label, members in _groups(fit):
-        mine = members & fit.used
-        if mine.sum() < 2:
-            continue
-        rows.append(
-            {
-                "by": what,
-                "group": label,
-                "records": int(mine.sum()),
-                "rms_mm": float(np.sqrt(squared[mine].mean()) / MM),
-                "predicted_mm": float(np.sqrt(expected[mine].mean()) / MM),
-                "times_predicted": float(np.sqrt(squared[mine].mean() / expected[mine].mean())),
-            }
-        )
-    table = pd.DataFrame(rows, columns=["by", "group", "records", "rms_mm", "predicted_mm", "times_predicted"])
+    for what, label, members in _groups(before):
+        mine = members & before.used
+        if mine.sum() > 1:
+            means = [np.sqrt(each[mine].mean()) / MM for each in (simulated, predicted, *fitted, noise)]
+            rows.append([what, label, int(mine.sum()), *means])
+    table = pd.DataFrame(rows, columns=["by", "group", "records", *names])
+    table.insert(5, "times_predicted", table["simulation_mm"] / table["predicted_mm"])
+    table["times_noise"] = table["extended_mm"] / table["noise_mm"]
     return table.sort_values("times_predicted", ascending=False, ignore_index=True)
 
 

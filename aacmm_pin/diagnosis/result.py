@@ -144,9 +144,9 @@ class Diagnosis(Shown):
         return str(report().next_measurements.next_measurements(self))
 
     @cached_property
-    def simulation_groups(self) -> pd.DataFrame:
-        """Residuals by seat, joint range, time, … of the arm as it was, against what is predicted."""
-        return residuals_by_group(self.before)
+    def residual_groups(self) -> pd.DataFrame:
+        """See :func:`~aacmm_pin.diagnosis.residual_tables.residuals_by_group`."""
+        return residuals_by_group(self.before, self.recalibrated, self.extended)
 
     @property
     def converged(self) -> bool:

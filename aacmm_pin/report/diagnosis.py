@@ -34,7 +34,7 @@ from aacmm_pin.report.document import (
     document_of,
 )
 from aacmm_pin.report.numbers import capital, count, length, lengths, p_equals, p_value, percent
-from aacmm_pin.report.plots.groups import held_out_parts, place_in_words, residuals_by_group
+from aacmm_pin.report.plots.groups import held_out_parts, place_in_words
 from aacmm_pin.report.plots.parameter_changes import geometric
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
 from aacmm_pin.report.plots.residual_vectors import models, two_models
@@ -308,17 +308,17 @@ def rms_figure(result: Diagnosis) -> Figure:
 
 
 def _wrong(result: Diagnosis) -> list[Block]:
-    title, table = Heading("Where the simulation is wrong"), residuals_by_group(result)
+    title, table = Heading("Where the simulation is wrong"), result.residual_groups.copy()
     if table.empty:
         return [title, Paragraph("There are too few records to compare groups.", detail=True)]
     height = 0.5 - 2.2 * (-table["by"].nunique() // 3)
     table["where"] = [place_in_words(by, group) for by, group in zip(table["by"], table["group"], strict=True)]
     sizes = [f"{name}_mm" for name in ("simulation", "predicted", "extended")]
-    worst = table.sort_values("times_predicted", ascending=False)[["where", "records", *sizes, "times_predicted"]]
-    beside, times, line = "what its stated uncertainties and the noise predict", "times predicted", "dashed"
-    if not result.before.problem.model.covariance().any():
+    worst = table[["where", "records", *sizes, "times_predicted"]]
+    beside, times, line = "what the stated uncertainties and the noise predict", "times predicted", "dashed"
+    if table["predicted_mm"].equals(table["noise_mm"]):
         worst = worst.rename(columns={"predicted_mm": "noise_mm"})
-        beside, times, line = "the noise, as the arm states no uncertainty that would predict more", "times noise", "dotted"
+        beside, times, line = "the noise, as no uncertainty is stated that would predict more", "times noise", "dotted"
     return [
         title,
         Figure(

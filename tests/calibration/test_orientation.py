@@ -25,7 +25,6 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.report.plots.groups import residuals_by_group
 
 NOISE = {"encoder_noise": 2e-5, "reference_noise": 1.2e-5}
 TURN = 3e-5
@@ -152,7 +151,7 @@ def test_turns_that_nothing_explains(straight: Arm, rng: np.random.Generator) ->
     for orientation, target, verdict in ((data.orientation, "frame", "no-discrepancy"), (knocked, "tip", "unexplained")):
         told = diagnose(straight, replace(data, orientation=orientation), target=target, rng=rng, hold_out=False, **NOISE)
         assert told.verdict == verdict
-        assert np.isfinite(residuals_by_group(told)["times_noise"]).all()
+        assert np.isfinite(told.residual_groups["times_noise"]).all()
 
 
 @pytest.mark.parametrize(

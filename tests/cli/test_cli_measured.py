@@ -400,6 +400,16 @@ def test_lengths_of_bars_are_compared_too(tmp_path: Path) -> None:
     assert err.count("0.2500 mm") == 4
 
 
+def test_touches_of_a_seat_without_coordinates_are_compared(tmp_path: Path) -> None:
+    q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [0.3 + 1e-4, -1.0, 0.4, 0.5, 0.2, 0.1]])
+    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)]).assign(seat="P")
+    table.to_csv(tmp_path / "r.csv", index=False)
+    _, err = done("correct", "sino6", tmp_path / "r.csv", "-o", tmp_path / "c.csv")
+    half = float(np.linalg.norm(np.diff(ErrorModel.load("sino6").predict(q), axis=0))) / 2 / MM
+    assert "1 seat without coordinates" in err
+    assert err.count(f"{half:.4f} mm") == 4
+
+
 def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended: Path, folder: Path, tmp_path: Path) -> None:
     source = folder / "warm.csv"
     done("correct", extended, source, "--commands", "--nominal", "sino6", "-o", tmp_path / "c.csv")

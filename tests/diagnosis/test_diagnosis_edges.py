@@ -151,7 +151,7 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
     (finding,) = found.findings
     assert finding.label == hidden.label
     assert "µm" in str(finding)
-    groups = found.simulation_groups
+    groups = found.residual_groups
     ends = groups[groups["by"] == "joint 3"]["group"].str.extract(r"(\d+) to (\d+) mm").astype(float)
     assert 300 < ends.max().max() <= 400
     drawn = partial_residual(found, EncoderGain(3, values=(1e-4,)))
@@ -160,6 +160,17 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
     sliding = [c for c in covariates(arm, data) if "joint 3" in c.depends_on]
     assert all("joint3_mm" in c.values and c.values["joint3_mm"].max() <= 400 for c in sliding)
     assert not any(way.carrier == "angle 3" for c in sliding for way in c.variants)
+
+
+def test_what_touches_of_a_seat_share_is_predicted(sino6: Arm) -> None:
+    """An arm as it should be, at seats that are less certain than it is."""
+    data = simulate_measurements(
+        sino6, "seats", 90, seats=30, rng=np.random.default_rng(3), reference_noise=2e-5, encoder_noise=8e-6
+    )
+    exact = replace(sino6, parameters=tuple(replace(p, u=0.0) for p in sino6.parameters))
+    groups = diagnose(exact, data, encoder_noise=8e-6, probe_noise=0.0, hold_out=False, progress=False).residual_groups
+    of_joint = groups[groups["by"] == "joint 1"]["times_predicted"]
+    assert of_joint.mean() == pytest.approx(1.0, abs=0.2)
 
 
 # --- what makes a verdict worth less than it looks

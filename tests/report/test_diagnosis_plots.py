@@ -53,7 +53,7 @@ from aacmm_pin.report.plots import (
     plot_rms,
     plot_unexplained,
 )
-from aacmm_pin.report.plots.groups import held_out_parts, residuals_by_group
+from aacmm_pin.report.plots.groups import held_out_parts
 from aacmm_pin.report.plots.partial_residuals import _along, _common_direction, partial_residual, unit_of_load
 
 ENCODER, REFERENCE = 8e-6, 12e-6
@@ -216,7 +216,7 @@ def test_sizes_are_those_of_the_diagnosis(sound: Diagnosis) -> None:
 
 def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> None:
     """A sound arm is off as its stated uncertainties predict, and after recalibration by its noise."""
-    table = residuals_by_group(sound)
+    table = sound.residual_groups
     assert table["times_predicted"].median() == pytest.approx(0.85, abs=0.45)
     assert table["times_noise"].median() == pytest.approx(1.0, abs=0.1)
     q = sound.before.problem.measurements.q

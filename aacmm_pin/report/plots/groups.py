@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.diagnosis import Diagnosis
-from aacmm_pin.diagnosis.residual_tables import groups_table
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import length_unit, lengths
 from aacmm_pin.report.plots.style import (
@@ -49,30 +48,6 @@ def plot_rms(result: Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def residuals_by_group(result: Diagnosis) -> pd.DataFrame:
-    """RMS of the records by seat, joint range, time, temperature, …, by the three models, beside what is predicted.
-
-    Predicted for the simulation: by the arm's stated uncertainties and the noise, ``S U Sᵀ + C`` (GUM, eq. 13); for the
-    others the noise ``C`` alone.
-
-    Returns:
-        by, group, records, simulation_mm, predicted_mm, times_predicted, recalibrated_mm, extended_mm, noise_mm,
-        times_noise (extended), in the order of the file; groups of fewer than two records are left out.
-    """
-    before, extended, keys = result.before, result.extended, ["by", "group"]
-    model, records = before.problem.model, before.problem.measurements
-    # Scatter that was found is what this asks about; it is noise only where nobody stated any.
-    noise = extended.stated_noise[:, :3, :3]
-    turned = before.solution.point.frame.rotation @ model.sensitivity(records.q, records.conditions)
-    spread = turned @ model.covariance() @ turned.transpose(0, 2, 1)
-    simulated = groups_table(before, noise + spread).set_index(keys)
-    recalibrated = groups_table(result.recalibrated, noise).set_index(keys)["rms_mm"].rename("recalibrated_mm")
-    heads = {"rms_mm": "extended_mm", "predicted_mm": "noise_mm", "times_predicted": "times_noise"}
-    last = groups_table(extended, noise).set_index(keys)[list(heads)].rename(columns=heads)
-    table = simulated.rename(columns={"rms_mm": "simulation_mm"})
-    return table.join([recalibrated, last], how="inner").reset_index()
-
-
 @plain
 def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     """RMS of the residuals in parts of all that is known of the records, by the three models, beside what is predicted.
@@ -87,7 +62,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     Raises:
         AacmmError: there are too few records to compare groups of them.
     """
-    table = residuals_by_group(result)
+    table = result.residual_groups
     kinds = sorted(table["by"].unique(), key=lambda kind: (not kind.startswith("joint"), numbers_by_size(kind)))
     if not kinds:
         raise AacmmError("there are too few records to compare groups of them")
@@ -95,7 +70,7 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     size = (3.1 * columns, 2.2 * -(-len(kinds) // columns) + 0.5)
     panels = panels_of(ax, size, len(kinds), columns, share_y=True)
     expected = {"noise": (":", "noise alone")}
-    if result.before.problem.model.covariance().any():  # else the noise is all that is predicted
+    if not table["predicted_mm"].equals(table["noise_mm"]):
         expected = {"predicted": ("--", "predicted for it")} | expected
     for panel, kind in zip(panels, kinds, strict=True):
         _draw_groups(panel, kind, table[table["by"] == kind], expected)
