@@ -41,11 +41,11 @@ def candidates(
             raise UnknownNameError("cause", effect.cause, list(CAUSES), "aacmm_pin.effects.register adds one of your own")
         label = require_row(effect, arm).label
         of_label[label] = tuple(dict.fromkeys((*of_label.get(label, ()), effect.at(()))))
-    changes = [(effect.at((), effect.u),) for effect in told(model, problem.setup)]
+    changes = [(effect.at((), effect.u),) for effect in known_causes(model, problem.setup)]
     return [*changes, *(variants for label, variants in of_label.items() if label not in known)]
 
 
-def told(model: ErrorModel, setup: Setup) -> list[Effect]:
+def known_causes(model: ErrorModel, setup: Setup) -> list[Effect]:
     """The causes that the arm is known to have, with a stated uncertainty that counts."""
     labels = [effect.label for effect in model.effects]
     return [effect for effect in model.effects if setup.prior and any(effect.u) and labels.count(effect.label) == 1]

@@ -229,7 +229,7 @@ class _Search:
         for two in self.doubtful(admitted) if len(admitted) <= WEAKEST else ():
             rival = max(self.rivals(admitted, two), default=Rival(-np.inf, two))
             if rival.more > EQUAL:
-                return _ordered((*_without(_without(admitted, two[0]), two[1]), *rival.blocks))
+                return _ordered((*_without(admitted, *two), *rival.blocks))
         return admitted
 
     def doubtful(self, admitted: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -238,7 +238,7 @@ class _Search:
 
     def rivals(self, admitted: tuple[int, ...], two: tuple[int, int]) -> list[Rival]:
         """Pairs of other candidates that may be there in the place of two of the admitted."""
-        rest = _without(_without(admitted, two[0]), two[1])
+        rest = _without(admitted, *two)
         pairs = self.pairs(rest, WEAKEST, frozenset(map(self.question.owner, two)))
         self.gram.prepare(k for pair in pairs for k in pair)
         value = self.log_evidence(admitted)
@@ -274,6 +274,6 @@ def _ordered(admitted: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(sorted(set(admitted)))
 
 
-def _without(admitted: tuple[int, ...], block: int) -> tuple[int, ...]:
-    """All but one."""
-    return tuple(k for k in admitted if k != block)
+def _without(admitted: tuple[int, ...], *blocks: int) -> tuple[int, ...]:
+    """All but these."""
+    return tuple(k for k in admitted if k not in blocks)
