@@ -35,7 +35,9 @@ MENTIONED = 0.02
 HARDLY = 0.1
 """A parameter that nobody stated and whose u is more than this part of what it may be off is hardly known."""
 UNCHANGED = 0.95
-"""A parameter whose u is more than this part of the stated one has learnt nothing from the data."""
+"""A parameter whose u is more than this part of the stated one has learnt nothing from the data …"""
+LESS = 0.5**0.5
+"""… and where it is more than this part, less than what was stated says."""
 
 
 def residuals_by_record(fits: Mapping[str, Fit]) -> pd.DataFrame:
@@ -134,8 +136,8 @@ class Calibration(Shown):
     def parameters(self) -> pd.DataFrame:
         """One row a parameter: before, after, change, u, U (k = 2), in the unit of the row; and what the data say of it.
 
-        ``known`` is ``measured``, ``hardly``, ``as stated`` (the data add nothing to what was stated) or ``in combination``
-        (part of a combination in :attr:`undetermined`, u is of the part that is known).
+        ``known`` is ``measured``, ``hardly`` (the data say less than what was stated), ``as stated`` (they add nothing to
+        it) or ``in combination`` (part of a combination in :attr:`undetermined`, u is of the part that is known).
         """
         problem, vector = self.fit.problem, self.fit.problem.vector
         u = np.sqrt(np.diag(self.covariance))
@@ -157,7 +159,8 @@ class Calibration(Shown):
         if np.linalg.norm(self.fit.unknown[i]) > MENTIONED:
             return "in combination"
         if problem.stated[i]:
-            return "as stated" if u > UNCHANGED * problem.widths[i] else "measured"
+            of_stated = u / problem.widths[i]
+            return "as stated" if of_stated > UNCHANGED else "hardly" if of_stated > LESS else "measured"
         return "hardly" if u > HARDLY * problem.widths[i] else "measured"
 
     @cached_property
