@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 
 import numpy as np
+import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM
@@ -125,14 +126,29 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
         _require_no_mistake(problem, fitted, thorough=unlike)
     if unlike:
+        asked = "are the columns of angles and coordinates, their units and signs, the arm and the reference frame right?"
+        if _sessions_fit_alone(problem):
+            asked = "each session alone does, in a frame of its own: was the arm, or what was measured, moved between them?"
         raise AacmmError(
-            f"{problem.measurements.source} does not fit this arm: are the columns of angles and coordinates, their units "
-            "and signs, the arm and the reference frame right? (With the best parameters its records still scatter by "
-            f"{after.unmodelled / MM:.0f} mm in each coordinate; the tips at these angles are spread over "
+            f"{problem.measurements.source} does not fit this arm: {asked} (With the best parameters its records still "
+            f"scatter by {after.unmodelled / MM:.0f} mm in each coordinate; the tips at these angles are spread over "
             f"{travel / MM:.0f} mm.)"
         )
     _require_orientations(after)
     return after
+
+
+def _sessions_fit_alone(problem: Problem) -> bool:
+    """Whether there are several sessions, and the records of each fit the arm in some frame."""
+    records, own_frame = problem.measurements, _Mistake("", "", external=True)
+    if records.conditions.session is None:
+        return False
+    of_session = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
+    try:
+        fits = [fit(own_frame.undone(problem.of(records.take(rows)))) for rows in of_session.values()]
+    except AacmmError:
+        return False
+    return len(fits) > 1 and all(after.unmodelled < FAR for after in fits)
 
 
 def _require_orientations(after: Fit) -> None:

@@ -463,6 +463,10 @@ def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
     fails("expected 3 or more", lambda: quick(sino6, two, reference_frame="external"))
     angles_of_others = replace(data, q=rng.permutation(data.q))
     fails("does not fit this arm", lambda: quick(sino6, angles_of_others))  # no mistake explains them
+    later = np.arange(40) >= 20
+    sessions = replace(data.conditions, session=np.where(later, "b", "a").astype(object))
+    moved = replace(data, reference=data.reference + 0.5 * later[:, None], conditions=sessions)
+    fails("each session alone does", lambda: quick(sino6, moved))
     three = within(zero6, rng, 3)
     untold = calibrate(zero6, Measurements.of(three, zero6.positions(three)), reference_noise=1e-5, hold_out=False)
     assert len(untold.summary()["undetermined"]) >= 15
