@@ -145,7 +145,7 @@ def _sessions_fit_alone(problem: Problem) -> bool:
         return False
     of_session = pd.Series(np.arange(records.n)).groupby(records.conditions.session).indices
     try:
-        fits = [fit(own_frame.undone(problem.of(records.take(rows)))) for rows in of_session.values()]
+        fits = [fit(own_frame.undone(problem.of(records.take(np.asarray(rows))))) for rows in of_session.values()]
     except AacmmError:
         return False
     return len(fits) > 1 and all(after.unmodelled < FAR for after in fits)
