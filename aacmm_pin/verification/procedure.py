@@ -261,12 +261,10 @@ class _Layout:
             directions = aim + np.arange(TRIED)[:, None] / TRIED * self.rng.normal(size=(TRIED, 3))
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
             for direction in directions:  # the wanted one first, then others, farther and farther from it
-                starts = self.pool.tips[self.rng.permutation(len(self.pool.tips))[:CANDIDATES]]
-                ends = starts[:, None] + np.array([0.0, *lengths])[:, None] * direction
-                fits = self.pool.room.admits(ends.reshape(-1, 3)) & np.isfinite(
-                    self.pool.thinness(ends.reshape(-1, 3), reached)
-                )
-                good = starts[fits.reshape(ends.shape[:2]).all(axis=1)]
+                good = self.pool.tips[self.rng.permutation(len(self.pool.tips))[:CANDIDATES]]
+                for length in (*lengths[::-1], 0.0):  # the far end is least often in reach
+                    ends = good + length * direction
+                    good = good[self.pool.room.admits(ends) & np.isfinite(self.pool.thinness(ends, reached))]
                 middles = good + lengths[-1] / 2 * direction
                 before = np.array([start + lengths[-1] / 2 * way for start, way in found])
                 order = spread_out(np.vstack([before, middles]) if found else middles, len(found) + 5, 0.0)

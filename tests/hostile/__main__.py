@@ -152,6 +152,9 @@ def main() -> int:
     parser.add_argument("--page", type=Path, help="page into which the counts are written")
     parser.add_argument("--only", choices=[kind.name for kind in FORMATS], help="one format, in this process, as JSON")
     given_ = parser.parse_args()
+    # What a shell has it ignore, as in the background or by nohup, the commands that it starts would ignore too.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     given_.keep.mkdir(parents=True, exist_ok=True)
     keep = given_.keep.resolve()
     if given_.only:
