@@ -28,7 +28,8 @@ def perturbed_model(model: ErrorModel, rng: np.random.Generator) -> ErrorModel:
     errors = parameter_errors(model, rng, 1)[0]
     if not errors.any():
         raise AacmmError(
-            f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths with the arm or its URDF"
+            f"{model.arm.name}: no parameter has an uncertainty to draw from; state half-widths in the arm file, or, "
+            "with --urdf, --translation-half-width-mm and --rotation-half-width-rad"
         )
     geometric = len(model.arm.parameters)
     vector = ParameterVector(model.arm, model.effects)

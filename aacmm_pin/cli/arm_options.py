@@ -13,8 +13,11 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.cli.common import angle_option, note
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 
+SHOWN = 20
+"""So many frames of a URDF are listed."""
 BUNDLED = ", ".join(bundled_arms())
 
 
@@ -40,11 +43,19 @@ class UrdfArm:
         Raises:
             AacmmError: the arm cannot be used.
         """
-        if (self.urdf is None) != (self.frame is None):
-            raise typer.BadParameter("--urdf and --frame go together")
-        if self.urdf is None or self.frame is None:
+        if self.urdf is None:
+            if self.frame is not None:
+                raise typer.BadParameter("--frame goes with --urdf")
             return None
-        return ErrorModel(Arm.from_urdf(self.urdf, self.frame, **half_widths))
+        try:
+            return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
+        except UnknownNameError as error:
+            if self.frame is not None:
+                raise
+            more = f" … and {len(error.known) - SHOWN} more" if len(error.known) > SHOWN else ""
+            raise typer.BadParameter(
+                f"--urdf goes with --frame NAME; frames of {self.urdf}: {', '.join(error.known[:SHOWN])}{more}"
+            ) from None
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ RULE = (
 )
 CHART = (
     "Individuals charts: the magnitude of the figure in each check, the latest large; line: mean of the earlier ones; "
-    f"dashed: {PER_MOVING_RANGE} mean moving ranges away from it, from {LEAST_CHECKS} earlier checks on; dotted: MPE."
+    f"dashed: {PER_MOVING_RANGE} mean moving ranges away from it, none below zero, from {LEAST_CHECKS} earlier checks on; "
+    "dotted: MPE."
 )
 STATED = {
     "operator": ("operator", ""),
@@ -35,6 +36,8 @@ STATED = {
     "length_mm": ("lengths", " mm"),
 }
 """What is written of a column that tells of the check as a whole, and its unit."""
+HEADS = {"value_mm": "value [mm]", "U_mm": "U [mm]", "mpe_mm": "MPE [mm]", "had": "touches or lengths"}
+"""All in mm, however small, as limits are stated and charts are drawn."""
 SHOWN = 6
 """So many different numbers of a column stand one beside the other; of more, the smallest and the largest."""
 
@@ -70,13 +73,14 @@ def acceptance_document(result: AcceptanceResult, certificate: Certificate | Non
     several = len({f.source for f in result.figures}) > 1
     table["coordinates"] = table["coordinates"].map(_brief)
     shown = ["coordinates"] if several else ["standard"] if certificate is not None else []
-    shown += ["figure", "value_mm", "U_mm", "mpe_mm", "verdict", "had", "missing"]
+    said = [name for name in ("U_mm", "mpe_mm", "verdict") if table[name].notna().any()]
+    shown += ["figure", "value_mm", *said, "had", *["missing"] * bool((table["missing"] != "").any())]
     named = table[["figure", "standard", "clause", "definition"]].drop_duplicates()
     what = Table(named, "What the figures are")
     history = certificate.history if certificate is not None else None
     blocks: list[Block] = [
         Paragraph(f"{result}.", finding=True, head="Acceptance:"),
-        Table(table[shown], "Figures and their limits", heads={"mpe_mm": "MPE_mm", "had": "touches or lengths"}),
+        Table(table[shown], "Figures and their limits", heads=HEADS),
         Paragraph(RULE),
         *([] if history is None else history_blocks(history)),
         Notes(result.notes),
@@ -108,11 +112,11 @@ def history_blocks(history: History) -> list[Block]:
     several = len({chart.arm for chart in charts}) > 1
     left = [
         f"{chart.figure}{f' by {chart.arm}' * several} {chart.values[-1] / MM:.4f} mm, usually "
-        f"{max(chart.limits[0], 0.0) / MM:.4f} to {chart.limits[1] / MM:.4f}"
+        f"{np.nan_to_num(chart.limits[0]) / MM:.4f} to {chart.limits[1] / MM:.4f}"
         for chart in charts
         if chart.left
     ]
-    few = [len(chart.values) - 1 for chart in charts if not np.isfinite(chart.limits[0])]
+    few = [len(chart.values) - 1 for chart in charts if not np.isfinite(chart.limits[1])]
     text = "; ".join(left) or ("" if few else "no figure has left it.")
     if few:
         text += (
@@ -132,7 +136,7 @@ def _brief(source: str) -> str:
 
 def _conditions(result: AcceptanceResult, certificate: Certificate) -> str:
     stated = {STATED[name][0]: _range(values) + STATED[name][1] for name, values in result.stated.items() if values}
-    arms = dict.fromkeys(figure.source for figure in result.figures)
+    arms = ["as in the file" if arm == AS_GIVEN else f"of indications by {arm}" for arm in result.overall]
     lines = {"coordinates": ", ".join(arms)} | stated | dict(certificate.about)
     return "; ".join(f"{name}: {text}" for name, text in lines.items()) + "."
 

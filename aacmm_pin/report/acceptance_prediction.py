@@ -18,10 +18,10 @@ COLOURS = (BLUE, GREEN, GREY)
 def prediction_document(result: PredictedAcceptance) -> Document:
     """The figures that a procedure will show."""
     table = result.to_frame()
-    heads = {"low_mm": "95 % from_mm", "high_mm": "95 % to_mm", "mpe_mm": "MPE_mm", "probability_to_pass": "conforms"}
-    heads |= {"dominant": "most by", "dominant_alone_mm": "that alone_mm"}
+    heads = {"median_mm": "median [mm]", "low_mm": "95 % from [mm]", "high_mm": "95 % to [mm]", "mpe_mm": "MPE [mm]"}
+    heads |= {"probability_to_pass": "conforms", "dominant": "most by", "dominant_alone_mm": "that alone [mm]"}
     several = table["arm"].nunique() > 1
-    shown = ["arm"] * several + ["figure", "median_mm", *heads]
+    shown = ["arm"] * several + ["figure", *heads]
     shown += ["missing"] * bool((table["missing"] != "").any())
     return Document(
         "Acceptance test, before it is made",

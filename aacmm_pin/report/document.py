@@ -209,7 +209,8 @@ class Document:
         title: title of the page.
         blocks: in the order in which they are read, those left out that have nothing to show.
         subtitle: one line below the title.
-        sheet: rows of tables that it has where it is to take one sheet of paper, and is set closely for it; 0 where not.
+        sheet: rows of tables that it has where it is to take one sheet of paper to be signed, and is set closely for it; 0
+            where not.
     """
 
     def __init__(self, title: str, blocks: Iterable[Block], subtitle: str = "", sheet: int = 0) -> None:

@@ -33,6 +33,7 @@ SINGULAR = {"touches": "touch", "lengths": "length"}
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
 VERDICTS = get_args(Verdict)
+WORST_FIRST: tuple[Verdict, ...] = ("non-conformity", "neither", "conformity")
 
 
 @dataclass(frozen=True)
@@ -117,9 +118,28 @@ class AcceptanceResult(Shown):
         """The figures that do not conform."""
         return tuple(figure for figure in self.figures if figure.verdict == "non-conformity")
 
+    @property
+    def overall(self) -> dict[str, tuple[Verdict | None, tuple[AcceptanceFigure, ...]]]:
+        """By whose coordinates: the worst verdict of the figures with an MPE, and which have it; None without an MPE.
+
+        A figure with an MPE and no value counts as neither.
+        """
+        found = {}
+        for source in dict.fromkeys(f.source for f in self.figures):
+            judged = [f for f in self.figures if f.source == source and not math.isnan(f.mpe)]
+            worst = next((v for v in WORST_FIRST if any((f.verdict or "neither") == v for f in judged)), None)
+            found[source] = worst, tuple(f for f in judged if (f.verdict or "neither") == worst)
+        return found
+
     def __str__(self) -> str:
-        counts = pd.Series([figure.verdict or "without verdict" for figure in self.figures]).value_counts()
-        return ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+        told = []
+        for source, (verdict, by) in self.overall.items():
+            mpes = [not math.isnan(f.mpe) for f in self.figures if f.source == source]
+            names = ", ".join(f.definition.name + " without a value" * (f.verdict is None) for f in by)
+            text = f"{verdict}, decided by {names} (" if by else "no verdict ("
+            text += f"MPE given for {sum(mpes)} of {len(mpes)} figures)"
+            told.append(f"{source}: " * (len(self.overall) > 1) + text)
+        return "; ".join(told)
 
     def to_frame(self) -> pd.DataFrame:
         """One row a figure, lengths in mm; NaN where there is no number."""
@@ -150,6 +170,10 @@ class AcceptanceResult(Shown):
             "schema": ACCEPTANCE_SCHEMA,
             "source": self.path,
             "coverage_factor": COVERAGE,
+            "overall": [
+                {"coordinates": source, "verdict": verdict, "decided_by": [f.definition.name for f in by]}
+                for source, (verdict, by) in self.overall.items()
+            ],
             "figures": [{str(k): v for k, v in row.items()} for row in figures],
             "notes": [*self.notes],
         }

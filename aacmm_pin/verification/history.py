@@ -63,11 +63,14 @@ class ControlChart:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Of the usual range [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values."""
+        """Of the usual range [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values.
+
+        The lower one is nan too where it would be below zero, as no magnitude is.
+        """
         if len(self.values) <= LEAST_CHECKS:
             return math.nan, math.nan
         away = PER_MOVING_RANGE * float(np.abs(np.diff(self.values[:-1])).mean())
-        return self.centre - away, self.centre + away
+        return self.centre - away if away < self.centre else math.nan, self.centre + away
 
     @property
     def left(self) -> bool:
@@ -181,7 +184,7 @@ class History(Shown):
                 "centre_mm": _or_none(chart.centre),
                 "lower_mm": _or_none(chart.limits[0]),
                 "upper_mm": _or_none(chart.limits[1]),
-                "left_usual_range": chart.left if np.isfinite(chart.limits[0]) else None,
+                "left_usual_range": chart.left if np.isfinite(chart.limits[1]) else None,
             }
             for chart in self.charts()
         ]

@@ -103,11 +103,15 @@ class Procedure(Shown):
         table, lines, _ = read_table(str(path))
         problems, found = Problems(str(path), lines), []
         angles = [f"{PLANNED}theta{k}_deg" for k in range(1, arm.nq + 1)]
-        for name in (*(PLANNED + name for name in REFERENCE), *angles):
-            if name not in table:
-                raise MeasurementFileError(
-                    str(path), None, name, f"missing; expected a procedure by aacmm-pin plan --for acceptance for {arm.name}"
-                )
+        expected = [*(PLANNED + name for name in REFERENCE), *angles]
+        if missing := [name for name in expected if name not in table]:
+            raise MeasurementFileError(
+                str(path),
+                None,
+                ", ".join(missing),
+                f"missing; aacmm-pin plan ARM --for acceptance -o FILE writes such a file, here for {arm.name}",
+            )
+        for name in expected:
             values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
             problems.at(~np.isfinite(values), name, "is {!r}, expected a number", table[name].to_numpy())
             found.append(values)

@@ -212,7 +212,6 @@ def test_wrong_usage_is_status_2() -> None:
         ["plan", "sino6", "--length-noise-mm", "0.1"],
         ["simulate", "sino6", "--seed", "-1"],
         ["simulate", "sino6", "--urdf", "a.urdf", "--frame", "tip"],
-        ["simulate", "--urdf", "a.urdf"],
         ["calibrate"],
         ["calibrate", "sino6"],
         ["calibrate", "sino6", "data.csv", "--frame", "tip"],

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pinocchio as pin
 import pytest
-from shell import done, found, refused
+from shell import done, found, refused, run
 
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
@@ -98,8 +98,20 @@ def test_what_cannot_be(ur5: list[str], panda: list[str]) -> None:
         (["configurations", *ur5, *far], "out of reach"),
         (["accuracy", *ur5, *POSE], "a URDF states no uncertainties; expected --translation-half-width-mm"),
         (["map", *ur5], "needs a DH table"),
+        (["simulate", *ur5, "--perturb"], "--translation-half-width-mm and --rotation-half-width-rad"),
     ):
         refused(*words, said=[said])
+
+
+@pytest.mark.parametrize(
+    "words", ["simulate", "accuracy --point 1 2 3", "calibrate d.csv", "diagnose d.csv", "show", "accept d.csv", "plan"]
+)
+def test_a_robot_without_a_frame_has_its_frames_listed(panda: list[str], words: str) -> None:
+    status, out, err = run(*words.split(), *panda[:2], *["--for", "calibration"] * (words == "plan"), columns=4000)
+    assert (status, out) == (2, "")
+    count = len(pin.buildModelFromUrdf(panda[1]).frames)
+    assert "panda_joint1, panda_link1" in err
+    assert f" … and {count - 20} more" in err
 
 
 @pytest.fixture(params=["ur5_robot.urdf tool0", "panda.urdf panda_hand_tcp"])

@@ -139,6 +139,25 @@ def test_every_error_of_which_one_is_the_largest_decides(tmp_path: Path, mpe: fl
     assert any(note in each for each in result.notes), result.notes
 
 
+def test_the_worst_verdict_is_that_of_the_whole(data: Path) -> None:
+    for mpe, said in (
+        ({}, "no verdict (MPE given for 0 of 11 figures)"),
+        ({"E_Uni": 1.0, "SPAT.Max": 1.0}, "conformity, decided by E_Uni, SPAT.Max (MPE given for 2 of 11 figures)"),
+        ({"E_Uni": 0.0401 * 1e-3, "SPAT.Max": 1.0}, "neither, decided by E_Uni (MPE given for 2 of 11 figures)"),
+        (
+            {"SinglePoint.Part": 1.0, "SPAT.Max": 1.0},
+            "neither, decided by SinglePoint.Part without a value (MPE given for 2 of 12 figures)",
+        ),
+        (
+            {"SinglePoint.Part": 1.0, "SPAT.Max": 1e-6},
+            "non-conformity, decided by SPAT.Max (MPE given for 2 of 12 figures)",
+        ),
+    ):
+        result = accept(data, mpe=mpe)
+        assert str(result) == said
+        assert result.summary()["overall"][0]["verdict"] == (None if not mpe else said.split(",")[0])
+
+
 def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path: Path) -> None:
     table = sphere(25, np.zeros(3), 31.0, test="sphere", feature="S", position=0)
     cap = rows(31.0 / 2 * cap_directions(25, np.radians(20))).assign(**(dict(table.iloc[0, 3:]) | {"position": 1}))

@@ -49,6 +49,8 @@ def test_limits_are_those_of_individuals_charts(tmp_path: Path, latest: float, l
     chart = next(chart for chart in found.charts() if chart.figure == "SPAT.Max")
     assert (chart.centre, *chart.limits) == pytest.approx((20.5e-6, *(20.5e-6 + s * 2.66 * 27e-6 / 7 for s in (-1, 1))))
     assert (chart.left, "SPAT.Max" in str(found)) == (left, left)
+    wild = history(tmp_path, [0.001, 0.02, 0.002, 0.021, 0.003, 0.022, 0.004, 0.023, 0.05]).charts()[0]
+    assert (np.isnan(wild.limits[0]), wild.limits[1], wild.left) == (True, pytest.approx(61.4e-6), False)
     few = next(chart for chart in history(tmp_path, [*SIZES[1:], 1.0]).charts() if chart.figure == "SPAT.Max")
     assert np.isnan(few.limits).all()
     assert not few.left
@@ -129,5 +131,10 @@ def test_certificate_is_one_sheet(tmp_path: Path, page: Browser) -> None:
         page.open(target, (390, 800), touch=True)
         assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
         assert page.evaluate("document.querySelectorAll('figure img').length") == 1
+        heads = page.evaluate("[...document.querySelector('table').rows[0].cells].map((cell) => cell.innerText)")
+        assert {"value [mm]", "MPE [mm]"} <= set(heads)
+        assert ("missing" in heads) == any(f.missing for f in result.figures) == bool(arms)
+        seen = page.evaluate("document.body.textContent")
+        assert all(text in seen for text in ("Operator", "Signature", "coordinates: as in the file", str(result)))
         assert page.printed_pages() == 1
         assert page.errors == []

@@ -147,8 +147,9 @@ def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
         acceptance_procedure(sino6, lengths=[0.1, 0.2])
     with pytest.raises(AacmmError, match="shorter"):
         acceptance_procedure(sino6, standard="iso10360-12", measuring_range=9.0)
-    with pytest.raises(MeasurementFileError, match="planned_x_mm"):
-        predict_acceptance(str(_without(planned, "planned_x_mm")), {"sino6": sino6}, progress=False)
+    less = str(_without(planned, "planned_x_mm", "planned_theta2_deg"))
+    with pytest.raises(MeasurementFileError, match=r"planned_x_mm, planned_theta2_deg.*plan ARM --for acceptance -o"):
+        predict_acceptance(less, {"sino6": sino6}, progress=False)
     for words in (
         f"plan sino6 --for calibration --sphere-mm 20 -o {planned}",
         f"simulate sino6 --plan {planned} --records 20",
@@ -160,8 +161,8 @@ def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
         assert CliRunner().invoke(app, words.split()).exit_code == 2, words
 
 
-def _without(path: Path, column: str) -> Path:
-    pd.read_csv(path, dtype=str).drop(columns=column).to_csv(path.with_name("less.csv"), index=False)
+def _without(path: Path, *columns: str) -> Path:
+    pd.read_csv(path, dtype=str).drop(columns=[*columns]).to_csv(path.with_name("less.csv"), index=False)
     return path.with_name("less.csv")
 
 
