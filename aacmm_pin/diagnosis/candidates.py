@@ -23,7 +23,8 @@ def candidates(
     """Every registered cause that these records could show, one for each place where it can sit.
 
     Args:
-        model: the arm; of what it is known to have, a change is a candidate, whose u is what is stated of it.
+        model: the arm; of what it is known to have, a change is a candidate, whose u is what is stated of it. Its other
+            variants have another inner value, and stand in its place.
         measurements: the records.
         problem: what is refitted anyway; geometric values beyond what is stated of them are causes too.
         extra: causes to try besides; those with one label are variants of one candidate, which may be the library's.
@@ -41,7 +42,10 @@ def candidates(
             raise UnknownNameError("cause", effect.cause, list(CAUSES), "aacmm_pin.effects.register adds one of your own")
         label = require_row(effect, arm).label
         of_label[label] = tuple(dict.fromkeys((*of_label.get(label, ()), effect.at(()))))
-    changes = [(effect.at((), effect.u),) for effect in known_causes(model, problem.setup)]
+    changes = [
+        (effect.at((), effect.u), *(other for other in of_label.get(effect.label, ()) if other.identity != effect.identity))
+        for effect in known_causes(model, problem.setup)
+    ]
     return [*changes, *(variants for label, variants in of_label.items() if label not in known)]
 
 

@@ -188,10 +188,12 @@ def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
 
 
 def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], number: int) -> Array:
-    """Distances of the records of a part by a model fitted to ``training``."""
+    """Distances of the records of a part by a model fitted to ``training``; what is stated of an admitted cause, or of its
+    geometry, holds where its block is not among these, or the other parts would change it all the same.
+    """
     steps, key = training.products.steps, (training.left_out, admitted)
     if key not in steps:
-        steps[key] = Projection(training, admitted).solution()
+        steps[key] = Projection(training, admitted, as_stated=True).solution()
     rows, records = choice.of_part[number]
     return distances(records, choice.design.moved(admitted, steps[key], rows), lever=choice.fit.lever)
 

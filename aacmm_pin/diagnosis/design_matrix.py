@@ -41,13 +41,13 @@ class Block:
         candidate: number of the candidate.
         variant: number of the variant.
         columns: which columns.
-        source: what they come from.
+        source: what they come from; of a known cause with another inner value, both.
     """
 
     candidate: int
     variant: int
     columns: slice
-    source: Effect | Carried
+    source: tuple[Effect, ...] | Carried
 
     @property
     def size(self) -> int:
@@ -67,6 +67,7 @@ class Design:
         nuisances: number of nuisance columns, which come first.
         scales: by which each column is multiplied, so that all are of one order (columns,).
         kept: which of the fit's own parameters are nuisances.
+        stated: the nuisances that stand for what is stated of the candidates that were taken out.
         prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances + 1).
         tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m]; with orientations
             (n, 6), see :class:`Prediction`.
@@ -80,6 +81,7 @@ class Design:
     nuisances: int
     scales: Array
     kept: Index
+    stated: slice
     prior: Array
     tips: Array
     taken_out: int
@@ -126,9 +128,9 @@ class Design:
     def _kept(self) -> dict[int | None, Array]:
         return {}
 
-    def _of(self, sources: Sequence[Effect | Carried]) -> Array:
+    def _of(self, sources: Sequence[tuple[Effect, ...] | Carried]) -> Array:
         """Columns of causes alone, or of covariates alone (n, 3 or 6, q) [m/unit]."""
-        effects = [source for source in sources if isinstance(source, Effect)]
+        effects = [effect for source in sources if isinstance(source, tuple) for effect in source]
         if effects:
             return self._calibrated.columns(effects)
         return np.concatenate([self._calibrated.carried(way) for way in sources if isinstance(way, Carried)], axis=2)
@@ -161,7 +163,7 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
     tips = point.prediction.poses - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
     left = np.sqrt(np.square(fit.solution.system.deviation[fit.used]).mean())
-    candidates: list[Sequence[Effect | Carried]] = [*library, *(covariate.variants for covariate in others)]
+    candidates: list[Sequence[tuple[Effect, ...] | Carried]] = [*map(_sources, library), *(each.variants for each in others)]
     blocks, typical, first = [], [], kept.size
     for number, variants in enumerate(candidates):
         for which, source in enumerate(variants):
@@ -173,7 +175,14 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     prior[:width, :stays] = problem.prior[:, :stays]
     prior[:width, -1] = problem.prior[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
     prior[width:, stays : stays + within.size] = np.eye(within.size)
-    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, kept, prior, tips, taken_out)
+    as_stated = slice(stays, stays + within.size)
+    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, kept, as_stated, prior, tips, taken_out)
+
+
+def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
+    """What each variant changes: itself, and where it stands in the place of a cause that is known, that one too."""
+    first = variants[0]
+    return [(effect, first) if any(first.u) and effect is not first else (effect,) for effect in variants]
 
 
 class _Calibrated:
@@ -220,10 +229,10 @@ class _Calibrated:
         return np.asarray((self.state.position @ self.frame.T)[:, :, None])
 
 
-def _typical(source: Effect | Carried, left: float) -> Array:
+def _typical(source: tuple[Effect, ...] | Carried, left: float) -> Array:
     """Usual magnitudes of the columns (q,)."""
-    if isinstance(source, Effect):
-        return np.array([term.typical for term in source.terms])
+    if isinstance(source, tuple):
+        return np.array([term.typical for effect in source for term in effect.terms])
     shift = max(TYPICAL_SHIFT, left)
     sizes = {"angle": TYPICAL_TURN * shift, "lengths": TYPICAL_GROWTH * shift, "target": TYPICAL_MISTAKE}
     typical = sizes.get(source.carrier.split(" ")[0], shift)

@@ -31,6 +31,7 @@ from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.labels import values_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 
@@ -125,7 +126,7 @@ def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> 
         freed = [
             replace(cause, values=known[cause.identity].values) if cause.identity in known else cause for cause in causes
         ]
-        within = [effect for identity, effect in known.items() if identity not in {cause.identity for cause in causes}]
+        within = [effect for effect in known.values() if effect.label not in {cause.label for cause in causes}]
         return problem_of(model, measurements, ["geometry", *untold, *within, *freed], setup)
 
     return problem
@@ -185,9 +186,9 @@ def _rivals(choice: Choice, pairs: Sequence[InPairs]) -> list[str]:
 
 
 def _as_known(effect: Effect) -> str:
-    """Values of a cause as the arm states them, with u."""
+    """Values of a cause as the arm states them, with U."""
     stated = described(effect, np.diag(np.square(effect.u)))
-    return ", ".join(f"{name} = {value:.3g} (u {u:.2g})" for name, (value, u) in stated.items())
+    return ", ".join([values_in_words(effect, stated), *effect.inner_in_words()])
 
 
 def _size(extended: Fit) -> list[str]:

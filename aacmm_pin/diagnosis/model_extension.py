@@ -285,11 +285,12 @@ def _between(tried: list[Effect], evidences: Array, best: int) -> Effect:
 def _evidences(choice: Choice, block: int, tried: list[Effect]) -> Array:
     """Log evidence of each effect in the place of a block, the others held."""
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
-    library = [tuple(tried), *((e,) for e in rest)]
-    design = design_of(choice.fit, library, [], choice.design.taken_out)
+    first = choice.library[choice.question.owner(block)][0]
+    variants = (first, *tried) if any(first.u) else tuple(tried)  # in the place of a cause that is known
+    design = design_of(choice.fit, [variants, *((e,) for e in rest)], [], choice.design.taken_out)
     gram = Gram(products_of(design, np.zeros(len(choice.parts), dtype=np.intp)))
-    others = tuple(range(len(tried), len(tried) + len(rest)))
-    return Conditional.of(gram, others, choice.fit.stated).evidences[: len(tried)]
+    others = tuple(range(len(variants), len(variants) + len(rest)))
+    return Conditional.of(gram, others, choice.fit.stated).evidences[len(variants) - len(tried) : len(variants)]
 
 
 def u_of_step(choice: Choice, block: int, name: str) -> float:

@@ -26,6 +26,8 @@ MANY = 8
 """From so many parameters on."""
 UNKNOWN = 1e-9
 """What is added to the information of a nuisance: what is known of it beforehand is among the products already."""
+HELD = 1e12
+"""What is added to that of one which is held where it is stated."""
 ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
 """Inner products are no more certain than this part of them, the first with which they are positive definite."""
 
@@ -44,10 +46,12 @@ class Projection:
     Attributes:
         gram: inner products, prior rows included.
         admitted: numbers of the admitted blocks.
+        as_stated: what is stated of the candidates holds exactly, so that only the admitted blocks change them.
     """
 
     gram: Gram
     admitted: tuple[int, ...]
+    as_stated: bool = False
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -106,7 +110,9 @@ class Projection:
     def _prior(self) -> Array:
         sizes = [self.blocks[k].size for k in self.admitted]
         own = [np.full(size, 1.0 / freedom(size) ** 2) for size in sizes]
-        return np.concatenate([np.full(self.nuisances, UNKNOWN), *own])
+        of_nuisances = np.full(self.nuisances, UNKNOWN)
+        of_nuisances[self.gram.products.design.stated] = HELD if self.as_stated else UNKNOWN
+        return np.concatenate([of_nuisances, *own])
 
     @cached_property
     def _all(self) -> Array:

@@ -44,9 +44,10 @@ def verdict_of(
         return "inconclusive"
     if not findings:
         return "no-discrepancy" if visible[0] > SHOWN * visible[1] and p_left >= LEFT_ALONE else "inconclusive"
+    if any(finding.below_zero for finding in findings):
+        return "inconclusive"
     doubtful = [finding for finding in findings if finding.probability < SETTLED]
     if doubtful:
         rivals = all(any(alias.probability >= RIVAL for alias in finding.aliases) for finding in doubtful)
         return "ambiguous" if rivals else "inconclusive"
-    sound = all(finding.borne_out and not finding.below_zero for finding in findings)
-    return "explained" if sound and p_left >= LEFT else "inconclusive"
+    return "explained" if all(finding.borne_out for finding in findings) and p_left >= LEFT else "inconclusive"

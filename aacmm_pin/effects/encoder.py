@@ -26,7 +26,7 @@ SAMPLES = 4096
 MOST_COEFFICIENTS = 1000
 """More of them than any joint has records for."""
 LEAST_SPREAD = 0.02
-"""A joint that moves less than this cannot show anything that depends on its angle [rad]."""
+"""A joint that moves less than this cannot show anything that depends on its angle [rad], or its way [m]."""
 ORDERS = (0.5, 1.5, 2.5, *(k / 2 for k in range(6, 21)), *(float(k) for k in range(11, 33)))
 """Orders of a periodic error that are tried before the order is refined."""
 FINE = 15
@@ -56,12 +56,18 @@ class _OfAngle(Effect):
         yield from ((cls(row),) for row, _ in _turning(arm, records))
 
 
-def _turning(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
-    """Rows whose joints turn by enough in the records, and the angles (n,); one whole turn without records."""
+def _moving(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
+    """Rows whose joints move by enough in the records, and the angles (n,); one whole turn without records."""
     for number, row in enumerate(arm.chain.moving_rows()):
         angle = np.array([-np.pi, np.pi]) if records is None else records.q[:, number]
-        if np.ptp(angle) >= LEAST_SPREAD and not arm.chain.prismatic[number]:
+        if np.ptp(angle) >= LEAST_SPREAD:
             yield row, angle
+
+
+def _turning(arm: Arm, records: Records | None) -> Iterator[tuple[int, Array]]:
+    """Those that turn."""
+    slides = dict(zip(arm.chain.moving_rows(), arm.chain.prismatic, strict=True))
+    yield from ((row, angle) for row, angle in _moving(arm, records) if not slides[row])
 
 
 @dataclass(frozen=True)
@@ -312,12 +318,18 @@ class JointErrorCurve(Effect):
 class EncoderGain(_OfAngle):
     """A turn of the joint is not a turn of the indication: ``δ = g θ``.
 
-    A closed disc cannot have it; a belt, a gear or an interpolator can, and a wound cable looks like it. Unit 1 (rad/rad);
-    typical 2e-5 to 4e-4. Needs no column. Confused with: slow harmonics where the joint covers part of a turn.
+    A closed disc cannot have it; a belt, a gear or an interpolator can, and a wound cable looks like it. Of a joint that
+    slides, the error of its scale. Unit 1 (rad/rad, m/m); typical 2e-5 to 4e-4. Needs no column. Confused with: slow
+    harmonics where the joint covers part of a turn.
     """
 
     cause: ClassVar[str] = "encoder_gain"
     terms: ClassVar[tuple[Term, ...]] = (Term("", "1", 1e-4, "gain"),)
+
+    @classmethod
+    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
+        """Every joint that moves by enough to show it."""
+        yield from ((cls(row),) for row, _ in _moving(arm, records))
 
     def displacements(self, state: State) -> list[Displacement]:
         """The indication itself."""
