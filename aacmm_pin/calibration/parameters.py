@@ -63,8 +63,9 @@ def problem_of(
         else:
             raise UnknownNameError("set of parameters", str(item), [*get_args(ParameterSet), "an Effect"])
     labels = [effect.label for effect, _, _ in chosen]
-    for label in labels:
-        if labels.count(label) > 1 and not label.startswith("joint_periodic_error"):
+    identities = [effect.identity for effect, _, _ in chosen]
+    for label, identity in zip(labels, identities, strict=True):
+        if identities.count(identity) > 1:
             raise AacmmError(f"{label} is to be estimated twice")
     fixed = tuple(e for e in model.effects if e.label not in labels)
     widths = np.concatenate([np.empty(0), *(w for _, w, _ in chosen)])

@@ -24,7 +24,7 @@ from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.findings import UNLIKELY, findings_of
-from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
+from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, refitted
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, too_good
 from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by
@@ -122,11 +122,16 @@ def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> 
     held = length_held(problem_of(model, measurements, ["geometry", *untold, *known.values()], setup))
     setup = replace(setup, held=held)
 
-    def problem(causes: Sequence[Effect]) -> Problem:
+    def problem(causes: Sequence[Effect], gone: Sequence[Effect] = ()) -> Problem:
         freed = [
             replace(cause, values=known[cause.identity].values) if cause.identity in known else cause for cause in causes
         ]
-        within = [effect for effect in known.values() if effect.label not in {cause.label for cause in causes}]
+        found, places = {cause.identity for cause in (*causes, *gone)}, {cause.label for cause in causes}
+        within = [
+            effect.at(effect.values, free(effect).u if effect.label in places else effect.u)  # a new one is beside it
+            for identity, effect in known.items()
+            if identity not in found
+        ]
         return problem_of(model, measurements, ["geometry", *untold, *within, *freed], setup)
 
     return problem
@@ -237,8 +242,8 @@ def _surviving(choice: Choice, problem: ProblemOf) -> Choice:
         kept = tuple(k for k in kept if k != worst)
     if kept == choice.admitted:
         return choice
-    effects = [free(choice.variant(k)) for k in kept if k in choice.causes]
-    return replace(choice, fit=fit(problem(effects)), admitted=kept)
+    effects = [choice.variant(k) for k in kept if k in choice.causes]
+    return replace(choice, fit=refitted(problem, effects), admitted=kept)
 
 
 def _floor(extended: Fit) -> float:

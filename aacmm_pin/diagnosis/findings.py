@@ -32,8 +32,9 @@ def findings_of(model: ErrorModel, choice: Choice, strong: list[Strength]) -> li
 
 def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iterator[Finding]:
     """The admitted causes with the values that the last refit gave them."""
+    every = {effect.identity: (effect, covariance) for effect, covariance in _estimated(choice)}
     known = {effect.label: effect for effect in model.effects}
-    estimated = {effect.label: (effect, covariance) for effect, covariance in _estimated(choice)}
+    estimated = {effect.label: (effect, covariance) for effect, covariance in every.values()}  # the new one comes last
     for strength in strong:
         if strength.block not in choice.causes:
             continue
@@ -41,6 +42,8 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
         if label not in estimated:
             continue
         effect, covariance = estimated[label]
+        was = known.get(label)
+        beside = was is not None and was.identity != effect.identity and was.identity in every
         yield Finding(
             effect,
             described(effect, covariance),
@@ -52,7 +55,7 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
             _inner_values(choice, effect, strength.block),
             effect.slides(choice.fit.problem.model.arm),
             None if effect.place is None else estimated.get(effect.cause, (None,))[0],
-            known.get(effect.label),
+            None if beside else was,
         )
 
 

@@ -14,6 +14,7 @@ from scipy.special import logsumexp
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
+from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis.candidates import Variants
@@ -41,8 +42,8 @@ EXCEPTIONAL = 2.0
 LETTERS = 40
 """Of the causes found so far, a bar shows this much."""
 
-ProblemOf = Callable[[Sequence[Effect]], Problem]
-"""The calibration problem with these effects estimated too."""
+ProblemOf = Callable[..., Problem]
+"""The calibration problem with these effects estimated too, and without those, where any are named that are gone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +180,7 @@ def _standing(
             effects = [_refined(found, k) for k in found.causes]
             rounds.set_postfix_str(", ".join(effect.label for effect in effects)[:LETTERS])
             del found  # its columns are as large as those that come
-            refit = fit(problem_of([free(e) for e in effects]))
+            refit = refitted(problem_of, effects)
             if not refit.tells_noise:  # more causes than these records can carry
                 return replace(_chosen(first, library, others, parts, []), admitted=())
             found = _chosen(refit, _with_variants(library, effects), others, parts, effects)
@@ -187,6 +188,19 @@ def _standing(
             if {e.identity for e in found.effects} == {e.identity for e in effects}:
                 return found
         return found
+
+
+def refitted(problem_of: ProblemOf, effects: Sequence[Effect]) -> Fit:
+    """All refitted with these causes; without a known one of which nothing is left beside another of its kind and place."""
+    causes = [free(effect) for effect in effects]
+    found = fit(problem_of(causes))
+    places, new = {cause.label for cause in causes}, {cause.identity for cause in causes}
+    gone = []
+    for effect, own in zip(found.solution.effects, found.problem.vector.slices, strict=True):
+        u = np.sqrt(np.diag(found.covariance)[own])
+        if effect.label in places and effect.identity not in new and (np.abs(effect.values) <= COVERAGE_FACTOR * u).all():
+            gone.append(effect)
+    return fit(problem_of(causes, gone)) if gone else found
 
 
 def free(effect: Effect) -> Effect:
