@@ -153,6 +153,8 @@ def _tell(what: str, errors: list[Array]) -> None:
     sizes = {"RMS": [rms(e) for e in errors], "largest": [float(np.abs(e).max()) for e in errors]}
     told = [f"{name} {before / MM:.4f} mm before, {after / MM:.4f} mm after" for name, (before, after) in sizes.items()]
     note(f"{what}: {'; '.join(told)}")
+    if sizes["RMS"][1] > sizes["RMS"][0]:
+        note("warning: this arm and its effects make it worse; aacmm-pin diagnose says what has changed")
 
 
 def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:

@@ -169,6 +169,7 @@ def _concluded(
         notes=(
             *notes_of(extended),
             *_below_zero(findings),
+            *_of_masses(findings),
             *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
             *(f"{f.label} was known as {_as_known(f.was)}, and has changed" for f in findings if f.was),
             *_size(extended),
@@ -212,6 +213,16 @@ def _below_zero(findings: Sequence[Finding]) -> list[str]:
         for finding in findings
         for key in finding.below_zero
     ]
+
+
+def _of_masses(findings: Sequence[Finding]) -> list[str]:
+    """What gives way under weights that nobody measured."""
+    names = [finding.label for finding in findings if finding.effect.elastic and "torque" not in finding.effect.needs]
+    return (
+        [f"{', '.join(names)}: U takes the arm's masses as exact, of which values under gravity are the inverse"]
+        if names
+        else []
+    )
 
 
 def _clock(extended: Fit) -> list[str]:

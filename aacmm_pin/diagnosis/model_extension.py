@@ -195,11 +195,9 @@ def refitted(problem_of: ProblemOf, effects: Sequence[Effect]) -> Fit:
     causes = [free(effect) for effect in effects]
     found = fit(problem_of(causes))
     places, new = {cause.label for cause in causes}, {cause.identity for cause in causes}
-    gone = []
-    for effect, own in zip(found.solution.effects, found.problem.vector.slices, strict=True):
-        u = np.sqrt(np.diag(found.covariance)[own])
-        if effect.label in places and effect.identity not in new and (np.abs(effect.values) <= COVERAGE_FACTOR * u).all():
-            gone.append(effect)
+    every = zip(found.solution.effects, found.problem.vector.slices, strict=True)
+    beside = [(effect, own) for effect, own in every if effect.label in places and effect.identity not in new]
+    gone = [e for e, own in beside if (np.abs(e.values) <= COVERAGE_FACTOR * np.sqrt(np.diag(found.covariance)[own])).all()]
     return fit(problem_of(causes, gone)) if gone else found
 
 

@@ -157,6 +157,11 @@ def test_a_joint_that_slides_is_read_in_millimetres(tmp_path: Path) -> None:
     drawn = partial_residual(found, EncoderGain(3, values=(1e-4,)))
     assert "mm" in drawn.x_label
     assert 300 < drawn.curve[0].max() <= 400
+    scale = simulate_measurements(
+        ErrorModel(arm, (EncoderGain(3, values=(1e-3,)),)), "free", 60, rng=np.random.default_rng(1)
+    )
+    named = [f.label for f in diagnose(arm, scale, encoder_noise=8e-6, hold_out=False, progress=False).findings]
+    assert named == ["encoder_gain:3"]
     sliding = [c for c in covariates(arm, data) if "joint 3" in c.depends_on]
     assert all("joint3_mm" in c.values and c.values["joint3_mm"].max() <= 400 for c in sliding)
     assert not any(way.carrier == "angle 3" for c in sliding for way in c.variants)

@@ -621,7 +621,7 @@ def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pyte
 def test_causes_that_leave_the_noise_untold_are_not_admitted(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     choice = free_case.choice
     monkeypatch.setattr(model_extension, "_chosen", lambda *_: replace(choice, admitted=(5,)))
-    monkeypatch.setattr(model_extension, "fit", lambda _: SimpleNamespace(tells_noise=False))
+    monkeypatch.setattr(model_extension, "refitted", lambda *_: SimpleNamespace(tells_noise=False))
     found = model_extension._standing(free_case.problem, choice.fit, choice.library, choice.others, choice.parts, False)
     assert found.admitted == ()
 

@@ -27,6 +27,7 @@ from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
     JointCompliance,
+    JointPeriodicError,
     SeatError,
     Term,
     ThermalExpansion,
@@ -293,6 +294,19 @@ def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 3
     return diagnose(ErrorModel(sino6, (known,)), data, **NOISE, progress=False)
 
 
+@pytest.mark.parametrize(("orders", "lost"), [((8,), True), ((5, 7), False)])
+def test_a_known_cause_with_another_inner_value(sino6: Arm, orders: tuple[int, ...], lost: bool) -> None:
+    """A periodic error that was of order 7 is of another order now, or there are two."""
+    known = JointPeriodicError(joint=3, order=7, values=(1e-4, 0.0), u=(3e-6, 3e-6))
+    truth = ErrorModel(sino6, tuple(JointPeriodicError(joint=3, order=k, values=(1e-4, 0.0)) for k in orders))
+    data = simulate_measurements(truth, "free", 150, rng=np.random.default_rng(2), **NOISE)
+    found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, progress=False)
+    (finding,) = found.findings
+    assert (found.verdict, finding.label) == ("explained", known.label)
+    assert (finding.effect.order, finding.was) == (orders[0], known if lost else None)  # type: ignore[attr-defined]
+    assert sorted(e.order for e in found.model.effects) == sorted(orders)  # type: ignore[attr-defined]
+
+
 def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6: Arm) -> None:
     """An eccentricity whose phase makes it like the torque of gravity, in few records."""
     told = set()
@@ -317,6 +331,6 @@ def test_a_known_cause_that_has_changed(sino6: Arm) -> None:
         assert found.held_out is not None
         assert found.held_out.interval[0] > 0.0
         assert "no longer right for compliance" in verdict_in_words(found)
-        assert any("joint_compliance:2 was known as compliance_rad_per_nm = 2e-05" in note for note in found.notes)
+        assert any("joint_compliance:2 was known as compliance 20" in note for note in found.notes)
     same = known_before(sino6)
     assert (same.verdict, same.findings) == ("no-discrepancy", ())
