@@ -218,11 +218,7 @@ def _below_zero(findings: Sequence[Finding]) -> list[str]:
 def _of_masses(findings: Sequence[Finding]) -> list[str]:
     """What gives way under weights that nobody measured."""
     names = [finding.label for finding in findings if finding.effect.elastic and "torque" not in finding.effect.needs]
-    return (
-        [f"{', '.join(names)}: U takes the arm's masses as exact, of which values under gravity are the inverse"]
-        if names
-        else []
-    )
+    return [f"{', '.join(names)}: U takes the masses in the arm's file as exact"] if names else []
 
 
 def _clock(extended: Fit) -> list[str]:
