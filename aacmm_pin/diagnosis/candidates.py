@@ -42,10 +42,10 @@ def candidates(
             raise UnknownNameError("cause", effect.cause, list(CAUSES), "aacmm_pin.effects.register adds one of your own")
         label = require_row(effect, arm).label
         of_label[label] = tuple(dict.fromkeys((*of_label.get(label, ()), effect.at(()))))
-    changes = [
-        (effect.at((), effect.u), *(other for other in of_label.get(effect.label, ()) if other.identity != effect.identity))
-        for effect in known_causes(model, problem.setup)
-    ]
+    changes = []
+    for effect in known_causes(model, problem.setup):
+        others = of_label.get(effect.label, ()) if effect.inner else ()
+        changes.append((effect.at((), effect.u), *(other for other in others if other.identity != effect.identity)))
     return [*changes, *(variants for label, variants in of_label.items() if label not in known)]
 
 

@@ -188,8 +188,8 @@ def _losses(choice: Choice, training: Gram, blocks: tuple[int, ...]) -> Array:
 
 
 def _predicted(choice: Choice, training: Gram, admitted: tuple[int, ...], number: int) -> Array:
-    """Distances of the records of a part by a model fitted to ``training``; what is stated of an admitted cause, or of its
-    geometry, holds where its block is not among these, or the other parts would change it all the same.
+    """Distances of the records of a part by a model fitted to ``training``; known causes hold as stated where their blocks
+    are not among these, or the other parts would change them all the same.
     """
     steps, key = training.products.steps, (training.left_out, admitted)
     if key not in steps:

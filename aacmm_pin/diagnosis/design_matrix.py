@@ -67,7 +67,7 @@ class Design:
         nuisances: number of nuisance columns, which come first.
         scales: by which each column is multiplied, so that all are of one order (columns,).
         kept: which of the fit's own parameters are nuisances.
-        stated: the nuisances that stand for what is stated of the candidates that were taken out.
+        known: the nuisances that stand for what is stated of known causes that were taken out.
         prior: rows of what is known of the nuisances beforehand, and their residuals (m, nuisances + 1).
         tips: (n, 3), in the frame of the references, the causes taken out that are candidates here [m]; with orientations
             (n, 6), see :class:`Prediction`.
@@ -81,7 +81,7 @@ class Design:
     nuisances: int
     scales: Array
     kept: Index
-    stated: slice
+    known: Index
     prior: Array
     tips: Array
     taken_out: int
@@ -155,10 +155,11 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     width = problem.vector.size
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
-    stated_u, known = problem.vector.arm_u, {variants[0].identity: variants[0].u for variants in library}
+    of_known = {variants[0].identity: variants[0].u for variants in library}
+    stated_u, known_u = problem.vector.arm_u, np.zeros(width)
     for effect, place in problem.vector:
-        if place.start >= stays and any(known.get(effect.identity, ())):
-            stated_u[place] = known[effect.identity]
+        if place.start >= stays and any(of_known.get(effect.identity, ())):
+            stated_u[place] = known_u[place] = of_known[effect.identity]
     within = stays + np.flatnonzero(stated_u[stays:] > 0.0)
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
     tips = point.prediction.poses - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
@@ -175,8 +176,8 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     prior[:width, :stays] = problem.prior[:, :stays]
     prior[:width, -1] = problem.prior[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
     prior[width:, stays : stays + within.size] = np.eye(within.size)
-    as_stated = slice(stays, stays + within.size)
-    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, kept, as_stated, prior, tips, taken_out)
+    known = np.flatnonzero(np.isin(kept, np.flatnonzero(known_u)))
+    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, kept, known, prior, tips, taken_out)
 
 
 def _sources(variants: Variants) -> list[tuple[Effect, ...]]:

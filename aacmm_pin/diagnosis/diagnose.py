@@ -126,11 +126,11 @@ def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> 
         freed = [
             replace(cause, values=known[cause.identity].values) if cause.identity in known else cause for cause in causes
         ]
-        found, places = {cause.identity for cause in (*causes, *gone)}, {cause.label for cause in causes}
+        found, places = {cause.key for cause in (*causes, *gone)}, {cause.label for cause in causes}
         within = [
             effect.at(effect.values, free(effect).u if effect.label in places else effect.u)  # a new one is beside it
-            for identity, effect in known.items()
-            if identity not in found
+            for effect in known.values()
+            if effect.key not in found
         ]
         return problem_of(model, measurements, ["geometry", *untold, *within, *freed], setup)
 

@@ -46,7 +46,7 @@ class Projection:
     Attributes:
         gram: inner products, prior rows included.
         admitted: numbers of the admitted blocks.
-        as_stated: what is stated of the candidates holds exactly, so that only the admitted blocks change them.
+        as_stated: what is stated of known causes holds exactly, so that only the admitted blocks change them.
     """
 
     gram: Gram
@@ -111,7 +111,7 @@ class Projection:
         sizes = [self.blocks[k].size for k in self.admitted]
         own = [np.full(size, 1.0 / freedom(size) ** 2) for size in sizes]
         of_nuisances = np.full(self.nuisances, UNKNOWN)
-        of_nuisances[self.gram.products.design.stated] = HELD if self.as_stated else UNKNOWN
+        of_nuisances[self.gram.products.design.known] = HELD if self.as_stated else UNKNOWN
         return np.concatenate([of_nuisances, *own])
 
     @cached_property

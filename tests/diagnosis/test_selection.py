@@ -58,7 +58,7 @@ class Small:
         names = max(self.owners) + 1 if prior is None else len(prior)
         self.log_prior = np.log(np.full(names, 1.0 / names) if prior is None else np.array(prior))
         width, known = int(ends[-1]), np.array([[1.0, *START]])
-        design = Design(nothing, (), names, blocks, 1, np.ones(width), nothing, slice(0), known, nothing, 0)
+        design = Design(nothing, (), names, blocks, 1, np.ones(width), nothing, np.empty(0, int), known, nothing, 0)
         rows = np.column_stack([self.ones, *columns, residual])
         self.gram = Gram(Products(design, lambda: [Part(rows[:7], 7), Part(rows[7:], len(rows) - 7)]))
         self.question = Question(design, self.log_prior, stated, contained or {})
