@@ -54,7 +54,8 @@ class UrdfArm:
                 raise
             more = f" … and {len(error.known) - SHOWN} more" if len(error.known) > SHOWN else ""
             raise typer.BadParameter(
-                f"--urdf goes with --frame NAME; frames of {self.urdf}: {', '.join(error.known[:SHOWN])}{more}"
+                f"--urdf goes with --frame NAME; frames of {self.urdf}, the last first: "
+                f"{', '.join(error.known[: -SHOWN - 1 : -1])}{more}"
             ) from None
 
 
