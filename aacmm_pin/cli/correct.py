@@ -21,6 +21,7 @@ from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.csv_columns import BAR, ORIENTATION, ORIENTATION_U, REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.csv_table import read_table
+from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.report.numbers import count
 
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
-"""The columns that ``correct`` adds."""
+"""The columns that ``correct`` adds; behind them :data:`CORRECTED_ORIENTATION`, where orientations are looked at."""
+CORRECTED_ORIENTATION = tuple(f"corrected_{name}" for name in ORIENTATION)
 OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U)
 """Columns that say where the tip should be have no part in where the readings put it."""
 
@@ -55,6 +57,9 @@ def run(
             help="For robots: the angles are commands; add those by which the tip comes where the --nominal arm has it.",
         ),
     ] = False,
+    orientation: Annotated[
+        bool, typer.Option("--orientation", help="Add the orientation of the tip; unasked, where the file states some.")
+    ] = False,
     output: Output = None,
     force: Force = False,
 ) -> None:
@@ -64,9 +69,12 @@ def run(
         before = _nominal(nominal, model)
         if commands and before is None:
             raise typer.BadParameter("--commands goes with --nominal ARM, the arm as its controller believes it to be")
+        if commands and orientation:
+            raise typer.BadParameter("--orientation goes without --commands, which keep the orientation that is wanted")
         table, _, read_as = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
-        names = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)] if commands else list(CORRECTED)
+        of_tips = CORRECTED + CORRECTED_ORIENTATION * (orientation or ORIENTATION[0] in table)
+        names = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)] if commands else of_tips
         for name in table.columns.intersection(names):
             raise MeasurementFileError(path, 1, name, "is there already; expected readings that were not corrected yet")
         of_readings = ~table.columns.isin(OF_REFERENCES)
@@ -80,9 +88,11 @@ def run(
             if commands and before is not None:
                 found[rows] = _commands(model, before, known, path) / (DEG if unit == "deg" else 1.0)
             else:
-                tips = model.correct(known.q, known.conditions)
-                found[rows, :3], found[rows, 3] = tips / MM, _u(model, known, noise.encoder_noise_rad) / MM
-                _compare(model, before, table, rows, tips, path)
+                state = model.state(known.q, known.conditions)
+                u = _u(model, known, noise.encoder_noise_rad)
+                of_known = np.column_stack([state.position / MM, u / MM, quaternions(state.rotation[-1])])
+                found[rows] = of_known[:, : len(names)]
+                _compare(model, before, table, rows, state.position, path)
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
         results.text(csv_text(table.assign(**dict(zip(names, found.T, strict=True)))), output)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 from shell import NOISE, done, found, refused
 
 import aacmm_pin
@@ -376,6 +377,21 @@ def test_corrected_coordinates_are_those_of_the_model(extended: Path, folder: Pa
     np.testing.assert_allclose(after["u_mm"].to_numpy(dtype=float), u, rtol=1e-9)
     off = np.linalg.norm(tips - read.reference / MM, axis=1)
     assert np.sqrt(np.mean(off**2)) < 0.03
+
+
+def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(sino6: Arm, tmp_path: Path) -> None:
+    ErrorModel(sino6, (EncoderEccentricity(5, values=(1e-3, 2e-3)),)).save(tmp_path / "arm.toml")
+    q = np.random.default_rng(1).uniform(-1, 1, (6, 6))
+    true = q.copy()
+    true[:, 4] += np.arcsin(1e-3 * np.cos(q[:, 4]) + 2e-3 * np.sin(q[:, 4]))
+    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)])
+    names = [f"corrected_q{c}" for c in "wxyz"]
+    stated = table.assign(x_mm=0, y_mm=0, z_mm=0, qw=1, qx=0, qy=0, qz=0)
+    for asked, *words in ((table, "--orientation"), (stated,)):
+        asked.to_csv(tmp_path / "r.csv", index=False)
+        out, _ = done("correct", tmp_path / "arm.toml", tmp_path / "r.csv", *NOISE, *words)
+        turned = Rotation.from_quat(pd.read_csv(io.StringIO(out))[names].to_numpy(), scalar_first=True)
+        np.testing.assert_allclose(turned.as_matrix(), sino6.poses(true).placement[:, :3, :3], atol=1e-12)
 
 
 def test_a_file_with_references_says_what_correction_is_worth(extended: Path, folder: Path, tmp_path: Path) -> None:
