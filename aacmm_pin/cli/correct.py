@@ -74,7 +74,7 @@ def run(
         table, _, read_as = read_table(path)
         unit = "rad" if "theta1_rad" in table else "deg"
         of_tips = CORRECTED + CORRECTED_ORIENTATION * (orientation or ORIENTATION[0] in table)
-        names = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)] if commands else of_tips
+        names = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)] if commands else list(of_tips)
         for name in table.columns.intersection(names):
             raise MeasurementFileError(path, 1, name, "is there already; expected readings that were not corrected yet")
         of_readings = ~table.columns.isin(OF_REFERENCES)
