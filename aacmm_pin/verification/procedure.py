@@ -29,9 +29,10 @@ from aacmm_pin.postures.sampling import brought_to, spread_out
 from aacmm_pin.verification.figures import definitions
 from aacmm_pin.verification.touches import READINGS
 
-NEAR, MIDDLE, FAR = (0.2, 0.45), (0.45, 0.7), (0.7, 0.95)
-"""Between which parts of the reach a distance is near, middle or far; the reach counts from joint 2."""
-POSITIONS = {"near": NEAR, "middle": MIDDLE, "far": FAR}
+SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
+"""Between which parts of the reach spheres stand, chosen here; the reach counts from joint 2."""
+SEATS = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
+"""The same of single points: inside :data:`aacmm_pin.verification.figures.ZONES`, off their edges."""
 LENGTHS, PLACES, REPEATS = 5, 7, 3
 """Of the tests of lengths."""
 SPHERE, PROBE = 25.0, 6.0
@@ -196,24 +197,23 @@ class _Layout:
         self.points.append(point)
         self.q.append(q)
 
-    def place(self, name: str, each: int) -> tuple[Array, Array]:
-        """A point at this distance, about as high as joint 2, that many postures reach, (3,), and ``each`` of them."""
-        low, high = POSITIONS[name]
+    def place(self, low: float, high: float, each: int) -> tuple[Array, Array]:
+        """A point between these parts of the reach, about as high as joint 2, that many postures reach (3,), and some of these."""
         inside = (self.distance >= low * self.reach) & (self.distance < high * self.reach)
         inside &= np.abs((self.pool.tips - self.shoulder) @ self.pool.arm.up) <= LEVEL * self.reach
         for other in self.taken:
             inside &= np.linalg.norm(self.pool.tips - other, axis=1) > APART * self.reach
         tips = self.pool.tips[inside][:CANDIDATES]
         best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]] if len(tips) else np.empty((0, 3))
-        (found,) = self.pool.places(best[:, None], 1, each, f"{name} places")
+        (found,) = self.pool.places(best[:, None], 1, each, f"places at {low:.0%} to {high:.0%} of the reach")
         self.taken.append(found.points[0])
         return found.points[0], found.postures[0]
 
     def spheres(self, wanted: set[str]) -> None:
         """Spheres near and far, for all tests that need one."""
         known = {"feature_diameter_mm": self.sphere / MM, "probe_diameter_mm": self.probe / MM}
-        for name in ("near", "far"):
-            center, postures = self.place(name, 5)
+        for name, zone in SPHERES.items():
+            center, postures = self.place(*zone, 5)
             cells = {"feature": "sphere", "position": name, **known}
             if "sphere" in wanted:
                 self._round(center, postures, 25, test="sphere", **cells)
@@ -235,8 +235,8 @@ class _Layout:
 
     def single_points(self) -> None:
         """One point in ten articulations at each of three distances."""
-        for name in POSITIONS:
-            point, postures = self.place(name, 10)
+        for name, zone in SEATS.items():
+            point, postures = self.place(*zone, 10)
             for q in postures:
                 self.touch(point, q, test="single-point", feature=f"seat {name}", position=name)
 

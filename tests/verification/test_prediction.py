@@ -66,6 +66,15 @@ def test_every_touch_of_every_figure_is_planned_within_reach(sino6: Arm, planned
     assert exact.loc[exact["test"] == "single-point", "articulation"].nunique() > 3
 
 
+def test_single_points_stand_in_the_zones_of_asme_b89_4_22(sino6: Arm, planned: Path, rng: np.random.Generator) -> None:
+    """Joint 2 of SINO6 is 0.3 mm from the origin of its base."""
+    low, high = sino6.limits.T
+    reach = np.linalg.norm(sino6.positions(rng.uniform(low, high, (20_000, 6))), axis=1).max()
+    touches = pd.read_csv(planned).query("test == 'single-point'").groupby("position", sort=False)
+    parts = touches[["planned_x_mm", "planned_y_mm", "planned_z_mm"]].first().pipe(np.linalg.norm, axis=1) / reach * 1e-3
+    assert [int(np.searchsorted([0.2, 0.8], part)) for part in parts] == [0, 1, 2]
+
+
 def test_an_unfilled_procedure_has_no_figures(planned: Path) -> None:
     with pytest.raises(MeasurementFileError, match="no coordinates"):
         accept(planned)
