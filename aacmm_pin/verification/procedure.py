@@ -198,7 +198,7 @@ class _Layout:
         self.q.append(q)
 
     def place(self, low: float, high: float, each: int) -> tuple[Array, Array]:
-        """A point between these parts of the reach, about as high as joint 2, that many postures reach (3,), and some of these."""
+        """A point between these parts of the reach, about as high as joint 2, that many postures reach, (3,), and some."""
         inside = (self.distance >= low * self.reach) & (self.distance < high * self.reach)
         inside &= np.abs((self.pool.tips - self.shoulder) @ self.pool.arm.up) <= LEVEL * self.reach
         for other in self.taken:
