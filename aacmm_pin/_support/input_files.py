@@ -22,7 +22,7 @@ def content_of(path: str | Path, most: int, expected: str, refused: Callable[[st
         with open(path, "rb") as file:
             content = file.read(most + 1)
     except FileNotFoundError:
-        raise refused("no such file") from None
+        raise refused("no such file" + "; standard input is /dev/stdin" * (str(path) == "-")) from None
     except IsADirectoryError:
         raise refused(f"is a folder, expected {expected}") from None
     except OSError as error:

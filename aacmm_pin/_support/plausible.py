@@ -88,7 +88,8 @@ LENGTH_NOISE = Range(0.0, 0.01, "m")
 
 TURN_NOISE = Range(0.0, 0.1, "rad")
 """Standard uncertainty of a stated orientation about each axis: a laser tracker has 5e-5, a camera 1e-3."""
-
+USUAL_TURN_NOISE = 5e-3
+"""From here on it is asked whether that is in degrees [rad]."""
 
 COUNTS = {
     "cells": (4_000_000, 1e3),

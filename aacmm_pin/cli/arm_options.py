@@ -13,7 +13,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.cli.common import angle_option, note
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
 
 SHOWN = 20
@@ -50,13 +50,11 @@ class UrdfArm:
         try:
             return ErrorModel(Arm.from_urdf(self.urdf, self.frame or "", **half_widths))
         except UnknownNameError as error:
-            if self.frame is not None:
-                raise
             more = f" … and {len(error.known) - SHOWN} more" if len(error.known) > SHOWN else ""
-            raise typer.BadParameter(
-                f"--urdf goes with --frame NAME; frames of {self.urdf}, the last first: "
-                f"{', '.join(error.known[: -SHOWN - 1 : -1])}{more}"
-            ) from None
+            frames = f"frames of {self.urdf}, the last first: {', '.join(error.known[: -SHOWN - 1 : -1])}{more}"
+            if self.frame is not None:
+                raise AacmmError(f"unknown frame {self.frame!r}; {frames}") from None
+            raise typer.BadParameter(f"--urdf goes with --frame NAME; {frames}") from None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
-from aacmm_pin.cli.common import EffectTexts, Force, Json, Plot, Results, Seed, command
+from aacmm_pin.cli.common import EffectTexts, Force, Json, Plot, Results, Seed, command, note
 from aacmm_pin.cli.urdf import urdf_of
 from aacmm_pin.effects.cause_text import stated_cause
 from aacmm_pin.measurements.records import Measurements
@@ -58,3 +58,6 @@ def run(
         results.json(summary, json_)
     if json_ != "-":
         terminal.show(calibration_document(result))
+    asked = {effect.identity for effect in effects}
+    if held := [effect.label for effect in model.effects if effect.identity not in asked]:
+        note(f"note: held as {model.arm.name} states it: {', '.join(held)}; aacmm-pin diagnose estimates known causes anew")

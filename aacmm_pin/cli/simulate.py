@@ -73,6 +73,7 @@ def run(
     procedure = plan if plan.endswith(".csv") else None
     with Results(force, output, truth, reads=[*arm.files, procedure]) as results:
         model = as_filed = arm.model()
+        touches = None if procedure is None else Procedure.read(procedure, model.arm)
         effects = [stated_cause(text, model) for text in effect or []]
         if perturb:
             model = perturbed_model(model, rng.spawn(1)[0])  # a stream of its own: the plan is the same without it
@@ -85,8 +86,7 @@ def run(
             note(f"note: bars of {BAR_LENGTH_MM:g} mm are assumed; --bar-length-mm states another length")
             bar_length_mm = BAR_LENGTH_MM
         noise, length = stated.simulated(model.arm), in_metres(bar_length_mm)
-        if procedure is not None:
-            touches = Procedure.read(procedure, model.arm)
+        if touches is not None:
             data = simulate_touches(model, touches.q, touches.points, rng=rng, noise=noise)
             results.text(csv_text(touches.filled(data, as_filed)), output)
         else:

@@ -394,6 +394,9 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
         found[name] = columns.block(of_form) * MM
     if (turned := _unit(found.pop("orientation"))) is not None:
         found["orientation"] = turned
+        u = columns.numbers.get(names.ORIENTATION_U, np.zeros(1))
+        if (most := np.nan_to_num(u).max()) > plausible.USUAL_TURN_NOISE:
+            read_as += (f"{names.ORIENTATION_U} is {most:g} rad at most, which is {most / DEG:.3g}°: is it in degrees?",)
     else:
         del found["orientation_u"]
     q = columns.block(columns.header.theta) * (DEG if columns.header.unit == "deg" else 1.0)

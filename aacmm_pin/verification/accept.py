@@ -126,19 +126,24 @@ class AcceptanceResult(Shown):
         """
         found = {}
         for source in dict.fromkeys(f.source for f in self.figures):
-            judged = [f for f in self.figures if f.source == source and not math.isnan(f.mpe)]
+            judged = self._with_mpe(source)
             worst = next((v for v in WORST_FIRST if any((f.verdict or "neither") == v for f in judged)), None)
             found[source] = worst, tuple(f for f in judged if (f.verdict or "neither") == worst)
         return found
 
+    def _with_mpe(self, source: str) -> list[AcceptanceFigure]:
+        """The figures of one set of coordinates that have an MPE."""
+        return [f for f in self.figures if f.source == source and not math.isnan(f.mpe)]
+
     def __str__(self) -> str:
         told = []
-        for source, (verdict, by) in self.overall.items():
-            mpes = [not math.isnan(f.mpe) for f in self.figures if f.source == source]
+        overall = self.overall
+        for source, (verdict, by) in overall.items():
+            of = sum(f.source == source for f in self.figures)
             names = ", ".join(f.definition.name + " without a value" * (f.verdict is None) for f in by)
             text = f"{verdict}, decided by {names} (" if by else "no verdict ("
-            text += f"MPE given for {sum(mpes)} of {len(mpes)} figures)"
-            told.append(f"{source}: " * (len(self.overall) > 1) + text)
+            text += f"MPE given for {len(self._with_mpe(source))} of {of} figures)"
+            told.append(f"{source}: " * (len(overall) > 1) + text)
         return "; ".join(told)
 
     def to_frame(self) -> pd.DataFrame:

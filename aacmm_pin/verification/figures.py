@@ -86,7 +86,7 @@ def _of_spheres(touches: pd.DataFrame, by: Sequence[str], each: int, count: int,
         return _worst([], [], len(touches), missing)
     spheres = [_sphere(group) for group in groups]
     if max(sphere.diameter_factor for sphere in spheres) > CAP:
-        return Evaluated(np.nan, np.nan, len(touches), 0, "touches all over")
+        return Evaluated(np.nan, np.nan, len(touches), 0, "touches farther round")
     if not size:
         return _worst([sphere.form for sphere in spheres], [np.nan] * len(groups), len(touches), 0)
     stated = [group[["feature_diameter", "probe_diameter", "u_length"]].iloc[0] for group in groups]

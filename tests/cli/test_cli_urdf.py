@@ -98,6 +98,7 @@ def test_what_cannot_be(ur5: list[str], panda: list[str]) -> None:
         (["configurations", *ur5, *far], "out of reach"),
         (["accuracy", *ur5, *POSE], "a URDF states no uncertainties; expected --translation-half-width-mm"),
         (["map", *ur5], "needs a DH table"),
+        (["map", *panda[:2], "--frame", "nose"], "panda_joint3 … and 6 more"),
         (["simulate", *ur5, "--perturb"], "--translation-half-width-mm and --rotation-half-width-rad"),
     ):
         refused(*words, said=[said])
