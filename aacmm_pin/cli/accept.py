@@ -13,7 +13,7 @@ import typer
 
 from aacmm_pin._support.units import MM
 from aacmm_pin.cli.accept_prediction import BeforeTheTest
-from aacmm_pin.cli.arm_options import UrdfArm
+from aacmm_pin.cli.arm_options import UrdfArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, refuse
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
@@ -65,20 +65,14 @@ def run(
         raise typer.BadParameter("--plot draws the checks of --history FILE")
     reads = [*files, *([robot.urdf] if robot.urdf else []), *(m for m in mpe or [] if "=" not in m)]
     with Results(force, output, plot=plot, json_=json_, reads=reads) as results:
-        arms, by_urdf = {name: ErrorModel.load(name) for name in names}, robot.of_urdf()
-        if by_urdf is not None:
+        arms, limits = {name: ErrorModel.load(name) for name in names}, _limits(mpe or [])
+        if (by_urdf := robot.of_urdf()) is not None:
             arms[str(robot.urdf)] = by_urdf
         if before.predict:
-            before.show(arms, path, _limits(mpe or []), standard, results, output, json_)
+            before.show(arms, path, limits, standard, results, output, json_)
             return
         past = None if history is None else History.read(history)
-        result = accept(
-            path,
-            arms,
-            mpe=_limits(mpe or []),
-            standard=standard,
-            measuring_range=None if range_mm is None else range_mm * MM,
-        )
+        result = accept(path, arms, mpe=limits, standard=standard, measuring_range=in_metres(range_mm))
         when, summary = _when(time, path), result.summary()
         checks = None if past is None else past.with_check(result, when, instrument)
         if checks is not None and history is not None:
@@ -90,11 +84,8 @@ def run(
             certificate = Certificate(when, instrument, _about(about or []), checks)
             results.text(html.page(acceptance_document(result, certificate)), output)
         results.json(summary, json_)
-    if json_ != "-":
-        terminal.show(acceptance_document(result))
-        terminal.show(Document("", history_blocks(checks) if checks is not None else []))
-    else:
-        terminal.show_notes(result.notes)
+    terminal.show(acceptance_document(result), json_ == "-")
+    terminal.show(Document("", [] if checks is None else history_blocks(checks)), json_ == "-")
     if checks is not None and not checks.appended:
         same = f"its check of {checks.time} has the very same values, so that it is this one" if checks.charts() else ""
         note(f"note: nothing appended to {history}: {same or 'no figure has a value'}")
@@ -145,11 +136,8 @@ def _limits(texts: list[str]) -> dict[str, float]:
     given: dict[str, object] = {}
     for text in texts:
         name, equals, value = text.partition("=")
-        if equals:
-            given[name] = value
-            continue
         try:
-            given |= tomllib.loads(Path(text).read_text(encoding="utf-8"))
+            given |= {name: value} if equals else tomllib.loads(Path(text).read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise AacmmError(f"{text}: not TOML: {error}") from None
     limits: dict[str, float] = {}

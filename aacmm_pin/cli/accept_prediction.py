@@ -58,7 +58,4 @@ class BeforeTheTest(EncoderNoise):
         if output is not None:
             results.text(html.page(document), output)
         results.json(result.summary(), json_)
-        if json_ == "-":
-            terminal.show_notes(result.notes)
-        else:
-            terminal.show(document)
+        terminal.show(document, json_ == "-")

@@ -40,7 +40,4 @@ def run(
         if output is not None:
             results.text(html.page(diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")), output)
         results.json(summary, json_)
-    if json_ != "-":
-        terminal.show(diagnosis_document(result))
-    else:
-        terminal.show_notes(result.notes)
+    terminal.show(diagnosis_document(result), json_ == "-")

@@ -54,5 +54,4 @@ def run(
             result.save(results.file(output))
         results.picture(lambda: result.plot().figure, plot)
         results.json(map_summary(result), json_)
-    if json_ != "-":
-        terminal.show(map_document(result))
+    terminal.show(map_document(result), json_ == "-")

@@ -75,11 +75,7 @@ def run(
     force: Force = False,
 ) -> None:
     """What to measure next: postures and set-up, as a file to be filled in."""
-    if for_ not in PURPOSES:
-        raise UnknownNameError("purpose", for_, [*PURPOSES])
-    for names, purposes in OPTIONS_FOR.items():
-        if for_ not in purposes:
-            refuse(context, names, f"goes with --for {' or '.join(purposes)}")
+    _refuse_others(context, for_)
     if for_ == "acceptance":
         artefacts.plan(arm, above_mm, seed, output, sheet, force)
         return
@@ -112,21 +108,31 @@ def run(
         if set_up_arm is not None and isinstance(plan, MeasurementPlan):
             results.arm(plan.model, set_up_arm, f"Set up to be measured by a plan: {plan.setup}.")
         results.json(plan.summary(), json_)
-    shown = output is not None and json_ != "-"
-    if shown:
-        terminal.show(document)
-    else:
-        terminal.show_notes(plan.notes)
-    if isinstance(plan, CalibrationPlan):
-        return
-    if shown:
+    told_of = None if json_ == "-" else output
+    terminal.show(document, told_of is None)
+    if isinstance(plan, MeasurementPlan):
+        _tell_what_to_do(plan, told_of, set_up_arm is not None)
+        if told_of is not None:
+            note(f"note: chosen from {postures} postures, seed {seed}")
+
+
+def _refuse_others(context: typer.Context, purpose: str) -> None:
+    """Refuse a purpose that is none, and options that it has no use for."""
+    if purpose not in PURPOSES:
+        raise UnknownNameError("purpose", purpose, [*PURPOSES])
+    for names, purposes in OPTIONS_FOR.items():
+        if purpose not in purposes:
+            refuse(context, names, f"goes with --for {' or '.join(purposes)}")
+
+
+def _tell_what_to_do(plan: MeasurementPlan, file: Path | None, arm_written: bool) -> None:
+    """How the file is filled in, where it was told of, and with which arm it is diagnosed."""
+    if file is not None:
         only = "" if plan.needed else "for that check, "
         where = "where the arm only comes near a posture, enter the angles indicated"
-        say(f"{output}: {only}fill in x_mm, y_mm, z_mm; {where}")
-    if plan.changes_arm and set_up_arm is None:
+        say(f"{file}: {only}fill in x_mm, y_mm, z_mm; {where}")
+    if plan.changes_arm and not arm_written:
         note("note: this set-up is another arm file, which --set-up-arm FILE writes; diagnose the new records with it")
-    if shown:
-        note(f"note: chosen from {postures} postures, seed {seed}")
 
 
 def _like(existing: Measurements, records: pd.DataFrame) -> str:

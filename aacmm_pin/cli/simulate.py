@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -17,6 +18,7 @@ from aacmm_pin.effects import Effect
 from aacmm_pin.effects.cause_text import stated_cause
 from aacmm_pin.effects.error_model import ErrorModel, require_shown
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import PLANS, Plan, simulate_measurements, simulate_touches
 from aacmm_pin.verification import Procedure
@@ -34,25 +36,60 @@ BAR_LENGTH_MM = 500.0
 """Length of a ball bar where none is stated."""
 
 
-@command
-def run(
-    context: typer.Context,
-    arm: UncertainArm,
+@dataclass(frozen=True)
+class Planned:
+    """What is measured."""
+
     plan: Annotated[
         str,
         typer.Option(
             help=f"One of {', '.join(PLANS)}; or a procedure (CSV) by plan --for acceptance, whose touches are filled in."
         ),
-    ] = "seats",
-    records: Annotated[int, typer.Option(help="Number of records.")] = 300,
-    seats: Annotated[int, typer.Option(help="With plans seats, ball-bar: number of seats; two for each bar.")] = 10,
-    unknown: Annotated[bool, typer.Option("--unknown", help="With plan seats: without their coordinates.")] = False,
-    bar_length_mm: Annotated[float | None, typer.Option(help="With plan ball-bar: length of the bars.")] = None,
-    effect: EffectTexts = None,
+    ] = "seats"
+    records: Annotated[int, typer.Option(help="Number of records.")] = 300
+    seats: Annotated[int, typer.Option(help="With plans seats, ball-bar: number of seats; two for each bar.")] = 10
+    unknown: Annotated[bool, typer.Option("--unknown", help="With plan seats: without their coordinates.")] = False
+    bar_length_mm: Annotated[float | None, typer.Option(help="With plan ball-bar: length of the bars.")] = None
     orientation_noise_rad: Annotated[
         float | None,
         angle_option("With coordinates: orientations of the tip too, with this standard uncertainty, in rad or as 50urad."),
-    ] = None,
+    ] = None
+
+    def refuse_others(self, context: typer.Context) -> None:
+        """Refuse options that this plan has no use for."""
+        for option, plans in OPTION_OF.items():
+            if (self.plan in PLANS or self.plan.endswith(".csv")) and self.plan not in plans:
+                refuse(context, [option], f"goes with --plan {' or '.join(plans)}")
+        if self.unknown:
+            refuse(context, ["reference_noise_mm", "orientation_noise_rad"], "beside --unknown, which states no reference")
+
+    def measured(self, model: ErrorModel, noise: Noise, rng: np.random.Generator) -> Measurements:
+        """Records of an arm, by a plan that is no procedure."""
+        length = in_metres(self.bar_length_mm)
+        if self.plan == "ball-bar" and length is None:
+            note(f"note: bars of {BAR_LENGTH_MM:g} mm are assumed; --bar-length-mm states another length")
+            length = BAR_LENGTH_MM * MM
+        return simulate_measurements(
+            model,
+            cast(Plan, self.plan),
+            self.records,
+            rng=rng,
+            encoder_noise=noise.encoder,
+            reference_noise=noise.reference,
+            probe_noise=noise.probe,
+            seats=self.seats,
+            known=not self.unknown,
+            bar_length=length,
+            orientation_noise=self.orientation_noise_rad,
+        )
+
+
+@command
+def run(
+    context: typer.Context,
+    arm: UncertainArm,
+    planned: Planned,
+    effect: EffectTexts = None,
     perturb: Annotated[
         bool, typer.Option("--perturb", help="Draw the true geometry within the arm's uncertainties.")
     ] = False,
@@ -64,13 +101,9 @@ def run(
     force: Force = False,
 ) -> None:
     """Virtual measurements of an arm with known errors, as CSV."""
-    for option, plans in OPTION_OF.items():
-        if (plan in PLANS or plan.endswith(".csv")) and plan not in plans:
-            refuse(context, [option], f"goes with --plan {' or '.join(plans)}")
-    if unknown:
-        refuse(context, ["reference_noise_mm", "orientation_noise_rad"], "beside --unknown, which states no reference")
+    planned.refuse_others(context)
     rng = np.random.default_rng(seed)
-    procedure = plan if plan.endswith(".csv") else None
+    procedure = planned.plan if planned.plan.endswith(".csv") else None
     with Results(force, output, truth, reads=[*arm.files, procedure]) as results:
         model = as_filed = arm.model()
         touches = None if procedure is None else Procedure.read(procedure, model.arm)
@@ -79,31 +112,12 @@ def run(
             model = perturbed_model(model, rng.spawn(1)[0])  # a stream of its own: the plan is the same without it
             note(f"note: the true geometry was drawn within the uncertainties of {model.arm.name}, seed {seed}")
         model = model.with_effects(*effects)
-        for given in effects:
-            if not any(given.values):
-                raise AacmmError(f"--effect {given.key}: no size is given, expected {', '.join(given.described())}")
-        if plan == "ball-bar" and bar_length_mm is None:
-            note(f"note: bars of {BAR_LENGTH_MM:g} mm are assumed; --bar-length-mm states another length")
-            bar_length_mm = BAR_LENGTH_MM
-        noise, length = stated.simulated(model.arm), in_metres(bar_length_mm)
-        if touches is not None:
-            data = simulate_touches(model, touches.q, touches.points, rng=rng, noise=noise)
-            results.text(csv_text(touches.filled(data, as_filed)), output)
+        noise = stated.simulated(model.arm)
+        if touches is None:
+            data = planned.measured(model, noise, rng)
         else:
-            data = simulate_measurements(
-                model,
-                cast(Plan, plan),
-                records,
-                rng=rng,
-                encoder_noise=noise.encoder,
-                reference_noise=noise.reference,
-                probe_noise=noise.probe,
-                seats=seats,
-                known=not unknown,
-                bar_length=length,
-                orientation_noise=orientation_noise_rad,
-            )
-            results.text(data.csv(), output)
+            data = simulate_touches(model, touches.q, touches.points, rng=rng, noise=noise)
+        results.text(data.csv() if touches is None else csv_text(touches.filled(data, as_filed)), output)
         _require_effects_shown(effects, model, data)
         encoder = ", ".join(f"{u:g}" for u in dict.fromkeys(noise.encoder))
         words = f"noise: readings {encoder} rad, references {noise.reference / MM:g} mm, contacts {noise.probe / MM:g} mm"
@@ -113,8 +127,10 @@ def run(
 
 
 def _require_effects_shown(effects: list[Effect], model: ErrorModel, data: Measurements) -> None:
-    """Refuse effects that no record shows."""
+    """Refuse effects without a size, and those that no record shows."""
     for given in effects:
+        if not any(given.values):
+            raise AacmmError(f"--effect {given.key}: no size is given, expected {', '.join(given.described())}")
         require_shown(given, model.arm, data.q, data.conditions, "this plan")
         if given.of_reference and not data.known.any():
             raise AacmmError(f"--effect {given.key}: is of stated coordinates, which records of this plan do not have")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterable
 from typing import Literal
 
 import pandas as pd
@@ -28,24 +27,21 @@ LABEL = re.compile(r"[a-z_]+:?\w*")
 """A cause and its place, a parameter."""
 
 
-def show(document: Document) -> None:
-    """Print the short form of a document; its notes go to the error stream."""
+def show(document: Document, notes_alone: bool = False) -> None:
+    """Print the short form of a document, or nothing but its notes, which go to the error stream."""
     for block in document.short():
         match block:
+            case Notes(items=items):
+                for item in items:
+                    note(f"note: {item}")
+            case _ if notes_alone:
+                pass
             case Paragraph(text=text, head=head):
                 say(f"{head} {text}".strip())
             case Bullets(items=items, head=head):
                 say("\n".join([*([head] if head else []), *(f"  {item}" for item in items)]))
-            case Notes(items=items):
-                show_notes(items)
             case Table():
                 _print_table(block)
-
-
-def show_notes(items: Iterable[str]) -> None:
-    """Write what was assumed, or found beside, to the error stream."""
-    for item in items:
-        note(f"note: {item}")
 
 
 def _print_table(table: Table) -> None:
