@@ -26,7 +26,7 @@ ROOMS = [
     "report",
     "cli",
 ]
-SPEAK_TO_PINOCCHIO = {"arm.arm", "arm.corrected_urdf", "arm.poses", "report.scenes.accuracy_set", "report.scenes.arm_parts"}
+SPEAK_TO_PINOCCHIO = {"arm.arm", "arm.corrected_urdf", "arm.pinocchio_model", "arm.poses", "report.scenes.arm_parts"}
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in ROOT.rglob("*.py")}
 
 

@@ -14,13 +14,13 @@ import pinocchio as pin
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, batch, unit_vector
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.plausible import MOST_JOINTS
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import chain
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.file import ArmFile, Covariance, Urdf, UrdfArmFile, UrdfJoint, calibrated, read_arm_file
 from aacmm_pin.arm.parameter import Parameter
+from aacmm_pin.arm.pinocchio_model import chain_of, frame_number, joint_axes, onto_z, read_model, serial_part
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError, UnsupportedArmError
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class Arm(Shown):
             UnsupportedArmError: a joint takes more than one number (planar, floating).
             UnknownNameError: no such frame; lists the frames.
         """
-        model, sha256 = _read_model(path)
+        model, sha256 = read_model(path)
         arm = Arm.from_model(
             model,
             frame,
@@ -146,12 +146,7 @@ class Arm(Shown):
 
     @staticmethod
     def from_model(
-        model: Any,
-        frame: str,
-        *,
-        source: str = "",
-        translation_half_width: float = 0.0,
-        rotation_half_width: float = 0.0,
+        model: Any, frame: str, *, source: str = "", translation_half_width: float = 0.0, rotation_half_width: float = 0.0
     ) -> Arm:
         """The same from a Pinocchio model that is already there; the joints past ``frame`` are locked at zero.
 
@@ -160,7 +155,7 @@ class Arm(Shown):
         """
         plausible.SHIFT_HALF_WIDTH.check(translation_half_width, "translation_half_width")
         plausible.TURN_HALF_WIDTH.check(rotation_half_width, "rotation_half_width")
-        model = _serial_part(model, frame)
+        model = serial_part(model, frame)
         # Not validated: a name that no arm file could have matters when one is written.
         file = UrdfArmFile.model_construct(
             schema_="aacmm-pin/arm/1",
@@ -230,7 +225,7 @@ class Arm(Shown):
     @property
     def joint_axes(self) -> Array:
         """Axis of each joint in the axes of its own placement (nq, 3): along it or about it the joint moves."""
-        return _joint_axes(self.model)
+        return joint_axes(self.model)
 
     @property
     def gravity(self) -> Array:
@@ -261,24 +256,20 @@ class Arm(Shown):
     @cached_property
     def chain(self) -> Chain:
         """The arm as a chain of places, to be walked without Pinocchio."""
-        return Chain.of_dh(self.dh) if self.dh is not None else _chain_of_model(self.model, self.tip)
+        return Chain.of_dh(self.dh) if self.dh is not None else chain_of(self.model, self.tip)
 
     @cached_property
     def masses(self) -> Array | None:
         """Mass of the body behind each ``axis`` of the chain (rows,) [kg]; None where no body of the arm has one."""
-        inertias = [self.model.inertias[j] for j in range(1, self.model.njoints)]
-        if not any(inertia.mass for inertia in inertias):
-            return None
-        return self._over_rows(np.array([inertia.mass for inertia in inertias]))
+        masses = np.array([inertia.mass for inertia in self.model.inertias.tolist()[1:]])
+        return self._over_rows(masses) if masses.any() else None
 
     @cached_property
     def centres_of_mass(self) -> Array:
         """Centre of mass of that body in the axes of the ``axis`` (rows, 3) [m]; zero where there is no mass."""
-        centres, axes = np.zeros((self.nq, 3)), self.joint_axes
-        for j in range(1, self.model.njoints):
-            if self.model.inertias[j].mass > 0.0:
-                centres[j - 1] = _onto_z(axes[j - 1]).T @ self.model.inertias[j].lever
-        centres = self._over_rows(centres)
+        bodies = zip(self.joint_axes, self.model.inertias.tolist()[1:], strict=True)
+        of_joints = [onto_z(axis).T @ body.lever if body.mass > 0.0 else np.zeros(3) for axis, body in bodies]
+        centres = self._over_rows(np.array(of_joints))
         if self.dh is not None and not self.dh.standard:
             centres[self.dh.moving, 2] -= self.dh.d[self.dh.moving]
         return centres
@@ -310,7 +301,7 @@ class Arm(Shown):
         """
         from aacmm_pin.arm.poses import Poses
 
-        return Poses(self.model, batch(q, self.nq, "q", "rad"), _frame_number(self.model, at or self.tip))
+        return Poses(self.model, batch(q, self.nq, "q", "rad"), frame_number(self.model, at or self.tip))
 
     def positions(self, q: Array, at: str | None = None) -> Array:
         """Origin of frame ``at`` (default: the tip) for ``q`` (n, nq) [rad]: (n, 3) [m]."""
@@ -352,18 +343,15 @@ class Arm(Shown):
             raise ShapeError(f"q has {len(q)} rows, expected 1 or as many as errors has, {len(errors)}")
         q = np.broadcast_to(q, (len(errors), self.nq))
         if self.dh is None:
-            return self._perturbed_by_pinocchio(q, errors, _frame_number(self.model, at or self.tip))
+            return self._perturbed_by_pinocchio(q, errors, frame_number(self.model, at or self.tip))
         return self.dh.positions(q, self._known_row(at), errors.reshape(len(errors), -1, 4))
 
     def _perturbed_by_pinocchio(self, q: Array, errors: Array, frame: int) -> Array:
-        model = self.model.copy()
-        nominal = [placement.copy() for placement in self.model.jointPlacements]
-        data = model.createData()
+        model, data = self.model.copy(), self.model.createData()
         positions = np.empty((len(errors), 3))
         for k, error in enumerate(errors.reshape(len(errors), -1, 6)):
             for joint, step in enumerate(error, start=1):
-                shift = pin.SE3(pin.exp3(step[3:]), step[:3])
-                model.jointPlacements[joint] = nominal[joint] * shift
+                model.jointPlacements[joint] = self.model.jointPlacements[joint] * pin.SE3(pin.exp3(step[3:]), step[:3])
             pin.forwardKinematics(model, data, q[k])
             positions[k] = pin.updateFramePlacement(model, data, frame).translation
         return positions
@@ -384,20 +372,9 @@ class Arm(Shown):
             return None
         if at is None or at == self.tip:
             return self.dh.rows
-        _frame_number(self.model, at)
+        frame_number(self.model, at)
         number = at.removeprefix("frame")
         return int(number) if number.isdigit() else None
-
-
-def _read_model(path: str | Path) -> tuple[Any, str]:
-    """The Pinocchio model of a URDF file, and the SHA-256 of the file."""
-    from aacmm_pin.arm.urdf_check import read_urdf
-
-    text, sha256 = read_urdf(path)
-    try:
-        return pin.buildModelFromXML(text), sha256
-    except (ValueError, RuntimeError) as error:
-        raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
 
 
 def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
@@ -405,12 +382,12 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
     urdf = file.urdf
     if not os.path.exists(urdf.file):
         raise ArmFileError(path, "urdf.file", f"{urdf.file}: no such file; expected the URDF, by its path from {path}")
-    model, sha256 = _read_model(urdf.file)
+    model, sha256 = read_model(urdf.file)
     if urdf.sha256 not in (None, sha256):
         expected = f"expected the one that {file.name} was made from, of SHA-256 {urdf.sha256}"
         raise ArmFileError(path, "urdf.sha256", f"{urdf.file} was changed: it has {sha256}, {expected}")
     try:
-        nominal = _serial_part(model, urdf.frame)
+        nominal = serial_part(model, urdf.frame)
     except (UnknownNameError, UnsupportedArmError) as error:
         raise ArmFileError(path, "urdf.frame", str(error)) from None
     names = list(nominal.names[1:])
@@ -464,83 +441,6 @@ def require_arm(given: object, name: str = "arm") -> Arm:
         raise AacmmError(f"{name} is {str(given)!r}, expected an arm: Arm.load({str(given)!r})")
     held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
     raise AacmmError(f"{name} is of type {type(given).__name__}, expected an Arm{held}")
-
-
-def _frame_number(model: Any, name: str) -> int:
-    """Number of a frame; of a link and a joint with the same name, which URDF allows, the link (getFrameId would raise).
-
-    Raises:
-        UnknownNameError: no such frame; lists the frames.
-    """
-    same = [number for number, frame in enumerate(model.frames) if frame.name == name]
-    if not same:
-        raise UnknownNameError("frame", name, [frame.name for frame in model.frames])
-    links = [number for number in same if model.frames[number].type == pin.FrameType.BODY]
-    return (links or same)[0]
-
-
-def _serial_part(model: Any, frame: str) -> Any:
-    """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their neutral place."""
-    joint = model.frames[_frame_number(model, frame)].parentJoint
-    chain = []
-    while joint > 0:
-        chain.append(joint)
-        joint = model.parents[joint]
-    if len(chain) > MOST_JOINTS:
-        raise UnsupportedArmError(f"{model.name}: {len(chain)} joints move frame {frame!r}, expected at most {MOST_JOINTS}")
-    others = [j for j in range(1, model.njoints) if j not in chain]
-    model = model.copy()
-    if others:
-        _rename(model, others)
-        model = pin.buildReducedModel(model, others, pin.neutral(model))
-    wide = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq != 1 or model.joints[j].nv != 1]
-    if wide:
-        raise UnsupportedArmError(
-            f"{model.name}: joint {', '.join(wide)} takes more than one number; write it as revolute with wide limits"
-        )
-    if model.njoints < 2:
-        raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
-    return model
-
-
-def _rename(model: Any, joints: list[int]) -> None:
-    """Give joints whose name a link has too another one: Pinocchio looks for the frames of locked joints by name alone."""
-    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
-    for joint in joints:
-        if model.names[joint] in links:
-            frame = next(f for f in model.frames if f.name == model.names[joint] and f.type == pin.FrameType.JOINT)
-            frame.name = model.names[joint] = f"joint {frame.name}"
-
-
-def _chain_of_model(model: Any, tip: str) -> Chain:
-    """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their own axes."""
-    turns = [_onto_z(axis) for axis in _joint_axes(model)]
-    frame = model.frames[_frame_number(model, tip)].placement.homogeneous
-    placements = [*(model.jointPlacements[j].homogeneous for j in range(1, model.njoints)), frame]
-    turned = [pin.SE3(turn, np.zeros(3)) for turn in turns]
-    backs = [pin.SE3.Identity(), *(turn.inverse() for turn in turned)]
-    ends = [back.homogeneous @ placement for back, placement in zip(backs, placements, strict=True)]
-    slides = np.asarray(~_motions(model)[:, 3:].any(axis=1))
-    return Chain.of_pieces([turn.homogeneous for turn in turned], ends, np.arange(len(turns)), slides)
-
-
-def _motions(model: Any) -> Array:
-    """Twist of every joint per unit of its number, in its own axes (nq, 6)."""
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    each = [pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, -1) for joint in range(1, model.njoints)]
-    return np.array([jacobian[:, number] for number, jacobian in enumerate(each)])
-
-
-def _joint_axes(model: Any) -> Array:
-    motions = _motions(model)
-    turns = motions[:, 3:].any(axis=1, keepdims=True)
-    return np.asarray(np.where(turns, motions[:, 3:], motions[:, :3]))
-
-
-def _onto_z(axis: Array) -> Array:
-    """A rotation with ``axis`` as its third column."""
-    return np.array(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix())
 
 
 def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:

@@ -162,22 +162,14 @@ class Measurements(Shown):
         if known.n != n:
             raise ShapeError(f"conditions are of {known.n} records, expected {n}")
         nothing = np.full((n, 3), np.nan)
-        measurements = Measurements(
-            q=q,
-            reference=_checked("reference", nothing if reference is None else reference, n),
-            reference_u=_checked("reference_u", nothing if reference_u is None else reference_u, n),
-            conditions=Conditions(n, **{name: _checked(name, getattr(known, name), n) for name in known.present}),
-            bar=_checked("bar", bar, n),
-            bar_end=_checked("bar_end", bar_end, n),
-            bar_length=_checked("bar_length", bar_length, n),
-            operator=_checked("operator", operator, n),
-            record=_checked("record", record, n),
-            orientation=_checked("orientation", orientation, n),
-            orientation_u=_checked("orientation_u", orientation_u, n),
-            extra=extra,
-            row=np.arange(n) + FIRST_RECORD,
-            source=source,
-        )
+        given = {"bar": bar, "bar_end": bar_end, "bar_length": bar_length, "operator": operator, "record": record}
+        given |= {"orientation": orientation, "orientation_u": orientation_u}
+        given |= {"reference": nothing if reference is None else reference}
+        given |= {"reference_u": nothing if reference_u is None else reference_u}
+        checked = {name: _checked(name, values, n) for name, values in given.items()}
+        conditions = Conditions(n, **{name: _checked(name, getattr(known, name), n) for name in known.present})
+        row = np.arange(n) + FIRST_RECORD
+        measurements = Measurements(q=q, conditions=conditions, extra=extra, row=row, source=source, **checked)
         header = read_header(list(measurements.to_frame().columns), None, Problems(source, measurements.row))
         if list(header.extra) != list(extra.columns):
             known_names = [name for name in extra.columns if name not in header.extra]

@@ -73,13 +73,11 @@ class Run:
 
     Attributes:
         nominal: the DH table without zero offsets.
-        true_offsets: what the calibration should find (6,) [rad].
         q: indications (3, 6) [rad].
         references: coordinates of the points (3, 3) [m].
     """
 
     nominal: DHTable
-    true_offsets: Array
     q: Array
     references: Array
 
@@ -106,7 +104,7 @@ def simulated_run(run: int) -> Run:
         raise UnknownNameError("run", str(run), [str(known) for known in RUNS])
     q = printed_postures().query("run == @run").filter(like="theta").to_numpy(dtype=np.float64) * DEG
     dh = load_arm_file("zero6").dh
-    return Run(replace(dh, theta_offset=np.zeros(dh.rows)), dh.theta_offset[dh.moving], q, dh.positions(q))
+    return Run(replace(dh, theta_offset=np.zeros(dh.rows)), q, dh.positions(q))
 
 
 def assembled_arm() -> Arm:

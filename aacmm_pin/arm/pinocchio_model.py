@@ -1,0 +1,102 @@
+"""What a Pinocchio model says of a serial arm: its frames, the joints that move one of them, their axes, its chain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.plausible import MOST_JOINTS
+from aacmm_pin.arm.chain import Chain
+from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
+
+
+def read_model(path: str | Path) -> tuple[Any, str]:
+    """The Pinocchio model of a URDF file, and the SHA-256 of the file."""
+    from aacmm_pin.arm.urdf_check import read_urdf
+
+    text, sha256 = read_urdf(path)
+    try:
+        return pin.buildModelFromXML(text), sha256
+    except (ValueError, RuntimeError) as error:
+        raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
+
+
+def frame_number(model: Any, name: str) -> int:
+    """Number of a frame; of a link and a joint with the same name, which URDF allows, the link (getFrameId would raise).
+
+    Raises:
+        UnknownNameError: no such frame; lists the frames.
+    """
+    same = [number for number, frame in enumerate(model.frames) if frame.name == name]
+    if not same:
+        raise UnknownNameError("frame", name, [frame.name for frame in model.frames])
+    links = [number for number in same if model.frames[number].type == pin.FrameType.BODY]
+    return (links or same)[0]
+
+
+def serial_part(model: Any, frame: str) -> Any:
+    """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their neutral place."""
+    joint = model.frames[frame_number(model, frame)].parentJoint
+    chain = []
+    while joint > 0:
+        chain.append(joint)
+        joint = model.parents[joint]
+    if len(chain) > MOST_JOINTS:
+        raise UnsupportedArmError(f"{model.name}: {len(chain)} joints move frame {frame!r}, expected at most {MOST_JOINTS}")
+    others = [j for j in range(1, model.njoints) if j not in chain]
+    model = model.copy()
+    if others:
+        _rename(model, others)
+        model = pin.buildReducedModel(model, others, pin.neutral(model))
+    wide = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq != 1 or model.joints[j].nv != 1]
+    if wide:
+        raise UnsupportedArmError(
+            f"{model.name}: joint {', '.join(wide)} takes more than one number; write it as revolute with wide limits"
+        )
+    if model.njoints < 2:
+        raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
+    return model
+
+
+def _rename(model: Any, joints: list[int]) -> None:
+    """Give joints whose name a link has too another one: Pinocchio looks for the frames of locked joints by name alone."""
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for joint in joints:
+        if model.names[joint] in links:
+            frame = next(f for f in model.frames if f.name == model.names[joint] and f.type == pin.FrameType.JOINT)
+            frame.name = model.names[joint] = f"joint {frame.name}"
+
+
+def chain_of(model: Any, tip: str) -> Chain:
+    """The chain of a Pinocchio model; every joint axis is turned onto z, the placements keep their own axes."""
+    turns = [pin.SE3(onto_z(axis), np.zeros(3)) for axis in joint_axes(model)]
+    frame = model.frames[frame_number(model, tip)].placement.homogeneous
+    placements = [*(model.jointPlacements[j].homogeneous for j in range(1, model.njoints)), frame]
+    backs = [pin.SE3.Identity(), *(turn.inverse() for turn in turns)]
+    ends = [back.homogeneous @ placement for back, placement in zip(backs, placements, strict=True)]
+    slides = np.asarray(~_motions(model)[:, 3:].any(axis=1))
+    return Chain.of_pieces([turn.homogeneous for turn in turns], ends, np.arange(len(turns)), slides)
+
+
+def _motions(model: Any) -> Array:
+    """Twist of every joint per unit of its number, in its own axes (nq, 6)."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    each = [pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, -1) for joint in range(1, model.njoints)]
+    return np.array([jacobian[:, number] for number, jacobian in enumerate(each)])
+
+
+def joint_axes(model: Any) -> Array:
+    """Axis of each joint in the axes of its own placement (nq, 3)."""
+    motions = _motions(model)
+    turns = motions[:, 3:].any(axis=1, keepdims=True)
+    return np.asarray(np.where(turns, motions[:, 3:], motions[:, :3]))
+
+
+def onto_z(axis: Array) -> Array:
+    """A rotation with ``axis`` as its third column."""
+    return np.array(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix())
