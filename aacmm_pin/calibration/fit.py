@@ -51,7 +51,7 @@ class Fit:
         excluded: (n,) True for outliers: records that fit too badly to be believed.
         chi2_stated: χ² against the stated noise alone; None where it was not complete.
         dof: degrees of freedom of the final fit.
-        found: labels of effects whose inner values (order, time constant) come from these records too, so that what is
+        found: keys of effects whose inner values (order, time constant) come from these records too, so that what is
             uncertain of them makes the other parameters uncertain.
     """
 
@@ -145,13 +145,13 @@ class Fit:
 
     @property
     def inner_u(self) -> dict[tuple[str, str], float]:
-        """Standard uncertainty of each inner value, by the effect's label and the name of the field."""
+        """Standard uncertainty of each inner value, by the effect's key and the name of the field."""
         u = np.sqrt(np.diag(self._with_inner)[self.problem.scales.size :])
-        return dict(zip([(effect.label, name) for _, effect, name, _ in self._inner()], u.tolist(), strict=True))
+        return dict(zip([(effect.key, name) for _, effect, name, _ in self._inner()], u.tolist(), strict=True))
 
     def _inner(self) -> list[tuple[int, Effect, str, float]]:
         """Inner values: number and effect, field, how far off it may be."""
-        chosen = [(k, effect) for k, effect in enumerate(self.solution.effects) if effect.label in self.found]
+        chosen = [(k, effect) for k, effect in enumerate(self.solution.effects) if effect.key in self.found]
         return [(k, effect, name, width) for k, effect in chosen for name, width in effect.inner_widths().items()]
 
     @cached_property

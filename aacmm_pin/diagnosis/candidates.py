@@ -17,6 +17,11 @@ Variants = tuple[Effect, ...]
 """A candidate: one cause at one place with each value of its inner parameter (order, time, …), all parameters zero."""
 
 
+def of_known(variants: Variants) -> bool:
+    """Whether a candidate is the change of a cause that the arm is known to have: its first variant has what is stated."""
+    return any(variants[0].u)
+
+
 def candidates(
     model: ErrorModel, measurements: Measurements, problem: Problem, extra: Sequence[Effect] = ()
 ) -> list[Variants]:
@@ -24,7 +29,7 @@ def candidates(
 
     Args:
         model: the arm; of what it is known to have, a change is a candidate, whose u is what is stated of it. Its other
-            variants have another inner value, and stand in its place.
+            variants have another inner value, and stand in its place, or are of a load that the arm's file does not have.
         measurements: the records.
         problem: what is refitted anyway; geometric values beyond what is stated of them are causes too.
         extra: causes to try besides; those with one label are variants of one candidate, which may be the library's.
@@ -45,6 +50,7 @@ def candidates(
     changes = []
     for effect in known_causes(model, problem.setup):
         others = of_label.get(effect.label, ()) if effect.inner else ()
+        others = (*others, *effect.other_loads(arm))
         changes.append((effect.at((), effect.u), *(other for other in others if other.identity != effect.identity)))
     return [*changes, *(variants for label, variants in of_label.items() if label not in known)]
 

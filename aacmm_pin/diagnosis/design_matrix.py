@@ -14,7 +14,7 @@ from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.parameter_vector import ParameterVector
-from aacmm_pin.diagnosis.candidates import Variants
+from aacmm_pin.diagnosis.candidates import Variants, of_known
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Effect, JointZeroOffset
 from aacmm_pin.effects.state import State
@@ -155,11 +155,11 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     width = problem.vector.size
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
-    of_known = {variants[0].identity: variants[0].u for variants in library}
+    known = {variants[0].identity: variants[0].u for variants in library if of_known(variants)}
     stated_u, known_u = problem.vector.arm_u, np.zeros(width)
     for effect, place in problem.vector:
-        if place.start >= stays and any(of_known.get(effect.identity, ())):
-            stated_u[place] = known_u[place] = of_known[effect.identity]
+        if place.start >= stays and effect.identity in known:
+            stated_u[place] = known_u[place] = known[effect.identity]
     within = stays + np.flatnonzero(stated_u[stays:] > 0.0)
     kept = np.concatenate([np.arange(stays), within, np.arange(width, own.shape[2])])
     tips = point.prediction.poses - own[:, :, stays:width] @ (point.x - problem.start)[stays:width]
@@ -176,14 +176,14 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     prior[:width, :stays] = problem.prior[:, :stays]
     prior[:width, -1] = problem.prior[:, :stays] @ ((point.x - problem.start) / problem.widths)[:stays]
     prior[width:, stays : stays + within.size] = np.eye(within.size)
-    known = np.flatnonzero(np.isin(kept, np.flatnonzero(known_u)))
-    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, kept, known, prior, tips, taken_out)
+    held = np.flatnonzero(np.isin(kept, np.flatnonzero(known_u)))
+    return Design(fit, names, len(library), tuple(blocks), kept.size, scales, kept, held, prior, tips, taken_out)
 
 
 def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
-    """What each variant changes: itself, and where it stands in the place of a cause that is known, that one too."""
-    first = variants[0]
-    return [(effect, first) if any(first.u) and effect is not first else (effect,) for effect in variants]
+    """What each variant changes: itself, and where it has another inner value than a cause that is known, that one too."""
+    first, both = variants[0], of_known(variants) and variants[0].inner
+    return [(effect, first) if both and effect is not first else (effect,) for effect in variants]
 
 
 class _Calibrated:

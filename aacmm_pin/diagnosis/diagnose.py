@@ -24,7 +24,7 @@ from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.findings import UNLIKELY, findings_of
-from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, refitted
+from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, in_its_place, refitted
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, too_good
 from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by
@@ -100,7 +100,7 @@ def diagnose(
     library = candidates(model, measurements, recalibrated.problem, extra_causes)
     choice = choose(problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True)
     choice = _surviving(choice, problem)
-    choice = replace(choice, fit=replace(choice.fit, found=tuple(effect.label for effect in choice.effects)))
+    choice = replace(choice, fit=in_its_place(problem, choice))
     used, setup = choice.fit.used, recalibrated.problem.setup
     before, recalibrated = (fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([])))
     pairs = in_pairs(choice)
@@ -126,13 +126,11 @@ def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> 
         freed = [
             replace(cause, values=known[cause.identity].values) if cause.identity in known else cause for cause in causes
         ]
-        found, places = {cause.key for cause in (*causes, *gone)}, {cause.label for cause in causes}
-        within = [
-            effect.at(effect.values, free(effect).u if effect.label in places else effect.u)  # a new one is beside it
-            for effect in known.values()
-            if effect.key not in found
-        ]
-        return problem_of(model, measurements, ["geometry", *untold, *within, *freed], setup)
+        found, places = {cause.key for cause in (*causes, *gone)}, {cause.label for cause in causes if cause.inner}
+        within = [effect for effect in known.values() if effect.key not in found]
+        beside = [effect.at(effect.values, free(effect).u) for effect in within if effect.label in places]
+        within = [effect for effect in within if effect.label not in places]
+        return problem_of(model, measurements, ["geometry", *untold, *within, *beside, *freed], setup)
 
     return problem
 
@@ -171,7 +169,7 @@ def _concluded(
             *_below_zero(findings),
             *_of_masses(findings),
             *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
-            *(f"{f.label} was known as {_as_known(f.was)}, and has changed" for f in findings if f.was),
+            *_changed(findings),
             *_size(extended),
             *_clock(extended),
             *_too_good(extended),
@@ -191,10 +189,18 @@ def _rivals(choice: Choice, pairs: Sequence[InPairs]) -> list[str]:
     ]
 
 
-def _as_known(effect: Effect) -> str:
-    """Values of a cause as the arm states them, with U."""
-    stated = described(effect, np.diag(np.square(effect.u)))
-    return ", ".join([values_in_words(effect, stated), *effect.inner_in_words()])
+def _changed(findings: Sequence[Finding]) -> list[str]:
+    """Causes that were known with other values."""
+    found = []
+    for f in findings:
+        if f.was is not None:
+            stated = described(f.was, np.diag(np.square(f.was.u)))
+            was, now = (
+                ", ".join([values_in_words(effect, values, f.slides), *effect.inner_in_words()])
+                for effect, values in ((f.was, stated), (f.effect, f.parameters))
+            )
+            found.append(f"{f.label} was known as {was}, and {'is gone' if f.gone else f'has changed to {now}'}")
+    return found
 
 
 def _size(extended: Fit) -> list[str]:

@@ -61,7 +61,7 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
 
 def _inner_values(choice: Choice, effect: Effect, block: int) -> dict[str, tuple[float, float]]:
     """What was found of order, time constant or time, with u."""
-    told = {name: u for (label, name), u in choice.fit.inner_u.items() if label == effect.label}
+    told = {name: u for (key, name), u in choice.fit.inner_u.items() if key == effect.key}
     told |= {name: u_of_step(choice, block, name) for name in effect.inner if name not in effect.inner_widths()}
     return {name: (float(getattr(effect, name)), u) for name, u in told.items()}
 
@@ -105,7 +105,8 @@ def _moved(choice: Choice) -> list[tuple[Effect, float]]:
     their u₀, it has variance u₀² besides. The estimate is the one with everything in it that was admitted, covariates
     included: what they do is not geometry's. The two-sided p-values are Bonferroni's over all values that are judged.
     """
-    problem, design, left = choice.fit.problem, choice.design, choice.left
+    design, left = choice.design, choice.left
+    problem, point = design.fit.problem, design.fit.solution.point
     own, vector = design.nuisances, problem.vector
     stays = vector.slices[-design.taken_out].start if design.taken_out else vector.size
     steps = design.scales[:own] * left.projection.solution()[:own]
@@ -120,7 +121,7 @@ def _moved(choice: Choice) -> list[tuple[Effect, float]]:
         told = 1.0 - (u / stated) ** 2
         u = np.sqrt(left.variance / max(told, 1e-12)) * u
         if u < np.sqrt(1.0 / LEAST_SHARE**2 - 1.0) * stated:
-            change = float(choice.fit.solution.point.x[i] + step - problem.start[i]) / told
+            change = float(point.x[i] + step - problem.start[i]) / told
             chance = float(chi2_sf(change**2 / (stated**2 + u**2), 1))
             found.append((effect, change, u, chance))
     judged = [(e.at((change,), (u,)), min(chance * len(found), 1.0)) for e, change, u, chance in found]

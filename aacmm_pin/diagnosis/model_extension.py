@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,13 @@ from scipy.special import logsumexp
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
-from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.diagnosis.candidates import Variants
+from aacmm_pin.diagnosis.candidates import Variants, of_known
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, design_of
-from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.forward_backward_selection import Question, search
+from aacmm_pin.diagnosis.evidence import Conditional, evidence_of
+from aacmm_pin.diagnosis.forward_backward_selection import SURE, Question, search
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.nuisance_projection import Projection, freedom
 from aacmm_pin.effects import Effect
@@ -39,6 +38,8 @@ NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
 EXCEPTIONAL = 2.0
 """An inner value that machines are made with is taken unless the log evidence falls by this."""
+REPLACED = 2
+"""So many times the inner value of a cause in the place of a known one is looked for, and all refitted."""
 LETTERS = 40
 """Of the causes found so far, a bar shows this much."""
 
@@ -176,7 +177,7 @@ def _standing(
         rounds.update()
         for _ in range(MOST_ROUNDS):
             if not found.causes:
-                return found
+                return replace(found, fit=first)
             effects = [_refined(found, k) for k in found.causes]
             rounds.set_postfix_str(", ".join(effect.label for effect in effects)[:LETTERS])
             del found  # its columns are as large as those that come
@@ -191,14 +192,39 @@ def _standing(
 
 
 def refitted(problem_of: ProblemOf, effects: Sequence[Effect]) -> Fit:
-    """All refitted with these causes; without a known one of which nothing is left beside another of its kind and place."""
-    causes = [free(effect) for effect in effects]
-    found = fit(problem_of(causes))
-    places, new = {cause.label for cause in causes}, {cause.identity for cause in causes}
-    every = zip(found.solution.effects, found.problem.vector.slices, strict=True)
-    beside = [(effect, own) for effect, own in every if effect.label in places and effect.identity not in new]
-    gone = [e for e, own in beside if (np.abs(e.values) <= COVERAGE_FACTOR * np.sqrt(np.diag(found.covariance)[own])).all()]
-    return fit(problem_of(causes, gone)) if gone else found
+    """All refitted with these causes."""
+    return fit(problem_of([free(effect) for effect in effects]))
+
+
+def in_its_place(problem_of: ProblemOf, choice: Choice) -> Fit:
+    """The refit of a choice in which a new cause stands in the place of the known one with another inner value.
+
+    The known one stays beside it where that is as sure as any cause has to be. The new one's inner value is looked for anew
+    where it does not. What is uncertain of inner values is in the u of the result.
+    """
+    effects, at = choice.effects, _told_inner(choice.fit, choice.effects)
+    places, new = {effect.label for effect in effects if effect.inner}, {effect.identity for effect in effects}
+    gone = []
+    for effect, own in zip(at.solution.effects, at.problem.vector.slices, strict=True):
+        if effect.label in places and effect.identity not in new:
+            typical = np.array([term.typical for term in effect.terms])
+            information = typical[:, None] * np.linalg.inv(at.covariance[own, own]) * typical
+            if evidence_of(information[None], (information @ (effect.values / typical))[None])[0] < SURE:
+                gone.append(effect)
+    without = partial(problem_of, gone=gone)
+    for _ in range(REPLACED if gone else 0):
+        at = refitted(without, effects)
+        for k, effect in enumerate(effects):
+            if effect.label in {old.label for old in gone} and not effect.exceptional:
+                tried = effect.at(()).refined(at.problem.measurements)
+                rest = [other.at(()) for other in effects if other is not effect]
+                effects[k] = _likeliest(tried, _beside(at, tuple(tried), rest))
+    return _told_inner(refitted(without, effects), effects) if gone else at
+
+
+def _told_inner(at: Fit, effects: Sequence[Effect]) -> Fit:
+    """A refit that counts the inner values of new causes as uncertain; a known one changes its values alone."""
+    return replace(at, found=tuple(effect.key for effect in effects if not any(effect.u)))
 
 
 def free(effect: Effect) -> Effect:
@@ -213,7 +239,7 @@ def _chosen(
     parts: Index,
     effects: list[Effect],
 ) -> Choice:
-    design = design_of(at, library, others, len(effects))
+    design = design_of(at, library, others, _taken_out(at, effects))
     # With all records there is no need to take an observation's unknown points apart.
     gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts))
     question = question_of(design, library, at.stated)
@@ -269,7 +295,11 @@ def _refined(choice: Choice, block: int) -> Effect:
     tried = effect.refined(choice.fit.problem.measurements)
     if len(tried) < 2 or any(choice.variant(block).u):  # a cause that is known changes its values alone
         return effect
-    evidences = _evidences(choice, block, tried)
+    return _likeliest(tried, _evidences(choice, block, tried))
+
+
+def _likeliest(tried: list[Effect], evidences: Array) -> Effect:
+    """The effect with the largest evidence, or one with an exceptional inner value that has nearly as much."""
     best = int(np.argmax(evidences))
     exceptional = [k for k, e in enumerate(tried) if e.exceptional]
     likeliest = max(exceptional, key=lambda k: evidences[k], default=best)
@@ -294,15 +324,26 @@ def _between(tried: list[Effect], evidences: Array, best: int) -> Effect:
     return replace(effect, **inner)
 
 
-def _evidences(choice: Choice, block: int, tried: list[Effect]) -> Array:
+def _evidences(choice: Choice, block: int, tried: Sequence[Effect]) -> Array:
     """Log evidence of each effect in the place of a block, the others held."""
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
-    first = choice.library[choice.question.owner(block)][0]
-    variants = (first, *tried) if any(first.u) else tuple(tried)  # in the place of a cause that is known
-    design = design_of(choice.fit, [variants, *((e,) for e in rest)], [], choice.design.taken_out)
-    gram = Gram(products_of(design, np.zeros(len(choice.parts), dtype=np.intp)))
+    variants = choice.library[choice.question.owner(block)]
+    first = variants[:1] if of_known(variants) else ()  # in the place of a cause that is known
+    return _beside(choice.fit, (*first, *tried), rest)[len(first) :]
+
+
+def _beside(at: Fit, variants: Variants, rest: Sequence[Effect]) -> Array:
+    """Log evidence of each variant beside the rest, where a refit with one of them and the rest ended."""
+    design = design_of(at, [variants, *((e,) for e in rest)], [], _taken_out(at, (variants[-1], *rest)))
+    gram = Gram(products_of(design, np.zeros(len(at.used), dtype=np.intp)))
     others = tuple(range(len(variants), len(variants) + len(rest)))
-    return Conditional.of(gram, others, choice.fit.stated).evidences[len(variants) - len(tried) : len(variants)]
+    return Conditional.of(gram, others, at.stated).evidences[: len(variants)]
+
+
+def _taken_out(at: Fit, effects: Sequence[Effect]) -> int:
+    """How many of the effects of a refit, the last ones, are these or known ones beside them."""
+    places = {effect.label for effect in effects}
+    return sum(effect.label in places for effect in at.problem.vector.effects)
 
 
 def u_of_step(choice: Choice, block: int, name: str) -> float:
@@ -312,7 +353,7 @@ def u_of_step(choice: Choice, block: int, name: str) -> float:
     """
     tried = choice.variant(block).at(()).refined(choice.fit.problem.measurements)
     values = np.array([getattr(effect, name) for effect in tried])
-    odds = _evidences(choice, block, list(tried))
+    odds = _evidences(choice, block, tried)
     share = np.exp(odds - logsumexp(odds))
     gaps = np.gradient(values) if values.size > 1 else np.zeros(1)
     return float(np.sqrt(share @ (np.square(values - share @ values) + np.square(gaps) / 12.0)))

@@ -84,6 +84,12 @@ class Finding(Shown):
         return self.brought is None or self.brought.low > 0.0
 
     @property
+    def gone(self) -> bool:
+        """Whether it is a cause that was known, and of which nothing is left beyond its U (k = 2)."""
+        known = zip(self.effect.values, self.effect.u, strict=True)
+        return self.was is not None and all(abs(value) <= COVERAGE_FACTOR * u for value, u in known)
+
+    @property
     def below_zero(self) -> tuple[str, ...]:
         """Keys of values that are negative beyond their U (k = 2), though nature has them above zero only."""
         whole = np.array(self.effect.values) + (0.0 if self.beside is None else np.array(self.beside.values))

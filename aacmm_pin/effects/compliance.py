@@ -40,8 +40,8 @@ class JointCompliance(GravityEffect):
         super().__post_init__()
         if self.torque not in ("gravity", "measured"):
             raise AacmmError(f"{self.label}: torque is {self.torque!r}, expected 'gravity' or 'measured'")
-        if self.torque == "measured" and self.bodies:
-            raise AacmmError(f"{self.label}: a measured torque needs no bodies, expected one or the other")
+        if self.torque == "measured" and (self.bodies or self.load_at is not None):
+            raise AacmmError(f"{self.label}: a measured torque needs no bodies and no load, expected one or the other")
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:

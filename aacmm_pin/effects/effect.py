@@ -300,6 +300,10 @@ class Effect(Shown, ABC):
             return False
         return True
 
+    def other_loads(self, arm: Arm) -> tuple[Self, ...]:
+        """The same under loads that the arm's file does not have, to be tried beside it where it is known; here: none."""
+        return ()
+
     def refined(self, records: Records) -> list[Self]:
         """The same with inner values near those that were found, in their order; here: itself."""
         return [self]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.effect import Effect, Term
 from aacmm_pin.effects.state import State
+from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError
 
 TYPICAL_SAG = 1e-4
@@ -25,35 +28,64 @@ class GravityEffect(Effect):
     three numbers in its own axes, are the parameters; nothing is guessed. Weights farther out are gathered at the bodies'
     ends, so some of these numbers are known only together.
 
+    A load that the arm's file does not have hangs at the end of a body: ``flexibility × weight`` is the parameter, of
+    a moment ``lever × down``. It comes on top of the flexibility that is known.
+
     Attributes:
         bodies: rows of the bodies with unknown masses; () where the arm's masses count.
+        load_at: row of the body at whose end the load hangs; None where the arm's masses count.
     """
 
     bodies: tuple[int, ...] = ()
+    load_at: int | None = None
     flexibility: ClassVar[Term]
     """The parameter where the masses are known."""
     elastic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Files have lists only."""
+        """Files have lists only; a load and unknown masses exclude each other."""
         object.__setattr__(self, "bodies", tuple(self.bodies))
         super().__post_init__()
+        if self.bodies and self.load_at is not None:
+            raise AacmmError(f"{self.label}: has a load and bodies of unknown masses, expected one or the other")
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One flexibility, or three numbers for each body of unknown mass."""
+        """One flexibility, or three numbers for each body of unknown mass, or one for a load."""
+        if self.load_at is not None:
+            return (Term("", "rad/m", TYPICAL_SAG, "load_rad_per_m"),)
         if not self.bodies:
             return (self.flexibility,)
         names = [f"{body}{component}" for body in self.bodies for component in "xyz"]
         return tuple(Term(name, "rad", TYPICAL_SAG, f"sag{name}_rad") for name in names)
+
+    @property
+    def key(self) -> str:
+        """With where the load hangs."""
+        return super().key if self.load_at is None else f"{self.label},load_at={self.load_at}"
+
+    def inner_in_words(self) -> list[str]:
+        """Where the load hangs."""
+        return [] if self.load_at is None else [f"under a load at the end of body {self.load_at}"]
+
+    def other_loads(self, arm: Arm) -> tuple[Self, ...]:
+        """With a load at the end of each tube that it carries, and at the tip."""
+        if self.bodies or "torque" in self.needs:
+            return ()
+        ends = [row for row in dict.fromkeys((*tubes(arm), arm.chain.rows)) if row >= (self.row or 0)]
+        return tuple(replace(self, load_at=row, values=(), u=()) for row in ends)
 
     def moments(self, state: State, row: int) -> Array:
         """Moment about ``axis row`` per unit of each parameter, in the base: (n, 3, p).
 
         Raises:
             UnsupportedArmError: the arm states no masses and no ``bodies`` are named.
-            AacmmError: the ``bodies`` are not those at and beyond the axis.
+            AacmmError: the ``bodies`` are not those at and beyond the axis, or the load hangs before it.
         """
+        if self.load_at is not None:
+            if state.known_row(self.load_at) < row:
+                raise AacmmError(f"{self.label}: load_at is {self.load_at}, expected one from row {row} on")
+            return np.cross(state.origin[end(self.load_at)] - state.origin[axis(row)], state.down)[:, :, None]
         if not self.bodies:
             return np.asarray(state.moment_at_axis(row)[:, :, None])
         columns = state.unit_moments(row)

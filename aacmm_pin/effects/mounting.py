@@ -33,7 +33,8 @@ class BaseCompliance(GravityEffect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment about the foot."""
-        moments = self.moments(state, 1) if self.bodies else state.moment(1, np.zeros((state.n, 3)))[:, :, None]
+        whole = not self.bodies and self.load_at is None
+        moments = state.moment(1, np.zeros((state.n, 3)))[:, :, None] if whole else self.moments(state, 1)
         return [Displacement(BASE, twist(angular=moments))]
 
 

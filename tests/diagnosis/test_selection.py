@@ -432,7 +432,7 @@ def test_seats_and_bars_in_several_parts(parts: list[int], torn: bool, monkeypat
     at: Any = SimpleNamespace(observations=observations, stated=True)
     assert model_extension._torn(at, np.array(parts)) == torn
     monkeypatch.setattr(model_extension, "products_of", lambda _, parts: parts)
-    for name in ("design_of", "question_of", "search"):
+    for name in ("design_of", "question_of", "search", "_taken_out"):
         monkeypatch.setattr(model_extension, name, lambda *_: None)
     found: Any = model_extension._chosen(at, (), (), np.array(parts), [])
     assert found.gram.products.tolist() == ([0] * 6 if torn else parts)

@@ -13,6 +13,7 @@ from scipy.stats import multivariate_normal
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
+from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis import diagnose
@@ -103,7 +104,7 @@ def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(sino6: Arm, rng
     drift = ZeroDrift(2, 1500.0, values=(2e-4,))
     data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 80, rng=rng)
     fit = calibrate(sino6, data, [drift.at(())], hold_out=False, robust=False, **NOISE).fit  # type: ignore[arg-type]
-    told = replace(fit, found=(drift.label,))
+    told = replace(fit, found=(drift.key,))
     own = fit.solution.effects[0]
     assert isinstance(own, ZeroDrift)
 
@@ -118,7 +119,7 @@ def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(sino6: Arm, rng
     rows = np.linalg.solve(np.linalg.cholesky(fit.residual_noise), np.stack(columns, axis=2))[fit.used].reshape(-1, 2)
     u = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     assert np.sqrt(told.covariance[0, 0]) == pytest.approx(u[0], rel=0.01)
-    assert told.inner_u[drift.label, "time_constant_s"] == pytest.approx(u[1], rel=0.01)
+    assert told.inner_u[drift.key, "time_constant_s"] == pytest.approx(u[1], rel=0.01)
     assert np.sqrt(fit.covariance[0, 0]) < 0.9 * u[0]
 
 
@@ -307,6 +308,37 @@ def test_a_known_cause_with_another_inner_value(sino6: Arm, orders: tuple[int, .
     assert sorted(e.order for e in found.model.effects) == sorted(orders)  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize(("before", "after", "drift"), [(3600.0, 1200.0, 2e-4), (1200.0, 1200.0, 1e-4)])
+def test_a_known_warm_up_that_is_quicker_or_smaller(sino6: Arm, before: float, after: float, drift: float) -> None:
+    """The new one stands in the place of the known one, which looks much like it, and not beside it."""
+    known = ZeroDrift(joint=3, time_constant_s=before, values=(2e-4,), u=(3e-6,))
+    truth = ErrorModel(sino6, (ZeroDrift(joint=3, time_constant_s=after, values=(drift,)),))
+    data = simulate_measurements(truth, "free", 300, rng=np.random.default_rng(10), **NOISE)
+    found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, progress=False)
+    (finding,), (effect,) = found.findings, found.model.effects
+    assert (found.verdict, finding.was, finding.gone) == ("explained", known, False)
+    assert isinstance(effect, ZeroDrift)
+    assert abs(effect.values[0] - drift) < 3.3 * effect.u[0] < 5e-5
+    assert abs(effect.time_constant_s - after) < 3.3 * finding.inner.get("time_constant_s", (after, 1.0))[1]
+
+
+def test_a_load_that_the_file_does_not_have(sino6: Arm) -> None:
+    """A mass at the tip of an arm with a known compliance is neither a softer joint nor an error of its encoder."""
+    known, added, file = JointCompliance(joint=2, values=(2e-5,), u=(2e-7,)), 0.4, ErrorModel(sino6).file()
+    assert isinstance(file, ArmFile)
+    last = file.joints[-1]
+    assert last.mass_kg is not None
+    assert last.com_mm is not None
+    total = last.mass_kg + added  # the frame of the last row is at the tip
+    heavy = last.model_copy(update={"mass_kg": total, "com_mm": tuple(last.mass_kg / total * c for c in last.com_mm)})
+    truth = Arm.from_file(file.model_copy(update={"joints": [*file.joints[:-1], heavy]}))
+    data = simulate_measurements(ErrorModel(truth, (known,)), "free", 150, rng=np.random.default_rng(1), **NOISE)
+    found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, progress=False)
+    (finding,) = found.findings
+    assert (found.verdict, finding.effect.identity) == ("explained", replace(known, load_at=6).identity)
+    assert abs(finding.effect.values[0] - 2e-5 * added * 9.81) < 3.3 * finding.effect.u[0] < 2e-5
+
+
 def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6: Arm) -> None:
     """An eccentricity whose phase makes it like the torque of gravity, in few records."""
     told = set()
@@ -327,7 +359,7 @@ def test_a_known_cause_that_has_changed(sino6: Arm) -> None:
         ((changed, u),) = finding.parameters.values()
         assert abs(changed - value) < 3.3 * u < 1e-6
         assert finding.was is not None
-        assert finding.was.values == (2e-5,)
+        assert (finding.was.values, finding.gone) == ((2e-5,), value == 0.0)
         assert found.held_out is not None
         assert found.held_out.interval[0] > 0.0
         assert "no longer right for compliance" in verdict_in_words(found)
