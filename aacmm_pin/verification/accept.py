@@ -273,7 +273,7 @@ def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -
     partly = dict.fromkeys(f.definition.name for f in judged if f.stated and f.stated < len(f.evaluated.errors))
     notes = []
     if unstated:
-        notes.append(f"{', '.join(unstated)}: no uncertainty is stated, so the guard band of the verdict is zero")
+        notes.append(f"{', '.join(unstated)}: no uncertainty is stated or belongs to it, so the guard band is zero")
     if partly:
         notes.append(f"{', '.join(partly)}: some uncertainties are not stated, and their guard bands are zero")
     for figure in judged:

@@ -23,6 +23,8 @@ STATED = ("operator", "session", "temperature_c", "probe_diameter_mm", "feature_
 """Columns that are told of a check as a whole."""
 READINGS = r"theta\d+_(deg|rad)"
 """Columns of indications."""
+MOST_NAMES = 8
+"""So many columns are listed."""
 AS_GIVEN = "coordinates of the file"
 """What touches are called whose coordinates the arm's software gave."""
 
@@ -119,7 +121,7 @@ def _of_indications(table: pd.DataFrame, path: str, models: Mapping[str, ErrorMo
         except AacmmError as error:
             raise AacmmError(f"{path}: {error}") from None
     if not found and not set(REFERENCE) & set(table):
-        raise MeasurementFileError(
-            path, None, "", "no coordinates: expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm"
-        )
+        expected = "expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm"
+        came = ", ".join(table.columns[:MOST_NAMES]) + ", …" * (len(table.columns) > MOST_NAMES)
+        raise MeasurementFileError(path, None, "", f"no coordinates: {expected}; the columns that are filled in are {came}")
     return found
