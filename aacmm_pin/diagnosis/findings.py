@@ -8,7 +8,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_sf
-from aacmm_pin.calibration.parameter_vector import KIND_OF
+from aacmm_pin.calibration.parameter_vector import KIND_OF, geometric_parameters
 from aacmm_pin.diagnosis.cross_validation import brought
 from aacmm_pin.diagnosis.model_extension import Choice, u_of_step
 from aacmm_pin.diagnosis.result import Finding, described
@@ -51,7 +51,7 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
             strength.p_value,
             strength.retained,
             strength.aliases,
-            brought(choice, choice.admitted, strength.block),
+            None if geometric_parameters(model.arm, effect) else brought(choice, choice.admitted, strength.block),
             _inner_values(choice, effect, strength.block),
             effect.slides(choice.fit.problem.model.arm),
             None if effect.place is None else estimated.get(effect.cause, (None,))[0],
@@ -93,7 +93,6 @@ def _geometry(choice: Choice) -> Iterator[Finding]:
             p_value,
             retained(place.left, choice.question.blocks[block]),
             tuple(aliases_of(choice, place, block)),
-            brought(choice, (*choice.admitted, block), block),
         )
 
 

@@ -18,6 +18,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.parameter_vector import geometric_parameters
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.residual_tables import residuals_by_group
@@ -49,7 +50,8 @@ class Finding(Shown):
         p_value: family-wise.
         retained_fraction: of its effect that recalibration leaves.
         aliases: look-alikes in these data.
-        brought: what it brings on held-out records; None where too few groups say something of it.
+        brought: what it brings on held-out records; None where too few groups say something of it, and of a value of the
+            geometry, which recalibration moves as well.
         inner: order, time constant or time that these records told, with u: name -> (value, u).
         slides: True where its joint slides, so that its values in rad are metres.
         beside: the same cause of the whole arm, on top of which its values come; None where that was not estimated.
@@ -139,6 +141,10 @@ class Diagnosis(Shown):
     noise: float
     visible: tuple[int, int]
     notes: tuple[str, ...]
+
+    def geometric(self, finding: Finding) -> bool:
+        """Whether a finding is a value of the arm's own geometry."""
+        return bool(geometric_parameters(self.model.arm, finding.effect))
 
     def cause(self, label: str) -> Effect | None:
         """The cause that a label of this result names, as it was tried first; None for a covariate."""

@@ -35,7 +35,6 @@ from aacmm_pin.report.document import (
 )
 from aacmm_pin.report.numbers import capital, count, length, lengths, p_equals, p_value, percent
 from aacmm_pin.report.plots.groups import held_out_parts, place_in_words
-from aacmm_pin.report.plots.parameter_changes import geometric
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
 from aacmm_pin.report.plots.residual_vectors import models, two_models
 
@@ -103,7 +102,7 @@ def verdict_in_words(result: Diagnosis) -> str:
 
 def _wrong_in_words(result: Diagnosis) -> str:
     """What the simulation lacks, or may lack, and which of its values are wrong: of the geometry, of the places of seats."""
-    values = [f for f in result.findings if geometric(result, f) or f.effect.corrects_seat]
+    values = [f for f in result.findings if result.geometric(f) or f.effect.corrects_seat]
     causes = [f for f in result.findings if f not in values]
     helps = result.held_out is None or result.held_out.interval[0] > 0.0
     sound = [f for f in causes if f.borne_out and (helps or f.brought is not None) and not f.below_zero]
@@ -376,13 +375,13 @@ def causes_drawn(result: Diagnosis) -> list[Block]:
     blocks: list[Block] = []
     for finding in result.findings:
         effect = finding.effect
-        if geometric(result, finding) or (is_constant(effect, state) and not effect.corrects_seat):
+        if result.geometric(finding) or (is_constant(effect, state) and not effect.corrects_seat):
             continue
         draw = lambda f=finding: plots.plot_cause(result, f, blank_axes(7.4, 4.0))  # noqa: E731
         words = capital(in_words(effect))
         how = f"{words}. Dots: records, everything else as fitted. Circles: their means with u. Line: the cause as fitted."
         blocks.append(Figure(draw, f"{words}, from the records", how))
-    if number := sum(geometric(result, f) for f in result.findings):
+    if number := sum(result.geometric(f) for f in result.findings):
         blocks.append(
             Figure(
                 lambda: plots.plot_geometry(result, blank_axes(7.4, 1.4 + 0.45 * number)),

@@ -138,10 +138,21 @@ def test_nothing_hidden_is_said_to_be_nothing(tmp_path: Path, seed: int, options
     assert {r["row"] - 2 for r in found["records"]["excluded"]} == set(drawn.outliers)
 
 
-def test_a_zero_offset_beyond_what_is_stated_is_a_finding(tmp_path: Path) -> None:
-    found, _ = diagnosis(tmp_path, seed=50001, cause=None, shifts={(4, "theta_offset"): 9.0})
-    assert named(found) == [("joint_zero_offset", 4)]
+@pytest.mark.parametrize(
+    ("seed", "plan", "moved", "told"),
+    [
+        (50001, "free", (4, "theta_offset"), ("joint_zero_offset", 4)),
+        (60016, "unknown-seats", (3, "d"), ("joint_distance", 3)),
+    ],
+)
+def test_geometry_beyond_what_is_stated_is_a_finding(
+    tmp_path: Path, seed: int, plan: str, moved: tuple[int, str], told: tuple[str, int]
+) -> None:
+    """Held-out records have nothing to say of it: recalibration moves the value as well."""
+    found, _ = diagnosis(tmp_path, seed=seed, cause=None, plan=plan, shifts={moved: 9.0})
+    assert named(found) == [told]
     assert found["verdict"] == "explained"
+    assert "more records" not in found["next_measurements"]
 
 
 def test_gross_errors_neither_hide_a_cause_nor_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

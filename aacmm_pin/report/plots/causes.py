@@ -15,7 +15,7 @@ from aacmm_pin.effects import Effect
 from aacmm_pin.effects.labels import in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.plots.groups import plot_rms
-from aacmm_pin.report.plots.parameter_changes import geometric, plot_geometry
+from aacmm_pin.report.plots.parameter_changes import plot_geometry
 from aacmm_pin.report.plots.partial_residuals import PartialResidual, is_constant, partial_residual, state_of
 from aacmm_pin.report.plots.style import (
     BLUE,
@@ -62,7 +62,7 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
     if not 0 <= finding < len(result.findings):
         raise AacmmError(f"finding {finding} was asked for, this diagnosis has {len(result.findings)}, counted from 0")
     found = result.findings[finding]
-    over_something = found.effect.corrects_seat or geometric(result, found)
+    over_something = found.effect.corrects_seat or result.geometric(found)
     if not over_something and is_constant(found.effect, state_of(result.extended)):
         return plot_rms(result, ax)
     return plot_cause(result, found, ax)
@@ -83,7 +83,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
     """
     if finding.effect.corrects_seat:
         return _plot_seat_error(result, finding.effect, ax)
-    if geometric(result, finding):
+    if result.geometric(finding):
         return plot_geometry(result, ax)
     shown, ax = partial_residual(result, finding.effect), axes_of(ax, (6.4, 3.8))
     x, values = shown.x, np.unique(shown.x)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.parameter_vector import geometric_parameters
-from aacmm_pin.diagnosis import Diagnosis, Finding
+from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects.labels import in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.numbers import small_unit
@@ -54,7 +54,7 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
     Raises:
         AacmmError: no geometric value did.
     """
-    found = [f.effect for f in result.findings if geometric(result, f)]
+    found = [f.effect for f in result.findings if result.geometric(f)]
     if not found:
         raise AacmmError("no geometric value of this diagnosis is beyond what was stated of it")
     arm, rows = result.before.problem.model.arm, []
@@ -72,11 +72,6 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
     _draw_changes(pd.DataFrame(rows).assign(known="", beyond=True), ax)
     ax.set_title(f"{result.model.arm.name}: geometry beyond its stated uncertainty", fontsize=10)
     return ax
-
-
-def geometric(result: Diagnosis, finding: Finding) -> bool:
-    """Whether a finding is a value of the arm's own geometry."""
-    return bool(geometric_parameters(result.extended.problem.model.arm, finding.effect))
 
 
 def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
