@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.design_matrix import Block, Design
-from aacmm_pin.diagnosis.evidence import Conditional
+from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional
 from aacmm_pin.diagnosis.gram_matrix import Gram
 
 MOST_CAUSES = 24
@@ -27,6 +27,8 @@ INSTEAD = 6
 """… and so many where a pair may stand in the place of one."""
 WEAKEST = 3
 """So many of the weakest admitted causes are tried against pairs."""
+GONE = 0.1
+"""Probability that a cause which the arm is known to have is gone, where something else has changed."""
 EQUAL = 1e-3
 """Sets of causes whose log evidence differs by less are one."""
 KEPT = 48
@@ -116,8 +118,40 @@ def rival_pairs(question: Question, gram: Gram, admitted: tuple[int, ...]) -> di
     return {two: rivals for two, rivals in found.items() if rivals}
 
 
+def one_gone(
+    question: Question, gram: Gram, admitted: tuple[int, ...], block: int, change: int, stated: Array
+) -> Rival | None:
+    """In the place of an admitted block: a known cause is gone, and the best of all others is there.
+
+    The evidence of a ``change`` to a given value is that of any change, times by how much the records have made this value
+    more probable than it was (Dickey 1971, Ann. Math. Stat. 42).
+
+    Args:
+        question, gram, admitted: of the search.
+        block: one of the admitted.
+        change: block of the known cause's change.
+        stated: its values, in units of the design's scales.
+    """
+    tried = _Search(question, gram)
+    rest = _ordered((*_without(admitted, block), change))
+    odds, blocks = tried.odds(rest, frozenset({question.owner(block)}))
+    if not np.isfinite(odds).any():
+        return None
+    other = blocks[int(np.argmax(odds))]
+    left = tried.left(_ordered((*rest, other)))
+    own = left.projection.places[change]
+    covers = [left.covariance[own, own], *(np.eye(stated.size) * tau**2 for tau in MAGNITUDES)]
+    after, *before = (
+        -0.5 * (off @ np.linalg.solve(cover, off) + np.linalg.slogdet(2.0 * np.pi * cover)[1])
+        for cover, off in zip(covers, (stated + left.projection.solution()[own], *[stated] * MAGNITUDES.size), strict=True)
+    )
+    more = tried.log_evidence(_ordered((*rest, other))) - tried.log_evidence(admitted)
+    more += np.log(GONE) - question.log_prior[question.owner(change)]
+    return Rival(float(more + after - logsumexp(before) + np.log(MAGNITUDES.size)), (other, change))
+
+
 class Rival(NamedTuple):
-    """Two blocks in the place of two others: by how much the log evidence is larger with them."""
+    """Two blocks in the place of others: by how much the log evidence is larger with them."""
 
     more: float
     blocks: tuple[int, ...]

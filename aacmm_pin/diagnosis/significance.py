@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import expit, logsumexp
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_sf, f_sf
+from aacmm_pin.diagnosis.candidates import of_known
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
-from aacmm_pin.diagnosis.forward_backward_selection import Question, rival_pairs
+from aacmm_pin.diagnosis.forward_backward_selection import Question, one_gone, rival_pairs
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.effects import Effect
@@ -115,21 +116,22 @@ class Place:
 
 
 class InPairs(NamedTuple):
-    """Two admitted causes that two others together may look like, though none of these alone looks like one of them.
+    """Two admitted causes that two others together may look like, though none of these alone looks like one of them; or one
+    that another looks like where a known cause is gone.
 
     Attributes:
-        blocks: numbers of the two.
+        blocks: numbers of the two, or of the one.
         probability: that they are there rather than such others.
         rivals: names of two others, and their probability; the most probable first.
     """
 
-    blocks: tuple[int, int]
+    blocks: tuple[int, ...]
     probability: float
     rivals: list[tuple[str, str, float]]
 
 
 def in_pairs(choice: Choice) -> list[InPairs]:
-    """Every two of the admitted that have such rivals."""
+    """All of the admitted that have such rivals."""
     question, names, found = choice.question, choice.design.names, []
     for two, rivals in rival_pairs(question, choice.gram, choice.admitted).items():
         log_odds = np.array([0.0, *(rival.more for rival in rivals)])
@@ -137,7 +139,25 @@ def in_pairs(choice: Choice) -> list[InPairs]:
         labels = [tuple(names[question.owner(k)] for k in rival.blocks) for rival in rivals]
         told = [(one, other, share) for (one, other), share in zip(labels, others, strict=True) if share > WORTH_LISTING]
         found.append(InPairs(two, own, sorted(told, key=lambda rival: -rival[2])))
-    return found
+    return [*found, *_where_one_is_gone(choice)]
+
+
+def _where_one_is_gone(choice: Choice) -> Iterator[InPairs]:
+    """The admitted causes that may be others, where a known cause is gone."""
+    question, design = choice.question, choice.design
+    problem, admitted = design.fit.problem, {question.owner(k) for k in choice.admitted}
+    stated = {effect.identity: problem.start[own] for effect, own in problem.vector}
+    for owner, (first, *_) in enumerate(choice.library):
+        if not of_known((first,)) or owner in admitted or first.identity not in stated:
+            continue
+        change = int(np.argmax(question.owners == owner))
+        values = stated[first.identity] / design.scales[question.blocks[change].columns]
+        for k in choice.causes:
+            rival = one_gone(question, choice.gram, choice.admitted, k, change, values)
+            share = 0.0 if rival is None else float(expit(rival.more))
+            if rival is not None and share > WORTH_LISTING:
+                other = design.names[question.owner(rival.blocks[0])]
+                yield InPairs((k,), 1.0 - share, [(other, f"{first.label} gone", share)])
 
 
 def strengths(choice: Choice, excess: float, pairs: Sequence[InPairs], rng: np.random.Generator) -> list[Strength]:

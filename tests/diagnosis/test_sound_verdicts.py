@@ -23,6 +23,8 @@ from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, _finding
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import (
+    BaseCompliance,
+    BearingTilt,
     Displacement,
     Effect,
     EncoderEccentricity,
@@ -320,6 +322,15 @@ def test_a_known_warm_up_that_is_quicker_or_smaller(sino6: Arm, before: float, a
     assert isinstance(effect, ZeroDrift)
     assert abs(effect.values[0] - drift) < 3.3 * effect.u[0] < 5e-5
     assert abs(effect.time_constant_s - after) < 3.3 * finding.inner.get("time_constant_s", (after, 1.0))[1]
+
+
+@pytest.mark.parametrize("sure", [False, True])
+def test_a_known_cause_that_is_gone_while_another_came(sino6: Arm, sure: bool) -> None:
+    """A stand that yields as joint 2 did looks like a bearing that tilts beside it; one that tilts half as much does not."""
+    new, left = (BearingTilt(joint=2, values=(1e-5,)), 2e-5) if sure else (BaseCompliance(values=(2e-5,)), 0.0)
+    found = known_before(sino6, new, value=left, records=100)
+    assert [finding.label for finding in found.findings] == ["bearing_tilt:2"]
+    assert (found.verdict == "explained", any("joint_compliance:2 gone" in note for note in found.notes)) == (sure, not sure)
 
 
 def test_a_load_that_the_file_does_not_have(sino6: Arm) -> None:
