@@ -188,7 +188,7 @@ def _sigma(points: Array) -> float:
 
 
 ISO, ASME, PAPER = "ISO 10360-12", "ASME B89.4.22", "Xu You et al. 2019"
-ZONES = "of three distances, by public descriptions 0 to 20, 20 to 80 and 80 to 100 % of the reach"
+ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
 """Where the points of ASME B89.4.22 stand; the standard's text rules. Touches do not say whether they did."""
 STANDARDS = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
 """What ``standard`` can be, and whose figures are then evaluated."""
@@ -226,12 +226,12 @@ DEFINITIONS = (
     ),
     Definition(
         "SPAT.Max", ASME, "single-point articulation performance test", "single-point",
-        f"largest distance of a touch from the mean of one point in ten articulations; the worst {ZONES}",
+        f"largest distance of a touch from the mean of one point in ten articulations; worst of three distances, {ZONES}",
         partial(_single_point, statistic=_largest_deviation),
     ),
     Definition(
         "SPAT.2s", ASME, "single-point articulation performance test", "single-point",
-        f"twice the standard deviation of one point in ten articulations; the worst {ZONES}",
+        f"twice the standard deviation of one point in ten articulations; worst of three distances, {ZONES}",
         partial(_single_point, statistic=lambda points: 2 * _sigma(points)),
     ),
     Definition(
