@@ -20,7 +20,7 @@ from aacmm_pin._support.plausible import COORDINATE, SMALLEST_ARM
 from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
-from aacmm_pin.accuracy.comprehensive_accuracy import comprehensive_accuracy
+from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.map_checkpoint import MapCheckpoint, digits
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
@@ -240,9 +240,9 @@ def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
     accuracy = accuracy_volume(job.model, q, conditions=job.conditions, at=WRIST, method=job.method)
     cells, volume, u = found.point, accuracy.volume, accuracy.u
     best = _smallest(cells * job.sectors + found.sector, volume)
-    numbers, first = np.unique(cells[best], return_index=True)
-    for cell, mine in zip(numbers, np.split(best, first[1:]), strict=True):
-        result["comprehensive"][cell] = comprehensive_accuracy(volume[mine], q[mine, 2], job.points[cell])
+    of = cells[best]
+    weights = configuration_weights(q[best, 2], job.points[of], of)
+    result["comprehensive"][of] = np.bincount(of, weights * volume[best])[of]
     for name, values in {"best": volume, "worst": -volume, "least_u": u, "most_u": -u}.items():
         place = _smallest(cells, values)
         result[name][cells[place]] = np.abs(values[place])

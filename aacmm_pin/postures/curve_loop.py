@@ -165,6 +165,8 @@ def is_known(
     for pick in range(PICKS):
         is_regular(links, vertices, first + pick * (count - 1) // (PICKS - 1), q, tangent, work)
         on += on_curve(links, q, tangent, vertices, known[1], known[2], work)
+        if 2 * on >= PICKS or 2 * (on + PICKS - 1 - pick) < PICKS:
+            break  # the others cannot change it
     return 2 * on >= PICKS
 
 
@@ -420,7 +422,7 @@ def between(a: Array, b: Array) -> float:
 
 def wrap(angle: float) -> float:
     """The same direction between -π and π."""
-    return angle - 2 * math.pi * math.floor(angle / (2 * math.pi) + 0.5)
+    return angle - 2 * math.pi * math.floor(angle * (0.5 / math.pi) + 0.5)
 
 
 def copy(rows: Array, number: int, row: Array) -> None:

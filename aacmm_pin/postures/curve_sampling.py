@@ -81,22 +81,37 @@ class Components:
         return self.swivel.dh.nq
 
     @cached_property
+    def _frames(self) -> Array:
+        return self.swivel.frames(self.points)
+
+    def angle(self, q: Array, problem: Index) -> Array:
+        """Swivel angles of configurations of the curves (n, k) of these points (n,): (n,) [rad]."""
+        return self.swivel.angle_in(self._frames[problem], self.full(q))
+
+    @cached_property
     def segments(self) -> _Segments:
         """Pieces between neighbouring vertices of all curves."""
         lengths = [len(c.q) for c in self.curves]
         start = np.concatenate([c.q for c in self.curves])
         problem = np.repeat([c.problem for c in self.curves], lengths)
-        swivel = self.swivel.angle(self.full(start), self.points[problem])
+        swivel = self.angle(start, problem)
         ends = np.cumsum(lengths)[[not c.closed for c in self.curves]] - 1
         keep = np.delete(np.arange(len(start)), ends)
         behind = following(self.curves)[keep]
         end = start[keep] + wrapped(start[behind] - start[keep])
         return _Segments(start[keep], end, swivel[keep], wrapped(swivel[behind] - swivel[keep]), problem[keep])
 
+    def inside(self, pieces: _Segments, limits: Array) -> tuple[Array, Array]:
+        """Which part of the chord of each of the ``pieces`` is inside the limits, as :func:`inside_part` says."""
+        joints = pieces.start.shape[1]
+        first, last = inside_part(pieces.start, pieces.end, limits[:joints])
+        if self.wrist is not None and broken_limits(into_limits(self.wrist.rest, limits[joints:]), limits[joints:]).any():
+            last = np.zeros_like(last)
+        return first, last
+
     def outside(self, limits: Array) -> NDArray[np.bool_]:
         """Which of the segments are outside the ``limits`` (nq, 2) [rad] all along: (s,)."""
-        pieces = self.segments
-        first, last = inside_part(self.full(pieces.start), self.full(pieces.end), limits + CURVED * OUTWARDS)
+        first, last = self.inside(self.segments, limits + CURVED * OUTWARDS)
         return np.asarray(last <= first)
 
     def divided(self, pieces: _Segments, which: NDArray[np.bool_]) -> _Segments:
@@ -106,7 +121,7 @@ class Components:
         problem = np.repeat(pieces.problem[which], cuts)
         guess = start[:, None] + np.linspace(0.0, 1.0, cuts)[:, None] * chord[:, None]
         q, there = polish(self.system, guess.reshape(-1, joints), problem)
-        swivel = self.swivel.angle(self.full(q), self.points[problem]).reshape(-1, cuts)
+        swivel = self.angle(q, problem).reshape(-1, cuts)
         q, turn = q.reshape(-1, cuts, joints), wrapped(np.diff(swivel, axis=1)).ravel()
         there = there.reshape(-1, cuts)
         known = (there[:, :-1] & there[:, 1:]).ravel()
@@ -207,7 +222,7 @@ def _between(
         part = (gap_low / (gap_low - gap_high))[left, None]
         guess = low[left] + part * (high - low)[left]
         q[left], there[left] = polish(components.system, guess, problem[left])
-        gap = wrapped(wanted[left] - components.swivel.angle(components.full(q[left]), components.points[problem[left]]))
+        gap = wrapped(wanted[left] - components.angle(q[left], problem[left]))
         before = np.sign(gap) == np.sign(gap_low[left])  # still on the near side of the wanted swivel
         with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
             less = 1.0 - gap / np.where(before, gap_low[left], gap_high[left])
@@ -293,10 +308,10 @@ def arc_fractions(components: Components, limits: Array) -> Array:
     if not components.curves:
         return np.full(m, np.nan)
     pieces = components.segments
-    first, last = inside_part(components.full(pieces.start), components.full(pieces.end), limits - CURVED * OUTWARDS)
+    first, last = components.inside(pieces, limits - CURVED * OUTWARDS)
     whole = (first == 0.0) & (last == 1.0)
     fine = components.divided(pieces, ~(components.outside(limits) | whole))
-    first, last = inside_part(components.full(fine.start), components.full(fine.end), limits)
+    first, last = components.inside(fine, limits)
     some = last > first
     problem = np.concatenate([pieces.problem[whole], fine.problem[some]])
     swivel = np.concatenate([pieces.swivel[whole], (fine.swivel + first * fine.turn)[some]])

@@ -48,13 +48,19 @@ class Swivel:
 
     def angle(self, q: Array, points: Array) -> Array:
         """Swivel angles of ``q`` (n, nq) with their working points (n, 3): (n,) [rad] in [-π, π]."""
+        return self.angle_in(self.frames(points), q)
+
+    def frames(self, points: Array) -> Array:
+        """For working points (m, 3) the directions of the swivel angles 0 and π/2 (m, 2, 3), of the same length."""
         axis = points - self.shoulder
         axis = axis / np.maximum(np.linalg.norm(axis, axis=1), 1e-300)[:, None]
         reference = self.up - axis * (axis @ self.up)[:, None]
         upright = np.linalg.norm(reference, axis=1) < UPRIGHT
         level = np.eye(3)[np.argmin(np.abs(self.up))]
         reference[upright] = level - axis[upright] * (axis[upright] @ level)[:, None]
-        arm = self.elbow(q) - self.shoulder
-        sideways = np.einsum("ni,ni->n", np.cross(axis, reference), arm)
-        upwards = np.einsum("ni,ni->n", reference, arm)
+        return np.stack([reference, np.cross(axis, reference)], axis=1)
+
+    def angle_in(self, frames: Array, q: Array) -> Array:
+        """Swivel angles of ``q`` (n, nq) in the :meth:`frames` of their working points (n, 2, 3): (n,) [rad] in [-π, π]."""
+        upwards, sideways = np.einsum("nki,ni->kn", frames, self.elbow(q) - self.shoulder)
         return np.asarray(np.arctan2(sideways, upwards))

@@ -14,8 +14,14 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
 
-ON_CIRCLE = 0.25
-"""Roots whose modulus differs from 1 by less are kept as candidates: paired roots lose half their digits."""
+NEAR = 0.1
+"""Candidates that miss the place by more solve only one of the two equations [m]."""
+WORSE, ROUNDING = 1e3, 1e-6
+"""So do those that miss it by so many times more than the other candidate with their φ3, and by more than rounding [m]."""
+NEARLY = 0.25
+"""Pairs of roots with a smaller imaginary part are kept as candidates: rounding parts those that should be one [rad]."""
+GRID, STEPS = 48, 6
+"""Angles round the circle between two of which there are at most two roots, and steps to each root."""
 
 
 def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Array, Index]:
@@ -42,7 +48,9 @@ def candidates(b0: Array, b1: Array, b2: Array, c: Array, p: Array) -> tuple[Arr
     v = np.column_stack([cosine * u3[:, 0] - sine * u3[:, 1], sine * u3[:, 0] + cosine * u3[:, 1], u3[:, 2]])
     v = np.einsum("nij,nj->ni", b1[who, :3, :3], v) + b1[who, :3, 3]
     phi1 = np.arctan2(w[who, 1], w[who, 0]) - np.arctan2(v[:, 1], v[:, 0])
-    return np.column_stack([phi1, phi2, phi3]), who
+    miss = np.hypot(np.hypot(v[:, 0], v[:, 1]) - np.hypot(w[who, 0], w[who, 1]), v[:, 2] - w[who, 2])
+    near = miss < np.minimum(NEAR, ROUNDING + WORSE * np.roll(miss, len(miss) // 2))
+    return np.column_stack([phi1, phi2, phi3])[near], who[near]
 
 
 def _affine_point(b2: Array, c: Array) -> Array:
@@ -78,20 +86,43 @@ def _quadratic_form(plane: Array, u: Array, h: Array) -> Array:
 
 
 def _roots(form: Array) -> tuple[Array, Index]:
-    """Angles φ with (1, cos φ, sin φ) form (…)ᵀ ≈ 0, and the row that each belongs to."""
+    """Angles φ with (1, cos φ, sin φ) form (…)ᵀ ≈ 0, and the row that each belongs to.
+
+    Between two neighbours of a grid the form, a wave of first and second order, has one root where its sign changes; and
+    two, nearly two or none where, as fast as it can bend, it may come to zero and turn back. Each step towards a root goes
+    to that of the osculating parabola at which the form grows or falls as it shall, or to where the parabola turns.
+    """
     size = np.abs(form).max(axis=(1, 2), keepdims=True)
     form = form / np.where(size > 1e-200, size, 1.0)  # of an arm without lengths there is nothing left
     one, cc, ss = form[:, 0, 0], form[:, 1, 1], form[:, 2, 2]
-    lead = 0.25 * (cc - ss) - 0.5j * form[:, 1, 2]  # coefficient of exp(2iφ); the others follow by conjugation
-    next_ = form[:, 0, 1] - 1j * form[:, 0, 2]
-    middle = one + 0.5 * (cc + ss)
-    lead = np.where(np.abs(lead) < 1e-13, 1e-13, lead)
-    companion = np.zeros((len(form), 4, 4), dtype=complex)
-    companion[:, 0, :] = -np.stack([next_, middle, next_.conj(), lead.conj()], axis=1) / lead[:, None]
-    companion[:, 1, 0] = companion[:, 2, 1] = companion[:, 3, 2] = 1.0
-    roots = np.linalg.eigvals(companion)
-    who, which = np.nonzero(np.abs(np.abs(roots) - 1) < ON_CIRCLE)
-    return np.angle(roots[who, which]), who
+    terms = np.stack([one + 0.5 * (cc + ss), 2 * form[:, 0, 1], 2 * form[:, 0, 2], 0.5 * (cc - ss), form[:, 1, 2]])
+    step = 2 * np.pi / GRID
+    grid = step * np.arange(GRID + 1) - np.pi
+    wave = np.stack([np.ones(GRID + 1), np.cos(grid), np.sin(grid), np.cos(2 * grid), np.sin(2 * grid)])
+    value = terms.T @ wave
+    half = 0.5 * step * np.sign(value) * (terms[[2, 1, 4, 3]].T @ (wave[1:] * [[1], [-1], [2], [-2]]))  # |form|' step/2
+    bend = np.hypot(terms[1], terms[2]) + 4 * np.hypot(terms[3], terms[4])  # at most
+    low = 0.125 * step**2 * bend[:, None] - np.abs(value)  # more than half: comes to zero in half a step
+    passes = (value[:, :-1] < 0) != (value[:, 1:] < 0)
+    turns = ~passes & (half < low)[:, :-1], ~passes & (-half < low)[:, 1:]
+    which, who, left = np.nonzero(np.stack([passes, *turns]))
+    begin, end, mine = value[who, left], value[who, left + 1], terms[:, who]
+    between = begin / np.where(which == 0, begin - end, 1.0)
+    phi = grid[left] + step * np.where(which == 0, between, which - 1)
+    sense = np.where((begin < 0) == (which < 2), 1.0, -1.0)
+    for _ in range(STEPS):
+        c, s = np.cos(phi), np.sin(phi)
+        c2, s2 = 2 * c**2 - 1, 2 * c * s
+        first, second = mine[1] * c + mine[2] * s, mine[3] * c2 + mine[4] * s2
+        f, slope = mine[0] + first + second, mine[2] * c - mine[1] * s + 2 * (mine[4] * c2 - mine[3] * s2)
+        bend = -first - 4 * second
+        square = slope**2 - 2 * f * bend
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = -2 * f / (slope + sense * np.sqrt(np.maximum(square, 0.0)))
+            change = np.where(square < 0, -slope / bend, change)
+        phi = phi + np.clip(np.nan_to_num(change), -step, step)
+    good = (square > -((NEARLY * bend) ** 2)) & (np.abs(phi - grid[left] - 0.5 * step) < 0.5 * step + 1e-6)
+    return phi[good], who[good]
 
 
 def _second_angle(rows: Array, u: Array, h: Array) -> tuple[Array, Index]:

@@ -24,8 +24,6 @@ POSITIONING = 4
 """Number of joints that place the wrist."""
 WRIST_ROW = 5
 """The wrist is the origin of this frame."""
-NEAR = 0.1
-"""Candidates of the closed form that miss the point by more solve only one of its two equations [m]."""
 
 
 @dataclass(frozen=True)
@@ -66,21 +64,18 @@ def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
     A coarse grid of the joints 2 to 4 (joint 1 turns about the shoulder's axis), then a local search from its best.
     """
     angles = np.linspace(-np.pi, np.pi, 25)[:-1]
-    grid = np.stack(np.meshgrid(*[angles] * (POSITIONING - 1), indexing="ij"), axis=-1).reshape(-1, POSITIONING - 1)
+    grid = np.stack(np.meshgrid([0.0], *[angles] * (POSITIONING - 1), indexing="ij"), axis=-1).reshape(-1, POSITIONING)
 
-    def distance(q: Array) -> Array:
-        q = np.atleast_2d(q)
-        return np.asarray(np.linalg.norm(wrist.table.positions(np.column_stack([np.zeros(len(q)), q])) - shoulder, axis=1))
+    def square(q: Array, sign: float) -> tuple[float, Array]:
+        place, jacobian = wrist.table.position_and_jacobian(q[None])
+        off = place[0] - shoulder
+        return sign * float(off @ off), sign * 2.0 * off @ jacobian[0]
 
-    values, extremes = distance(grid), []
+    values, extremes = np.linalg.norm(wrist.table.positions(grid) - shoulder, axis=1), []
     for sign in (1.0, -1.0):
-        best = scipy.optimize.minimize(
-            lambda q, s=sign: s * distance(q)[0],
-            grid[np.argmin(sign * values)],
-            method="Nelder-Mead",
-            options={"xatol": 1e-9, "fatol": 1e-12},
-        )
-        extremes.append(sign * float(best.fun))
+        start = grid[np.argmin(sign * values)]
+        best = scipy.optimize.minimize(square, start, (sign,), method="BFGS", jac=True, options={"gtol": 1e-12})
+        extremes.append(float(np.sqrt(abs(best.fun))))
     return extremes[0], extremes[1]
 
 
@@ -98,7 +93,11 @@ def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
         per_turn: angles at which each of the joints 1 to 4 is held to find seeds.
     """
     system = wrist_system(wrist, points)
-    seeds, problem = with_spread(*_held_seeds(wrist.table, points, per_turn), len(points), 4 * per_turn)
+    links = wrist.table.links()
+    within = np.linalg.norm(points - links[0, :3, 3], axis=1) <= np.linalg.norm(links[1:, :3, 3], axis=1).sum()
+    near = np.flatnonzero(within)
+    seeds, number = with_spread(*_held_seeds(links, points[near], per_turn), len(near), 4 * per_turn)
+    problem = near[number]
     seeds, good = polish(system, seeds, problem)
     flat = len(points) > 0 and degenerate(system, spread_angles(4 * per_turn, POSITIONING))
     return all_curves(system, seeds[good], problem[good], flat)
@@ -123,9 +122,8 @@ def spread_angles(count: int, joints: int) -> Array:
     return np.asarray((np.arange(1, count + 1)[:, None] * steps % 1.0) * (2 * np.pi) - np.pi)
 
 
-def _held_seeds(table: DHTable, points: Array, per_turn: int) -> tuple[Array, Index]:
+def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
     """Candidates with each joint held in turn: (n, 4) [rad] and the number of their point (n,)."""
-    links = table.links()
     angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37  # off the symmetric angles 0 and ±π
     seeds, numbers = [], []
     for held in range(POSITIONING):
@@ -137,9 +135,7 @@ def _held_seeds(table: DHTable, points: Array, per_turn: int) -> tuple[Array, In
         q[:, free], q[:, held] = found, angles[angle[who]]
         seeds.append(q)
         numbers.append(which[who])
-    q, number = np.concatenate(seeds), np.concatenate(numbers)
-    near = np.linalg.norm(table.positions(q) - points[number], axis=1) < NEAR
-    return q[near], number[near]
+    return np.concatenate(seeds), np.concatenate(numbers)
 
 
 def _chain_with_held(links: Array, held: int, angles: Array) -> tuple[list[Array], Array]:
