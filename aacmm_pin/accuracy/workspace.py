@@ -32,7 +32,15 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import WRIST
 from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.wrist_ik import WRIST_ROW, Wrist, reach_of_wrist, spread_angles, wrist_curves, wrist_system
+from aacmm_pin.postures.wrist_ik import (
+    FEW_PER_TURN,
+    WRIST_ROW,
+    Wrist,
+    reach_of_wrist,
+    spread_angles,
+    wrist_curves,
+    wrist_system,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,8 +50,6 @@ CELLS_AT_ONCE = 768
 PROBES = 64
 """Postures whose accuracy tells one model, with its causes and conditions, from another."""
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
-SEEDS_PER_TURN = 3
-"""Held angles of each joint for a map; with the spread seeds they find every component that twenty-four find."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +226,7 @@ def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
     dh = arm.require_dh("a map of the workspace", WRIST_ROW)
     wrist = Wrist.of(dh)
-    known = wrist_curves(wrist, job.points, SEEDS_PER_TURN)
+    known = wrist_curves(wrist, job.points, FEW_PER_TURN)
     components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, known.curves, wrist)
     found = Sectors.of(components, arm.limits, job.sectors)
     reachable, complete = np.zeros(len(job.points), dtype=bool), np.full(len(job.points), not known.degenerate)

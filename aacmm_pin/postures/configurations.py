@@ -177,7 +177,7 @@ def configuration_circles(
         if axis is None:
             raise AacmmError("tip=True needs axis, the direction of the stylus in the base, such as [0, 0, -1]")
         wrist, stylus, direction = None, arm.stylus_axis, unit_vector(axis, "axis")
-        found = tip_curves(dh, points, stylus, direction, SEEDS_PER_TURN)
+        found = tip_curves(dh, points, stylus, direction)
         systems = [tip_system(dh, point[None, :], stylus, direction) for point in points]
     else:
         if axis is not None:

@@ -14,7 +14,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable, cross
 from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, following, polish
-from aacmm_pin.postures.wrist_ik import POSITIONING, Wrist, spread_angles, with_spread, wrist_curves
+from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, POSITIONING, Wrist, spread_angles, with_spread, wrist_curves
 
 SPREAD = 600
 """Evenly spread starts."""
@@ -22,7 +22,7 @@ DIRECTIONS = 48
 """Turns of the body about the stylus that are tried."""
 
 
-def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int) -> Curves:
+def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves:
     """Curves of six joints on which the tip is at one of ``points`` and the stylus points along ``axis``.
 
     The body behind joint 6 may still turn about the stylus. For each of many such turns the wrist's place is known; where
@@ -33,10 +33,9 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
         points: (m, 3) [m]; many together take much less time than one after the other.
         stylus: unit direction of the stylus in the last frame (3,).
         axis: unit direction that it shall have in the base (3,).
-        per_turn: see :func:`wrist_curves`.
     """
     system = tip_system(dh, points, stylus, axis)
-    seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis, per_turn), len(points), SPREAD)
+    seeds, problem = with_spread(*_tip_seeds(dh, points, stylus, axis), len(points), SPREAD)
     seeds, good = polish(system, seeds, problem)
     towards = axis @ _pointing(dh.axes(seeds), stylus) > 0
     some = good & towards
@@ -67,7 +66,7 @@ def _pointing(frames: tuple[Array, ...], stylus: Array) -> Array:
     return np.asarray(stylus[0] * x[-1] + stylus[1] * y[-1] + stylus[2] * z[-1])
 
 
-def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn: int) -> tuple[Array, Index]:
+def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array) -> tuple[Array, Index]:
     """Starting values (n, 6) [rad], near solutions, and the number of their point (n,)."""
     links = dh.links()
     behind = links[6]  # from joint 6 to the tip
@@ -77,7 +76,7 @@ def _tip_seeds(dh: DHTable, points: Array, stylus: Array, axis: Array, per_turn:
     back = bodies @ behind[:3, 3]
     wrist = Wrist.of(dh)
     places = (points[:, None, :] - back).reshape(-1, 3)
-    curves = wrist_curves(wrist, places, per_turn).curves
+    curves = wrist_curves(wrist, places, FEW_PER_TURN).curves
     if not curves:
         return np.empty((0, dh.nq)), np.empty(0, dtype=np.intp)
     point, body = np.divmod(np.repeat([c.problem for c in curves], [len(c.q) for c in curves]), DIRECTIONS)

@@ -24,6 +24,8 @@ POSITIONING = 4
 """Number of joints that place the wrist."""
 WRIST_ROW = 5
 """The wrist is the origin of this frame."""
+FEW_PER_TURN = 3
+"""Angles at which each joint is held where curves are many; with the spread seeds they find all that twenty-four find."""
 
 
 @dataclass(frozen=True)

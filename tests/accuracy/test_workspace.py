@@ -22,7 +22,7 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
-from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves
+from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves
 
 CELLS, SECTORS = (4, 6), 12
 
@@ -249,7 +249,7 @@ def test_few_held_angles_find_the_components_of_the_other_arm_too() -> None:
     )
     point = np.array([-0.2690600933869131, 0.009980455793426534, -0.6957428498498395])
     assert configuration_circle(arm, point, count=3).component.max() == 4
-    assert len(wrist_curves(Wrist.of(arm.require_dh("")), point[None], workspace.SEEDS_PER_TURN).curves) == 4
+    assert len(wrist_curves(Wrist.of(arm.require_dh("")), point[None], FEW_PER_TURN).curves) == 4
 
 
 # --- processes

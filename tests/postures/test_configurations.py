@@ -29,13 +29,13 @@ from aacmm_pin.postures.configurations import ConfigurationCircle, configuration
 from aacmm_pin.postures.continuation import Curve
 from aacmm_pin.postures.curve_sampling import Components, Sectors, sector_centres
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.wrist_ik import Wrist, reach_of_wrist, wrist_curves, wrist_system
+from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, reach_of_wrist, wrist_curves, wrist_system
 from tests.arm_files import craig, nominal
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 
 SEAT = np.array([0.0336323, -0.6718702, 0.1829355])
-PER_TURN = {"one point": 24, "a map": 4}
+PER_TURN = {"one point": 24, "a map": FEW_PER_TURN}
 """Held angles by which ``configuration_circle`` and ``map_workspace`` look for components."""
 
 

@@ -29,7 +29,7 @@ from aacmm_pin.papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfi
 from aacmm_pin.papers.sino6.tables import NominalArm, printed_table2, sino6_nominal
 from aacmm_pin.postures.curve_sampling import Components, Sectors
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.wrist_ik import Wrist, wrist_curves, wrist_system
+from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves, wrist_system
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,8 +38,6 @@ GRID = 48
 """Cells along each of θ2 and θ4."""
 SECTORS = 12
 """Sectors of the circle; the seven steps of θ2 stand for 1 + 5·2 + 1 of them."""
-SEEDS_PER_TURN = 3
-"""Angles at which each joint is held to find the closed curves of a cell."""
 LIMITS = np.pi * np.array([[0, 2], [-1, 0], [0, 2], [-1, 0], [0, 2]])
 """θ2 and θ4 stay in [-π, 0], the others turn freely [rad]."""
 
@@ -129,6 +127,6 @@ def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:
     True means θ2 and θ4 in [-π, 0], θ1 and θ3 free, on the traced curves of :mod:`aacmm_pin.postures`.
     """
     wrist, swivel = Wrist.of(arm.dh), Swivel(arm.dh, np.array([0.0, 0.0, -1.0]))
-    curves = wrist_curves(wrist, points, SEEDS_PER_TURN)
+    curves = wrist_curves(wrist, points, FEW_PER_TURN)
     components = Components(swivel, wrist_system(wrist, points), points, curves.curves, wrist)
     return np.asarray(Sectors.of(components, LIMITS, SECTORS).working.sum(axis=1))
