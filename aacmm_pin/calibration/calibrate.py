@@ -12,7 +12,6 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, redundant
@@ -171,10 +170,9 @@ def _of_conditions(after: Fit) -> list[str]:
     """Temperatures that look like Fahrenheit, and joints whose column of angles holds a length."""
     arm, conditions, found = after.problem.model.arm, after.problem.measurements.conditions, []
     for values in (conditions.temperature, conditions.link_temperature):
-        if values is not None and values.min() > HOT_WORKSHOP:
-            found.append(f"temperatures are {values.min():.4g} to {values.max():.4g} °C: are they in Fahrenheit?")
-        if values is not None and values.max() < COLD_WORKSHOP:
-            asked = f"are they differences from {arm.reference_temperature:g} °C?"
+        if values is not None and (values.min() > HOT_WORKSHOP or values.max() < COLD_WORKSHOP):
+            cold = f"are they differences from {arm.reference_temperature:g} °C?"
+            asked = "are they in Fahrenheit?" if values.min() > HOT_WORKSHOP else cold
             found.append(f"temperatures are {values.min():.4g} to {values.max():.4g} °C: {asked}")
     found += _of_torques(after)
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
@@ -190,7 +188,7 @@ def _of_torques(after: Fit) -> list[str]:
     state = State(arm, problem.measurements.q, problem.measurements.conditions, arm.chain.tip)
     rows = [row for row in arm.chain.moving_rows() if not arm.chain.prismatic[state.joint(row)]]
     try:
-        moments = [np.sum(state.moment_at_axis(row) * state.rotation[axis(row)][:, :, 2], axis=1) for row in rows]
+        moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
     except UnsupportedArmError:  # no masses
         return []
     measured, weight = np.nanmax(np.abs(torque), initial=0.0), np.max(np.abs(moments), initial=0.0)

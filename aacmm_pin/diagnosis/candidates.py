@@ -17,9 +17,9 @@ Variants = tuple[Effect, ...]
 """A candidate: one cause at one place with each value of its inner parameter (order, time, …), all parameters zero."""
 
 
-def of_known(variants: Variants) -> bool:
-    """Whether a candidate is the change of a cause that the arm is known to have: its first variant has what is stated."""
-    return any(variants[0].u)
+def is_change(effect: Effect) -> bool:
+    """Whether a variant is the change of a cause that the arm is known to have: it has what is stated of that, as u."""
+    return any(effect.u)
 
 
 def candidates(

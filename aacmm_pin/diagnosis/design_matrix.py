@@ -14,7 +14,7 @@ from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.parameter_vector import ParameterVector
-from aacmm_pin.diagnosis.candidates import Variants, of_known
+from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Effect, JointZeroOffset
 from aacmm_pin.effects.state import State
@@ -155,7 +155,7 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
     width = problem.vector.size
     stays = problem.vector.slices[-taken_out].start if taken_out else width
     own = point.prediction.jacobian
-    known = {variants[0].identity: variants[0].u for variants in library if of_known(variants)}
+    known = {variants[0].identity: variants[0].u for variants in library if is_change(variants[0])}
     stated_u, known_u = problem.vector.arm_u, np.zeros(width)
     for effect, place in problem.vector:
         if place.start >= stays and effect.identity in known:
@@ -182,7 +182,7 @@ def design_of(fit: Fit, library: Sequence[Variants], others: Sequence[Covariate]
 
 def _sources(variants: Variants) -> list[tuple[Effect, ...]]:
     """What each variant changes: itself, and where it has another inner value than a cause that is known, that one too."""
-    first, both = variants[0], of_known(variants) and variants[0].inner
+    first, both = variants[0], is_change(variants[0]) and variants[0].inner
     return [(effect, first) if both and effect is not first else (effect,) for effect in variants]
 
 

@@ -16,7 +16,7 @@ from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.diagnosis.candidates import Variants, of_known
+from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, design_of
 from aacmm_pin.diagnosis.evidence import Conditional, evidence_of
@@ -224,7 +224,7 @@ def in_its_place(problem_of: ProblemOf, choice: Choice) -> Fit:
 
 def _told_inner(at: Fit, effects: Sequence[Effect]) -> Fit:
     """A refit that counts the inner values of new causes as uncertain; a known one changes its values alone."""
-    return replace(at, found=tuple(effect.key for effect in effects if not any(effect.u)))
+    return replace(at, found=tuple(effect.key for effect in effects if not is_change(effect)))
 
 
 def free(effect: Effect) -> Effect:
@@ -293,7 +293,7 @@ def _refined(choice: Choice, block: int) -> Effect:
     """The effect with its inner parameter where the evidence is largest, the others held."""
     effect = choice.variant(block).at(())
     tried = effect.refined(choice.fit.problem.measurements)
-    if len(tried) < 2 or any(choice.variant(block).u):  # a cause that is known changes its values alone
+    if len(tried) < 2 or is_change(choice.variant(block)):  # a cause that is known changes its values alone
         return effect
     return _likeliest(tried, _evidences(choice, block, tried))
 
@@ -328,7 +328,7 @@ def _evidences(choice: Choice, block: int, tried: Sequence[Effect]) -> Array:
     """Log evidence of each effect in the place of a block, the others held."""
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
     variants = choice.library[choice.question.owner(block)]
-    first = variants[:1] if of_known(variants) else ()  # in the place of a cause that is known
+    first = variants[:1] if is_change(variants[0]) else ()  # in the place of a cause that is known
     return _beside(choice.fit, (*first, *tried), rest)[len(first) :]
 
 

@@ -34,7 +34,7 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
     model, records, point = before.problem.model, before.problem.measurements, before.solution.point
     turned = point.frame.rotation @ model.sensitivity(records.q, records.conditions)
     noise = np.trace(extended.stated_noise[:, :3, :3], axis1=1, axis2=2)
-    predicted = noise + np.einsum("nij,jk,nik->n", turned, model.covariance(), turned)
+    predicted = noise + np.sum(turned @ model.covariance() * turned, axis=(1, 2))
     if not before.problem.scales.size:  # nothing is fitted, not even targets
         touched = before.observations.seat >= 0
         shared = before.observations.stated_u[before.observations.seat[touched]]

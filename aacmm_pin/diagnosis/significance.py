@@ -13,7 +13,7 @@ from scipy.special import expit, logsumexp
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_sf, f_sf
-from aacmm_pin.diagnosis.candidates import of_known
+from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
 from aacmm_pin.diagnosis.forward_backward_selection import Question, one_gone, rival_pairs
@@ -148,7 +148,7 @@ def _where_one_is_gone(choice: Choice) -> Iterator[InPairs]:
     problem, admitted = design.fit.problem, {question.owner(k) for k in choice.admitted}
     stated = {effect.identity: problem.start[own] for effect, own in problem.vector}
     for owner, (first, *_) in enumerate(choice.library):
-        if not of_known((first,)) or owner in admitted or first.identity not in stated:
+        if not is_change(first) or owner in admitted or first.identity not in stated:
             continue
         change = int(np.argmax(question.owners == owner))
         values = stated[first.identity] / design.scales[question.blocks[change].columns]

@@ -87,8 +87,7 @@ class JointCompliance(GravityEffect):
         if self.torque == "measured":
             torques = state.conditions.require("torque", self.label)
             return [about_axis(state, self.joint, -torques[:, number, None])]
-        z = state.rotation[axis(self.joint)][:, :, 2]
-        return [about_axis(state, self.joint, np.einsum("ni,nip->np", z, self.moments(state, self.joint)))]
+        return [about_axis(state, self.joint, state.along_axis(self.joint, self.moments(state, self.joint)))]
 
 
 @dataclass(frozen=True)
@@ -207,8 +206,7 @@ class Counterbalance(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The horizontal part of the body across the axis."""
-        z = state.rotation[axis(state.known_row(self.joint))][:, :, 2]
-        lever = np.einsum("ni,ni->n", z, np.cross(self._carried(state), state.down))
+        lever = state.along_axis(state.known_row(self.joint), np.cross(self._carried(state), state.down))
         return [about_axis(state, self.joint, lever[:, None])]
 
     def _carried(self, state: State) -> Array:

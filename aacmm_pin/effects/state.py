@@ -124,6 +124,10 @@ class State:
         """
         return self.moment(row, self.origin[axis(row)])
 
+    def along_axis(self, row: int, vectors: Array) -> Array:
+        """Part of vectors of the base (n, 3, …) along the axis of ``row`` (n, …): of a moment, what turns the joint."""
+        return np.asarray(np.einsum("ni,ni...->n...", self.rotation[axis(row)][:, :, 2], vectors))
+
     def weight_beyond(self, row: int) -> Array:
         """Weight of all bodies beyond ``row``, in the base (3,) [N]."""
         return np.asarray(self.masses[row:].sum() * self.arm.gravity)

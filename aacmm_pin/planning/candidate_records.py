@@ -9,7 +9,6 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.random_postures import Room, joint_bounds
 from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.effects.conditions import Conditions
@@ -97,7 +96,4 @@ def candidates(task: Task, set_up: MeasurementConditions, postures: Measurements
 def _torques(arm: Arm, q: Array) -> Array:
     """Torques that a drive would need to hold the weight (n, nq) [N·m]: minus the weight's moment about each axis."""
     state = State(arm, q, Conditions(len(q)), arm.chain.tip)
-    found = [
-        np.einsum("ni,ni->n", state.moment_at_axis(r), state.rotation[axis(r)][:, :, 2]) for r in arm.chain.moving_rows()
-    ]
-    return -np.stack(found, axis=1)
+    return -np.stack([state.along_axis(row, state.moment_at_axis(row)) for row in arm.chain.moving_rows()], axis=1)
