@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -12,7 +12,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
 from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, about_axis, twist
-from aacmm_pin.effects.gravity import GravityEffect
+from aacmm_pin.effects.gravity import GravityEffect, LoadedEffect
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import Tube, length_of
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
@@ -116,12 +116,11 @@ class BearingTilt(GravityEffect):
 
 
 @dataclass(frozen=True)
-class _OfTube(Effect):
+class _OfTube(LoadedEffect):
     """A tube that yields under what it carries: the end of its body is shifted and turned."""
 
     link: int
     place_words: ClassVar[str] = "tube"
-    elastic: ClassVar[bool] = True
 
     def _yielded(self, tube: Tube) -> tuple[Array, Array]:
         """Shift and turn of the end of the tube per unit of the parameter, in the base (n, 3) [m/unit, rad/unit]."""
@@ -130,6 +129,9 @@ class _OfTube(Effect):
     def displacements(self, state: State) -> list[Displacement]:
         """Of the end of the body, which is rigid behind the tube."""
         tube, place = Tube.of(state, self.link, self.label), end(self.link)
+        if self.load_at is not None:
+            moment = self.unit_load(state, self.link, state.origin[place] - tube.rest)
+            tube = replace(tube, weight=np.broadcast_to(state.down, moment.shape), moment=moment, own=0.0 * moment)
         shift, turn = self._yielded(tube)
         local = [state.in_axes_of(place, part)[:, :, None] for part in (shift + np.cross(turn, tube.rest), turn)]
         return [Displacement(place, twist(*local))]
@@ -148,7 +150,7 @@ class TorsionalWindup(_OfTube):
     words: ClassVar[str] = "torsional wind-up"
     load: ClassVar[str] = "moment of the weight about the tube"
     usual: ClassVar[float] = 0.2
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True),)
+    flexibility: ClassVar[Term] = Term("", "rad/(N·m)", 1e-5, "compliance_rad_per_nm", positive=True)
 
     def _yielded(self, tube: Tube) -> tuple[Array, Array]:
         turn = np.einsum("ni,ni->n", tube.along, tube.moment)[:, None] * tube.along
@@ -169,7 +171,8 @@ class LinkBending(_OfTube):
     cause: ClassVar[str] = "link_bending"
     words: ClassVar[str] = "bending"
     load: ClassVar[str] = "bending load of the tube"
-    terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True),)
+    flexibility: ClassVar[Term] = Term("", "rad/(N·m²)", 5e-5, "flexibility_rad_per_nm2", positive=True)
+    of_load: ClassVar[Term] = Term("", "rad/m²", 2e-4, "load_rad_per_m2")
 
     def _yielded(self, tube: Tube) -> tuple[Array, Array]:
         u, length = tube.along, tube.length

@@ -1,4 +1,4 @@
-"""Base of the causes that yield to weight: known masses give one flexibility, unknown masses give more free parameters."""
+"""Bases of the causes that yield to weight: known masses give one flexibility, unknown masses give more free parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,56 @@ TYPICAL_SAG = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
-class GravityEffect(Effect):
+class LoadedEffect(Effect):
+    """Something that yields to the weights which it carries, with one flexibility.
+
+    A load that the arm's file does not have may hang at the end of a body: ``flexibility × weight`` is the parameter then,
+    of a unit force downwards there. It comes on top of the flexibility that is known.
+
+    Attributes:
+        load_at: row of the body at whose end the load hangs; None where the arm's masses count.
+    """
+
+    load_at: int | None = None
+    flexibility: ClassVar[Term]
+    """The parameter where the masses are known."""
+    of_load: ClassVar[Term] = Term("", "rad/m", TYPICAL_SAG, "load_rad_per_m")
+    """The parameter under a load."""
+    elastic: ClassVar[bool] = True
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One flexibility, or that times a load."""
+        return (self.flexibility if self.load_at is None else self.of_load,)
+
+    @property
+    def key(self) -> str:
+        """With where the load hangs."""
+        return super().key if self.load_at is None else f"{self.label},load_at={self.load_at}"
+
+    def inner_in_words(self) -> list[str]:
+        """Where the load hangs."""
+        return [] if self.load_at is None else [f"load at the end of body {self.load_at}"]
+
+    def other_loads(self, arm: Arm) -> tuple[Self, ...]:
+        """With a load at the end of each tube that it carries, and at the tip."""
+        ends = [row for row in dict.fromkeys((*tubes(arm), arm.chain.rows)) if row >= (self.row or 0)]
+        return tuple(replace(self, load_at=row, values=(), u=()) for row in ends)
+
+    def unit_load(self, state: State, row: int, about: Array) -> Array:
+        """Moment of a unit load about points of the base (n, 3) [m], carried by body ``row``.
+
+        Raises:
+            AacmmError: the load hangs before this body.
+        """
+        at = state.known_row(self.load_at or 0)
+        if at < row:
+            raise AacmmError(f"{self.label}: load_at is {at}, expected one from row {row} on")
+        return np.cross(state.origin[end(at)] - about, state.down)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GravityEffect(LoadedEffect):
     """A displacement proportional to a static moment.
 
     With the masses of the arm the one parameter is a flexibility. Where the arm states none, name the ``bodies`` (rows)
@@ -28,19 +77,11 @@ class GravityEffect(Effect):
     three numbers in its own axes, are the parameters; nothing is guessed. Weights farther out are gathered at the bodies'
     ends, so some of these numbers are known only together.
 
-    A load that the arm's file does not have hangs at the end of a body: ``flexibility × weight`` is the parameter, of
-    a moment ``lever × down``. It comes on top of the flexibility that is known.
-
     Attributes:
         bodies: rows of the bodies with unknown masses; () where the arm's masses count.
-        load_at: row of the body at whose end the load hangs; None where the arm's masses count.
     """
 
     bodies: tuple[int, ...] = ()
-    load_at: int | None = None
-    flexibility: ClassVar[Term]
-    """The parameter where the masses are known."""
-    elastic: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Files have lists only; a load and unknown masses exclude each other."""
@@ -52,28 +93,14 @@ class GravityEffect(Effect):
     @property
     def terms(self) -> tuple[Term, ...]:
         """One flexibility, or three numbers for each body of unknown mass, or one for a load."""
-        if self.load_at is not None:
-            return (Term("", "rad/m", TYPICAL_SAG, "load_rad_per_m"),)
         if not self.bodies:
-            return (self.flexibility,)
+            return super().terms
         names = [f"{body}{component}" for body in self.bodies for component in "xyz"]
         return tuple(Term(name, "rad", TYPICAL_SAG, f"sag{name}_rad") for name in names)
 
-    @property
-    def key(self) -> str:
-        """With where the load hangs."""
-        return super().key if self.load_at is None else f"{self.label},load_at={self.load_at}"
-
-    def inner_in_words(self) -> list[str]:
-        """Where the load hangs."""
-        return [] if self.load_at is None else [f"under a load at the end of body {self.load_at}"]
-
     def other_loads(self, arm: Arm) -> tuple[Self, ...]:
-        """With a load at the end of each tube that it carries, and at the tip."""
-        if self.bodies or "torque" in self.needs:
-            return ()
-        ends = [row for row in dict.fromkeys((*tubes(arm), arm.chain.rows)) if row >= (self.row or 0)]
-        return tuple(replace(self, load_at=row, values=(), u=()) for row in ends)
+        """None where the masses do not count."""
+        return () if self.bodies or "torque" in self.needs else super().other_loads(arm)
 
     def moments(self, state: State, row: int) -> Array:
         """Moment about ``axis row`` per unit of each parameter, in the base: (n, 3, p).
@@ -83,9 +110,7 @@ class GravityEffect(Effect):
             AacmmError: the ``bodies`` are not those at and beyond the axis, or the load hangs before it.
         """
         if self.load_at is not None:
-            if state.known_row(self.load_at) < row:
-                raise AacmmError(f"{self.label}: load_at is {self.load_at}, expected one from row {row} on")
-            return np.cross(state.origin[end(self.load_at)] - state.origin[axis(row)], state.down)[:, :, None]
+            return self.unit_load(state, row, state.origin[axis(row)])[:, :, None]
         if not self.bodies:
             return np.asarray(state.moment_at_axis(row)[:, :, None])
         columns = state.unit_moments(row)

@@ -31,12 +31,14 @@ from aacmm_pin.effects import (
     EncoderGain,
     JointCompliance,
     JointPeriodicError,
+    LinkBending,
     SeatError,
     Term,
     ThermalExpansion,
     ZeroDrift,
 )
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.gravity import LoadedEffect
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
@@ -333,9 +335,12 @@ def test_a_known_cause_that_is_gone_while_another_came(sino6: Arm, sure: bool) -
     assert (found.verdict == "explained", any("joint_compliance:2 gone" in note for note in found.notes)) == (sure, not sure)
 
 
-def test_a_load_that_the_file_does_not_have(sino6: Arm) -> None:
-    """A mass at the tip of an arm with a known compliance is neither a softer joint nor an error of its encoder."""
-    known, added, file = JointCompliance(joint=2, values=(2e-5,), u=(2e-7,)), 0.4, ErrorModel(sino6).file()
+@pytest.mark.parametrize(
+    "known", [JointCompliance(joint=2, values=(2e-5,), u=(2e-7,)), LinkBending(link=3, values=(5e-5,), u=(1e-6,))]
+)
+def test_a_load_that_the_file_does_not_have(known: LoadedEffect, sino6: Arm) -> None:
+    """A mass at the tip of an arm that is known to yield makes nothing softer, and is no error of an encoder."""
+    added, file = 0.4, ErrorModel(sino6).file()
     assert isinstance(file, ArmFile)
     last = file.joints[-1]
     assert last.mass_kg is not None
@@ -347,7 +352,8 @@ def test_a_load_that_the_file_does_not_have(sino6: Arm) -> None:
     found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, progress=False)
     (finding,) = found.findings
     assert (found.verdict, finding.effect.identity) == ("explained", replace(known, load_at=6).identity)
-    assert abs(finding.effect.values[0] - 2e-5 * added * 9.81) < 3.3 * finding.effect.u[0] < 2e-5
+    load = known.values[0] * added * 9.81
+    assert abs(finding.effect.values[0] - load) < 3.3 * finding.effect.u[0] < 0.3 * load
 
 
 def test_a_new_cause_is_not_taken_for_a_change_of_a_known_one(sino6: Arm) -> None:
