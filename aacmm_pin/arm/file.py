@@ -386,7 +386,7 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
         raise ArmFileError(path, "", "not TOML: nested too deep") from None
     except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
         if path.lower().endswith(".urdf"):
-            raise ArmFileError(path, "", "is a URDF, expected an arm file, which names one by [urdf] file, frame") from None
+            raise ArmFileError(path, "", f"is a URDF: --urdf {path} --frame NAME, or Arm.from_urdf") from None
         raise ArmFileError(path, "", f"not TOML: {str(error).partition('; use sys.')[0]}") from None
     _check_depth(data, path)
     if "urdf" not in data:

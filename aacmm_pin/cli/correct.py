@@ -116,6 +116,8 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     for k in np.flatnonzero(arrived & (changes.max(axis=1) > LARGE)):
         joint, turn = changes[k].argmax() + 1, changes[k].max() / DEG
         note(f"{path}: row {known.row[k]} is near a singular posture: the command of joint {joint} changes by {turn:.1f}°")
+    if np.array_equal(commands, known.q):
+        note(f"note: no command changes, for {model.arm.name} has its tip where the nominal arm has it")
     refused = {
         "is next to a singular posture, or out of reach": ~arrived,
         "has a command outside the joint limits": broken_limits(commands, model.arm.limits).any(axis=1),

@@ -180,7 +180,7 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
     header = Header(_unit(texts, problems), {form: _numbered(texts, form, problems) for form in NUMBERED}, tuple(extra))
     joints = _joints(header, texts, nq, problems)
     for columns in (header.numbered[form] for form in (APPROACH, TORQUE)):
-        if columns and len(columns) != joints:
+        if columns and joints and len(columns) != joints:
             problems.add(span(columns), f"{len(columns)} columns, expected one for each of the {joints} joints")
     _companions(set(texts), joints, header.numbered[LINK_TEMPERATURE], problems)
     problems.stop()

@@ -176,7 +176,7 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot: tuple[Path, Pa
         assert own["value_mm"] == pytest.approx(spread.max() / MM, rel=1e-9)
     mpe = ["--mpe", f"{own['figure']}={own['value_mm'] / 2}"]
     assert f"diagnose --urdf {urdf} --frame" in done("accept", *plain, tmp_path / "touches.csv", *mpe)[1]
-    refused("accept", urdf, tmp_path / "touches.csv", said=["is a URDF", "[urdf]"])
+    refused("accept", urdf, tmp_path / "touches.csv", said=["is a URDF", "--urdf"])
     refused("urdf", truth, "-o", urdf, "--force", said=["is read by this command"])
     urdf.write_bytes(urdf.read_bytes() + b" ")
     refused("correct", truth, records, said=["truth.toml: urdf.sha256:", "was changed"])
