@@ -112,12 +112,12 @@ def history_blocks(history: History) -> list[Block]:
     several = len({chart.arm for chart in charts}) > 1
     left = [
         f"{chart.figure}{f' by {chart.arm}' * several} {chart.values[-1] / MM:.4f} mm, usually "
-        f"{np.nan_to_num(chart.limits[0]) / MM:.4f} to {chart.limits[1] / MM:.4f}"
+        f"{np.nan_to_num(chart.limits[0]) / MM:.4f} to {chart.limits[1] / MM:.4f} mm"
         for chart in charts
         if chart.left
     ]
     few = [len(chart.values) - 1 for chart in charts if not np.isfinite(chart.limits[1])]
-    text = "; ".join(left) or ("" if few else "no figure has left it.")
+    text = f"{'; '.join(left)}." if left else "" if few else "no figure has left it."
     if few:
         text += (
             f"{' ' * bool(text)}{len(few)} of {len(charts)} figures have no limits yet, which need {LEAST_CHECKS} earlier "
