@@ -76,7 +76,7 @@ def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
     values, extremes = np.linalg.norm(wrist.table.positions(grid) - shoulder, axis=1), []
     for sign in (1.0, -1.0):
         start = grid[np.argmin(sign * values)]
-        best = scipy.optimize.minimize(square, start, (sign,), method="BFGS", jac=True, options={"gtol": 1e-12})
+        best = scipy.optimize.minimize(square, start, (sign,), method="BFGS", jac=True, options={"gtol": 1e-9})
         extremes.append(float(np.sqrt(abs(best.fun))))
     return extremes[0], extremes[1]
 

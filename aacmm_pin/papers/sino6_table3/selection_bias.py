@@ -66,15 +66,19 @@ COUNTS = [round(count) for count in implied_counts()["marked_count"]]
 """Records in the marked part of each seat."""
 
 
-def log_ratios(positions: Array, order: Index | None = None, counts: Sequence[int] = COUNTS) -> Array:
+def from_mean(positions: Array) -> Array:
+    """Indications in each draw (draws, seats, n, 3) [m] less the mean of their seat."""
+    return np.asarray(positions - positions.mean(axis=2, keepdims=True))
+
+
+def log_ratios(squares: Array, order: Index | None = None, counts: Sequence[int] = COUNTS) -> Array:
     """Logarithms of the RMS distance from the mean of all, of a part over the rest (eqs. 18, 19): (draws, seats).
 
     Args:
-        positions: indications in each draw (draws, seats, n, 3) [m].
+        squares: squared distances from the mean in each draw (draws, seats, n) [m²].
         order: numbers of the records of each seat (seats, n), those of the part first; by default by distance from the mean.
         counts: number of records in the part of each seat.
     """
-    squares = np.square(positions - positions.mean(axis=2, keepdims=True)).sum(axis=3)
     squares = np.sort(squares, axis=2) if order is None else np.take_along_axis(squares, order[None], axis=2)
     of_seats = zip(squares.swapaxes(0, 1), counts, strict=False)
     ratios = [one[:, :count].mean(axis=1) / one[:, count:].mean(axis=1) for one, count in of_seats]
@@ -147,19 +151,19 @@ def marked_part(seats: TouchedSeats, rng: np.random.Generator, draws: int = 2000
     }
     for name, effects in systematic().items():
         moved[name] = _moved_by(seats.sensitivity(effects), drawn_values(effects, rng, draws))
-    dh, noise = (each / _spread(each)[:, None, None, None] for each in (moved[DH], moved[NOISE]))
+    off = {name: from_mean(each) for name, each in moved.items()}
+    squares = {name: np.square(each).sum(axis=3) for name, each in off.items()}
+    # Each by the root mean square of its spreads at seats 1 to 5.
+    of_dh, of_noise = (np.sqrt(squares[name][:, FIVE].mean(axis=(1, 2)))[:, None, None] for name in (DH, NOISE))
+    dh, noise = squares[DH] / of_dh**2, squares[NOISE] / of_noise**2
+    both = 2.0 * np.einsum("dsni,dsni->dsn", off[DH], off[NOISE]) / (of_dh * of_noise)
     return MarkedPart(
-        before={name: log_ratios(each, order) for name, each in moved.items()},
-        after={name: log_ratios(each) for name, each in moved.items()},
-        together=[log_ratios(np.sqrt(1 - share) * dh + np.sqrt(share) * noise) for share in SHARES],
+        before={name: log_ratios(each, order) for name, each in squares.items()},
+        after={name: log_ratios(each) for name, each in squares.items()},
+        together=[log_ratios((1 - share) * dh + share * noise + np.sqrt(share * (1 - share)) * both) for share in SHARES],
     )
 
 
 def _moved_by(sensitivity: Array, values: Array) -> Array:
     """Displacements (draws, seats, n, 3) by ``values`` (draws, p)."""
     return np.asarray(np.einsum("snip,dp->dsni", sensitivity, values, optimize=True))
-
-
-def _spread(moved: Array) -> Array:
-    """Root mean square of the spreads of seats 1 to 5: (draws,) [m]."""
-    return np.asarray(np.sqrt(moved[:, FIVE].var(axis=2).sum(axis=2).mean(axis=1)))
