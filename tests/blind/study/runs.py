@@ -16,9 +16,11 @@ import numpy as np
 from typer.testing import CliRunner
 
 from aacmm_pin.cli.root_command import app
+from blind.machine import GEOMETRY
 from blind.oracle import ALIKE, Oracle
 from blind.regimes import RegimeFile, regime_file
 from blind.study.outcomes import key_of
+from blind.truth import Hidden
 
 Row = dict[str, Any]
 TRIES, FAR_AWAY = 10, 10_000_000
@@ -94,10 +96,18 @@ def _truth(file: RegimeFile, said: Row | None) -> Row:
         seat = fault.parameters.get("seat")
         key = fault.key if seat is None else f"{fault.cause}:{seat}"
         cosines = {name: oracle.cosine(fault, finding) for name, finding in named.items() if name != key}
-        row: Row = {"key": key, "parameters": dict(fault.parameters), "size_um": fault.size_um}
+        row: Row = {"key": key, "parameters": _parameters(file, fault), "size_um": fault.size_um}
         row |= {"lambda": oracle.visible(fault), "aliases": {name: c for name, c in cosines.items() if c > ALIKE}}
         hidden.append(row)
     return {"hidden": hidden, "outliers": file.outliers}
+
+
+def _parameters(file: RegimeFile, fault: Hidden) -> Row:
+    """Those of a fault; of a DH value with what the sound arm is off from its file, as a calibration finds it."""
+    if fault.cause not in GEOMETRY or fault.joint is None:
+        return dict(fault.parameters)
+    name, column, unit = GEOMETRY[fault.cause]
+    return {name: file.machine.geometry()[fault.joint - 1, column] / unit}
 
 
 def plain(value: Any) -> Any:
