@@ -106,7 +106,7 @@ def _moved(choice: Choice) -> list[tuple[Effect, float]]:
     """
     design, left = choice.design, choice.left
     problem, point = design.fit.problem, design.fit.solution.point
-    own, vector = design.nuisances, problem.vector
+    own, vector, admitted = design.nuisances, problem.vector, {effect.label for effect in choice.effects}
     stays = vector.slices[-design.taken_out].start if design.taken_out else vector.size
     steps = design.scales[:own] * left.projection.solution()[:own]
     us = design.scales[:own] * np.sqrt(np.diag(left.projection.covariance)[:own])
@@ -114,13 +114,16 @@ def _moved(choice: Choice) -> list[tuple[Effect, float]]:
     found = []
     for effect, place in vector:
         i = place.start  # a value of a DH table is one parameter
-        if type(effect) not in KIND_OF or not problem.stated[i] or vector.of_arm[i] is None or i >= stays or i not in of_own:
+        if type(effect) not in KIND_OF or not problem.stated[i] or vector.of_arm[i] is None:
             continue
-        (step, u), stated = of_own[i], float(problem.widths[i])
+        if i not in of_own or effect.label in admitted:
+            continue
+        (step, u), stated = of_own[i], float(vector.arm_u[i])
+        was = problem.start[i] if i >= stays else point.x[i]  # one that was taken out starts from where it is stated
         told = 1.0 - (u / stated) ** 2
         u = np.sqrt(left.variance / max(told, 1e-12)) * u
         if u < np.sqrt(1.0 / LEAST_SHARE**2 - 1.0) * stated:
-            change = float(point.x[i] + step - problem.start[i]) / told
+            change = float(was + step - problem.start[i]) / told
             chance = float(chi2_sf(change**2 / (stated**2 + u**2), 1))
             found.append((effect, change, u, chance))
     judged = [(e.at((change,), (u,)), min(chance * len(found), 1.0)) for e, change, u, chance in found]
