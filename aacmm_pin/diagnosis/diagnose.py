@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.findings import UNLIKELY, findings_of
+from aacmm_pin.diagnosis.findings import UNLIKELY, estimated, findings_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, in_its_place, refitted
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, too_good
 from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, look_alikes, strengths, visible
@@ -169,7 +169,7 @@ def _concluded(
             *_below_zero(findings),
             *_of_masses(findings),
             *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
-            *_changed(findings),
+            *_changed(findings, model.effects, choice),
             *_size(extended),
             *_clock(extended),
             *_too_good(extended),
@@ -189,18 +189,23 @@ def _rivals(choice: Choice, pairs: Sequence[InPairs]) -> list[str]:
     ]
 
 
-def _changed(findings: Sequence[Finding]) -> list[str]:
-    """Causes that were known with other values."""
-    found = []
+def _changed(findings: Sequence[Finding], known: Sequence[Effect], choice: Choice) -> Iterator[str]:
+    """Causes that were known with other values, and those beside which another of their kind was found."""
+    now = {effect.identity: (effect, described(effect, covariance)) for effect, covariance in estimated(choice)}
     for f in findings:
-        if f.was is not None:
-            stated = described(f.was, np.diag(np.square(f.was.u)))
-            was, now = (
-                ", ".join([values_in_words(effect, values, f.slides), *effect.inner_in_words()])
-                for effect, values in ((f.was, stated), (f.effect, f.parameters))
-            )
-            found.append(f"{f.label} was known as {was}, and {'is gone' if f.gone else f'has changed to {now}'}")
-    return found
+        for old in (old for old in known if old.label == f.label):
+            was = _in_words(old, described(old, np.diag(np.square(old.u))), f.slides)
+            if f.gone:
+                yield f"{f.label} was known as {was}, and is gone"
+            elif f.was is not None:
+                yield f"{f.label} was known as {was}, and has changed to {_in_words(f.effect, f.parameters, f.slides)}"
+            elif old.identity in now:
+                yield f"{f.label} was known as {was}; beside the new one it is {_in_words(*now[old.identity], f.slides)}"
+
+
+def _in_words(effect: Effect, values: dict[str, tuple[float, float]], slides: bool) -> str:
+    """Values with U, and inner values."""
+    return ", ".join([values_in_words(effect, values, slides), *effect.inner_in_words()])
 
 
 def _size(extended: Fit) -> list[str]:

@@ -32,16 +32,16 @@ def findings_of(model: ErrorModel, choice: Choice, strong: list[Strength]) -> li
 
 def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iterator[Finding]:
     """The admitted causes with the values that the last refit gave them."""
-    every = {effect.identity: (effect, covariance) for effect, covariance in _estimated(choice)}
+    every = {effect.identity: (effect, covariance) for effect, covariance in estimated(choice)}
     known = {effect.label: effect for effect in model.effects}
-    estimated = {effect.label: (effect, covariance) for effect, covariance in every.values()}  # the new one comes last
+    latest = {effect.label: (effect, covariance) for effect, covariance in every.values()}  # the new one comes last
     for strength in strong:
         if strength.block not in choice.causes:
             continue
         label = choice.variant(strength.block).label
-        if label not in estimated:
+        if label not in latest:
             continue
-        effect, covariance = estimated[label]
+        effect, covariance = latest[label]
         was = known.get(label)
         beside = was is not None and was.identity != effect.identity and was.identity in every
         yield Finding(
@@ -54,7 +54,7 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
             None if geometric_parameters(model.arm, effect) else brought(choice, choice.admitted, strength.block),
             _inner_values(choice, effect, strength.block),
             effect.slides(choice.fit.problem.model.arm),
-            None if effect.place is None else estimated.get(effect.cause, (None,))[0],
+            None if effect.place is None else latest.get(effect.cause, (None,))[0],
             None if beside else was,
         )
 
@@ -66,7 +66,7 @@ def _inner_values(choice: Choice, effect: Effect, block: int) -> dict[str, tuple
     return {name: (float(getattr(effect, name)), u) for name, u in told.items()}
 
 
-def _estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
+def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:
     """Every effect that the last fit estimated, with u, and the covariance of its values; of what no record tells, by the
     widths within which it was looked for.
     """

@@ -97,8 +97,19 @@ class Question:
         found[self.owners[self.first]] = each
         return found
 
+    @cached_property
+    def doubt(self) -> Array:
+        """By how much a variant's log evidence has to be larger than its candidate's others (blocks,).
+
+        One of many other inner values, beside a known cause that changes too, has to be as sure as a cause beside the change
+        alone.
+        """
+        two = np.array([isinstance(b.source, tuple) and len(b.source) > 1 for b in self.blocks])
+        return np.where(two, SURE + np.log(np.bincount(self.owners)[self.owners]), 0.0)
+
     def best_blocks(self, evidences: Array) -> dict[int, int]:
         """The variant with the largest evidence, of each candidate that has any."""
+        evidences = evidences - self.doubt
         largest = np.maximum.reduceat(evidences, self.first)
         counts = np.diff([*self.first, len(self.blocks)])
         reached = np.flatnonzero(evidences == np.repeat(largest, counts))

@@ -29,6 +29,7 @@ from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     EncoderGain,
+    EncoderSlip,
     JointCompliance,
     JointPeriodicError,
     LinkBending,
@@ -324,6 +325,16 @@ def test_a_known_warm_up_that_is_quicker_or_smaller(sino6: Arm, before: float, a
     assert isinstance(effect, ZeroDrift)
     assert abs(effect.values[0] - drift) < 3.3 * effect.u[0] < 5e-5
     assert abs(effect.time_constant_s - after) < 3.3 * finding.inner.get("time_constant_s", (after, 1.0))[1]
+
+
+def test_a_known_slip_that_has_grown_is_no_second_one(sino6: Arm) -> None:
+    known = EncoderSlip(joint=5, time_s=5000.0, values=(2.2e-4,), u=(6.6e-6,))
+    truth = ErrorModel(sino6, (replace(known, values=(4.8e-4,), u=()),))
+    data = simulate_measurements(truth, "free", 150, rng=np.random.default_rng(1), **NOISE)
+    found = diagnose(ErrorModel(sino6, (known,)), data, **NOISE, progress=False)
+    (finding,) = found.findings
+    assert (found.verdict, finding.was, finding.effect.identity) == ("explained", known, known.identity)
+    assert abs(finding.effect.values[0] - 4.8e-4) < 3.3 * finding.effect.u[0] < 1e-4
 
 
 @pytest.mark.parametrize("sure", [False, True])
