@@ -27,6 +27,11 @@ NUMBERS: dict[str, tuple[str, Range]] = {
     "probe_diameter_mm": ("probe_diameter", Range(0.0, 0.1, "m")),
 }
 """Columns of numbers, what they are called in metres, and what they can be."""
+ONE_VALUE = {
+    ("length_id", "position", "repeat"): ("length_mm", "probe_diameter_mm", "u_length_mm"),
+    ("feature", "position"): ("feature_diameter_mm", "probe_diameter_mm", "u_length_mm"),
+}
+"""What tells the lengths, and the spheres, of a test apart, and the columns in which all touches of one say the same."""
 PART = "high"
 """In the column ``part``: a touch in a posture that was predicted to be accurate."""
 LABELS = ("feature", "test", "position", "repeat", "length_id", "part")

@@ -14,7 +14,7 @@ from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.acceptance_columns import ACCEPTANCE, LABELS, NEEDED, NUMBERS, check_tests
+from aacmm_pin.measurements.acceptance_columns import ACCEPTANCE, LABELS, NEEDED, NUMBERS, ONE_VALUE, check_tests
 from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U, Problems
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.records import Measurements
@@ -78,6 +78,7 @@ def what_is_touched(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
     for name, (called, range_) in NUMBERS.items():
         touches[called] = _numbers(table, name, range_, problems) if name in table else np.nan
     _check_tests(touches, problems)
+    _take_one_value(touches, problems)
     return touches
 
 
@@ -108,6 +109,21 @@ def _check_tests(touches: pd.DataFrame, problems: Problems) -> None:
             empty = touches[called].isna() if name in NUMBERS else touches[called] == ""
             bad = (empty & (touches["test"] == test)).to_numpy()
             problems.at(bad, name, f"is empty, expected a value: test {test} needs it")
+
+
+def _take_one_value(touches: pd.DataFrame, problems: Problems) -> None:
+    """What is calibrated is the same for all touches of a length, or sphere; one that states nothing is given it."""
+    for labels, columns in ONE_VALUE.items():
+        of_these = touches["test"].isin([test for test, needed in NEEDED.items() if columns[0] in needed])
+        by = [touches[label] for label in ("test", *labels)]
+        for name in columns:
+            called = NUMBERS[name][0]
+            values, rows = touches[called], touches["row"].where(touches[called].notna())
+            first, row = (each.groupby(by).transform("first") for each in (values, rows))
+            other = (of_these & values.notna() & (values != first)).to_numpy()
+            said = "is {:.9g} mm, but row {:.0f} states {:.9g} mm; expected one value for the same test, " + ", ".join(labels)
+            problems.at(other, name, said, *(each.to_numpy() for each in (values / MM, row, first / MM)))
+            touches[called] = first.where(of_these, values)
 
 
 def _of_indications(table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel]) -> dict[str, Array]:

@@ -100,7 +100,9 @@ def test_figures_are_those_of_the_touches(data: Path) -> None:
     assert values == pytest.approx(EXPECTED, abs=1e-7)
     assert {f.verdict for f in result.figures} == {None}
     assert {f.source for f in result.figures} == {AS_GIVEN}
-    u = {f.definition.name: f.evaluated.u * 1e3 for f in result.figures}
+    table = pd.read_csv(data)
+    table.assign(u_length_mm=table["u_length_mm"].where(table.index % 2 == 1)).to_csv(data, index=False)  # every other touch
+    u = {f.definition.name: f.evaluated.u * 1e3 for f in accept(data).figures}
     assert (u["P_Size.Sph.1x25"], u["E_Bi"], u["Volumetric.2RMS"]) == pytest.approx((0.001, 0.002, 0.004))
     assert [f.definition.name for f in accept(data, standard="asme-b89.4.22").figures] == [*EXPECTED][5:10]
 
@@ -301,6 +303,8 @@ def test_certificate_has_every_figure_and_the_touches(data: Path, tmp_path: Path
         ("feature_diameter_mm", "25,0", ["row 3", "column feature_diameter_mm"]),
         ("probe_diameter_mm", "", ["row 3", "column probe_diameter_mm", "sphere"]),
         ("u_length_mm", "-1", ["row 3", "column u_length_mm"]),
+        *((name, "25.1", ["row 3", f"column {name}", "row 2"]) for name in ("feature_diameter_mm", "probe_diameter_mm")),
+        ("u_length_mm", "0.1", ["row 3", "column u_length_mm", "row 2"]),
     ],
 )
 def test_errors_name_row_and_column(data: Path, column: str, cell: str, said: list[str]) -> None:
