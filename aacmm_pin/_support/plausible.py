@@ -33,6 +33,8 @@ MOST_ROWS = 200
 """Rows of an arm, joints and rigid pieces together."""
 MOST_JOINTS = 64
 """Joints that move the tip."""
+MOST_UNKNOWN = 100
+"""Columns of unknown names in a measurement file; `diagnose` looks into each of them for a twentieth of a second."""
 
 
 class Range(NamedTuple):

@@ -172,6 +172,10 @@ def read_header(names: Sequence[object], nq: int | None, problems: Problems) -> 
         if count > 1 and name.strip():
             problems.add(name, f"is there {count} times, expected each name once in the header")
     extra = [name for name in dict.fromkeys(texts) if not is_known(name)]
+    if len(extra) > plausible.MOST_UNKNOWN:
+        came = f"{len(extra)} columns of unknown names, such as {', '.join(map(_short, extra[:3]))}"
+        problems.add("", f"{came}; expected at most {plausible.MOST_UNKNOWN}, so leave out what residuals do not depend on")
+        problems.stop()
     for name in extra:
         if meant := _near_miss(name, texts):
             other = "if something else is meant, a name that cannot be taken for it"
@@ -225,7 +229,8 @@ def _numbered(names: Sequence[str], form: str, problems: Problems) -> tuple[str,
     numbers = sorted((number for name in names if (number := _number(name, form))), key=lambda number: (len(number), number))
     found = [form.replace("#", number) for number in numbers]
     if found != named(form, len(found)):
-        missing = next(name for name in named(form, len(numbers)) if name not in found)
+        there = {*found}
+        missing = next(name for name in named(form, len(numbers)) if name not in there)
         came = ", ".join(map(_short, numbers))
         problems.add(span(found), f"numbered {came}; expected numbers from 1 without gap, but {missing} is missing")
     return tuple(found)

@@ -121,7 +121,7 @@ def _take_one_value(touches: pd.DataFrame, problems: Problems) -> None:
             values, rows = touches[called], touches["row"].where(touches[called].notna())
             first, row = (each.groupby(by).transform("first") for each in (values, rows))
             other = (of_these & values.notna() & (values != first)).to_numpy()
-            said = "is {:.9g} mm, but row {:.0f} states {:.9g} mm; expected one value for the same test, " + ", ".join(labels)
+            said = f"is {{:.9g}} mm, but row {{:.0f}} states {{:.9g}} mm; expected one value for one {', '.join(labels)}"
             problems.at(other, name, said, *(each.to_numpy() for each in (values / MM, row, first / MM)))
             touches[called] = first.where(of_these, values)
 

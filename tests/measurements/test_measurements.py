@@ -227,6 +227,7 @@ HEADERS: list[tuple[str, int | None, str, str]] = [
     ("theta1_deg,theta2_deg,temperature1_c", None, "temperature1_c", "2 or more"),
     ("theta1_deg,theta2_deg,approach1", None, "approach1", "each of the 2 joints"),
     ("theta1_deg,theta2_deg,torque1_nm", None, "torque1_nm", "each of the 2 joints"),
+    (",".join(["theta1_deg", *(f"k{k}" for k in range(101))]), None, "", "101 columns of unknown names, such as k0"),
 ]
 SLIPS = {
     "x_mm": ["x mm", "x [mm]", "x-mm", "x_m", "x"],
