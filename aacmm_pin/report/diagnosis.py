@@ -116,7 +116,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
     ]
     text = " and ".join(f"{how} {_named(some)}" for how, some in told if some)
     text = f"the simulation {text}" if text else "no cause is missing in the simulation"
-    if causes and not helps:
+    if causes != sound and not helps:
         text += f", but adding {'it' if len(causes) == 1 else 'them'} does not help to predict held-out records"
     return f"{text}; its stated values are off by unusually much: {_named(values)}" if values else text
 
