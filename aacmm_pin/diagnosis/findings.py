@@ -118,8 +118,9 @@ def _moved(choice: Choice) -> list[tuple[Effect, float]]:
             continue
         if i not in of_own or effect.label in admitted:
             continue
-        (step, u), stated = of_own[i], float(vector.arm_u[i])
-        was = problem.start[i] if i >= stays else point.x[i]  # one that was taken out starts from where it is stated
+        (step, u), taken_out = of_own[i], i >= stays
+        # One that was taken out is as it is stated.
+        was, stated = (problem.start[i], float(vector.arm_u[i])) if taken_out else (point.x[i], float(problem.widths[i]))
         told = 1.0 - (u / stated) ** 2
         u = np.sqrt(left.variance / max(told, 1e-12)) * u
         if u < np.sqrt(1.0 / LEAST_SHARE**2 - 1.0) * stated:

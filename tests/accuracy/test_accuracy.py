@@ -155,7 +155,7 @@ def test_published_ranges_at_the_six_seats(nominal: Arm, sino6: Arm) -> None:
     """
     for seat, by_joint, full, ellipsoid in zip(SEATS_MM, JOINTWISE, FULL, ELLIPSOID, strict=True):
         for arm, slack in ((nominal, 0.006), (sino6, 0.03))[: 2 if seat in SEATS_MM[:2] else 1]:
-            circle = configuration_circle(arm, np.array(seat) * 1e-3, count=180)
+            circle = configuration_circle(arm, np.array(seat) * 1e-3)
             q = circle.q[circle.within_limits]
             volume = accuracy_volume(arm, q, at="frame5", method="jointwise").volume * 1e13
             assert volume.max() == pytest.approx(by_joint[1], abs=0.02 + slack)
