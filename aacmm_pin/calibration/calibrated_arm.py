@@ -28,19 +28,21 @@ UNTOLD = 0.999
 def calibrated_model(fit: Fit) -> ErrorModel:
     """The arm and effects with the estimated values; targets of single markers are part of the set-up.
 
-    A noise of the encoders that was stated stays with the arm.
+    A noise of the encoders that was stated stays with the arm. The u of an effect has in it the width within which it was
+    looked for, as far as the records do not tell it by itself; the covariance is that of what they tell.
     """
     problem, vector = fit.problem, fit.problem.vector
     arm, u, x = problem.model.arm, np.sqrt(np.diag(fit.covariance)), fit.solution.point.x
     steps = {p.name: float(step) for p, step in zip(vector.of_arm, x, strict=True) if p is not None}
     # A parameter that the data tell nothing of has no u that means anything.
-    told = np.linalg.norm(fit.unknown[: vector.size], axis=1) < UNTOLD
+    unknown = np.linalg.norm(fit.unknown[: vector.size], axis=1)
+    told, alone = unknown < UNTOLD, np.hypot(u[: vector.size], unknown * problem.widths)
     effects: list[Effect] = []
     for effect, own in vector:
         if isinstance(effect, StylusOffset) and effect.marker is not None:
             told[own] = False
         elif vector.of_arm[own.start] is None:
-            effects.append(effect.at(x[own], u[own]))
+            effects.append(effect.at(x[own], alone[own]))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     records = dict.fromkeys((*problem.known_from, *problem.measurements.take(fit.used).fingerprints()))
     known = _covariance(arm, names, fit.covariance[: vector.size, : vector.size], " ".join(records))

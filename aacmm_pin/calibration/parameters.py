@@ -63,10 +63,10 @@ def problem_of(
         else:
             raise UnknownNameError("set of parameters", str(item), [*get_args(ParameterSet), "an Effect"])
     labels = [effect.label for effect, _, _ in chosen]
-    identities = [effect.identity for effect, _, _ in chosen]
-    for label, identity in zip(labels, identities, strict=True):
-        if identities.count(identity) > 1:
-            raise AacmmError(f"{label} is to be estimated twice")
+    keys = [effect.key for effect, _, _ in chosen]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise AacmmError(f"{key} is to be estimated twice")
     fixed = tuple(e for e in model.effects if e.label not in labels)
     widths = np.concatenate([np.empty(0), *(w for _, w, _ in chosen)])
     stated = np.concatenate([np.empty(0, dtype=bool), *(s for _, _, s in chosen)])

@@ -16,7 +16,7 @@ from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.calibration.calibrated_arm import UNTOLD, calibrated_model
+from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut, rms
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.identifiability import Observability, undetermined
@@ -137,11 +137,11 @@ class Calibration(Shown):
         """One row a parameter: before, after, change, u, U (k = 2), in the unit of the row; and what the data say of it.
 
         ``known`` is ``measured``, ``hardly`` (the data say less than what was stated), ``as stated`` (they add nothing to
-        it) or ``in combination`` (part of a combination in :attr:`undetermined`, u is of the part that is known).
+        it) or ``in combination`` (part of a combination in :attr:`undetermined`, so that it has no u by itself).
         """
         problem, vector = self.fit.problem, self.fit.problem.vector
         u = np.sqrt(np.diag(self.covariance))
-        u[np.linalg.norm(self.fit.unknown[: u.size], axis=1) >= UNTOLD] = np.nan
+        u[np.linalg.norm(self.fit.unknown[: u.size], axis=1) > MENTIONED] = np.nan
         before, change = vector.origins + problem.start, self.fit.solution.point.x - problem.start
         lengths = np.array([parameter.unit == "m" for parameter in vector.parameters], dtype=bool)
         values = {"before": before, "after": before + change, "change": change, "u": u, "U": COVERAGE_FACTOR * u}
@@ -156,7 +156,7 @@ class Calibration(Shown):
 
     def _known(self, i: int, u: float) -> str:
         problem = self.fit.problem
-        if np.linalg.norm(self.fit.unknown[i]) > MENTIONED:
+        if np.isnan(u):
             return "in combination"
         if problem.stated[i]:
             of_stated = u / problem.widths[i]

@@ -242,8 +242,12 @@ class Effect(Shown, ABC):
 
     @property
     def key(self) -> str:
-        """The label with what tells several of one cause at one place apart: ``joint_periodic_error:6,order=7``."""
-        return ",".join([self.label, *(f"{name}={getattr(self, name):g}" for name in self.inner)])
+        """The label with what tells several of one cause at one place apart: ``joint_periodic_error:6,order=7``.
+
+        It has six digits; of times since 1970, which these do not tell apart, the milliseconds too.
+        """
+        numbers = [(name, float(getattr(self, name))) for name in self.inner]
+        return ",".join([self.label, *(f"{n}={x:g}" if abs(x) < 1e5 else f"{n}={round(x, 3):.15g}" for n, x in numbers)])
 
     @property
     def identity(self) -> tuple[object, ...]:

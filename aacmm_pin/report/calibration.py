@@ -118,14 +118,14 @@ def frame_in_words(result: Calibration) -> str:
 
 
 def estimated_causes(result: Calibration) -> pd.DataFrame:
-    """Estimated causes of error with their values, amplitude and phase of a wave such as, ± U (k = 2)."""
-    vector = result.fit.problem.vector
+    """Estimated causes of error with their values, amplitude and phase of a wave such as, ± U (k = 2) where there is one."""
+    vector, together = result.fit.problem.vector, result.parameters["known"] == "in combination"
     rows = [
         {
             "cause": in_words(effect),
-            "value ± U (k = 2)": values_in_words(
-                effect, described(effect, result.covariance[own, own]), effect.slides(result.model.arm)
-            ),
+            "value ± U (k = 2)": "known in combination with others only"
+            if together[own].any()
+            else values_in_words(effect, described(effect, result.covariance[own, own]), effect.slides(result.model.arm)),
         }
         for effect, own in zip(result.fit.solution.effects, vector.slices, strict=True)
         if vector.of_arm[own.start] is None

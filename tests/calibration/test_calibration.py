@@ -23,6 +23,7 @@ from aacmm_pin.calibration.calibrated_arm import moved_file
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.effects import (
     BaseCompliance,
+    BearingTilt,
     Effect,
     EncoderEccentricity,
     EncoderGain,
@@ -212,6 +213,14 @@ def parallel_arm() -> Arm:
             {"schema": "aacmm-pin/arm/1", "name": "parallel", "convention": "standard-dh", "joints": joints}
         )
     )
+
+
+def test_what_is_known_in_combination_only_has_no_u_by_itself(sino6: Arm, rng: np.random.Generator) -> None:
+    result = quick(sino6, free_points(sino6, rng, 40)[0], [BaseCompliance(), BearingTilt(1)])
+    assert result.undetermined == ("base_compliance and bearing_tilt:1: only their sum",)
+    assert list(result.parameters["known"]) == ["in combination"] * 2
+    assert result.parameters["u"].isna().all()
+    assert all(effect.u[0] > 100 * effect.terms[0].typical for effect in result.model.effects)
 
 
 def test_parallel_axes_are_known_together(rng: np.random.Generator) -> None:
@@ -455,6 +464,8 @@ def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
     fails("unknown set of parameters 'all'", lambda: quick(sino6, data, "all"), UnknownNameError)
     fails("unknown reference frame", lambda: quick(sino6, data, reference_frame="x"), UnknownNameError)
     fails("to be estimated twice", lambda: quick(sino6, data, ["zero-offsets", "zero-offsets"]))
+    near = [JointPeriodicError(joint=2, order=order) for order in (7.0, 7.0000001)]
+    fails("joint_periodic_error:2,order=7 is to be estimated twice", lambda: quick(sino6, data, near))
     fails("time_s", lambda: quick(sino6, data, ["geometry", EncoderSlip(1, 10.0)]), MissingConditionError)
     fails("5 joints, SINO6 has 6", lambda: quick(sino6, Measurements.of(data.q[:, :5], data.reference)))
     fails("reference_noise is -1 m, expected 0 to 0.01", lambda: quick(sino6, data, reference_noise=-1.0))

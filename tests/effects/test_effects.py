@@ -549,6 +549,7 @@ def test_what_depends_on_time_and_approach(sino6: Arm, rng: np.random.Generator)
     }
     for effect, delta in expected.items():
         close(positions(sino6, effect, [1e-3], q, conditions), turned(sino6, q, 3, delta))
+    assert EncoderSlip(joint=3, time_s=1.7e9 + 1.25).key == "encoder_slip:3,time_s=1700000001.25"
 
 
 def test_encoder_causes_shift_a_joint_that_slides(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:

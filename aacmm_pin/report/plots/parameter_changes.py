@@ -77,7 +77,7 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
 def _draw_changes(table: pd.DataFrame, ax: Axes) -> None:
     """Columns parameter, unit, change, U, stated, known, beyond: over what was stated, or in a small unit of the first."""
     stated, place = bool(table["stated"].notna().all()), np.arange(len(table))
-    unit, factor = small_unit(table["unit"].iloc[0], np.abs(table[["change", "U"]].to_numpy()).max())
+    unit, factor = small_unit(table["unit"].iloc[0], np.nanmax(np.abs(table[["change", "U"]].to_numpy())))
     scale = table["stated"] if stated else 1 / factor
     change, bar = table["change"] / scale, table["U"] / scale
     if stated:
