@@ -183,7 +183,8 @@ class Covariance(_Part):
         if len(self.standard_uncertainty_si) != n:
             raise ValueError(f"standard_uncertainty_si has {len(self.standard_uncertainty_si)} numbers, expected {n}")
         if [len(row) for row in self.correlation] != list(range(n)):
-            raise ValueError(f"correlation: expected {n} rows of 0, 1, … {n - 1} numbers, the part below the diagonal")
+            shape = "the part below the diagonal, such as [[], [0.5], [0.1, -0.2]]: the first row has none"
+            raise ValueError(f"correlation: expected {n} rows of 0, 1, … {n - 1} numbers, {shape}")
         matrix = self.matrix_of_correlation()
         if np.abs(matrix).max() > 1 + 1e-9 or np.linalg.eigvalsh(matrix).min() < -1e-6:
             raise ValueError("correlation is not a correlation matrix: it has a negative eigenvalue")
@@ -442,8 +443,11 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
             return key, "missing"
         case "value_error":
             return key, str(item["ctx"]["error"])
+        case "tuple_type":
+            return key, f"is {reprlib.repr(item['input'])}, expected an array, such as [] or [0.5]"
         case _:
             expected = re.sub("^(Input|List|String) should (be|have) ", "", item["msg"])
+            expected = re.sub("[0-9]{16,}", lambda digits: f"{float(digits[0]):g}", expected)
             return key, f"is {reprlib.repr(item['input'])}, expected {expected}"
 
 

@@ -425,7 +425,7 @@ class Effect(Shown, ABC):
         if missing:
             raise AacmmError(f"{cls.cause}: missing {', '.join(missing)}")
         bare = cls(**{name: cls._checked(name, value) for name, value in structure.items()})
-        return bare.at(bare.values_from(parameters), bare._by_key(uncertainty or {})).require_plausible()
+        return bare.at(bare.values_from(parameters), bare._by_key(uncertainty or {}, "uncertainty")).require_plausible()
 
     def require_plausible(self) -> Self:
         """The cause itself, if no value or u is beyond what a file can state.
@@ -469,11 +469,11 @@ class Effect(Shown, ABC):
         """Values from what a file says; what it leaves out is zero."""
         return self._by_key(parameters)
 
-    def _by_key(self, parameters: Mapping[str, float]) -> tuple[float, ...]:
+    def _by_key(self, parameters: Mapping[str, float], what: str = "parameter") -> tuple[float, ...]:
         keys = [t.key for t in self.terms]
         for key in parameters:
             if key not in keys:
-                raise UnknownNameError(f"parameter of {self.label}", key, keys)
+                raise UnknownNameError(f"{what} of {self.label}", key, keys)
         return tuple(float(parameters.get(t.key, 0.0)) * t.scale for t in self.terms)
 
 

@@ -269,7 +269,7 @@ def entry_of(effect: Effect) -> EffectEntry:
     """The effect as an arm file has it."""
     structure = {name: getattr(effect, name) for name in effect.structure()}
     fields = {k: list(v) if isinstance(v, tuple) else v for k, v in structure.items() if v not in (None, ())}
-    u = {term.key: float(u / term.scale) for term, u in zip(effect.terms, effect.u, strict=True) if u}
+    u = {term.key: float(u / term.scale) for term, u in zip(effect.terms, effect.u, strict=True) if any(effect.u)}
     return EffectEntry.model_validate({"cause": effect.cause, **fields, "parameters": effect.described(), "uncertainty": u})
 
 
@@ -285,6 +285,17 @@ def _extended(arm: Arm, path: str) -> ErrorModel:
         raise ArmFileError(path, "effects", str(error)) from None
 
 
+def _require_all(entry: EffectEntry, effect: Effect) -> None:
+    """Refuse an entry that states some of the parameters, or of their u, and not the others; none of them are zero."""
+    linear = [term.key for term in effect.terms]
+    for what, stated, names in (
+        ("parameters", entry.parameters, linear if {*entry.parameters} <= {*linear} else [*effect.described()]),
+        ("uncertainty", entry.uncertainty, linear),
+    ):
+        if stated and (missing := [name for name in names if name not in stated]):
+            raise AacmmError(f"{effect.label}: {what}: missing {', '.join(missing)} beside {', '.join(stated)}")
+
+
 def _effect(entry: EffectEntry, arm: Arm, path: str, key: str) -> Effect:
     from aacmm_pin.effects.causes import cause_named  # loads every cause
 
@@ -294,6 +305,7 @@ def _effect(entry: EffectEntry, arm: Arm, path: str, key: str) -> Effect:
         raise ArmFileError(path, f"{key}.cause", str(error)) from None
     try:
         effect = kind.from_description(entry.structure, entry.parameters, entry.uncertainty)
+        _require_all(entry, effect)
         return require_row(effect.require_sign(), arm)
     except (AacmmError, TypeError, ValueError) as error:
         raise ArmFileError(path, key, str(error)) from None

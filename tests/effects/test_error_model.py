@@ -256,7 +256,8 @@ BAD_COVARIANCE = [
     ("[0.5]", "[1.5]", "covariance", ["not a correlation matrix"]),
     ("[0.5], [-0.25, 0.1]", "[0.9], [0.9, -0.9]", "covariance", ["negative eigenvalue"]),
     ("[0.5]", "[nan]", "covariance.correlation[2][1]", ["nan", "finite"]),
-    ("[0.5]", "0.5", "covariance.correlation[2]", ["0.5"]),
+    ("[0.5]", "0.5", "covariance.correlation[2]", ["0.5", "an array"]),
+    ("2e-6, 3e-6]", "2e-6, 1e300]", "covariance.standard_uncertainty_si[3]", ["or equal to 1e+100"]),
     ('["theta_offset3", "encoder_gain:3", "d2"]', "[]", "covariance.parameters", ["at least 1 item"]),
     ("correlation = [[], [0.5], [-0.25, 0.1]]", "", "covariance.correlation", ["missing"]),
     ("correlation", "matrix = 1\ncorrelation", "covariance.matrix", ["unknown key", "standard_uncertainty_si"]),
@@ -307,7 +308,7 @@ def test_file_states_the_effects_as_people_do(tmp_path: Path, sino6: Arm) -> Non
 
 def test_file_written_by_hand(tmp_path: Path) -> None:
     text = effect_text('cause = "encoder_eccentricity"', "joint = 3", "parameters = { cos_rad = 1e-4, sin_rad = -2e-4 }")
-    phase = effect_text('cause = "encoder_ellipticity"', "joint = 3", "parameters = { amplitude_rad = 1e-4 }")
+    phase = effect_text('cause = "encoder_ellipticity"', "joint = 3", "parameters = { amplitude_rad = 1e-4, phase_rad = 0 }")
     none = effect_text('cause = "thermal_expansion"')
     model = ErrorModel.load(write(tmp_path, text, phase, none, GAIN))
     assert [e.values for e in model.effects] == [(1e-4, -2e-4), (1e-4, 0.0), (0.0,), (2e-4,)]
@@ -331,6 +332,7 @@ def test_an_arm_that_is_from_no_file(sino6: Arm) -> None:
 
 
 CAUSE = 'cause = "encoder_gain"'
+WAVE = 'cause = "encoder_eccentricity"'
 BAD_EFFECTS = [
     # lines of an effect, the key that is named, words of the reason; what a field may not be is in test_effects.py
     (["joint = 3"], "effects[1].cause", ["missing"]),
@@ -351,7 +353,10 @@ BAD_EFFECTS = [
         "effects[1]",
         ["unknown parameter of encoder_ellipticity:3 'cos_rad'", "amplitude_rad, phase_rad"],
     ),
-    ([CAUSE, "joint = 3", "uncertainty = { gian = 1e-6 }"], "effects[1]", ["unknown parameter of encoder_gain:3 'gian'"]),
+    ([CAUSE, "joint = 3", "uncertainty = { gian = 1e-6 }"], "effects[1]", ["unknown uncertainty of encoder_gain:3 'gian'"]),
+    ([WAVE, "joint = 3", "parameters = { amplitude_rad = 1e-4 }"], "effects[1]", ["parameters: missing phase_rad"]),
+    ([WAVE, "joint = 3", "parameters = { sin_rad = 1e-4 }"], "effects[1]", ["parameters: missing cos_rad"]),
+    ([WAVE, "joint = 3", "uncertainty = { cos_rad = 1e-4 }"], "effects[1]", ["uncertainty: missing sin_rad"]),
     ([CAUSE, "joint = 3", "uncertainty = { gain = -1e-6 }"], "effects[1]", ["encoder_gain:3: u is (-1e-06,)"]),
     ([CAUSE, "joint = 3", 'parameters = { gain = "1" }'], "effects[1].parameters.gain", ["is '1'", "valid number"]),
     ([CAUSE, "joint = 3", "parameters = { gain = true }"], "effects[1].parameters.gain", ["is True"]),
