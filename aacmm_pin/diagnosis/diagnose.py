@@ -233,11 +233,12 @@ def _of_masses(findings: Sequence[Finding]) -> list[str]:
 
 
 def _clock(extended: Fit) -> list[str]:
-    """A clock that started long before the arm was switched on."""
+    """A clock that does not count from the moment at which the arm was switched on."""
     time = extended.problem.measurements.conditions.time
-    if time is None or np.ptp(time) == 0.0 or time.min() < LATE * np.ptp(time):
+    if time is None or np.ptp(time) == 0.0 or 0.0 <= time.min() < LATE * np.ptp(time):
         return []
-    return ["time_s starts late: a warm-up counts from 0, the moment of switching on, and cannot be seen here"]
+    starts, answer = ("late", "cannot be seen here") if time.min() > 0.0 else ("below 0", "does nothing before")
+    return [f"time_s starts {starts}: a warm-up counts from 0, the moment of switching on, and {answer}"]
 
 
 def _too_good(extended: Fit) -> list[str]:

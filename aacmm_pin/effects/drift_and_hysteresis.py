@@ -20,7 +20,7 @@ FINE = 15
 
 @dataclass(frozen=True)
 class ZeroDrift(Effect):
-    """The zero of one encoder wanders while it warms up: ``δ = A (1 - exp(-t/τ))``, t from switching on.
+    """The zero of one encoder wanders while it warms up: ``δ = A (1 - exp(-t/τ))``, t from switching on, 0 before.
 
     Unit rad; typical 5e-5 to 3e-4, τ a quarter to two hours. Source: first-order heating. Needs ``time_s``. Confused with:
     ``encoder_slip`` where τ is short, ``thermal_expansion`` where the room warms up alike.
@@ -60,8 +60,8 @@ class ZeroDrift(Effect):
         return {"time_constant_s": 2.0 * self.time_constant_s}
 
     def displacements(self, state: State) -> list[Displacement]:
-        """How far the warm-up has come."""
-        time = state.conditions.require("time", self.label)
+        """How far the warm-up has come; nothing before 0."""
+        time = np.maximum(state.conditions.require("time", self.label), 0.0)
         return [about_axis(state, self.joint, -np.expm1(-time / self.time_constant_s)[:, None])]
 
 

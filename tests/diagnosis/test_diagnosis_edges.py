@@ -190,7 +190,9 @@ def compliant(sino6: Arm) -> Measurements:
 def test_noise_stated_a_hundred_times_too_large_is_not_answered_with_more_records(
     sino6: Arm, compliant: Measurements
 ) -> None:
-    found = diagnose(sino6, compliant, encoder_noise=8e-4, reference_noise=1e-3, hold_out=False)
+    early = replace(compliant, conditions=replace(compliant.conditions, time=np.arange(60.0) - 1e9))
+    found = diagnose(sino6, early, encoder_noise=8e-4, reference_noise=1e-3, hold_out=False)
+    assert any("time_s starts below 0" in note for note in found.notes)
     assert found.verdict == "inconclusive"
     assert "unit" in found.next_measurements
     assert "more records" not in found.next_measurements

@@ -539,7 +539,7 @@ def test_error_curve_ends_where_it_is_known(sino6: Arm) -> None:
 
 def test_what_depends_on_time_and_approach(sino6: Arm, rng: np.random.Generator) -> None:
     q = postures(sino6, rng, 4)
-    time, approach = np.array([0.0, 600.0, 601.0, 1e9]), np.zeros((4, 6))
+    time, approach = np.array([-1e9, 600.0, 601.0, 1e9]), np.zeros((4, 6))
     approach[:, 2] = -1, 0, 1, 1
     conditions = Conditions(4, time=time, approach=approach)
     expected = {
