@@ -150,7 +150,7 @@ def map_workspace(
 ) -> WorkspaceMap:
     """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the half-plane.
 
-    The joints behind the fourth are at 0.
+    The joints behind the fourth are held at 0, or at the angle nearest to 0 that their limits allow.
 
     Args:
         model: an arm with a DH table whose first five rows are joints, or such an arm with its effects.
@@ -225,7 +225,7 @@ class _Job:
 def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
     dh = arm.require_dh("a map of the workspace", WRIST_ROW)
-    wrist = Wrist.of(dh)
+    wrist = Wrist.of(dh, limits=arm.limits)
     known = wrist_curves(wrist, job.points, FEW_PER_TURN)
     components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, known.curves, wrist)
     found = Sectors.of(components, arm.limits, job.sectors)
@@ -265,7 +265,7 @@ def _smallest(groups: Index, values: Array) -> Index:
 
 def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
     dh = arm.require_dh("a map of the workspace", WRIST_ROW)
-    wrist = Wrist.of(dh)
+    wrist = Wrist.of(dh, limits=arm.limits)
     if extent is None:
         farthest = reach_of_wrist(wrist, Swivel(dh, arm.up).shoulder)[1]
         if farthest < SMALLEST_ARM:
@@ -378,7 +378,7 @@ def _dataset(
         "source": arm.source,
         "method": method,
         "working_point": WRIST,
-        "rest_deg": [0.0] * (arm.nq - 4),
+        "rest_deg": (Wrist.of(arm.require_dh("a map of the workspace", WRIST_ROW), limits=arm.limits).rest / DEG).tolist(),
         "extent_mm": (box / MM).tolist(),
         "caveats": "; ".join(map_caveats(arm)),
         "seconds": seconds,

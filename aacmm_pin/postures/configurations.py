@@ -130,8 +130,8 @@ def configuration_circle(
         tip: False: the wrist (origin of frame 5) is there, the joints behind the fourth are held at ``rest``.
             True: the tip is there with the stylus along ``axis``; all six joints move.
         axis: direction of the stylus in the base (3,), any length; needed with ``tip``, refused without.
-        rest: angles of the joints behind the fourth (nq - 4,) [rad], default 0. Row 5 of SINO6 has a length of
-            0.037 mm, so the circle of the wrist depends, a little, on θ5.
+        rest: angles of the joints behind the fourth (nq - 4,) [rad], default those nearest to 0 inside the limits. Row 5
+            of SINO6 has a length of 0.037 mm, so the circle of the wrist depends, a little, on θ5.
         count: configurations on each closed component, evenly spaced along the elbow's path.
 
     Returns:
@@ -182,7 +182,7 @@ def configuration_circles(
     else:
         if axis is not None:
             raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
-        wrist = Wrist.of(dh, rest)
+        wrist = Wrist.of(dh, rest, arm.limits)
         found = wrist_curves(wrist, points, SEEDS_PER_TURN)
         systems = [wrist_system(wrist, point[None, :]) for point in points]
     swivel, circles = Swivel(dh, arm.up), []

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin.arm.chain import screws
 from aacmm_pin.arm.dh import DHTable
+from aacmm_pin.arm.limits import into_limits
 from aacmm_pin.postures.continuation import Curves, all_curves, degenerate, polish
 from aacmm_pin.postures.point_system import PointSystem
 from aacmm_pin.postures.three_revolutes import candidates
@@ -41,14 +42,22 @@ class Wrist:
     rest: Array
 
     @staticmethod
-    def of(dh: DHTable, rest: ArrayLike | None = None) -> Wrist:
-        """Hold joints 5 and up at ``rest`` (nq - 4,) [rad], default 0; the first five rows of ``dh`` have joints.
+    def of(dh: DHTable, rest: ArrayLike | None = None, limits: Array | None = None) -> Wrist:
+        """Hold joints 5 and up.
+
+        Args:
+            dh: a table whose first five rows have joints.
+            rest: their angles (nq - 4,) [rad]; default 0, or what is nearest to 0, whole turns apart, inside ``limits``.
+            limits: of all joints (nq, 2) [rad]; None for no limits.
 
         Raises:
             ShapeError: ``rest`` has another shape or is not finite.
         """
         behind = dh.nq - POSITIONING
         held = np.zeros(behind) if rest is None else vector(rest, behind, "rest", "rad")
+        if rest is None and limits is not None:
+            nearest = into_limits(held, limits[POSITIONING:])
+            held = np.clip(nearest, *limits[POSITIONING:].T) - nearest  # exactly 0 where that is inside
         offsets = dh.theta_offset[:WRIST_ROW].copy()
         offsets[-1] += held[0]
         moving = np.array([True] * POSITIONING + [False])

@@ -7,7 +7,7 @@ random angles, that know nothing of closed forms, continuation or limits.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -593,6 +593,16 @@ def brute_flexibility(circle: ConfigurationCircle, sectors: int) -> tuple[list[b
             crossed[k] |= bool(passes.any())
             works[k] |= bool((passes & inside).any())
     return crossed, works, float(good_bin.sum() / any_bin.sum())
+
+
+def test_wrist_joints_rest_inside_their_limits(sino6: Arm) -> None:
+    lower, upper = np.array([0.5, 2 * np.pi - 2.0]), np.array([1.0, 2 * np.pi - 1.0])  # θ6 as good as from -2 to -1
+    narrow = replace(sino6, limits=np.vstack([sino6.limits[:4], np.column_stack([lower, upper])]))
+    free, held = (configuration_circle(arm, [0.4, 0.0, 0.3]) for arm in (sino6, narrow))
+    np.testing.assert_allclose(np.unique(held.q[:, 4:], axis=0), [[0.5, 2 * np.pi - 1.0]], atol=1e-12)
+    assert held.flexibility().sectors == free.flexibility().sectors
+    assert held.flexibility().arc_fraction == pytest.approx(free.flexibility().arc_fraction, abs=2e-3)
+    assert not configuration_circle(narrow, [0.4, 0.0, 0.3], rest=[0.0, 0.0]).within_limits.any()
 
 
 def limited(name: str, joint: int, lower_deg: float, upper_deg: float) -> Arm:
