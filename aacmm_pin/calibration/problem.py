@@ -100,6 +100,7 @@ class Problem:
         setup: how they were taken.
         known_from: fingerprints of the records that the arm's file knows its parameters from.
         targets: labels of the targets whose orientation on the tip is unknown; their turns are the last columns.
+        candidates: how many of the effects, the last ones, are those of a search that may choose again without them.
     """
 
     model: ErrorModel
@@ -111,6 +112,7 @@ class Problem:
     setup: Setup
     known_from: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
+    candidates: int = 0
 
     @property
     def turns(self) -> bool:

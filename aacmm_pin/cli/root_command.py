@@ -48,6 +48,8 @@ COMMANDS = (
 FOLDERS = [*sys.path]
 """Where modules are found, before plugins add their folders."""
 INTERRUPTED = "interrupted; every file is there whole, or as it was before"
+CAME: list[int] = []
+"""Signals that came: compiled code that is being loaded makes other errors of what they raise."""
 
 
 class Stopped(BaseException):
@@ -58,7 +60,8 @@ class Stopped(BaseException):
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    raise Stopped(number)
+    CAME.append(number)
+    raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
 
 
 class _Subcommand(TyperCommand):
@@ -145,6 +148,8 @@ def _told() -> Iterator[None]:
     except Stopped as stopped:
         _end(128 + stopped.number, INTERRUPTED)
     except Exception as error:
+        if CAME:
+            _end(128 + CAME[0], INTERRUPTED)
         if (said := _of_a_plugin(error)) is None:
             raise
         _end(1, said)
@@ -180,11 +185,11 @@ def _signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():  # only that one may
         yield
         return
-    ours = dict.fromkeys(STOPPING, _stop) | {signal.SIGINT: signal.default_int_handler}
+    CAME.clear()
     before = {number: signal.getsignal(number) for number in STOPPING}
     for number, handler in before.items():
         if handler != signal.SIG_IGN:
-            signal.signal(number, ours[number])
+            signal.signal(number, _stop)
     try:
         yield
     finally:

@@ -39,7 +39,8 @@ def candidates(
         AacmmError: an extra cause sits on a row that the arm does not have.
     """
     held = problem.setup.held
-    arm, known = model.arm, {effect.label for effect in (*model.effects, *([held] if held else []))}
+    arm = model.arm
+    known = {e.label for e in (*model.effects, *([held] if held else [])) if getattr(e, "load_at", None) is None}
     found = [*all_candidates(arm, measurements), *((effect,) for effect in _of_set_up(arm, measurements, problem))]
     of_label = {variants[0].label: variants for variants in found}
     for effect in extra:
@@ -47,18 +48,18 @@ def candidates(
             raise UnknownNameError("cause", effect.cause, list(CAUSES), "aacmm_pin.effects.register adds one of your own")
         label = require_row(effect, arm).label
         of_label[label] = tuple(dict.fromkeys((*of_label.get(label, ()), effect.at(()))))
-    changes = []
+    changes, taken = [], {effect.identity for effect in model.effects}
     for effect in known_causes(model, problem.setup):
-        others = of_label.get(effect.label, ()) if effect.inner else ()
-        others = (*others, *effect.other_loads(arm))
-        changes.append((effect.at((), effect.u), *(other for other in others if other.identity != effect.identity)))
+        others = (*(of_label.get(effect.label, ()) if effect.inner else ()), *effect.other_loads(arm))
+        new = [other for other in others if other.identity not in taken]  # of several known ones, with the first
+        taken.update(other.identity for other in new)
+        changes.append((effect.at((), effect.u), *new))
     return [*changes, *(variants for label, variants in of_label.items() if label not in known)]
 
 
 def known_causes(model: ErrorModel, setup: Setup) -> list[Effect]:
     """The causes that the arm is known to have, with a stated uncertainty that counts."""
-    labels = [effect.label for effect in model.effects]
-    return [effect for effect in model.effects if setup.prior and any(effect.u) and labels.count(effect.label) == 1]
+    return [effect for effect in model.effects if setup.prior and any(effect.u)]
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

@@ -126,11 +126,13 @@ def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> 
         freed = [
             replace(cause, values=known[cause.identity].values) if cause.identity in known else cause for cause in causes
         ]
-        found, places = {cause.key for cause in (*causes, *gone)}, {cause.label for cause in causes if cause.inner}
+        found = {cause.key for cause in (*causes, *gone)}
+        places = {cause.label for cause in causes if cause.inner and cause.identity not in known}
         within = [effect for effect in known.values() if effect.key not in found]
         beside = [effect.at(effect.values, free(effect).u) for effect in within if effect.label in places]
         within = [effect for effect in within if effect.label not in places]
-        return problem_of(model, measurements, ["geometry", *untold, *within, *beside, *freed], setup)
+        asked = problem_of(model, measurements, ["geometry", *untold, *within, *beside, *freed], setup)
+        return replace(asked, candidates=len(beside) + len(freed))
 
     return problem
 
@@ -192,14 +194,17 @@ def _rivals(choice: Choice, pairs: Sequence[InPairs]) -> list[str]:
 def _changed(findings: Sequence[Finding], known: Sequence[Effect], choice: Choice) -> Iterator[str]:
     """Causes that were known with other values, and those beside which another of their kind was found."""
     now = {effect.identity: (effect, described(effect, covariance)) for effect, covariance in estimated(choice)}
+    found, of_known = ({effect.identity for effect in some} for some in ((f.effect for f in findings), known))
     for f in findings:
-        for old in (old for old in known if old.label == f.label):
+        same = f.effect.identity in of_known
+        others = [] if same else [old for old in known if old.label == f.label and old.identity not in found]
+        for old in others or [old for old in known if old.identity == f.effect.identity]:
             was = _in_words(old, described(old, np.diag(np.square(old.u))), f.slides)
             if f.gone:
                 yield f"{f.label} was known as {was}, and is gone"
-            elif f.was is not None:
+            elif same or old.identity not in now:
                 yield f"{f.label} was known as {was}, and has changed to {_in_words(f.effect, f.parameters, f.slides)}"
-            elif old.identity in now:
+            else:
                 yield f"{f.label} was known as {was}; beside the new one it is {_in_words(*now[old.identity], f.slides)}"
 
 

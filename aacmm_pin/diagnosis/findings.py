@@ -33,17 +33,16 @@ def findings_of(model: ErrorModel, choice: Choice, strong: list[Strength]) -> li
 def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iterator[Finding]:
     """The admitted causes with the values that the last refit gave them."""
     every = {effect.identity: (effect, covariance) for effect, covariance in estimated(choice)}
-    known = {effect.label: effect for effect in model.effects}
     latest = {effect.label: (effect, covariance) for effect, covariance in every.values()}  # the new one comes last
     for strength in strong:
         if strength.block not in choice.causes:
             continue
-        label = choice.variant(strength.block).label
-        if label not in latest:
+        chosen = choice.variant(strength.block)
+        if chosen.label not in latest:
             continue
-        effect, covariance = latest[label]
-        was = known.get(label)
-        beside = was is not None and was.identity != effect.identity and was.identity in every
+        effect, covariance = every.get(chosen.identity, latest[chosen.label])
+        known = [old for old in model.effects if old.label == effect.label]
+        replaced = [old for old in known if old.identity == effect.identity or old.identity not in every]
         yield Finding(
             effect,
             described(effect, covariance),
@@ -55,7 +54,7 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
             _inner_values(choice, effect, strength.block),
             effect.slides(choice.fit.problem.model.arm),
             None if effect.place is None else latest.get(effect.cause, (None,))[0],
-            None if beside else was,
+            next(iter(replaced), None),
         )
 
 

@@ -203,10 +203,10 @@ def in_its_place(problem_of: ProblemOf, choice: Choice) -> Fit:
     where it does not. What is uncertain of inner values is in the u of the result.
     """
     effects, at = choice.effects, _told_inner(choice.fit, choice.effects)
-    places, new = {effect.label for effect in effects if effect.inner}, {effect.identity for effect in effects}
+    places = {effect.label for effect in effects if effect.inner and not is_change(effect)}
     gone = []
     for effect, own in zip(at.solution.effects, at.problem.vector.slices, strict=True):
-        if effect.label in places and effect.identity not in new:
+        if effect.label in places and effect.identity not in {cause.identity for cause in effects}:
             typical = np.array([term.typical for term in effect.terms])
             information = typical[:, None] * np.linalg.inv(at.covariance[own, own]) * typical
             if evidence_of(information[None], (information @ (effect.values / typical))[None])[0] < SURE:
@@ -215,7 +215,7 @@ def in_its_place(problem_of: ProblemOf, choice: Choice) -> Fit:
     for _ in range(REPLACED if gone else 0):
         at = refitted(without, effects)
         for k, effect in enumerate(effects):
-            if effect.label in {old.label for old in gone} and not effect.exceptional:
+            if effect.label in {old.label for old in gone} and not (is_change(effect) or effect.exceptional):
                 tried = effect.at(()).refined(at.problem.measurements)
                 rest = [other.at(()) for other in effects if other is not effect]
                 effects[k] = _likeliest(tried, _beside(at, tuple(tried), rest))
@@ -239,7 +239,7 @@ def _chosen(
     parts: Index,
     effects: list[Effect],
 ) -> Choice:
-    design = design_of(at, library, others, _taken_out(at, effects))
+    design = design_of(at, library, others, at.problem.candidates)
     # With all records there is no need to take an observation's unknown points apart.
     gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts))
     question = question_of(design, library, at.stated)
@@ -279,14 +279,10 @@ def _block_of(design: Design, library: tuple[Variants, ...], effect: Effect) -> 
 
 def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[Variants, ...]:
     """The library with the refined variants among those that are tried."""
-    refined = {e.label: e.at(()) for e in effects}
-    found = []
-    for variants in library:
-        effect = refined.get(variants[0].label)
-        if effect is not None and effect.identity not in {v.identity for v in variants}:
-            variants = (*variants, effect)
-        found.append(variants)
-    return tuple(found)
+    there = {variant.identity for variants in library for variant in variants}
+    refined = {effect.label: effect.at(()) for effect in effects if effect.identity not in there}
+    # Of several candidates of one label, the first has the variants.
+    return tuple((*v, refined.pop(v[0].label)) if v[0].label in refined else v for v in library)
 
 
 def _refined(choice: Choice, block: int) -> Effect:
@@ -334,16 +330,10 @@ def _evidences(choice: Choice, block: int, tried: Sequence[Effect]) -> Array:
 
 def _beside(at: Fit, variants: Variants, rest: Sequence[Effect]) -> Array:
     """Log evidence of each variant beside the rest, where a refit with one of them and the rest ended."""
-    design = design_of(at, [variants, *((e,) for e in rest)], [], _taken_out(at, (variants[-1], *rest)))
+    design = design_of(at, [variants, *((e,) for e in rest)], [], at.problem.candidates)
     gram = Gram(products_of(design, np.zeros(len(at.used), dtype=np.intp)))
     others = tuple(range(len(variants), len(variants) + len(rest)))
     return Conditional.of(gram, others, at.stated).evidences[: len(variants)]
-
-
-def _taken_out(at: Fit, effects: Sequence[Effect]) -> int:
-    """How many of the effects of a refit, the last ones, are these or known ones beside them."""
-    places = {effect.label for effect in effects}
-    return sum(effect.label in places for effect in at.problem.vector.effects)
 
 
 def u_of_step(choice: Choice, block: int, name: str) -> float:

@@ -37,8 +37,8 @@ def several_in_words(effects: Sequence[Effect], inner: bool = True) -> str:
     found = []
     for alike in kinds.values():
         one = alike[0]
-        if len(alike) == 1:
-            found.append(in_words(one) if inner else name_in_words(one))
+        if len({effect.place for effect in alike}) < len(alike) or len(alike) == 1:
+            found += [in_words(effect) if inner else name_in_words(effect) for effect in alike]
         else:
             places = [str(place) for place in sorted(effect.place for effect in alike if effect.place is not None)]
             found.append(f"{one.words} of {_place_words(one)}s {listed(places)}")

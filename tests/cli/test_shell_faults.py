@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,20 @@ def test_every_way_to_fail_is_one_line_and_its_status(monkeypatch: pytest.Monkey
             patched.setattr("aacmm_pin.cli.urdf.urdf_text", fail)
             found, out, err = run("urdf", "sino6")
         assert (found, out, err.count("\n"), said in err) == (status, "", 1, True), (error, err)
+
+
+def test_a_signal_of_which_compiled_code_made_another_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As pybind11 does with what a handler raises while a module of its own is loaded."""
+
+    def loaded(*_: object, number: signal.Signals, **__: object) -> None:
+        try:
+            signal.raise_signal(number)
+        except BaseException:
+            raise ImportError("initialization failed") from None
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        monkeypatch.setattr("aacmm_pin.cli.urdf.urdf_text", partial(loaded, number=number))
+        assert run("urdf", "sino6")[0] == 128 + number
 
 
 def test_signals_are_as_they_were_when_a_command_has_ended() -> None:

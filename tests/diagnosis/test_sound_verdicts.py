@@ -327,6 +327,35 @@ def test_a_known_warm_up_that_is_quicker_or_smaller(sino6: Arm, before: float, a
     assert abs(effect.time_constant_s - after) < 3.3 * finding.inner.get("time_constant_s", (after, 1.0))[1]
 
 
+LOADED = (JointCompliance(2, values=(2e-5,), u=(1.5e-7,)), JointCompliance(2, load_at=6, values=(1.2e-4,), u=(2e-6,)))
+WAVES = tuple(JointPeriodicError(4, order=n, values=(9e-5, 4e-5), u=(2e-6, 2e-6)) for n in (5.0, 8.0))
+
+
+@pytest.mark.parametrize(
+    ("known", "now", "changed"),
+    [
+        (LOADED, [4e-5], {"compliance_rad_per_nm": 4e-5, "load_rad_per_m": 0.0}),
+        (LOADED[1:], [2e-5], {"compliance_rad_per_nm": 2e-5, "load_rad_per_m": 0.0}),
+        (WAVES, [], {"amplitude_rad": 0.0}),
+        (WAVES, [2e-4], {"amplitude_rad": np.hypot(2e-4, 4e-5)}),
+    ],
+)
+def test_known_causes_of_one_kind_and_place(
+    sino6: Arm, known: tuple[Effect, ...], now: list[float], changed: dict[str, float]
+) -> None:
+    """What is stated of each counts: without that, a refit would hide that they are other than they were."""
+    first = replace(known[0], load_at=None) if isinstance(known[0], JointCompliance) else known[0]
+    truth = [first.at((*now, *known[0].values[1:]))] if now else []
+    truth += [known[1].at(known[1].values)] if known is WAVES and now else []
+    data = simulate_measurements(ErrorModel(sino6, tuple(truth)), "free", 200, rng=np.random.default_rng(3), **NOISE)
+    found = diagnose(ErrorModel(sino6, known), data, **NOISE, hold_out=False, progress=False)
+    assert found.verdict == "explained"
+    assert len(found.findings) == (1 if known is WAVES and now else 2)
+    for finding in found.findings:
+        for key, (value, u) in finding.parameters.items():
+            assert key not in changed or finding.gone or abs(value - changed[key]) < 3.3 * u
+
+
 def test_a_known_slip_that_has_grown_is_no_second_one(sino6: Arm) -> None:
     known = EncoderSlip(joint=5, time_s=5000.0, values=(2.2e-4,), u=(6.6e-6,))
     truth = ErrorModel(sino6, (replace(known, values=(4.8e-4,), u=()),))
