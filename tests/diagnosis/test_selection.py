@@ -429,10 +429,10 @@ def test_how_far_from_its_target_a_record_is() -> None:
 def test_seats_and_bars_in_several_parts(parts: list[int], torn: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Seats 0 and 1 at the ends of a bar, seat 2 alone; two records at none. The search then takes all as one part."""
     observations = SimpleNamespace(seat=np.array([0, 1, 2, 2, -1, -1]), clusters=np.array([0, 0, 1]))
-    at: Any = SimpleNamespace(observations=observations, stated=True)
+    at: Any = SimpleNamespace(observations=observations, stated=True, problem=SimpleNamespace(candidates=0))
     assert model_extension._torn(at, np.array(parts)) == torn
     monkeypatch.setattr(model_extension, "products_of", lambda _, parts: parts)
-    for name in ("design_of", "question_of", "search", "_taken_out"):
+    for name in ("design_of", "question_of", "search"):
         monkeypatch.setattr(model_extension, name, lambda *_: None)
     found: Any = model_extension._chosen(at, (), (), np.array(parts), [])
     assert found.gram.products.tolist() == ([0] * 6 if torn else parts)
