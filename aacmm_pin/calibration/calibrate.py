@@ -19,7 +19,7 @@ from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
 from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
 from aacmm_pin.calibration.result import Calibration
-from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
+from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel, require_shown
 from aacmm_pin.effects.state import State
@@ -61,7 +61,8 @@ def calibrate(
     weighted by its own noise, the encoders' carried to the tip. Gross errors are found robustly, listed, and left out.
 
     Args:
-        model: the arm, with effects if it has some; these stay unless they are among ``parameters``.
+        model: the arm, with effects if it has some; these stay unless they are among ``parameters``. Records outside the
+            range of one that stays are left out, and listed in the notes.
         measurements: the records.
         parameters: ``zero-offsets`` (of every joint, the 2010 paper's method), ``geometry`` (everything that describes the
             arm's lengths and axes), effects, or a list of these.
@@ -86,9 +87,10 @@ def calibrate(
         AacmmError: no record says anything, or none shows an effect that is asked for; the noise is not stated and there are
             too few records to find it; the records have nothing to do with this arm.
     """
-    model, measurements = checked_input(model, measurements)
-    measurements, repeated = counted_once(measurements)
     chosen = [parameters] if isinstance(parameters, str) else list(parameters)
+    asked = [effect.label for effect in chosen if isinstance(effect, Effect)]
+    model, measurements = checked_input(model, measurements, asked)
+    measurements, repeated = counted_once(measurements)
     for effect in chosen:
         if isinstance(effect, Effect):
             require_shown(effect, model.arm, measurements.q, measurements.conditions, measurements.source)
@@ -123,10 +125,7 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     kept = measurements.take(np.unique(of)) if copies.size else measurements
     notes = list(measurements.read_as)
     if copies.size:
-        row = measurements.row[copies]
-        runs = np.split(row, np.flatnonzero(np.diff(row) != 1) + 1)
-        listed = ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
-        notes.append(f"{copies.size} records are copies of others and count once: rows {listed}")
+        notes.append(f"{copies.size} records are copies of others and count once: rows {listed(measurements.row[copies])}")
     if not enough_postures(kept):
         count = np.unique(kept.postures).size
         notes.append(

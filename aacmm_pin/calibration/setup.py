@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
@@ -111,8 +112,13 @@ class Setup:
         return found
 
 
-def checked_input(model: Arm | ErrorModel, measurements: object) -> tuple[ErrorModel, Measurements]:
+def checked_input(
+    model: Arm | ErrorModel, measurements: object, asked: Collection[str] = ()
+) -> tuple[ErrorModel, Measurements]:
     """Model and measurements, if they are some and have as many joints.
+
+    Records outside the range of a known effect are left out, as ``read_as`` then says, unless all are; effects whose labels
+    are ``asked`` for do not count, for they are replaced.
 
     Raises:
         AacmmError: they are not.
@@ -129,4 +135,20 @@ def checked_input(model: Arm | ErrorModel, measurements: object) -> tuple[ErrorM
         raise AacmmError(
             f"{measurements.source} has angles of {measurements.nq} joints, {model.arm.name} has {model.arm.nq}"
         )
-    return model, measurements
+    known = model.known_at(measurements.q) | np.array([effect.label in asked for effect in model.effects], dtype=bool)
+    used = known.all(axis=1)
+    if used.all() or not used.any():
+        return model, measurements
+    notes = tuple(
+        f"{(~inside).sum()} of {measurements.n} records are outside the range of {effect.label}{effect.known_where}; "
+        f"left out: rows {listed(measurements.row[~inside])}"
+        for effect, inside in zip(model.effects, known.T, strict=True)
+        if not inside.all()
+    )
+    return model, replace(measurements.take(used), read_as=measurements.read_as + notes)
+
+
+def listed(rows: Index) -> str:
+    """Rows in order, those in unbroken sequence by the first and the last."""
+    runs = np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1)
+    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)

@@ -79,7 +79,7 @@ class Measurements(Shown):
         row: line of each record in the file (n,), the header being line 1; in a table, the line it would have.
         source: the file as the caller named it, or ``table``.
         read_as: how the file was read, where that is not as it usually is: separators, decimal commas, comments left out,
-            touches of an acceptance test.
+            touches of an acceptance test; records that were left out.
         header: names of the columns of the file, as they stand there.
         orientation: of the target in the frame of the references, unit quaternions with the scalar first (n, 4), NaN rows
             where it is not known; None where it nowhere is.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +30,7 @@ from aacmm_pin.effects import (
     EncoderGain,
     EncoderSlip,
     JointCompliance,
+    JointErrorCurve,
     JointHysteresis,
     JointPeriodicError,
     LinkBending,
@@ -496,3 +498,21 @@ def test_torques_in_another_unit_are_asked_about(sino6: Arm, rng: np.random.Gene
     for factor, asked in ((1.0, 0), (-3.0, 0), (1000.0, 1)):
         given = replace(data, conditions=replace(data.conditions, torque=factor * torque))
         assert len([note for note in quick(sino6, given, "geometry").notes if "in N·mm" in note]) == asked
+
+
+def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6: Arm) -> None:
+    records = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(4))
+    curve = JointErrorCurve(3, values=(1e-4,) * 5, lower_rad=0.5, upper_rad=6.0, coefficients=5)
+    model = ErrorModel(sino6).with_effects(curve)
+    inside = model.known_at(records.q)[:, 0]
+    few, same = (
+        calibrate(model, some, "zero-offsets", hold_out=False, progress=False) for some in (records, records.take(inside))
+    )
+    assert few.rms == same.rms
+    (note,) = set(few.notes) - set(same.notes)
+    assert curve.label in note
+    assert [int(row) for row in re.findall(r"\d+", note.split("rows ")[1])] == records.row[~inside].tolist()
+    wide = replace(curve, values=(), lower_rad=-0.1, upper_rad=6.4)  # takes the place of the one that is known
+    assert calibrate(model, records, ["zero-offsets", wide], hold_out=False, progress=False).fit.used.size == 60
+    with pytest.raises(AacmmError, match="outside the curve's range"):
+        calibrate(model, records.take(~inside), "zero-offsets", hold_out=False, progress=False)
