@@ -77,7 +77,8 @@ def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: obje
     )
 
     def problem(effects: Sequence[Effect]) -> Problem:
-        return problem_of(ErrorModel.of(arm), records, ["geometry", *effects], setup)
+        asked = problem_of(ErrorModel.of(arm), records, ["geometry", *effects], setup)
+        return replace(asked, candidates=len(effects))
 
     first = fit(problem([]))
     parts = parts_of(first, np.random.default_rng(1))[1]
