@@ -2,7 +2,7 @@
 
 Each is first written into a hidden folder beside its place, which its process holds locked. When all are complete they are
 put in their places; if that fails, what was there before is put back. Folders that a killed process left are removed by the
-next one that writes beside them; a mark in them says that they are ours.
+next one that writes beside them; a mark in them says that they are ours, and one without it is removed if it is empty.
 """
 
 from __future__ import annotations
@@ -12,26 +12,24 @@ import fcntl
 import json
 import os
 import shutil
-import signal
 import stat
 import sys
 import tempfile
-import threading
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any, Self
 
+from aacmm_pin._support.stop_signals import signals_wait
 from aacmm_pin._support.text_escaping import encodable, note
 from aacmm_pin.errors import OutputError
 
 HIDDEN = ".aacmm-pin-"
 """How the hidden folders begin."""
 MARK = ".of-aacmm-pin"
-"""The file in them without which a folder of such a name is somebody else's."""
+"""The file in them without which a folder of such a name that holds anything is somebody else's."""
 STDOUT = ("-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
-STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def json_text(content: dict[str, Any]) -> str:
@@ -153,13 +151,14 @@ class OutputFiles:
 
     def _hidden_in(self, folder: Path) -> Path:
         if folder not in self._hidden:
-            _remove_what_dead_processes_left(folder)
-            self._hidden[folder] = self._stack.enter_context(_locked_folder(folder))
+            with _alone_in(folder):  # or what another process has just made, and not locked yet, seemed to be left
+                _remove_what_dead_processes_left(folder)
+                self._hidden[folder] = self._stack.enter_context(_locked_folder(folder))
         return self._hidden[folder]
 
     def _put_in_place(self) -> None:
         with ExitStack() as undo:
-            with _signals_wait():
+            with signals_wait():
                 for target, inner in self._folders.items():
                     if not target.is_dir():
                         target.mkdir()
@@ -260,19 +259,19 @@ def _alone_in(folder: Path) -> Iterator[None]:
 def _locked_folder(parent: Path) -> Iterator[Path]:
     """A hidden folder that is locked as long as this process lives, and marked as ours; it is removed in the end."""
     with ExitStack() as stack:
-        with _signals_wait():  # or one that comes now would leave a folder that nothing takes away
+        with signals_wait():  # or one that comes now would leave a folder that nothing takes away
             folder = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=parent))
             lock = os.open(folder, os.O_RDONLY)
             stack.callback(os.close, lock)
             stack.callback(_remove, folder)
             fcntl.flock(lock, fcntl.LOCK_EX)
-            (folder / MARK).touch()  # when it is locked: nobody takes it for one that was left
+            (folder / MARK).touch()
         yield folder
 
 
 def _remove(folder: Path) -> None:
     """Remove a hidden folder, its mark last: what a process that is killed meanwhile leaves is still known as ours."""
-    with _signals_wait(), suppress(OSError):
+    with signals_wait(), suppress(OSError):
         for entry in folder.iterdir():
             if entry.is_dir():
                 shutil.rmtree(entry, ignore_errors=True)
@@ -282,35 +281,17 @@ def _remove(folder: Path) -> None:
 
 
 def _remove_what_dead_processes_left(parent: Path) -> None:
-    for mark in parent.glob(f"{HIDDEN}*/{MARK}"):
+    for folder in parent.glob(f"{HIDDEN}{'?' * 8}"):  # as tempfile names them
         with suppress(OSError):  # locked: of a living process; or not ours to open
-            lock = os.open(mark.parent, os.O_RDONLY | os.O_NOFOLLOW)
+            lock = os.open(folder, os.O_RDONLY | os.O_NOFOLLOW | os.O_DIRECTORY)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                _remove(mark.parent)
+                if (folder / MARK).exists():
+                    _remove(folder)
+                else:
+                    folder.rmdir()  # killed before it was marked, or after; refused where somebody's files are in it
             finally:
                 os.close(lock)
-
-
-@contextmanager
-def _signals_wait() -> Iterator[None]:
-    """Signals that would stop the process come when the block has ended; only the main thread receives any."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-
-    def remember(number: int, frame: FrameType | None) -> None:
-        came.append(number)
-
-    before = {number: signal.signal(number, remember) for number in STOPPING}
-    try:
-        yield
-    finally:
-        for stopping, handler in before.items():
-            signal.signal(stopping, handler or signal.SIG_DFL)
-        for number in came:
-            signal.raise_signal(number)
 
 
 def _move_where_nothing_is(temporary: Path, target: Path) -> None:

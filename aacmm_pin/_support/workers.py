@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection
 from typing import TypeVar
 
 from aacmm_pin._support.checks import whole
+from aacmm_pin._support.stop_signals import signals_wait
 from aacmm_pin.errors import AacmmError
 
 J = TypeVar("J")
@@ -103,11 +104,16 @@ def _end_with_parent(ending: Connection) -> None:
 
 @contextmanager
 def _held_from_children() -> Iterator[None]:
-    """Keep signals until the end, and from processes that are started meanwhile for ever."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, OF_PARENT)
-    try:
-        resource_tracker.ensure_running()  # which lets interrupts through when it starts
-        signal.pthread_sigmask(signal.SIG_BLOCK, OF_PARENT)
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    """Keep signals until the end, and those of the terminal from processes that are started meanwhile for ever.
+
+    Another thread may receive what this one blocks, and Python raises here even so; a process that has been started, and
+    not been told yet what to do, would end in a traceback.
+    """
+    with signals_wait():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, OF_PARENT)
+        try:
+            resource_tracker.ensure_running()  # which lets interrupts through when it starts
+            signal.pthread_sigmask(signal.SIG_BLOCK, OF_PARENT)
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)

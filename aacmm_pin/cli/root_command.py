@@ -24,7 +24,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from aacmm_pin._support.output_files import STOPPING
+from aacmm_pin._support.stop_signals import STOPPING
 from aacmm_pin._support.text_escaping import note, say
 from aacmm_pin.cli.common import Results
 from aacmm_pin.errors import AacmmError

@@ -31,7 +31,7 @@ def command(*words: str) -> str:
         ("import aacmm_pin.diagnosis.diagnose", 77, HEAVY),
         (command("--help"), 12, ("numpy", "rich", "pandas", *HEAVY)),
         (command("accuracy", "sino6", *POINT), 70, ("scipy.special", *HEAVY)),
-        (command("configurations", "sino6", *POINT), 51, ("pandas", "rich", "scipy.special", *HEAVY)),
+        (command("configurations", "sino6", *POINT), 52, ("pandas", "rich", "scipy.special", *HEAVY)),
     ],
 )
 def test_what_is_loaded(code: str, most: int, without: tuple[str, ...]) -> None:

@@ -177,8 +177,9 @@ def test_a_file_that_another_process_writes_meanwhile_stays(
     assert (tmp_path / "b").read_text() == "new"
 
 
-def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path) -> None:
-    work = "import os, sys; from aacmm_pin._support.output_files import OutputFiles; f = OutputFiles(); f.__enter__(); "
+@pytest.mark.parametrize("when", ["", "of.Path.touch = lambda path: os.kill(os.getpid(), 9); "], ids=["marked", "unmarked"])
+def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path, when: str) -> None:
+    work = f"import os, sys, aacmm_pin._support.output_files as of; {when}f = of.OutputFiles(); f.__enter__(); "
     work += "f.file(sys.argv[1]).write_text('half of'); os.kill(os.getpid(), 9)"
     subprocess.run([sys.executable, "-c", work, str(tmp_path / "out")], check=False)
     assert len(list(tmp_path.glob(f"{HIDDEN}*"))) == 1
@@ -191,7 +192,7 @@ def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path) -> No
 
 
 def test_a_folder_without_our_mark_is_somebody_elses(tmp_path: Path) -> None:
-    theirs, elsewhere = tmp_path / f"{HIDDEN}theirs", tmp_path / "elsewhere"
+    theirs, elsewhere = tmp_path / f"{HIDDEN}of_other", tmp_path / "elsewhere"
     for folder in (theirs, elsewhere):
         folder.mkdir()
         (folder / "notes.txt").write_text("keep")
