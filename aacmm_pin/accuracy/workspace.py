@@ -319,6 +319,10 @@ def map_caveats(arm: Arm) -> tuple[str, ...]:
         caveats.append("joint 1 does not turn all the way round: the map holds for the half-plane y = 0 alone")
     if abs(arm.up[2]) < 1 - 1e-12:
         caveats.append("gravity is not along joint axis 1: swivel angles count from another place in other half-planes")
+    rest = Wrist.of(arm.require_dh("a map of the workspace", WRIST_ROW), limits=arm.limits).rest / DEG
+    if rest.any():
+        held = " and ".join(f"joint {WRIST_ROW + k} at {angle:.4g}°" for k, angle in enumerate(rest) if angle)
+        caveats.append(f"held where the limits are nearest to 0: {held}")
     return tuple(caveats)
 
 

@@ -204,7 +204,12 @@ class _Layout:
         for other in self.taken:
             inside &= np.linalg.norm(self.pool.tips - other, axis=1) > APART * self.reach
         tips = self.pool.tips[inside][:CANDIDATES]
-        best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]] if len(tips) else np.empty((0, 3))
+        if not len(tips):
+            raise AacmmError(
+                f"{self.pool.arm.name}: no posture inside the limits was found with the tip at {low:.0%} to {high:.0%} of the "
+                f"reach, about as high as joint 2, and {APART:.0%} of the reach from the places chosen before"
+            )
+        best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]]
         (found,) = self.pool.places(best[:, None], 1, each, f"places at {low:.0%} to {high:.0%} of the reach")
         self.taken.append(found.points[0])
         return found.points[0], found.postures[0]

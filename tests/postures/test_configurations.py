@@ -653,9 +653,10 @@ def test_swivel_straight_above_and_below_the_shoulder_in_any_mount(axis: int, si
         assert (zeta.zeta, zeta.arc_fraction) == (1.0, 1.0)
 
 
-def test_a_map_says_where_its_half_plane_does_not_stand_for_all_of_space(sino6: Arm) -> None:
+def test_a_map_says_what_it_does_not_stand_for(sino6: Arm) -> None:
     assert map_caveats(sino6) == ()
     assert "joint 1" in map_caveats(limited("sino6", 1, 0, 180))[0]
+    assert "joint 5 at 17°" in map_caveats(limited("sino6", 5, 17, 180))[0]
     wall = load_arm_file("sino6").model_copy(update={"gravity_m_s2": (9.81, 0.0, 0.0)})
     assert "gravity" in map_caveats(Arm.from_file(wall))[0]
 

@@ -156,6 +156,9 @@ def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
         acceptance_procedure(sino6, lengths=[0.1, 0.2])
     with pytest.raises(AacmmError, match="shorter"):
         acceptance_procedure(sino6, standard="iso10360-12", measuring_range=9.0)
+    narrow = replace(sino6, limits=np.array([[0, 1.0], [-1.6, -0.6], [-0.5, 0.5], [0.5, 1.5], [0.3, 1], [-1, 1]]))
+    with pytest.raises(AacmmError, match="no posture inside the limits was found with the tip at 20% to 45%"):
+        acceptance_procedure(narrow)
     less = str(_without(planned, "planned_x_mm", "planned_theta2_deg"))
     with pytest.raises(MeasurementFileError, match=r"planned_x_mm, planned_theta2_deg.*plan ARM --for acceptance -o"):
         predict_acceptance(less, {"sino6": sino6}, progress=False)
