@@ -121,7 +121,7 @@ class Pool:
         if len(found) < wanted:
             raise AacmmError(
                 f"{self.arm.name}: {len(found)} of {wanted} {what} found that can be touched in {each} different postures "
-                f"inside the limits, of {at} tried; the others in {most} at most. Expected fewer records or {what}, or wider limits"
+                f"inside the limits, of {at} tried; the others in {most} at most. Expected fewer records or {what}"
             )
         return found
 

@@ -206,8 +206,8 @@ class _Layout:
         tips = self.pool.tips[inside][:CANDIDATES]
         if not len(tips):
             raise AacmmError(
-                f"{self.pool.arm.name}: no posture inside the limits was found with the tip at {low:.0%} to {high:.0%} of the "
-                f"reach, about as high as joint 2, and {APART:.0%} of the reach from the places chosen before"
+                f"{self.pool.arm.name}: no posture inside the limits was found with the tip at {low:.0%} to {high:.0%} of "
+                f"the reach, about as high as joint 2, and {APART:.0%} of the reach from the places chosen before"
             )
         best = tips[np.argsort(self.pool.thinness(tips))[:TRIED]]
         (found,) = self.pool.places(best[:, None], 1, each, f"places at {low:.0%} to {high:.0%} of the reach")
