@@ -23,7 +23,7 @@ from aacmm_pin.errors import AacmmError
 J = TypeVar("J")
 R = TypeVar("R")
 Workers = int | Executor
-"""How many processes, or a ``concurrent.futures.Executor``, which is used as it is and not shut down."""
+"""How many processes, this one included, or a ``concurrent.futures.Executor``, which is used as it is and not shut down."""
 OF_PARENT = (signal.SIGINT, signal.SIGHUP)
 """Signals that a terminal sends to all processes, and that are for the parent to answer."""
 MOST_WAITING = 256
@@ -39,20 +39,21 @@ def results(
     Args:
         work: a function of a module, for it is sent by its name.
         jobs: taken from the iterable as they are handed out.
-        workers: see :data:`Workers`; one process is this one, and so it is where there is one job.
+        workers: see :data:`Workers`; other processes take a while to start, and this one works when asked for results.
         beside: this process has work of its own meanwhile, so that even one job is worth another process.
 
     Raises:
         AacmmError: a process was killed, or there are not so many.
     """
     if isinstance(workers, Executor):
-        with _handed_out(workers, work, iter(jobs)) as found:
+        with _handed_out(workers, work, iter(jobs), here=False) as found:
             yield found
         return
     count, jobs = whole(workers, 1, "processes"), iter(jobs)
     first = list(islice(jobs, count))
     jobs = chain(first, jobs)
-    if count == 1 or len(first) <= 1 - beside:
+    others = min(count - 1, len(first) - 1 + beside)
+    if others < 1:
         yield enumerate(map(work, jobs))
         return
     context = get_context("spawn")
@@ -60,33 +61,43 @@ def results(
         ending, alive = context.Pipe(duplex=False)
         ends.callback(ending.close)
         with _held_from_children():
-            pool = ProcessPoolExecutor(len(first), context, _end_with_parent, (ending,))
+            pool = ProcessPoolExecutor(others, context, _end_with_parent, (ending,))
             ends.callback(pool.shutdown, cancel_futures=True)
             ends.callback(alive.close)
-            found = ends.enter_context(_handed_out(pool, work, jobs))  # which starts the processes
+            found = ends.enter_context(_handed_out(pool, work, jobs, here=True))  # which starts the processes
         yield found
         pool.shutdown()
 
 
 @contextmanager
-def _handed_out(pool: Executor, work: Callable[[J], R], jobs: Iterator[J]) -> Iterator[Iterator[tuple[int, R]]]:
-    numbered, waiting = enumerate(jobs), dict[Future[R], int]()
+def _handed_out(
+    pool: Executor, work: Callable[[J], R], jobs: Iterator[J], *, here: bool
+) -> Iterator[Iterator[tuple[int, R]]]:
+    """The results of a pool; with ``here``, this process does the jobs that nobody has begun, from the last one."""
+    numbered, waiting = enumerate(jobs), dict[Future[R], tuple[int, J]]()
 
     def hand_out() -> None:
         for number, job in islice(numbered, MOST_WAITING - len(waiting)):
-            waiting[pool.submit(work, job)] = number
+            waiting[pool.submit(work, job)] = number, job
 
     def as_they_come() -> Iterator[tuple[int, R]]:
         while waiting:
-            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                yield waiting.pop(future), future.result()
+            mine = next((future for future in reversed(waiting) if future.cancel()), None) if here else None
+            if mine is not None:
+                number, job = waiting.pop(mine)
+                yield number, work(job)
+            for future in wait(waiting, None if mine is None else 0, FIRST_COMPLETED).done:
+                yield waiting.pop(future)[0], future.result()
             hand_out()
 
     try:
         hand_out()
         yield as_they_come()
     except BrokenExecutor:
-        raise AacmmError("a worker process was killed, as happens when memory runs out; fewer take less") from None
+        raise AacmmError(
+            "a worker process ended, as happens when memory runs out (fewer take less), or when a script without "
+            "`if __name__ == '__main__':` asks for processes"
+        ) from None
     finally:
         for future in waiting:
             future.cancel()
