@@ -20,7 +20,7 @@ from typing import Any
 from aacmm_pin.errors import UnknownNameError
 
 WORTH_SECONDS = 4.0
-"""CPU time in NumPy after which the loops are loaded [s]: about what loading numba and compiling all twins takes."""
+"""Time in NumPy after which the loops are loaded [s]: about what loading numba and compiling all twins takes."""
 VARIABLE, ALWAYS, NEVER, WHEN_WORTH = "AACMM_PIN_COMPILED", "always", "never", "auto"
 
 _spent = 0.0
@@ -96,9 +96,9 @@ class Twins(Loop):
         if loop is not None:
             loop(*arguments)
             return
-        start = time.thread_time()
+        start = time.perf_counter()
         self.plain(*arguments)
-        _spent += time.thread_time() - start
+        _spent += time.perf_counter() - start
 
 
 def twin_of(loop: Callable[..., None], signature: str) -> Callable[[Callable[..., None]], Twins]:

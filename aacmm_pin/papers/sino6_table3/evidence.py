@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import logsumexp
-from scipy.stats import norm, truncnorm
+from scipy.special import log_ndtr, logsumexp, ndtri_exp
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.papers.sino6_table3.patterns import Pattern
@@ -50,8 +49,10 @@ class Evidence:
         if low == high:
             return which, np.full(PREDICTED, low, dtype=np.float64)
         centre, width = self.centre[which], self.width[which]
-        u = truncnorm.rvs((low - centre) / width, (high - centre) / width, centre, width, random_state=rng)
-        return which, np.asarray(u)
+        sign, a, b = _in_left_tail((low - centre) / width, (high - centre) / width)
+        part = rng.uniform(size=PREDICTED)
+        below = np.logaddexp(np.log1p(-part) + log_ndtr(a), np.log(part) + log_ndtr(b))
+        return which, np.asarray(centre + sign * width * ndtri_exp(below))
 
     def predictive(self, pattern: Pattern, rng: np.random.Generator) -> Array:
         """Spreads to be expected by ``pattern``, the same cause at other seats, draw by draw: (PREDICTED, seats) [m]."""
@@ -72,10 +73,15 @@ def evidence(pattern: Pattern, observed: ArrayLike, tau: float = DISCREPANCY, pr
     at = centre if low < high else np.full_like(centre, low)
     log = -0.5 * ((residual - at[:, None]) ** 2 / variance + np.log(2 * np.pi * variance)).sum(axis=1)
     if low < high:
-        a, b = (low - centre) / width, (high - centre) / width
-        inside = np.clip(0.0, a, b)  # a place where the cut-off density is not zero: the ratio of both is the part inside
-        part = norm.logpdf(inside) - truncnorm.logpdf(inside, a, b)
-        log = log + 0.5 * np.log(2 * np.pi) + np.log(width) - np.log(high - low) + part
+        _, a, b = _in_left_tail((low - centre) / width, (high - centre) / width)
+        inside = log_ndtr(b) + np.log1p(-np.exp(log_ndtr(a) - log_ndtr(b)))  # of the normal density, between the sizes
+        log = log + 0.5 * np.log(2 * np.pi) + np.log(width) - np.log(high - low) + inside
     weight = np.ones(len(log)) if prior is None else prior
     whole = logsumexp(log, b=weight)
     return Evidence(pattern, float(whole - np.log(weight.sum())), weight * np.exp(log - whole), centre, width)
+
+
+def _in_left_tail(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Signs, and bounds with the same normal probability between them that are not both far out on the right."""
+    sign = np.where(a > 0, -1.0, 1.0)
+    return sign, np.where(a > 0, -b, a), np.where(a > 0, -a, b)

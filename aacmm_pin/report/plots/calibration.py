@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import chi
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM, UM
@@ -159,7 +158,7 @@ def plot_normalised_residuals(result: Calibration, ax: Axes | None = None) -> Ax
     label = f"{len(distance)} records used"
     ax.hist(distance, 30, range=(0, most), density=True, color=BLUE, alpha=0.75, label=label)
     x = np.linspace(0, most, 300)
-    ax.plot(x, chi.pdf(x, 3), color=VERMILLION, lw=1.8, label="χ, 3 degrees of freedom")
+    ax.plot(x, np.sqrt(2 / np.pi) * x**2 * np.exp(-0.5 * x**2), color=VERMILLION, lw=1.8, label="χ, 3 degrees of freedom")
     ax.set(xlabel="normalised residual [1]", ylabel="density [1]", xlim=(0, most))
     ax.legend(fontsize=8, frameon=False)
     ax.set_title(f"{result.model.arm.name}: residuals against the noise", fontsize=10)

@@ -50,7 +50,8 @@ def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 def _numbers(axes: Axes) -> list[Text]:
     """The labels that matplotlib writes at the ticks, powers of ten as formulas."""
     written = [axis for axis in (axes.xaxis, axes.yaxis) if not isinstance(axis.get_major_formatter(), OF_NAMES)]
-    return [label for axis in written for label in axis.get_ticklabels(which="both")]
+    ticks = [tick for axis in written for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())]
+    return [label for tick in ticks for label in (tick.label1, tick.label2)]
 
 
 def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:
