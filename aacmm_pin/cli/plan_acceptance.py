@@ -31,7 +31,9 @@ class Artefacts:
     ] = None
     length_mm: Annotated[
         list[float] | None,
-        typer.Option(help=f"{FOR}a calibrated length, in mm; five times. Else parts of 2/3 of it."),
+        typer.Option(
+            help=f"{FOR}a calibrated length, in mm; five times, for asme-b89.4.22 twice. Else parts of 2/3 of the range."
+        ),
     ] = None
     sphere_mm: Annotated[float | None, typer.Option(help=f"{FOR}diameter of the sphere, in mm. Default {SPHERE:g}.")] = None
     probe_mm: Annotated[float | None, typer.Option(help=f"{FOR}diameter of the probe, in mm. Default {PROBE:g}.")] = None

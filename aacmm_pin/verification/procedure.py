@@ -26,7 +26,7 @@ from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.postures.articulation import articulations
 from aacmm_pin.postures.sampling import brought_to, spread_out
-from aacmm_pin.verification.figures import definitions
+from aacmm_pin.verification.figures import STANDARDS, definitions
 from aacmm_pin.verification.touches import READINGS
 
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
@@ -35,6 +35,8 @@ SEATS = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
 """The same of single points: inside :data:`aacmm_pin.verification.figures.ZONES`, off their edges."""
 LENGTHS, PLACES, REPEATS = 5, 7, 3
 """Of the tests of lengths."""
+BALL_BARS = {"short": 1, "long": 3}
+"""The ball bars, and which of the lengths they have where a test of lengths needs all of them too."""
 SPHERE, PROBE = 25.0, 6.0
 """Diameters that are planned with where none are stated [mm]."""
 STEP = 10.0
@@ -147,14 +149,14 @@ def acceptance_procedure(
         model: the arm.
         standard: ``iso10360-12`` or ``asme-b89.4.22``: what its figures need alone.
         measuring_range: diameter of the working volume [m]; default twice the reach of the tip from joint 2.
-        lengths: five calibrated lengths [m]; default even parts of two thirds of the range.
+        lengths: calibrated lengths [m], five, or for ASME B89.4.22 alone two; default even parts of two thirds of the range.
         sphere_diameter, probe_diameter: [m].
         above: height of a table over the base origin, along gravity, under which no tip goes [m].
         rng: for all that is drawn; default seed 1.
 
     Raises:
         UnknownNameError: no such standard.
-        AacmmError: other than five lengths above 0, or the arm does not reach such places.
+        AacmmError: other than so many lengths above 0, or the arm does not reach such places.
     """
     wanted = {d.test for d in definitions(standard)}
     rng = rng or np.random.default_rng(1)
@@ -163,17 +165,22 @@ def acceptance_procedure(
     inner = replace(model, arm=replace(model.arm, limits=model.arm.limits + margin))
     layout = _Layout(Pool.draw(inner, above, 10, rng), sphere_diameter, probe_diameter, rng)
     longest = 2 / 3 * (2 * layout.reach if measuring_range is None else measuring_range)
-    bars = [STEP * MM * np.ceil(longest * k / LENGTHS / (STEP * MM)) for k in range(1, LENGTHS + 1)]
+    all_lengths = bool({"length-uni", "length-bi"} & wanted)
+    parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
+    bars = [STEP * MM * np.ceil(longest * k / LENGTHS / (STEP * MM)) for k in parts]
     bars = sorted(bars if lengths is None else lengths)
-    if len(set(bars)) != LENGTHS or not np.all(np.isfinite(bars)) or min(bars) <= 0:
-        raise AacmmError(f"lengths are {', '.join(f'{x / MM:g}' for x in bars)} mm, expected five different ones above 0")
+    if not len(set(bars)) == len(bars) == len(parts) or not np.all(np.isfinite(bars)) or min(bars) <= 0:
+        raise AacmmError(
+            f"lengths are {', '.join(f'{x / MM:g}' for x in bars)} mm, expected {len(parts)} different ones above 0 for "
+            f"{'the figures of all standards' if standard is None else STANDARDS[standard]}"
+        )
     layout.spheres(wanted)
     if "single-point" in wanted:
         layout.single_points()
-    if {"length-uni", "length-bi"} & wanted:
+    if all_lengths:
         layout.length_bar(bars, wanted)
     if "volumetric" in wanted:
-        layout.ball_bars(bars[0], bars[2])
+        layout.ball_bars(*(bars[parts.index(part)] for part in BALL_BARS.values()))
     return layout.procedure(model.arm, seed)
 
 
@@ -234,9 +241,10 @@ class _Layout:
         if stylus is not None:
             tool = self.pool.arm.chain.walk(postures)[0][self.pool.arm.chain.tip] @ stylus
             pole = -tool.mean(axis=0) / np.linalg.norm(tool.mean(axis=0)) if len(postures) > 1 else -tool[0]
-        for k, normal in enumerate(_half_sphere(count, pole)):
-            best = k % len(postures) if tool is None else int((-tool @ normal).argmax())
-            self.touch(center + (self.sphere + self.probe) / 2 * normal, postures[best], **cells)
+        normals = _half_sphere(count, pole)
+        best = np.arange(count) % len(postures) if tool is None else (-tool @ normals.T).argmax(axis=0)
+        for k in np.argsort(best, kind="stable"):  # articulation by articulation
+            self.touch(center + (self.sphere + self.probe) / 2 * normals[k], postures[best[k]], **cells)
 
     def single_points(self) -> None:
         """One point in ten articulations at each of three distances."""
@@ -255,7 +263,7 @@ class _Layout:
                     for number, length in enumerate(lengths, start=1):
                         cells = {"test": test, "position": f"P{place}", "repeat": repeat, "length_id": f"L{number}"}
                         cells |= {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
-                        for feature, end, sign in (("A", 0, -1), (f"B{number}", number, 1)):
+                        for feature, end, sign in (("A", 0, -1), (f"L{number}", number, 1)):
                             q = postures[end][(repeat - 1) % len(postures[end])]
                             self.touch(ends[end] + sign * aside * direction, q, feature=feature, **cells)
 
@@ -294,14 +302,10 @@ class _Layout:
 
     def ball_bars(self, *lengths: float) -> None:
         """Ball bars of two lengths in ten places each."""
-        for number, length in enumerate(lengths, start=1):
+        for name, length in zip(BALL_BARS, lengths, strict=True):
             for place, bar in enumerate(bars_for(self.pool, 10, length, 2, self.rng), start=1):
-                cells: dict[str, Any] = {
-                    "test": "volumetric",
-                    "length_id": f"ball bar {number}",
-                    "position": f"B{number}.{place}",
-                }
-                cells |= {"length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
+                cells: dict[str, Any] = {"test": "volumetric", "length_id": f"{name} ball bar"}
+                cells |= {"position": f"{name} {place}", "length_mm": length / MM, "probe_diameter_mm": self.probe / MM}
                 for feature, point, q in zip("AB", bar.points, bar.postures, strict=True):
                     self.touch(point, q[0], feature=feature, **cells)
 

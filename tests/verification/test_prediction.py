@@ -75,6 +75,19 @@ def test_single_points_stand_in_the_zones_of_asme_b89_4_22(sino6: Arm, planned: 
     assert [int(np.searchsorted([0.2, 0.8], part)) for part in parts] == [0, 1, 2]
 
 
+def test_asme_b89_4_22_needs_two_lengths_and_every_place_has_a_name_of_its_own(sino6: Arm, planned: Path) -> None:
+    touches = acceptance_procedure(sino6, standard="asme-b89.4.22", lengths=[0.60002, 0.30001]).touches
+    bars = touches[touches["test"] == "volumetric"]
+    assert bars.groupby("length_id")["length_mm"].unique().map(list).to_dict() == {
+        "short ball bar": pytest.approx([300.01]),
+        "long ball bar": pytest.approx([600.02]),
+    }
+    every = pd.read_csv(planned, dtype=str)
+    assert not {*every.loc[every["test"] == "volumetric", "position"]} & {*every["feature"], *every["length_id"].dropna()}
+    pairs = every[every["test"] == "length-uni"].drop_duplicates(["length_id", "feature"])
+    assert set(pairs["feature"]) == {"A", *pairs["length_id"]}
+
+
 def test_an_unfilled_procedure_has_no_figures(planned: Path) -> None:
     with pytest.raises(MeasurementFileError, match="no coordinates"):
         accept(planned)
@@ -152,8 +165,13 @@ def test_the_chain_at_the_shell(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
-    with pytest.raises(AacmmError, match="five different"):
-        acceptance_procedure(sino6, lengths=[0.1, 0.2])
+    for standard, lengths, said in (
+        (None, [0.1, 0.2], "5 different"),
+        ("asme-b89.4.22", [0.1, 0.2, 0.3], "2 different ones above 0 for ASME B89.4.22"),
+        ("iso10360-12", [0.1, 0.2, 0.3, 0.4, 0.4], "5 different"),
+    ):
+        with pytest.raises(AacmmError, match=said):
+            acceptance_procedure(sino6, standard=standard, lengths=lengths)
     with pytest.raises(AacmmError, match="shorter"):
         acceptance_procedure(sino6, standard="iso10360-12", measuring_range=9.0)
     narrow = replace(sino6, limits=np.array([[0, 1.0], [-1.6, -0.6], [-0.5, 0.5], [0.5, 1.5], [0.3, 1], [-1, 1]]))
