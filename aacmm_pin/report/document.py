@@ -211,11 +211,15 @@ class Document:
         subtitle: one line below the title.
         sheet: rows of tables that it has where it is to take one sheet of paper to be signed, and is set closely for it; 0
             where not.
+        by_hand: what is filled in by hand on paper, below the blocks before the first heading.
     """
 
-    def __init__(self, title: str, blocks: Iterable[Block], subtitle: str = "", sheet: int = 0) -> None:
+    def __init__(
+        self, title: str, blocks: Iterable[Block], subtitle: str = "", sheet: int = 0, by_hand: Sequence[str] = ()
+    ) -> None:
         """A plain string among the blocks is a paragraph."""
         self.title, self.subtitle, self.sheet = title, subtitle, sheet
+        self.by_hand = by_hand or ("Operator", "Date", "Signature") * bool(sheet)
         self.blocks = [b for b in (Paragraph(b) if isinstance(b, str) else b for b in blocks) if not _is_empty(b)]
 
     def short(self) -> list[Block]:

@@ -54,6 +54,7 @@ def page(document: Document) -> str:
         title=document.title,
         subtitle=document.subtitle,
         sheet=document.sheet,
+        by_hand=document.by_hand,
         opening=opening["blocks"],
         sections=[section for section in contents if section["blocks"]],
         viewer=_viewer() if has_scene else "",

@@ -23,7 +23,7 @@ KINDS = {
 SAME = {"location": "sphere", "effective-diameter": "sphere", "length-uni": "length", "length-bi": "length"}
 """Tests whose artefacts are those of another."""
 FILL_IN = (
-    "Line numbers are those of the CSV file. Make the touches in its order.",
+    "Line numbers are those of the CSV file. Make the touches in its order, and tick each row.",
     "Fill in x_mm, y_mm, z_mm (centre of the probe, by the arm's software), or theta1_deg … (indications), or both; "
     "columns that stay empty do not count.",
     "Put the calibrated values of your sphere and lengths in place of the planned ones, and their standard uncertainty into "
@@ -51,6 +51,7 @@ def procedure_document(procedure: Procedure) -> Document:
                 "Spheres, seats and bars round the arm, from above and from the side",
                 "The arm in one of the postures (black), and where everything stands; the bars one after the other.",
             ),
+            Table(_sizes(procedure), "What is touched, and with what", detail=True),
             Table(
                 _stands(procedure),
                 "Positions: distance from the stand, bearing, height; of a bar those of A, and of its far end",
@@ -58,10 +59,11 @@ def procedure_document(procedure: Procedure) -> Document:
             ),
             Heading("Touches, in order"),
             Bullets(FILL_IN),
-            Table(_steps(procedure), "One row a step", detail=True),
+            Table(_steps(procedure), "Consecutive touches in one articulation are one row", detail=True),
             Download("touches.csv", "the file to be filled in", procedure.csv().encode()),
         ],
         f"{len(procedure.touches)} touches{seed}",
+        by_hand=("Date", "Operator", "Instrument, serial number", "Temperature [°C]"),
     )
 
 
@@ -93,26 +95,28 @@ def _stands(procedure: Procedure) -> pd.DataFrame:
     return near.rename(columns={"kind": "what"}).fillna("")
 
 
+def _sizes(procedure: Procedure) -> pd.DataFrame:
+    """The size of every artefact, and room for its number."""
+    touches = procedure.touches
+    bars = touches["length_id"].replace(r"^(L\d+)$", r"length bar, A to \1", regex=True)
+    names = {"feature_diameter_mm": "sphere, diameter", "probe_diameter_mm": "probe, diameter", "length_mm": bars}
+    sizes = [pd.DataFrame({"artefact": name, "size [mm]": pd.to_numeric(touches[column])}) for column, name in names.items()]
+    return pd.concat(sizes).dropna().drop_duplicates().assign(**{"serial number": 24 * "_"})
+
+
 def _steps(procedure: Procedure) -> pd.DataFrame:
-    """Consecutive touches of one test, position and repeat as one row."""
+    """Consecutive touches of one feature in one articulation as one row."""
     touches = procedure.touches.astype({"repeat": "string"}).fillna({"repeat": ""}).reset_index(drop=True)
-    label = touches[["test", "position", "repeat"]].astype(str).agg("|".join, axis=1)
-    rows = []
-    for _, step in touches.groupby((label != label.shift()).cumsum(), sort=False):
-        first = step.iloc[0]
-        pairs = first["test"] in ("length-uni", "length-bi", "volumetric")
-        names = [*step["feature"].unique()]
-        touch = (
-            f"{names[0]} to {' … '.join(names[1:][:: max(1, len(names) - 2)])}"
-            if pairs
-            else f"{len(step)} × {first['feature']}"
-        )
-        by = step.groupby("feature", sort=False)["articulation"].first() if pairs else None
-        words = step["articulation"].drop_duplicates() if by is None else by.index + ": " + by
-        lines = f"{step.index[0] + 2} to {step.index[-1] + 2}"
-        cells = {"lines": lines, "test": first["test"], "position": first["position"], "repeat": first["repeat"]}
-        rows.append(cells | {"touch": touch, "articulation": "; ".join(words)})
-    return pd.DataFrame(rows)
+    repeat = (", repeat " + touches["repeat"]).where(touches["repeat"] != "", "")
+    rows = touches[["feature", "articulation"]].assign(test=touches["test"] + " " + touches["position"] + repeat)
+    steps = rows.groupby((rows != rows.shift()).any(axis=1).cumsum(), sort=False)
+    count, first = steps.size(), steps.first()
+    last = count.cumsum() + 1  # the head of the file is line 1
+    lines = [f"{b}" if n == 1 else f"{b - n + 1} to {b}" for n, b in zip(count, last, strict=True)]
+    touch = (count.astype(str) + " × ").where(count > 1, "") + first["feature"]
+    return pd.DataFrame({"done": "☐", "lines": lines, "test": first["test"], "touch": touch}).assign(
+        articulation=first["articulation"]
+    )
 
 
 def procedure_views(procedure: Procedure) -> Drawing:

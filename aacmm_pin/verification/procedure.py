@@ -251,7 +251,7 @@ class _Layout:
         for name, zone in SEATS.items():
             point, postures = self.place(*zone, 10)
             for q in postures:
-                self.touch(point, q, test="single-point", feature=f"seat {name}", position=name)
+                self.touch(point, q, test="single-point", feature="seat", position=name)
 
     def length_bar(self, lengths: Sequence[float], wanted: set[str]) -> None:
         """A bar with one point at 0 and one at each length, in seven places."""

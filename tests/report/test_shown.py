@@ -42,6 +42,7 @@ from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS
 from aacmm_pin.papers.sino6.table2 import reproduce_table2
 from aacmm_pin.papers.sino6_table3.diagnosis import Table3Diagnosis
 from aacmm_pin.report import plots
@@ -93,7 +94,8 @@ def values(arm: Arm, calibration: Calibration, found: Diagnosis, hidden: Any, ro
     figure = AcceptanceFigure(NASTY, DEFINITIONS[0], Evaluated(1e-5, np.nan, 50, 0, "", np.array([[1e-5, np.nan]])), 2e-5)
     predicted = PredictedFigure(NASTY, DEFINITIONS[0], (figure,) * 3, pd.Series({NASTY: 1e-5}))
     touches = pd.DataFrame(
-        {"test": "single-point", "feature": NASTY, "position": NASTY, "repeat": [1, 2], "articulation": NASTY}
+        {"test": "single-point", "feature": NASTY, "position": NASTY, "repeat": [1, 2], "articulation": NASTY},
+        columns=[*LABELS, *NUMBERS, "articulation"],
     )
     return {
         "Arm": arm,

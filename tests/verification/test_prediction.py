@@ -17,6 +17,7 @@ from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.simulate import simulate_touches
+from aacmm_pin.report.procedure import _sizes, _steps
 from aacmm_pin.verification import Procedure
 from aacmm_pin.verification.figures import DEFINITIONS, definitions
 
@@ -75,13 +76,19 @@ def test_single_points_stand_in_the_zones_of_asme_b89_4_22(sino6: Arm, planned: 
     assert [int(np.searchsorted([0.2, 0.8], part)) for part in parts] == [0, 1, 2]
 
 
-def test_asme_b89_4_22_needs_two_lengths_and_every_place_has_a_name_of_its_own(sino6: Arm, planned: Path) -> None:
+def test_the_lengths_of_asme_b89_4_22_and_what_the_sheet_says(sino6: Arm, planned: Path) -> None:
     touches = acceptance_procedure(sino6, standard="asme-b89.4.22", lengths=[0.60002, 0.30001]).touches
     bars = touches[touches["test"] == "volumetric"]
     assert bars.groupby("length_id")["length_mm"].unique().map(list).to_dict() == {
         "short ball bar": pytest.approx([300.01]),
         "long ball bar": pytest.approx([600.02]),
     }
+    sizes, steps = _sizes(read := Procedure.read(planned, sino6)), _steps(read)
+    assert sizes.set_index("artefact").loc[["sphere, diameter", "probe, diameter"], "size [mm]"].to_list() == [25, 6]
+    assert sizes["artefact"].is_unique
+    assert len(sizes) == 2 + 5 + 2
+    assert steps["lines"].str.split().str[-1].iloc[-1] == str(len(read.touches) + 1)
+    assert (steps["touch"] == "seat").sum() > 25  # one row each, where words tell the ten articulations apart
     every = pd.read_csv(planned, dtype=str)
     assert not {*every.loc[every["test"] == "volumetric", "position"]} & {*every["feature"], *every["length_id"].dropna()}
     pairs = every[every["test"] == "length-uni"].drop_duplicates(["length_id", "feature"])
