@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
@@ -53,7 +54,7 @@ from aacmm_pin.report.plots import (
     plot_rms,
     plot_unexplained,
 )
-from aacmm_pin.report.plots.groups import held_out_parts
+from aacmm_pin.report.plots.groups import MODELS, _draw_groups, held_out_parts
 from aacmm_pin.report.plots.partial_residuals import _along, _common_direction, partial_residual, unit_of_load
 
 ENCODER, REFERENCE = 8e-6, 12e-6
@@ -238,6 +239,18 @@ def test_groups_against_their_own_prediction(sound: Diagnosis, sino6: Arm) -> No
         "session",
     }
     assert plt.get_fignums() == []
+
+
+def test_of_many_groups_the_worst_are_named(rng: np.random.Generator) -> None:
+    names = [f"S{k}" for k in range(50)]
+    table = pd.DataFrame(rng.uniform(size=(50, 3)), columns=[f"{name}_mm" for name in MODELS]).assign(group=names)
+    ax = blank_axes(3.0, 2.0)
+    _draw_groups(ax, "seat", table, {})
+    (simulation, *_) = ax.lines
+    assert (np.diff(simulation.get_ydata()) <= 0).all()
+    worst = table.loc[table["simulation_mm"].nlargest(3).index, "group"]
+    assert ax.get_xlabel().split("\n")[1:] == [*worst]
+    assert not ax.get_xticklabels()
 
 
 def test_the_arm_is_shown_before_and_after_what_helped(sound: Diagnosis, sino6: Arm) -> None:

@@ -28,6 +28,8 @@ MODELS = {"simulation": INK, "recalibrated": GREY, "extended": BLUE}
 """The three models with their colours."""
 UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
 """Units of the ranges in which records are grouped."""
+MANY, WORST = 40, 3
+"""Of more groups than so many no names can be read: they stand by size, and so many of them are named."""
 
 
 @plain
@@ -84,16 +86,23 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
 
 def _draw_groups(panel: Axes, kind: str, table: pd.DataFrame, expected: dict[str, tuple[str, str]]) -> None:
     """The groups of one kind side by side, below lines of what is ``expected`` (column: line style, label)."""
-    unit = UNITS.get(kind.split()[0], "")
-    table = table.sort_values("group", key=lambda groups: groups.map(_start if unit else numbers_by_size))
+    unit, many = UNITS.get(kind.split()[0], ""), len(table) > MANY
+    if many:
+        table = table.sort_values("simulation_mm", ascending=False)
+    else:
+        table = table.sort_values("group", key=lambda groups: groups.map(_start if unit else numbers_by_size))
     edges = np.arange(len(table) + 1) - 0.5
     for name, (line, label) in expected.items():
         panel.stairs(table[f"{name}_mm"], edges, baseline=None, color=VERMILLION, lw=1.2, ls=line, label=label)
     for name, colour in MODELS.items():
         label = "as simulated" if name == "simulation" else name
-        panel.plot(np.arange(len(table)), table[f"{name}_mm"], "o-", ms=4, lw=1, color=colour, label=label)
+        panel.plot(np.arange(len(table)), table[f"{name}_mm"], "o-", ms=2 if many else 4, lw=1, color=colour, label=label)
     names = [group.removesuffix(unit).strip().replace(" to ", "\nto ") for group in table["group"]]
-    name_places(panel, names, letters=48, size=7)
+    if many:
+        panel.set_xticks([])
+        panel.set_xlabel("\n".join([f"{len(names)}, largest as simulated first:", *names[:WORST]]), fontsize=7)
+    else:
+        name_places(panel, names, letters=48, size=7)
     panel.set_title(f"{kind} [{unit}]" if unit else kind, fontsize=9)
     panel.grid(axis="y", alpha=0.3)
 
