@@ -111,6 +111,10 @@ class Page:
         self._ask("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=touch)
         self._ask("Emulation.setTouchEmulationEnabled", enabled=touch)
 
+    def media(self, kind: str) -> None:
+        """Show the page as on ``screen`` or in ``print``; "" for what the browser takes by itself."""
+        self._ask("Emulation.setEmulatedMedia", media=kind)
+
     def evaluate(self, script: str) -> Any:
         """Value of a JavaScript expression (a promise is waited for) as JSON has it; what it throws, an AssertionError."""
         said = self._ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)

@@ -13,7 +13,8 @@ from meshcat.geometry import Box
 from aacmm_pin import Arm, circle_accuracy, configuration_circle
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.report import scenes
+from aacmm_pin.report import html, scenes
+from aacmm_pin.report.document import Document, SceneView
 from aacmm_pin.report.scenes import Scene
 from tests.browser import Page
 
@@ -215,6 +216,19 @@ def test_without_webgl_the_page_says_so(file: Path) -> None:
         assert "WebGL" in blind.evaluate("document.body.innerText")
         assert not blind.evaluate("document.getElementById('controls').checkVisibility({visibilityProperty: true})")
         assert blind.errors == []
+
+
+def test_a_scene_takes_room_on_paper_where_it_was_drawn(page: Page, tmp_path: Path) -> None:
+    report = tmp_path / "report.html"
+    report.write_text(html.page(Document("scene", [SceneView(circle_scene, "to turn")])), encoding="utf-8")
+    with Page("--disable-3d-apis") as blind:
+        for browser, drawn in ((page, True), (blind, False)):
+            browser.open(report)
+            browser.wait_for("!!document.querySelector('iframe').contentDocument.getElementById('no-webgl')")
+            browser.wait_for(f"!!document.querySelector('.drawn') === {str(drawn).lower()}")
+            browser.media("print")
+            assert browser.evaluate("document.querySelector('.scene').checkVisibility()") is drawn
+            browser.media("")
 
 
 # --- the server

@@ -1,5 +1,6 @@
 // Fills the inner frames of scenes: each when it comes near the part of the page that is seen, the others when all is quiet,
-// so that they are there on paper and in pictures of the whole page.
+// so that they are there on paper and in pictures of the whole page. What is not drawn yet takes no room on paper: printing
+// does not wait for it.
 "use strict";
 (() => {
   const QUIET = 500; // milliseconds from one scene to the next
@@ -7,6 +8,7 @@
     if (frame.srcdoc) return;
     const page = JSON.parse(frame.nextElementSibling.textContent);
     const viewer = document.getElementById("aacmm-viewer").textContent;
+    frame.addEventListener("load", () => frame.classList.toggle("drawn", "page" in frame.contentWindow));
     frame.srcdoc = page.replace("<!-- viewer -->", () => `<script>${viewer}</` + "script>");
   };
   const start = () => {
@@ -21,7 +23,6 @@
     const frames = [...document.querySelectorAll("iframe.aacmm-scene")];
     frames.forEach((frame) => near.observe(frame));
     window.addEventListener("load", () => frames.forEach((frame, k) => setTimeout(() => fill(frame), QUIET * (k + 1))));
-    window.addEventListener("beforeprint", () => frames.forEach(fill));
   };
   if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);
   else start();
