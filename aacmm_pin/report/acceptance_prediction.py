@@ -8,6 +8,7 @@ from matplotlib.figure import Figure as Drawing
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.report.document import Document, Download, Figure, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.numbers import UNIT
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION, plain
 from aacmm_pin.verification import PredictedAcceptance
 
@@ -19,7 +20,7 @@ def prediction_document(result: PredictedAcceptance) -> Document:
     """The figures that a procedure will show."""
     table = result.to_frame()
     heads = {"median_mm": "median [mm]", "low_mm": "95 % from [mm]", "high_mm": "95 % to [mm]", "mpe_mm": "MPE [mm]"}
-    heads |= {"probability_to_pass": "conforms", "dominant": "most by", "dominant_alone_mm": "that alone [mm]"}
+    heads |= {"probability_to_pass": "conforms", "dominant": "largest cause", "dominant_alone_mm": "this cause alone [mm]"}
     several = table["arm"].nunique() > 1
     shown = ["arm"] * several + ["figure", *heads]
     shown += ["missing"] * bool((table["missing"] != "").any())
@@ -39,7 +40,7 @@ def prediction_document(result: PredictedAcceptance) -> Document:
                 "Median and 95 % interval of every figure; a mark stands at the MPE.",
             ),
             Table(
-                result.causes().drop(columns=[] if several else "arm"),
+                result.causes().drop(columns=[] if several else "arm").rename(columns=lambda name: UNIT.sub(" [mm]", name)),
                 "Median of the figure by each cause alone",
                 explained="Parameters that a calibration knows together may do more alone than together.",
                 detail=True,
