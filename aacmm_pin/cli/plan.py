@@ -13,7 +13,7 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, refuse, say
-from aacmm_pin.cli.plan_acceptance import Artefacts
+from aacmm_pin.cli.plan_acceptance import Artefacts, tell_lowest
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_measurements
@@ -27,7 +27,6 @@ OPTIONS_FOR = {
     ("split", "set_up_arm", "as_it_stands"): ("causes",),
     tuple(f.name for f in fields(MeasuredHow)): ("causes", "calibration"),
     ("data", "json_", "records", "reference", "postures"): ("causes", "calibration"),
-    ("sheet",): ("calibration", "acceptance"),
     tuple(f.name for f in fields(Artefacts)): ("acceptance",),
 }
 """Options, by the names of their arguments, that some purposes have no use for."""
@@ -66,9 +65,7 @@ def run(
     postures: Annotated[int, typer.Option(min=1, help="Number of postures to choose from.")] = POSTURES,
     seed: Seed = 1,
     output: Output = None,
-    sheet: Annotated[
-        Path | None, typer.Option(help="With --for: HTML page to print, with positions and articulations.")
-    ] = None,
+    sheet: Annotated[Path | None, typer.Option(help="HTML page to print, with positions and articulations.")] = None,
     artefacts: Artefacts,
     set_up_arm: Annotated[Path | None, typer.Option(help="File for the arm as the plan wants it set up.")] = None,
     json_: Json = None,
@@ -110,6 +107,7 @@ def run(
         results.json(plan.summary(), json_)
     told_of = None if json_ == "-" else output
     terminal.show(document, told_of is None)
+    tell_lowest(plan.model.predict(plan.measurements.q, plan.measurements.conditions) @ plan.model.arm.up, above_mm)
     if isinstance(plan, MeasurementPlan):
         _tell_what_to_do(plan, told_of, set_up_arm is not None)
         if told_of is not None:

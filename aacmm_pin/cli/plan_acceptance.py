@@ -10,9 +10,10 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.cli.arm_options import UncertainArm, in_metres
-from aacmm_pin.cli.common import Results, say
+from aacmm_pin.cli.common import Results, note, say
 from aacmm_pin.report import html, terminal
 from aacmm_pin.report.procedure import procedure_document
 from aacmm_pin.verification import acceptance_procedure
@@ -59,4 +60,11 @@ class Artefacts:
         if output is not None:
             terminal.show(procedure_document(procedure))
             then = shlex.join(["aacmm-pin", "accept", *arm.urdf_words, str(output)])
+            tell_lowest(procedure.points @ procedure.arm.up, above_mm)
             say(f"{output}: fill in x_mm, y_mm, z_mm, or theta1_deg …; then: {then}")
+
+
+def tell_lowest(heights: Array, above_mm: float | None) -> None:
+    """How far below the base the lowest tip is [m], where no table was stated."""
+    if above_mm is None and heights.min() < 0:
+        note(f"note: the lowest tip is {-heights.min() / MM:.0f} mm below the base; --above-mm sets the height of a table")

@@ -6,48 +6,57 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.units import DEG
-from aacmm_pin.planning import CalibrationPlan
+from aacmm_pin.planning import CalibrationPlan, MeasurementPlan
 from aacmm_pin.postures.articulation import articulations, places
-from aacmm_pin.report.document import Document, Download, Figure, Heading, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.document import Block, Document, Download, Figure, Heading, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.plots.style import BLUE
 from aacmm_pin.report.plots.two_views import two_views
+
+TOLD_OTHERWISE = r"^(theta|approach)\d|^u_|_mm$"
+"""Columns of a plan that its table has in other words, or that are to be filled in."""
 
 
 @document_of.register
 def calibration_plan_document(plan: CalibrationPlan) -> Document:
     """The plan; its records stand in :attr:`CalibrationPlan.records`."""
-    arm, q = plan.model.arm, plan.measurements.q
-    tips = plan.model.predict(q, plan.measurements.conditions)
-    seed = "" if plan.seed is None else f"seed {plan.seed}"
     return Document(
-        f"Calibration of {arm.name}: what to measure",
-        [
-            Paragraph(f"{plan}.", finding=True, head="Plan:"),
-            Heading("Where to go"),
-            Figure(
-                lambda: two_views(arm, q[:1], {"records": (BLUE, [("", tip[None]) for tip in tips])}),
-                "Places of the records round the arm, from above and from the side",
-                "The arm in the first posture (black), and where the tip will be.",
-            ),
-            Table(
-                _records(plan, places(arm, tips)),
-                "Records, in order",
-                explained="The joints' angles lie in the file; come within a few degrees, and enter the angles indicated. "
-                "Left and right are those of a person behind the stand; bearing counts counter-clockwise from x.",
-                detail=True,
-            ),
-            Notes(plan.notes),
-            Download("plan.csv", "the file to be filled in", plan.csv().encode()),
-        ],
-        seed,
+        f"Calibration of {plan.model.arm.name}: what to measure",
+        [Paragraph(f"{plan}.", finding=True, head="Plan:"), *where_to_go(plan), Notes(plan.notes)],
+        "" if plan.seed is None else f"seed {plan.seed}",
     )
 
 
-def _records(plan: CalibrationPlan, where: pd.DataFrame) -> pd.DataFrame:
-    arm, q, seat = plan.model.arm, plan.measurements.q, plan.measurements.conditions.seat
-    table = pd.DataFrame({"record": plan.records["record"]} | ({} if seat is None else {"seat": seat}))
-    whole = where.map(lambda value: f"{value:z.0f}")
-    table = pd.concat([table, whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)], axis=1)
+def where_to_go(plan: CalibrationPlan | MeasurementPlan) -> list[Block]:
+    """The records of a plan on a page to print, with the CSV to be filled in inside."""
+    arm, q = plan.model.arm, plan.measurements.q
+    tips = plan.model.predict(q, plan.measurements.conditions)
+    return [
+        Heading("Where to go"),
+        Figure(
+            lambda: two_views(arm, q[:1], {"records": (BLUE, [("", tip[None]) for tip in tips])}),
+            "Places of the records round the arm, from above and from the side",
+            "The arm in the first posture (black), and where the tip will be.",
+        ),
+        Table(
+            _records(plan, places(arm, tips)),
+            "Records, in order",
+            explained="The file has the joints' angles in full; come within a few degrees of them, and enter the angles "
+            "indicated. Left and right are those of a person behind the stand; bearing counts counter-clockwise from x. "
+            "Last motion, where planned: whether each joint turned to larger (+) or smaller (-) angles.",
+            detail=True,
+        ),
+        Download("plan.csv", "the file to be filled in", plan.csv().encode()),
+    ]
+
+
+def _records(plan: CalibrationPlan | MeasurementPlan, where: pd.DataFrame) -> pd.DataFrame:
+    arm, q, moved = plan.model.arm, plan.measurements.q, plan.records.filter(regex=r"^approach\d").to_numpy()
     shown = np.where(arm.chain.prismatic, q, q / DEG)
-    angles = [" ".join(f"{x:.0f}" for x in row) for row in shown]
-    return table.assign(articulation=articulations(arm, q), **{"joints [°]": angles})
+    whole = where.map(lambda value: f"{value:z.0f}")
+    table = plan.records.drop(columns=plan.records.filter(regex=TOLD_OTHERWISE)).astype(str)
+    table = table.rename(columns={"temperature_c": "temperature [°C]"}).set_index("record").reset_index()
+    table = pd.concat([table, whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)], axis=1)
+    table["articulation"] = articulations(arm, q)
+    table["joints [°]"] = [" ".join(f"{x:z.0f}" for x in row) for row in shown]
+    signs = [" ".join("-0+"[int(sign) + 1] for sign in row) for row in moved]
+    return table.assign(**{"last motion": signs} if moved.size else {})

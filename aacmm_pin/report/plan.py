@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from aacmm_pin.planning import MeasurementPlan
+from aacmm_pin.report.calibration_plan import where_to_go
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, document_of
 
 MOST_PAIRS = 8
@@ -32,7 +33,7 @@ def plan_document(plan: MeasurementPlan) -> Document:
             Bullets(plan.set_up, "Set-up, besides postures:"),
             Table(considered, "Set-ups that were considered", forms),
             Table(_pairs(plan), "Told apart worst, of what these postures can tell apart", forms, most=MOST_PAIRS),
-            Table(plan.records, "Records to measure", detail=True),
+            *where_to_go(plan),
             Notes(plan.notes),
         ],
     )

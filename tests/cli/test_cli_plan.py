@@ -16,6 +16,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects import JointCompliance
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
+from tests.pages import Page
 
 PAIR = ["--split", "joint_compliance:2", "encoder_eccentricity:2"]
 QUICK = ["--records", "20", "--postures", "100", "--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
@@ -102,11 +103,18 @@ def test_existing_seats_are_used_again_and_new_ones_are_left_to_be_measured(tmp_
 
 
 def test_everything_at_once(tmp_path: Path) -> None:
-    out, err = done("plan", "sino6", *QUICK, "-o", tmp_path / "plan.csv")
+    sheet = tmp_path / "sheet.html"
+    out, err = done("plan", "sino6", *QUICK, "-o", tmp_path / "plan.csv", "--sheet", sheet)
     assert "20 records for all causes" in out
     assert "Told apart worst" in out
     assert "no posture tells bearing_tilt:1 from base_compliance; it takes another set-up: turn the mount" in err
     assert {"temperature_c", "approach1"} <= set(pd.read_csv(tmp_path / "plan.csv").columns)
+    page = Page(sheet.read_text(encoding="utf-8"))
+    assert page.downloads()["plan.csv"].decode() == (tmp_path / "plan.csv").read_text()
+    assert [head in page.text for head in ("temperature [°C]", "last motion", "articulation")] == [True] * 3
+    assert " -0 " not in page.text
+    q = Measurements.read(tmp_path / "plan.csv", 6).q
+    assert f"the lowest tip is {-Arm.load('sino6').positions(q)[:, 2].min() / MM:.0f} mm below the base" in err
 
 
 def test_an_arm_by_its_urdf(tmp_path: Path, robot_file: Callable[[str], Path]) -> None:
