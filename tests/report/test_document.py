@@ -76,7 +76,12 @@ def test_a_page_has_every_block_and_fetches_nothing() -> None:
     ids = {attributes["id"] for attributes in parsed.all("section")}
     assert {a["href"].removeprefix("#") for a in parsed.all("a") if a["href"].startswith("#")} == ids
     assert len(ids) == 2
-    for needed in ('<meta name="viewport" content="width=device-width', "@media print", '<html lang="en">'):
+    for needed in (
+        '<meta name="viewport" content="width=device-width',
+        "@media print",
+        "@page { size: A4",
+        '<html lang="en">',
+    ):
         assert needed in text
 
 
