@@ -74,7 +74,7 @@ def calibrate(
         encoder_noise: standard uncertainty of a reading, one number or (nq,) [rad]; default what the arm states.
         reference_noise: of each coordinate of a reference where the records do not state it [m].
         probe_noise: of each coordinate of one contact [m].
-        length_noise: of a bar's length; default 50 µm, which is then said [m].
+        length_noise: of a bar's length where the records do not state it; default 50 µm, which is then said [m].
         robust: look for gross errors.
         hold_out: predict records left out of the fit, at random and by seats, sessions or blocks of joint space.
         rng: chooses which; default seed 1.
@@ -233,7 +233,7 @@ def notes_of(after: Fit) -> list[str]:
         )
     if not redundant(after.solution) and not after.excluded.any():
         found.append("too few records to look for gross errors: all were used")
-    if setup.length_noise is None and len(after.observations.ends):
+    if setup.length_noise is None and not all(np.isfinite(bar.u) for bar in problem.measurements.bars()):
         found.append(f"uncertainty of the bars' lengths not given: taken as {LENGTH / MM:g} mm")
     if not after.solution.converged:
         found.append(

@@ -121,6 +121,16 @@ class Fit:
         found = np.repeat([self.noise.scatter**2, self.noise.turn_scatter**2], 3)[: self.residual_noise.shape[1]]
         return np.asarray(self.residual_noise - np.diag(self.stated * found))
 
+    def distance_of(self, covariance: Array) -> float:
+        """RMS distance of the used records' tips and targets that residuals of such covariances (n, 3, 3) [m²] give [m].
+
+        A seat of which no coordinates are known is where its own touches put it, which takes its part of their scatter.
+        """
+        variance, seat = np.trace(covariance[self.used, :3, :3], axis1=1, axis2=2), self.observations.seat[self.used]
+        touches = np.bincount(seat + 1, minlength=len(self.observations.labels) + 1)[seat + 1]
+        free = np.append(np.isnan(self.observations.stated[:, 0]), False)[seat]
+        return float(np.sqrt((variance * np.where(free, 1.0 - 1.0 / touches, 1.0)).mean()))
+
     @cached_property
     def unknown(self) -> Array:
         """Directions of which these records tell nothing, in units of the scales (p, k), orthonormal.

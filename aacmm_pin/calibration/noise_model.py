@@ -111,7 +111,7 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
         u = np.zeros(measurements.n) if measurements.orientation_u is None else np.nan_to_num(measurements.orientation_u)
         own = np.hstack([own, np.repeat(u[:, None], 3, axis=1)])
     chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
-    ends, length = _bars(measurements, {label: k for k, label in enumerate(chosen)})
+    ends, length, length_u = _bars(measurements, setup, {label: k for k, label in enumerate(chosen)})
     return Observations(
         reference=np.where(alone[:, None], measurements.reference, np.nan),
         seat=seat.astype(np.intp),
@@ -121,7 +121,7 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
         stated_u=at_u[~mixed],
         ends=ends,
         length=length,
-        length_u=np.full(len(length), max(LENGTH if setup.length_noise is None else setup.length_noise, LEAST)),
+        length_u=length_u,
         oriented=measurements.oriented,
     )
 
@@ -181,8 +181,10 @@ def _of_seats(
     return mean * stated, of_each(u, "max") * stated, mixed
 
 
-def _bars(measurements: Measurements, number: dict[str, int]) -> tuple[Index, Array]:
-    """Numbers of the seats at both ends of each bar (b, 2), and the lengths (b,) [m]."""
+def _bars(measurements: Measurements, setup: Setup, number: dict[str, int]) -> tuple[Index, Array, Array]:
+    """Numbers of the seats at both ends of each bar (b, 2), the lengths and their standard uncertainties (b,) [m]."""
     bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
     ends = np.array([(number[b.seat_a], number[b.seat_b]) for b in bars], dtype=np.intp).reshape(-1, 2)
-    return ends, np.array([b.length for b in bars])
+    length, u = np.array([(b.length, b.u) for b in bars]).reshape(-1, 2).T
+    fallback = LENGTH if setup.length_noise is None else setup.length_noise
+    return ends, length, np.maximum(np.where(np.isfinite(u), u, fallback), LEAST)

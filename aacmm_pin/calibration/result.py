@@ -94,7 +94,7 @@ class Calibration(Shown):
     @property
     def noise(self) -> float:
         """What that distance should be by the stated and found noise [m]."""
-        return float(np.sqrt(np.trace(self.fit.residual_noise[self.fit.used, :3, :3], axis1=1, axis2=2).mean()))
+        return self.fit.distance_of(self.fit.residual_noise)
 
     @property
     def turns(self) -> dict[str, float] | None:

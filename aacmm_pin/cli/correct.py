@@ -19,7 +19,7 @@ from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.csv_columns import BAR, ORIENTATION, ORIENTATION_U, REFERENCE, REFERENCE_U
+from aacmm_pin.measurements.csv_columns import BAR, BAR_U, ORIENTATION, ORIENTATION_U, REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
@@ -31,9 +31,11 @@ if TYPE_CHECKING:
 CORRECTED = ("corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm")
 """The columns that ``correct`` adds; behind them :data:`CORRECTED_ORIENTATION`, where orientations are looked at."""
 CORRECTED_ORIENTATION = tuple(f"corrected_{name}" for name in ORIENTATION)
-OF_REFERENCES = ("seat", *BAR, *REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U)
+OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U)
 """Columns that say where the tip should be have no part in where the readings put it."""
 
+NO_MORE = 1e-3
+"""Part by which distances may grow by chance, as where arms are the same but for rounding."""
 LARGE = 0.05
 """A command that changes more than errors of an arm account for is next to a singular posture [rad]."""
 
@@ -140,21 +142,26 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
         note(f"note: references, bars and seats are not compared: {str(error).splitlines()[0]}")
         return
     # Geometry alone, where nobody says what was before: the file may know the effects together with it.
-    both = (model.arm.positions(records.q) if before is None else before.correct(records.q, records.conditions), tips)
+    if before is not None:
+        compared = [before.correct(records.q, records.conditions), tips]
+    else:
+        compared = [model.arm.positions(records.q), tips] if model.effects else [tips]
     known = records.known
     if known.any():
         u = np.linalg.norm(records.reference_u[known], axis=1)
         of = f", themselves known within {rms(u[np.isfinite(u)]) / MM:.4f} mm (k = 1)" if np.isfinite(u).any() else ""
         _tell(
             f"distance from {count(int(known.sum()), 'reference')}{of}",
-            [np.linalg.norm((where - records.reference)[known], axis=1) for where in both],
+            [np.linalg.norm((where - records.reference)[known], axis=1) for where in compared],
         )
     bars = records.bars()
     if bars:
-        _tell(f"error of {count(len(bars), 'bar length')}", [records.bar_length_errors(where) for where in both])
+        _tell(f"error of {count(len(bars), 'bar length')}", [records.bar_length_errors(where) for where in compared])
     unknown = [touched for touched in records.seats().values() if len(touched) > 1 and not known[touched].any()]
     if unknown:
-        of_seats = [np.concatenate([where[touched] - where[touched].mean(axis=0) for touched in unknown]) for where in both]
+        of_seats = [
+            np.concatenate([where[touched] - where[touched].mean(axis=0) for touched in unknown]) for where in compared
+        ]
         _tell(
             f"distance from the mean of the touches of {count(len(unknown), 'seat')} without coordinates",
             [np.linalg.norm(off, axis=1) for off in of_seats],
@@ -163,9 +170,12 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
 
 def _tell(what: str, errors: list[Array]) -> None:
     sizes = {"RMS": [rms(e) for e in errors], "largest": [float(np.abs(e).max()) for e in errors]}
-    told = [f"{name} {before / MM:.4f} mm before, {after / MM:.4f} mm after" for name, (before, after) in sizes.items()]
+    when = ["before", "after"] if len(errors) > 1 else ["by this arm"]
+    told = [
+        f"{name} " + ", ".join(f"{e / MM:.4f} mm {w}" for e, w in zip(of, when, strict=True)) for name, of in sizes.items()
+    ]
     note(f"{what}: {'; '.join(told)}")
-    if sizes["RMS"][1] > sizes["RMS"][0]:
+    if sizes["RMS"][-1] > (1 + NO_MORE) * sizes["RMS"][0]:
         note("warning: this arm and its effects make it worse; aacmm-pin diagnose says what has changed")
 
 

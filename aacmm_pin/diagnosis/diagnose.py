@@ -164,7 +164,7 @@ def _concluded(
         held_out=held,
         unexplained=unexplained,
         cannot_tell_apart=tuple(pair for pair in look_alikes(choice) if not told.intersection(pair)),
-        noise=_floor(extended),
+        noise=extended.distance_of(extended.stated_noise),
         visible=shown,
         notes=(
             *notes_of(extended),
@@ -268,11 +268,6 @@ def _surviving(choice: Choice, problem: ProblemOf) -> Choice:
         return choice
     effects = [choice.variant(k) for k in kept if k in choice.causes]
     return replace(choice, fit=refitted(problem, effects), admitted=kept)
-
-
-def _floor(extended: Fit) -> float:
-    """RMS of the residuals that the stated noise alone would leave; that which was found, where it is not stated [m]."""
-    return float(np.sqrt(np.trace(extended.stated_noise[extended.used, :3, :3], axis1=1, axis2=2).mean()))
 
 
 def _excess(extended: Fit) -> float:

@@ -8,7 +8,7 @@ import pandas as pd
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Index
 from aacmm_pin._support.plausible import Range
-from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U, Problems
+from aacmm_pin.measurements.csv_columns import BAR, BAR_U, REFERENCE, REFERENCE_U, Problems
 
 NEEDED = {
     "sphere": ("feature", "feature_diameter_mm", "probe_diameter_mm"),
@@ -34,6 +34,8 @@ ONE_VALUE = {
 """What tells the lengths, and the spheres, of a test apart, and the columns in which all touches of one say the same."""
 PART = "high"
 """In the column ``part``: a touch in a posture that was predicted to be accurate."""
+PLANNED = "planned_"
+"""Begins the columns in which a procedure says where the arm was to be: no conditions of a record."""
 LABELS = ("feature", "test", "position", "repeat", "length_id", "part")
 ACCEPTANCE = (*LABELS, *NUMBERS)
 
@@ -69,7 +71,8 @@ def as_records(table: pd.DataFrame, lines: Index, source: str) -> tuple[pd.DataF
         (of_length & length.isna()).to_numpy(), "length_mm", "expected the length, and the probe for length-bi, in numbers"
     )
     problems.stop()
-    records = table.drop(columns=[name for name in (*ACCEPTANCE, *REFERENCE, *REFERENCE_U) if name in table])
+    known_names = (*ACCEPTANCE, *REFERENCE, *REFERENCE_U)
+    records = table.drop(columns=[name for name in table if name in known_names or str(name).lower().startswith(PLANNED)])
     notes = ["touches of an acceptance test: coordinates in the file are no reference"] if "x_mm" in table else []
     if {"seat", *BAR} & {*table}:
         return records, tuple(notes)
@@ -83,6 +86,10 @@ def as_records(table: pd.DataFrame, lines: Index, source: str) -> tuple[pd.DataF
     records["seat"] = np.where(is_bar, name + ", " + cells["feature"], np.where(is_point, "point " + cells["position"], ""))
     records["bar"], records["bar_end"] = np.where(is_bar, name, ""), np.where(is_bar, end, "")
     records["bar_length_mm"] = length.astype(object).where(is_bar, "")
+    if "u_length_mm" in table:
+        records[BAR_U] = table["u_length_mm"].where(
+            is_bar & (pd.to_numeric(_texts(table, "u_length_mm"), errors="coerce") > 0), ""
+        )
     notes.append(
         f"touches of an acceptance test: {cells['position'][is_point].nunique()} single points and the ends of "
         f"{name[is_bar].nunique()} lengths are seats that stood still; {(~is_bar & ~is_point).sum()} touches on "

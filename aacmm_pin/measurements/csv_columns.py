@@ -33,7 +33,7 @@ THETA: dict[AngleUnit, str] = {"deg": "theta#_deg", "rad": "theta#_rad"}
 REFERENCE = ("x_mm", "y_mm", "z_mm")
 REFERENCE_U = ("u_x_mm", "u_y_mm", "u_z_mm")
 ORIENTATION, ORIENTATION_U = ("qw", "qx", "qy", "qz"), "u_rot_rad"
-BAR = ("bar", "bar_end", "bar_length_mm")
+BAR, BAR_U = ("bar", "bar_end", "bar_length_mm"), "u_bar_length_mm"
 APPROACH, TORQUE, LINK_TEMPERATURE = "approach#", "torque#_nm", "temperature#_c"
 FIELDS: dict[str, tuple[tuple[str, ...], float]] = {
     "reference": (REFERENCE, MM),
@@ -45,6 +45,7 @@ FIELDS: dict[str, tuple[tuple[str, ...], float]] = {
     "bar": (("bar",), 1.0),
     "bar_end": (("bar_end",), 1.0),
     "bar_length": (("bar_length_mm",), MM),
+    "bar_length_u": ((BAR_U,), MM),
     "time": (("time_s",), 1.0),
     "temperature": (("temperature_c",), 1.0),
     "link_temperature": ((LINK_TEMPERATURE,), 1.0),
@@ -63,6 +64,7 @@ PLAUSIBLE: dict[str, Range] = {
     "reference_u": plausible.LENGTH_NOISE,
     "orientation_u": plausible.TURN_NOISE,
     "bar_length": plausible.BAR_LENGTH,
+    "bar_length_u": plausible.LENGTH_NOISE,
     "time": plausible.TIME,
     "temperature": plausible.TEMPERATURE,
     "link_temperature": plausible.TEMPERATURE,
@@ -72,7 +74,7 @@ PLAUSIBLE: dict[str, Range] = {
 LABELS = ("seat", "marker", "bar", "bar_end", "session", "operator", "record")
 NUMBERED = (*THETA.values(), APPROACH, TORQUE, LINK_TEMPERATURE)
 SINGLE = tuple(name for columns, _ in FIELDS.values() for name in columns if "#" not in name)
-MAY_BE_EMPTY = (*REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U, "bar_length_mm")
+MAY_BE_EMPTY = (*REFERENCE, *REFERENCE_U, *ORIENTATION, ORIENTATION_U, "bar_length_mm", BAR_U)
 NOT_ROUNDING = 2e-3
 """A quaternion whose norm is off one by more than this is none: four numbers with three decimals give 1e-3 at most."""
 
@@ -399,7 +401,7 @@ def _references(columns: Columns, problems: Problems) -> None:
         for k, name in enumerate(names):
             expected = f"is empty in a row that states others of {', '.join(names)}; expected all or none"
             problems.at(partly & ~stated[:, k], name, expected)
-    for name in filter(columns.numbers.__contains__, (*REFERENCE_U, ORIENTATION_U)):
+    for name in filter(columns.numbers.__contains__, (*REFERENCE_U, ORIENTATION_U, BAR_U)):
         u = columns.numbers[name]
         problems.at(u == 0.0, name, "is {:g}, expected a standard uncertainty above zero", u)
     norm = np.linalg.norm(columns.block(ORIENTATION), axis=1)

@@ -53,12 +53,13 @@ ROUNDED_TO = (1e-3, 1e-4, 1e-5, 1e-6)
 
 
 class Bar(NamedTuple):
-    """Two seats at a known distance [m]."""
+    """Two seats at a known distance, and its standard uncertainty, NaN where it is not stated [m]."""
 
     bar: str
     seat_a: str
     seat_b: str
     length: float
+    u: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,7 @@ class Measurements(Shown):
             where it is not known; None where it nowhere is.
         orientation_u: its standard uncertainty about each axis (n,) [rad], NaN where it is not stated; None where it
             nowhere is.
+        bar_length_u: standard uncertainty of that length (n,) [m], NaN where it is not stated; None where it nowhere is.
     """
 
     q: Array
@@ -103,6 +105,7 @@ class Measurements(Shown):
     header: tuple[str, ...] = ()
     orientation: Array | None = None
     orientation_u: Array | None = None
+    bar_length_u: Array | None = None
 
     @staticmethod
     def read(path: str | Path, nq: int | None = None) -> Measurements:
@@ -140,6 +143,7 @@ class Measurements(Shown):
         record: ArrayLike | None = None,
         orientation: ArrayLike | None = None,
         orientation_u: ArrayLike | None = None,
+        bar_length_u: ArrayLike | None = None,
         extra: pd.DataFrame | None = None,
         source: str = "table",
     ) -> Measurements:
@@ -163,7 +167,7 @@ class Measurements(Shown):
             raise ShapeError(f"conditions are of {known.n} records, expected {n}")
         nothing = np.full((n, 3), np.nan)
         given = {"bar": bar, "bar_end": bar_end, "bar_length": bar_length, "operator": operator, "record": record}
-        given |= {"orientation": orientation, "orientation_u": orientation_u}
+        given |= {"orientation": orientation, "orientation_u": orientation_u, "bar_length_u": bar_length_u}
         given |= {"reference": nothing if reference is None else reference}
         given |= {"reference_u": nothing if reference_u is None else reference_u}
         checked = {name: _checked(name, values, n) for name, values in given.items()}
@@ -276,12 +280,15 @@ class Measurements(Shown):
             return []
         seat_at: dict[tuple[str, str], str] = {}
         length: dict[str, float] = {}
-        for bar, end, label, metres in zip(self.bar, self.bar_end, seat, self.bar_length, strict=True):
+        u: dict[str, float] = {}
+        known = np.full(self.n, np.nan) if self.bar_length_u is None else self.bar_length_u
+        for bar, end, label, metres, of_it in zip(self.bar, self.bar_end, seat, self.bar_length, known, strict=True):
             if bar:
                 seat_at.setdefault((bar, end), label)
                 length.setdefault(bar, float(metres))
+                u[bar] = float(np.fmax(u.get(bar, np.nan), of_it))
         both = [bar for bar in length if (bar, "A") in seat_at and (bar, "B") in seat_at]
-        return [Bar(bar, seat_at[bar, "A"], seat_at[bar, "B"], length[bar]) for bar in both]
+        return [Bar(bar, seat_at[bar, "A"], seat_at[bar, "B"], length[bar], u[bar]) for bar in both]
 
     def bar_length_errors(self, tips: Array) -> Array:
         """Distance of the mean tips (n, 3) [m] at both ends of each bar, minus its length: (b,) [m]."""
@@ -422,8 +429,8 @@ def _checked(name: str, values: ArrayLike | None, n: int) -> Any:
         partly = np.flatnonzero(np.isnan(array).any(axis=1) & ~np.isnan(array).all(axis=1))
         if partly.size:
             raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all where not known")
-    elif name in ("bar_length", "orientation_u"):
-        array = _with_gaps(values, lambda filled: vector(filled, n, name, "m" if name == "bar_length" else "rad"))
+    elif name in ("bar_length", "bar_length_u", "orientation_u"):
+        array = _with_gaps(values, lambda filled: vector(filled, n, name, "rad" if name == "orientation_u" else "m"))
     elif name in ("time", "temperature"):
         array = vector(values, n, name, COLUMNS[name])
     else:
@@ -433,7 +440,7 @@ def _checked(name: str, values: ArrayLike | None, n: int) -> Any:
     if name in names.PLAUSIBLE:
         range_ = names.PLAUSIBLE[name]
         range_.check(np.where(np.isnan(array), range_.most, array), name, ShapeError)
-    if name in ("reference_u", "orientation_u") and (array == 0.0).any():
+    if name in ("reference_u", "bar_length_u", "orientation_u") and (array == 0.0).any():
         raise ShapeError(f"{name} holds numbers that are not above zero")
     if name == "orientation":
         norm = np.linalg.norm(array, axis=1)

@@ -189,6 +189,7 @@ def _result(result: Calibration) -> list[Block]:
     turns = pd.DataFrame(turned, columns=["records", "before [µrad]", "after [µrad]"])
     turns.iloc[:, 1:] /= UM
     silent = int((~result.fit.used & ~result.fit.excluded).sum())
+    noise = "The stated noise, and the scatter found beside it," if result.fit.scatters else "The noise alone"
     return [
         Heading("Result"),
         Paragraph(verdict(result), finding=True),
@@ -202,13 +203,13 @@ def _result(result: Calibration) -> list[Block]:
             explained="Before: the arm as it was, only the set-up fitted. The target of a record is its reference; of a "
             "seat, where all its records and its reference together put it. Held-out records were predicted by calibrations "
             "that did not use them, and are compared with their own reference. Single records have neighbours that stay in; "
-            f"rely on whole groups. The noise alone would give {length(result.noise)}.",
+            f"rely on whole groups. {noise} would give {length(result.noise)}.",
         ),
         Table(
             turns,
             "RMS turn from the stated orientation",
             dict.fromkeys(turns.columns[1:], ".1f"),
-            explained=f"The noise alone would give {t['noise'] / UM:.1f} µrad." if t else "",
+            explained=f"{noise} would give {t['noise'] / UM:.1f} µrad." if t else "",
         ),
         f"{count(silent, 'record')} not used: no coordinates, and no seat with other records." if silent else "",
         Notes(result.notes),

@@ -18,7 +18,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS
+from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS, PLANNED
 from aacmm_pin.measurements.csv_columns import REFERENCE, Problems
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.measuring_points import Pool, bars_for
@@ -51,7 +51,6 @@ RIM = 0.1
 """Touches of a half sphere end this part of the radius above its rim."""
 ROOM = 0.02
 """Part of a joint's range by which planned postures keep from either limit, so that a hand can move round a sphere."""
-PLANNED = "planned_"
 
 
 @dataclass(frozen=True, eq=False)

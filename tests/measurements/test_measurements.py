@@ -17,12 +17,12 @@ from aacmm_pin.measurements.records import Bar, Measurements
 DEG = np.pi / 180
 
 FULL = """\
-theta1_deg,theta2_deg,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm,seat,marker,bar,bar_end,bar_length_mm,time_s,temperature1_c,\
+theta1_deg,theta2_deg,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm,seat,marker,bar,bar_end,bar_length_mm,u_bar_length_mm,time_s,temperature1_c,\
 temperature2_c,temperature3_c,approach1,approach2,torque1_nm,torque2_nm,session,operator,record,humidity,comment
-10,-20.5,100,200,-300,0.01,0.02,0.03,,m1,,,,0,20,21,22,-1,0,0.5,-1.5,s1,Ann,1,45.0,
-90,1e1,,,,,,,007,m1,ball,A,500,1.5,20,21,22,1,1,0.5,-1.5,s1,Ann,2,45.5,"a ""b"", c"
--90,45,,,,,,,NA,m2,ball,B,500.0,-1,20,21,22,0,0,0,0,s1,Ann,3,,NaN
-180,-45,1,2,3,,,,007,,,,,9,20,21,22,0,0,0,0,s2,Bob,,wet,
+10,-20.5,100,200,-300,0.01,0.02,0.03,,m1,,,,,0,20,21,22,-1,0,0.5,-1.5,s1,Ann,1,45.0,
+90,1e1,,,,,,,007,m1,ball,A,500,,1.5,20,21,22,1,1,0.5,-1.5,s1,Ann,2,45.5,"a ""b"", c"
+-90,45,,,,,,,NA,m2,ball,B,500.0,0.002,-1,20,21,22,0,0,0,0,s1,Ann,3,,NaN
+180,-45,1,2,3,,,,007,,,,,,9,20,21,22,0,0,0,0,s2,Bob,,wet,
 """
 
 SMALL = """\
@@ -54,7 +54,7 @@ def error_of(folder: Path, content: str | bytes, nq: int | None = None) -> Measu
 def assert_same(a: Measurements, b: Measurements) -> None:
     """Equal in everything but the source, the lines, and the type that pandas chose for unknown columns of text."""
     tolerance = {"rtol": 1e-15, "atol": 1e-15, "equal_nan": True}
-    for name in ("q", "reference", "reference_u", "bar_length"):
+    for name in ("q", "reference", "reference_u", "bar_length", "bar_length_u"):
         mine, theirs = getattr(a, name), getattr(b, name)
         assert (mine is None) == (theirs is None), name
         if mine is not None:
@@ -99,7 +99,7 @@ def test_every_column_is_read_in_its_unit(full: Measurements) -> None:
     unknown = {"humidity": ["45.0", "45.5", "", "wet"], "comment": ["", 'a "b", c', "NaN", ""]}
     assert full.extra.to_dict("list") == unknown
     assert {seat: rows.tolist() for seat, rows in full.seats().items()} == {"007": [1, 3], "NA": [2]}
-    assert full.bars() == [Bar("ball", "007", "NA", 0.5)]
+    assert full.bars() == [Bar("ball", "007", "NA", 0.5, 2e-6)]
 
 
 def test_radians_and_one_temperature(tmp_path: Path) -> None:
@@ -410,10 +410,10 @@ def test_what_seats_and_bars_may_be(tmp_path: Path) -> None:
     text = "theta1_deg,x_mm,y_mm,z_mm,seat\n1,1,2,3,one\n2,,,,two\n3,,,,two\n4,,,,\n"
     assert list(Measurements.read(write(tmp_path, text)).seats()) == ["one", "two"]
     text = "theta1_deg,seat,bar,bar_end,bar_length_mm\n1,one,b,A,50\n2,two,b,B,50\n"
-    assert Measurements.read(write(tmp_path, text)).bars() == [Bar("b", "one", "two", 0.05)]
+    assert Measurements.read(write(tmp_path, text)).bars()[0][:4] == ("b", "one", "two", 0.05)
     columns = AT_BAR | {"bar": ["b", "c", "b", "c"], "seat": ["p", "p", "q", "r"], "bar_end": ["A", "B", "B", "A"]}
     measurements = Measurements.read(write(tmp_path, csv_of({"theta1_deg": ["1"] * 4} | columns)))
-    assert measurements.bars() == [Bar("b", "p", "q", 0.5), Bar("c", "r", "p", 0.5)]
+    assert [bar[:4] for bar in measurements.bars()] == [("b", "p", "q", 0.5), ("c", "r", "p", 0.5)]
     assert {seat: rows.tolist() for seat, rows in measurements.seats().items()} == {"p": [0, 1], "q": [2], "r": [3]}
 
 
@@ -555,6 +555,7 @@ def random_measurements(rng: np.random.Generator) -> Measurements:
         bar=bar if with_bar else None,
         bar_end=bar_end if with_bar else None,
         bar_length=bar_length if with_bar else None,
+        bar_length_u=maybe(bar_length * 1e-5) if with_bar else None,
         operator=maybe(labels()),
         record=maybe(labels()),
         extra=pd.DataFrame({name: labels() for name in ("humidity", "a, b", "größe") if rng.random() < 0.5}, index=range(n)),

@@ -233,6 +233,10 @@ def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
     table = everything()
     angles = np.random.default_rng(1).uniform(-20, 20, (len(table), 6))
     table[[f"theta{k}_deg" for k in range(1, 7)]] = angles
+    table["planned_theta4_deg"], table["u_length_mm"] = (
+        angles[:, 3],
+        table["length_mm"].where(table["length_mm"] == "", 0.002),
+    )
     table.rename(columns=str.upper).to_csv(tmp_path / "touches.csv", index=False)
     records = Measurements.read(tmp_path / "touches.csv", 6)
     np.testing.assert_allclose(np.rad2deg(records.q), angles)
@@ -248,6 +252,7 @@ def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
     lengths = {(bar.bar.split()[0], round(bar.length * 1e3)) for bar in records.bars()}
     longer = {"length-uni": (0, 5), "length-bi": (6, 5), "volumetric": (0, 2)}
     assert lengths == {(test, 300 + probe + 200 * k) for test, (probe, count) in longer.items() for k in range(count)}
+    assert {bar.u for bar in records.bars()} == {2e-6}
     assert list(records.extra) == []
     own = table.assign(seat="", bar="", bar_end="", bar_length_mm="")
     assert Measurements.from_frame(own, 6).seats() == {}
