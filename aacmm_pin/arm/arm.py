@@ -245,7 +245,8 @@ class Arm(Shown):
             UnsupportedArmError: the arm has none, or one of these rows is not there or rigid.
         """
         if self.dh is None:
-            raise UnsupportedArmError(f"{self.name}: {purpose} needs a DH table; this arm came as URDF alone")
+            first = f" whose first {joints} rows are joints" if joints else ""
+            raise UnsupportedArmError(f"{self.name}: {purpose} needs a DH table{first}; this arm came as URDF alone")
         if self.dh.rows < joints or not self.dh.moving[:joints].all():
             raise UnsupportedArmError(
                 f"{self.name}: {purpose} needs joints in the first {joints} DH rows; this arm has {self.nq} joints in "
