@@ -28,6 +28,8 @@ OF_PARENT = (signal.SIGINT, signal.SIGHUP)
 """Signals that a terminal sends to all processes, and that are for the parent to answer."""
 MOST_WAITING = 256
 """Jobs that are handed out at once: as many as there can be processes; more would only take memory."""
+OF_EACH = 2
+"""Jobs that each process has, the one that it does and the next; the others are left for this process to take from."""
 
 
 @contextmanager
@@ -46,7 +48,7 @@ def results(
         AacmmError: a process was killed, or there are not so many.
     """
     if isinstance(workers, Executor):
-        with _handed_out(workers, work, iter(jobs), here=False) as found:
+        with _handed_out(workers, work, iter(jobs), MOST_WAITING) as found:
             yield found
         return
     count, jobs = whole(workers, 1, "processes"), iter(jobs)
@@ -64,30 +66,33 @@ def results(
             pool = ProcessPoolExecutor(others, context, _end_with_parent, (ending,))
             ends.callback(pool.shutdown, cancel_futures=True)
             ends.callback(alive.close)
-            found = ends.enter_context(_handed_out(pool, work, jobs, here=True))  # which starts the processes
+            found = ends.enter_context(_handed_out(pool, work, jobs, OF_EACH * others, here=True))  # which starts the processes
         yield found
         pool.shutdown()
 
 
 @contextmanager
 def _handed_out(
-    pool: Executor, work: Callable[[J], R], jobs: Iterator[J], *, here: bool
+    pool: Executor, work: Callable[[J], R], jobs: Iterator[J], most: int, *, here: bool = False
 ) -> Iterator[Iterator[tuple[int, R]]]:
-    """The results of a pool; with ``here``, this process does the jobs that nobody has begun, from the last one."""
-    numbered, waiting = enumerate(jobs), dict[Future[R], tuple[int, J]]()
+    """The results of a pool, which has ``most`` jobs at once; with ``here``, this process does jobs too.
+
+    No job is taken back from a process pool: what is cancelled there when a process is killed ends, in Python 3.11, the
+    thread that would tell of the others.
+    """
+    numbered, waiting = enumerate(jobs), dict[Future[R], int]()
 
     def hand_out() -> None:
-        for number, job in islice(numbered, MOST_WAITING - len(waiting)):
-            waiting[pool.submit(work, job)] = number, job
+        for number, job in islice(numbered, most - len(waiting)):
+            waiting[pool.submit(work, job)] = number
 
     def as_they_come() -> Iterator[tuple[int, R]]:
         while waiting:
-            mine = next((future for future in reversed(waiting) if future.cancel()), None) if here else None
+            mine = next(numbered, None) if here else None
             if mine is not None:
-                number, job = waiting.pop(mine)
-                yield number, work(job)
+                yield mine[0], work(mine[1])
             for future in wait(waiting, None if mine is None else 0, FIRST_COMPLETED).done:
-                yield waiting.pop(future)[0], future.result()
+                yield waiting.pop(future), future.result()
             hand_out()
 
     try:
@@ -99,7 +104,7 @@ def _handed_out(
             "`if __name__ == '__main__':` asks for processes"
         ) from None
     finally:
-        for future in waiting:
+        for future in () if here else waiting:
             future.cancel()
 
 

@@ -38,7 +38,7 @@ with workers.results(abs, [1, 2], 2) as results:
 
 
 def test_a_worker_that_is_killed_is_an_error() -> None:
-    with pytest.raises(AacmmError, match="worker process ended"), workers.results(_die, [os.getpid()] * 4, 2) as results:
+    with pytest.raises(AacmmError, match="worker process ended"), workers.results(_die, [os.getpid()] * 12, 2) as results:
         list(results)
     assert multiprocessing.active_children() == []
 
@@ -46,6 +46,7 @@ def test_a_worker_that_is_killed_is_an_error() -> None:
 def _die(unless: int) -> None:
     if os.getpid() != unless:
         os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.1)  # so that the others wait when a process is killed
 
 
 def test_workers_end_at_once_when_nobody_waits_for_them() -> None:
