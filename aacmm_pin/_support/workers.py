@@ -66,7 +66,9 @@ def results(
             pool = ProcessPoolExecutor(others, context, _end_with_parent, (ending,))
             ends.callback(pool.shutdown, cancel_futures=True)
             ends.callback(alive.close)
-            found = ends.enter_context(_handed_out(pool, work, jobs, OF_EACH * others, here=True))  # which starts the processes
+            found = ends.enter_context(
+                _handed_out(pool, work, jobs, OF_EACH * others, here=True)
+            )  # which starts the processes
         yield found
         pool.shutdown()
 

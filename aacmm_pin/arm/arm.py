@@ -120,8 +120,8 @@ class Arm(Shown):
 
         A ``continuous`` joint is read as a revolute one with limits of ±2π: one number, its angle. Joints that do not carry
         ``frame`` (a gripper's fingers) are locked at zero; a joint that carries it moves by itself, also where it mimics
-        another. The parameters are the six components of every joint placement (three shifts, three turns about the axes of
-        the placement), each known within ± the half-width.
+        one that does not carry it. The parameters are the six components of every joint placement (three shifts, three
+        turns about the axes of the placement), each known within ± the half-width.
 
         Args:
             path: URDF file; meshes are not needed.
@@ -131,12 +131,12 @@ class Arm(Shown):
 
         Raises:
             ArmFileError: see :func:`aacmm_pin.arm.urdf_check.read_urdf`.
-            UnsupportedArmError: a joint takes more than one number (planar, floating).
+            UnsupportedArmError: a joint takes more than one number (planar, floating), or mimics one that carries it.
             UnknownNameError: no such frame; lists the frames.
         """
-        model, sha256 = read_model(path)
+        model, sha256, copies = read_model(path)
         arm = Arm.from_model(
-            model,
+            serial_part(model, frame, copies),
             frame,
             source=str(path),
             translation_half_width=translation_half_width,
@@ -383,12 +383,12 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
     urdf = file.urdf
     if not os.path.exists(urdf.file):
         raise ArmFileError(path, "urdf.file", f"{urdf.file}: no such file; expected the URDF, by its path from {path}")
-    model, sha256 = read_model(urdf.file)
+    model, sha256, copies = read_model(urdf.file)
     if urdf.sha256 not in (None, sha256):
         expected = f"expected the one that {file.name} was made from, of SHA-256 {urdf.sha256}"
         raise ArmFileError(path, "urdf.sha256", f"{urdf.file} was changed: it has {sha256}, {expected}")
     try:
-        nominal = serial_part(model, urdf.frame)
+        nominal = serial_part(model, urdf.frame, copies)
     except (UnknownNameError, UnsupportedArmError) as error:
         raise ArmFileError(path, "urdf.frame", str(error)) from None
     names = list(nominal.names[1:])

@@ -11,7 +11,7 @@ import os
 import re
 import reprlib
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -261,6 +261,7 @@ class UrdfArmFile(AnyArmFile):
     def _of_one_urdf(self) -> UrdfArmFile:
         if self.urdf.sha256 is None and (self.joints or self.covariance is not None):
             raise ValueError("urdf.sha256 is missing, expected that of the URDF for which joints and covariance hold")
+        _check_noise({number: joint.encoder_noise_rad for number, joint in enumerate(self.joints, start=1)})
         return self
 
     @property
@@ -286,6 +287,7 @@ class ArmFile(AnyArmFile):
             raise ValueError("every row is fixed, expected at least one joint")
         if len(self.moving_rows) > MOST_JOINTS:
             raise ValueError(f"{len(self.moving_rows)} rows have a joint, expected at most {MOST_JOINTS}")
+        _check_noise({number: row.encoder_noise_rad for number, row in enumerate(self.joints, start=1) if not row.fixed})
         return self
 
     @model_validator(mode="after")
@@ -336,7 +338,16 @@ class ArmFile(AnyArmFile):
 
 def _noise(joints: Iterable[Row | UrdfJoint]) -> Array | None:
     noise = [joint.encoder_noise_rad for joint in joints]
-    return None if all(u is None for u in noise) else np.array([u or 0.0 for u in noise])
+    return np.array(noise, dtype=np.float64) if noise and None not in noise else None
+
+
+def _check_noise(noise: Mapping[int, float | None]) -> None:
+    """Refuse joints, by their number, of which only some state the noise of their encoder."""
+    missing = [number for number, u in noise.items() if u is None]
+    if 0 < len(missing) < len(noise):
+        raise ValueError(
+            f"joints[{missing[0]}].encoder_noise_rad is missing, which other joints state; expected all or none"
+        )
 
 
 def calibrated(parameters: Iterable[Parameter], covariance: Covariance | None) -> tuple[Parameter, ...]:

@@ -14,13 +14,13 @@ from aacmm_pin.arm.chain import Chain
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 
 
-def read_model(path: str | Path) -> tuple[Any, str]:
-    """The Pinocchio model of a URDF file, and the SHA-256 of the file."""
+def read_model(path: str | Path) -> tuple[Any, str, frozenset[str]]:
+    """The Pinocchio model of a URDF file, the SHA-256 of the file, and the joints that mimic one that carries them."""
     from aacmm_pin.arm.urdf_check import read_urdf
 
-    text, sha256 = read_urdf(path)
+    text, sha256, copies = read_urdf(path)
     try:
-        return pin.buildModelFromXML(text), sha256
+        return pin.buildModelFromXML(text), sha256, copies
     except (ValueError, RuntimeError) as error:
         raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
 
@@ -38,8 +38,11 @@ def frame_number(model: Any, name: str) -> int:
     return (links or same)[0]
 
 
-def serial_part(model: Any, frame: str) -> Any:
-    """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their neutral place."""
+def serial_part(model: Any, frame: str, copies: frozenset[str] = frozenset()) -> Any:
+    """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their neutral place.
+
+    Joints that mimic one that carries them, the ``copies``, are refused in it: they are not read by themselves.
+    """
     joint = model.frames[frame_number(model, frame)].parentJoint
     chain = []
     while joint > 0:
@@ -47,6 +50,8 @@ def serial_part(model: Any, frame: str) -> Any:
         joint = model.parents[joint]
     if len(chain) > MOST_JOINTS:
         raise UnsupportedArmError(f"{model.name}: {len(chain)} joints move frame {frame!r}, expected at most {MOST_JOINTS}")
+    if mimics := [model.names[joint] for joint in chain if model.names[joint] in copies]:
+        raise UnsupportedArmError(f"{model.name}: joint {mimics[0]} mimics another that moves frame {frame!r} as well")
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()
     if others:

@@ -29,6 +29,8 @@ MOST_LINKS = 1000
 """More would be a body in pieces; Pinocchio and its parser go along the chain by recursion."""
 KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 BOUNDED = ("revolute", "prismatic")
+ATTRIBUTES = {"origin": ("xyz", "rpy"), "axis": ("xyz",), "mass": ("value",)}
+"""All that may be in these elements: what is not understood might place a body elsewhere."""
 LARGEST_INERTIA = 1e9
 """Of a mass [kg] or a moment [kg m²]."""
 
@@ -90,6 +92,9 @@ class _Element:
         found = [child for child in self.children if child.tag == tag]
         if len(found) > 1:
             raise found[1].refused("is there twice")
+        for name in found[0].attributes if found and tag in ATTRIBUTES else ():
+            if name not in ATTRIBUTES[tag]:
+                raise found[0].refused(f"{name} is not known there, expected {' and '.join(ATTRIBUTES[tag])} alone")
         return found[0] if found else None
 
     def need(self, tag: str) -> _Element:
@@ -100,8 +105,10 @@ class _Element:
         return child
 
 
-def read_urdf(path: str | Path) -> tuple[str, str]:
-    """The links and joints of a URDF file as text for Pinocchio, and the SHA-256 of the file.
+def read_urdf(path: str | Path) -> tuple[str, str, frozenset[str]]:
+    """The links and joints of a URDF file as text for Pinocchio, the SHA-256 of the file, and joints that mimic a carrier.
+
+    A joint that mimics another is one of its own in the text; frames behind it are refused where that one carries it.
 
     Raises:
         ArmFileError: the file cannot be read, is no URDF, or states what no arm has; names the element and its line.
@@ -113,13 +120,24 @@ def read_urdf(path: str | Path) -> tuple[str, str]:
     links, joints = ([child for child in robot.children if child.tag == tag] for tag in ("link", "joint"))
     if len(links) > MOST_LINKS:
         raise links[MOST_LINKS].refused(f"is one of {len(links)} links, expected at most {MOST_LINKS}")
-    _check_tree(robot, _by_name(links), _by_name(joints))
+    above = _tree(robot, _by_name(links), _by_name(joints))
     root = ET.Element("robot", name=robot.text("name"))
     for link in links:
         _add_link(root, link)
     for joint in joints:
         _add_joint(root, joint)
-    return ET.tostring(root, encoding="unicode"), hashlib.sha256(content).hexdigest()
+    copies = frozenset(joint.text("name") for joint in joints if _mimics_carrier(joint, above))
+    return ET.tostring(root, encoding="unicode"), hashlib.sha256(content).hexdigest(), copies
+
+
+def _mimics_carrier(joint: _Element, above: dict[str, tuple[str, _Element]]) -> bool:
+    """Whether a joint mimics one of those between it and the root."""
+    mimic, link = joint.child("mimic"), joint.need("parent").text("link")
+    while mimic is not None and link in above:
+        link, carrier = above[link]
+        if carrier.text("name") == mimic.text("joint"):
+            return True
+    return False
 
 
 def _parsed(path: str, content: bytes) -> _Element:
@@ -161,9 +179,9 @@ def _by_name(elements: list[_Element]) -> dict[str, _Element]:
     return found
 
 
-def _check_tree(robot: _Element, links: dict[str, _Element], joints: dict[str, _Element]) -> None:
-    """Refuse joints that do not make one tree of the links."""
-    above: dict[str, tuple[str, _Element]] = {}  # of each link: the link before it, and the joint between
+def _tree(robot: _Element, links: dict[str, _Element], joints: dict[str, _Element]) -> dict[str, tuple[str, _Element]]:
+    """Of each link but the root, the link before it and the joint between; joints that make no one tree are refused."""
+    above: dict[str, tuple[str, _Element]] = {}
     for joint in joints.values():
         ends = [joint.need(tag) for tag in ("parent", "child")]
         for end in ends:
@@ -187,6 +205,7 @@ def _check_tree(robot: _Element, links: dict[str, _Element], joints: dict[str, _
         grounded.update(way)
     if not links:
         raise robot.refused("has no link")
+    return above
 
 
 def _add_link(root: ET.Element, link: _Element) -> None:

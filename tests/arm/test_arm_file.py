@@ -144,6 +144,7 @@ MISTAKES = [
     ("d_mm = 0.02", "d_mm = 171", "", "at most 170 mm"),
     ("alpha_rad = 1e-5", "alpha_rad = 4", "joints[1].uncertainty.alpha_rad", "3.14"),
     ("encoder_noise_rad = 1e-5", "encoder_noise_rad = 1.65", "joints[1].encoder_noise_rad", "0.005"),
+    ("fixed = true", "limits_rad = [0, 1]", "", "joints[2].encoder_noise_rad is missing"),
     ("mass_kg = 0.5", "mass_kg = 1e6", "joints[1].mass_kg", "100000"),
     ("com_mm = [1,", "com_mm = [1e300,", "joints[1].com_mm[1]", "1e+300"),
     ("name =", "reference_temperature_c = -300\nname =", "reference_temperature_c", "-100"),

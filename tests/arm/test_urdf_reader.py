@@ -56,6 +56,8 @@ MISTAKES = [
     ('<limit lower="0" upper="0.5"/>', "", 20, "joint 'slide': limit is missing"),
     ('xyz="0 0 0.3"', 'xyz="0 0 300"', 16, "origin: xyz is '0 0 300'"),
     ('rpy="0 1.5 0"', 'rpy="0 1e300 0"', 16, "origin: rpy"),
+    ('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"', 16, "origin: quat_xyzw is not known"),
+    ('xyz="0 0 0.3"', 'XYZ="0 0 0.3"', 16, "origin: XYZ is not known"),
     ('xyz="0 0 0.1"', 'xyz="0 0 x"', 6, "link 'upper': inertial: origin"),
     ('mass value="0.5"', 'mass value="-0.5"', 7, "link 'upper': inertial: mass: value is -0.5"),
     ('<mass value="0.5"/>', "", 5, "mass is missing"),
@@ -170,3 +172,11 @@ def test_nothing_of_a_robot_changes() -> None:
         np.testing.assert_array_equal(alone.upperPositionLimit, ours.upperPositionLimit)
         compared += 1
     assert compared > 50
+
+
+def test_a_joint_that_mimics_one_before_it_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mimic.urdf"
+    path.write_text(GOOD.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="shoulder"/>'), encoding="utf-8")
+    assert Arm.from_urdf(path, "upper").nq == 1
+    with pytest.raises(UnsupportedArmError, match="slide"):
+        Arm.from_urdf(path, "tip")
