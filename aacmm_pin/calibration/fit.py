@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,8 +51,9 @@ class Fit:
         excluded: (n,) True for outliers: records that fit too badly to be believed.
         chi2_stated: χ² against the stated noise alone; None where it was not complete.
         dof: degrees of freedom of the final fit.
-        found: keys of effects whose inner values (order, time constant) come from these records too, so that what is
-            uncertain of them makes the other parameters uncertain.
+        found: effects, by their keys, whose inner values (order, time constant) come from these records too, so that what is
+            uncertain of them makes the other parameters uncertain; with the least u of each, by its name, where the
+            derivative at the value that was found does not tell all.
     """
 
     solution: Solution
@@ -61,7 +62,7 @@ class Fit:
     excluded: Mask
     chi2_stated: Chi2 | None
     dof: float
-    found: tuple[str, ...] = ()
+    found: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def problem(self) -> Problem:
@@ -179,7 +180,13 @@ class Fit:
         prior[len(problem.widths) : problem.scales.size] = 0.0  # nothing is known of the frame
         _, values, vt = np.linalg.svd(np.vstack([system.jacobian * scales, prior]), full_matrices=False)
         unknown = np.pad(self.unknown, ((0, len(inner)), (0, 0)))
-        return _covariance(values, vt.T, scales, unknown)
+        covariance = _covariance(values, vt.T, scales, unknown)
+        for own, (_, effect, name, _) in enumerate(inner, start=problem.scales.size):
+            variance, least = covariance[own, own], self.found[effect.key].get(name, 0.0) ** 2
+            if 0.0 < variance < least:  # and all that goes along with it
+                along = covariance[own] / variance
+                covariance = covariance + (least - variance) * np.outer(along, along)
+        return covariance
 
     def _by_inner(self, number: int, effect: Effect, name: str, width: float) -> Array:
         """∂(pose)/∂(inner value) (n, 3 or 6) [m/unit] by central differences."""

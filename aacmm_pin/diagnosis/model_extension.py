@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array, Index
@@ -40,6 +41,8 @@ EXCEPTIONAL = 2.0
 """An inner value that machines are made with is taken unless the log evidence falls by this."""
 REPLACED = 2
 """So many times the inner value of a cause in the place of a known one is looked for, and all refitted."""
+FINER = 200
+"""Parts of a step between inner values that were tried in which their evidence is summed."""
 LETTERS = 40
 """Of the causes found so far, a bar shows this much."""
 
@@ -224,7 +227,29 @@ def in_its_place(problem_of: ProblemOf, choice: Choice) -> Fit:
 
 def _told_inner(at: Fit, effects: Sequence[Effect]) -> Fit:
     """A refit that counts the inner values of new causes as uncertain; a known one changes its values alone."""
-    return replace(at, found=tuple(effect.key for effect in effects if not is_change(effect)))
+    new, found = {effect.label for effect in effects if not is_change(effect)}, {}
+    for effect, own in zip(at.solution.effects, at.problem.vector.slices, strict=True):
+        if effect.label in new and not at.problem.start[own].any():
+            rest = [other.at(()) for other in effects if other.label != effect.label]
+            found[effect.key] = {name: _least_u(at, effect, name, rest) for name in effect.inner_widths()}
+    return replace(at, found=found)
+
+
+def _least_u(at: Fit, effect: Effect, name: str, rest: Sequence[Effect]) -> float:
+    """Half of the way from an inner value to the farther end of its 95 % interval, by the evidence of others near it.
+
+    A time constant that is longer than the records last has far more room upwards than its derivative says.
+    """
+    tried = effect.at(()).refined(at.problem.measurements)
+    if len(tried) < 2:
+        return 0.0
+    values, odds = np.array([getattr(each, name) for each in tried]), _beside(at, tuple(tried), rest)
+    fine = np.linspace(0.0, len(tried) - 1.0, FINER * (len(tried) - 1) + 1)
+    dense, odds = (CubicSpline(np.arange(len(tried)), each)(fine) for each in (values, odds))
+    share = np.cumsum(np.exp(odds - logsumexp(odds)))
+    low, high = dense[np.searchsorted(share, (0.025, 0.975)).clip(max=len(fine) - 1)]
+    value = getattr(effect, name)
+    return float(max(high - value, value - low) / 2.0)
 
 
 def free(effect: Effect) -> Effect:

@@ -109,7 +109,7 @@ def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(sino6: Arm, rng
     drift = ZeroDrift(2, 1500.0, values=(2e-4,))
     data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 80, rng=rng)
     fit = calibrate(sino6, data, [drift.at(())], hold_out=False, robust=False, **NOISE).fit  # type: ignore[arg-type]
-    told = replace(fit, found=(drift.key,))
+    told = replace(fit, found={drift.key: {}})
     own = fit.solution.effects[0]
     assert isinstance(own, ZeroDrift)
 
