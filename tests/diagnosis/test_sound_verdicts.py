@@ -38,6 +38,7 @@ from aacmm_pin.effects import (
     ThermalExpansion,
     ZeroDrift,
 )
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import LoadedEffect
 from aacmm_pin.effects.state import State
@@ -126,6 +127,26 @@ def test_a_warm_up_is_as_uncertain_as_its_time_constant_makes_it(sino6: Arm, rng
     assert np.sqrt(told.covariance[0, 0]) == pytest.approx(u[0], rel=0.01)
     assert told.inner_u[drift.key, "time_constant_s"] == pytest.approx(u[1], rel=0.01)
     assert np.sqrt(fit.covariance[0, 0]) < 0.9 * u[0]
+
+
+def test_a_warm_up_that_is_not_over_is_as_uncertain_as_its_evidence_says(sino6: Arm) -> None:
+    """Records over one time constant, which may be much longer than it seems: no error beyond 3.5 u, and u is told."""
+    drift, errors = ZeroDrift(1, 1200.0, values=(4e-4,)), []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        plan = simulate_measurements(ErrorModel(sino6), "free", 40, rng=rng)
+        time = np.cumsum(rng.uniform(15.0, 45.0, 40))
+        conditions = Conditions(40, time=time)
+        tips = ErrorModel(sino6, (drift,)).predict(plan.q, conditions) + 12e-6 * rng.normal(size=(40, 3))
+        data = Measurements.of(plan.q - 8e-6 * rng.normal(size=plan.q.shape), tips, conditions=conditions)
+        found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)
+        for finding in found.findings:
+            if finding.label == drift.label:
+                assert finding.inner["time_constant_s"][1] > 0.0
+                value, u = finding.parameters["drift_rad"]
+                errors.append((value - 4e-4) / u)
+    assert len(errors) >= 18
+    assert np.abs(errors).max() < 3.5
 
 
 def test_a_trial_that_cannot_be_evaluated_is_a_rejected_step(
