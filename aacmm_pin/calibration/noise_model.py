@@ -14,7 +14,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.measurements.observations import Observations
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.records import Bar, Measurements
 
 LENGTH = 5e-5
 """Standard uncertainty of a bar's length that is not stated [m]."""
@@ -127,20 +127,38 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
 
 
 def contradictions(measurements: Measurements, setup: Setup, scatter: float) -> list[str]:
-    """Seats whose records state coordinates farther apart than their noise allows, in words."""
-    found, u = [], reference_u(measurements, setup, scatter)
-    for label, records in measurements.seats().items():
-        stating = records[measurements.known[records]]
-        if not stating.size:
-            continue
-        at = measurements.reference[stating]
-        over_u = np.ptp(at, axis=0) / np.maximum(u[stating].max(axis=0), SAME)
+    """Seats whose records state coordinates farther apart than their noise allows, and bars that do not fit between the
+    coordinates of their ends, in words.
+    """
+    u, known = reference_u(measurements, setup, scatter), measurements.known
+    stating = {label: records[known[records]] for label, records in measurements.seats().items() if known[records].any()}
+    found = _bars_between(measurements, setup, stating, u)
+    for label, records in stating.items():
+        at = measurements.reference[records]
+        over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME)
         if over_u.max() > CONTRADICTING:
-            ends = stating[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
+            ends = records[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
             rows = " and ".join(str(row) for row in np.sort(measurements.row[ends]))
             apart = np.linalg.norm(np.diff(measurements.reference[ends], axis=0)) / MM
             found.append(
                 f"seat {label} has coordinates {apart:.4g} mm apart, in rows {rows}: did it move, or is one mistyped?"
+            )
+    return found
+
+
+def _bars_between(measurements: Measurements, setup: Setup, stating: dict[str, Index], u: Array) -> list[str]:
+    """Bars whose length is not the distance of their ends, where records state coordinates of both."""
+    found = []
+    for bar in measurements.bars():
+        ends = [stating[seat] for seat in (bar.seat_a, bar.seat_b) if seat in stating]
+        if len(ends) < 2:
+            continue
+        a, b = (measurements.reference[records].mean(axis=0) for records in ends)
+        apart, allowed = np.linalg.norm(a - b), [*(u[records].max() for records in ends), _length_u(bar, setup)]
+        if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
+            found.append(
+                f"bar {bar.bar} is {bar.length / MM:.6g} mm long, and the coordinates of its ends are {apart / MM:.6g} mm "
+                "apart: is one of them wrong?"
             )
     return found
 
@@ -185,6 +203,11 @@ def _bars(measurements: Measurements, setup: Setup, number: dict[str, int]) -> t
     """Numbers of the seats at both ends of each bar (b, 2), the lengths and their standard uncertainties (b,) [m]."""
     bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
     ends = np.array([(number[b.seat_a], number[b.seat_b]) for b in bars], dtype=np.intp).reshape(-1, 2)
-    length, u = np.array([(b.length, b.u) for b in bars]).reshape(-1, 2).T
+    length = np.array([b.length for b in bars])
+    return ends, length, np.array([max(_length_u(b, setup), LEAST) for b in bars])
+
+
+def _length_u(bar: Bar, setup: Setup) -> float:
+    """Standard uncertainty of a bar's length [m]."""
     fallback = LENGTH if setup.length_noise is None else setup.length_noise
-    return ends, length, np.maximum(np.where(np.isfinite(u), u, fallback), LEAST)
+    return bar.u if np.isfinite(bar.u) else fallback

@@ -131,6 +131,8 @@ def checked_input(
             else "see Measurements.read"
         )
         raise AacmmError(f"measurements is {measurements!r}, expected Measurements: {how}")
+    if not measurements.n:
+        raise AacmmError(f"{measurements.source} has no records")
     if measurements.nq != model.arm.nq:
         raise AacmmError(
             f"{measurements.source} has angles of {measurements.nq} joints, {model.arm.name} has {model.arm.nq}"

@@ -49,7 +49,7 @@ def run(
         typer.Option(
             metavar="ARM",
             help="The arm as it was believed to be: bundled arm, arm file or, where ARM came as one, URDF; default the URDF "
-            "that ARM names, or else ARM without its effects.",
+            "that ARM names, or else, but for --commands, ARM without its effects.",
         ),
     ] = None,
     commands: Annotated[

@@ -463,6 +463,19 @@ def test_a_seat_with_contradicting_coordinates_is_named(sino6: Arm, rng: np.rand
     assert not [note for note in quick(sino6, noisy, "geometry").notes if "apart" in note]
 
 
+def test_a_bar_that_does_not_fit_between_its_ends_is_named(sino6: Arm, rng: np.random.Generator) -> None:
+    data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
+    (a, at_a), (b, at_b) = list(data.seats().items())[:2]
+    seat = data.conditions.seat
+    assert seat is not None
+    apart = float(np.linalg.norm(data.reference[at_a[0]] - data.reference[at_b[0]]))
+    bar, end = np.where(np.isin(seat, (a, b)), "long", ""), np.where(seat == a, "A", np.where(seat == b, "B", ""))
+    for error, named in ((0.0, 0), (0.8e-3, 1)):
+        length = np.where(bar == "long", apart + error, np.nan)
+        result = quick(sino6, replace(data, bar=bar, bar_end=end, bar_length=length), "geometry")
+        assert sum("bar long is" in note for note in result.notes) == named
+
+
 def test_messages(sino6: Arm, zero6: Arm, rng: np.random.Generator) -> None:
     data, _ = free_points(sino6, rng, 40)
     fails("no record says where the tip was", lambda: quick(sino6, Measurements.of(data.q)))
