@@ -7,6 +7,15 @@ from pathlib import Path
 
 from aacmm_pin.errors import AacmmError
 
+WATCHERS: list[Callable[[str | Path], None]] = []
+"""Told of every file that is about to be read; one of them may refuse it."""
+
+
+def to_be_read(path: str | Path) -> None:
+    """Tell :data:`WATCHERS` of a file."""
+    for watcher in WATCHERS:
+        watcher(path)
+
 
 def content_of(path: str | Path, most: int, expected: str, refused: Callable[[str], AacmmError]) -> bytes:
     """The content of a file of at most ``most`` bytes; ``expected`` says in words what it should be.
@@ -14,6 +23,7 @@ def content_of(path: str | Path, most: int, expected: str, refused: Callable[[st
     Raises:
         AacmmError: it is not there, is a folder, is too large, or cannot be read: as ``refused`` makes it of the message.
     """
+    to_be_read(path)
     try:
         if Path(path).is_fifo():
             from aacmm_pin._support.text_escaping import note  # few are

@@ -48,6 +48,7 @@ class OutputFiles:
     def __init__(self, force: bool = False, inputs: Iterable[str | Path] = ()) -> None:
         self._force = force
         self._inputs = tuple(inputs)
+        self._checked: list[Path] = []
         self._stack = ExitStack()
         self._hidden: dict[Path, Path] = {}  # the hidden folder in each folder that is written to
         self._files: dict[Path, Path] = {}  # temporary file by the regular file that it becomes
@@ -69,6 +70,17 @@ class OutputFiles:
         for path, target in zip(paths, targets, strict=True):
             if targets.count(target) > 1:
                 raise _asked_twice(path)
+        self._checked += map(Path, paths)
+
+    def refuse_to_read(self, path: str | Path) -> None:
+        """Refuse a file that is about to be read, and that :meth:`check` was told will be written.
+
+        Raises:
+            OutputError: it is such a file, by whatever name.
+        """
+        for output in self._checked:
+            if not _is_stream(output) and _are_same(output, path):
+                raise _is_read(output)
 
     def _target(self, path: str | Path, replaces: bool = False) -> Path:
         """The regular file that is meant, links followed; a pipe or device as it was named."""
@@ -80,8 +92,8 @@ class OutputFiles:
                 raise OutputError(f"{path}: is a folder, expected the name of a file")
             if path.exists() and not path.is_file():
                 raise OutputError(f"{path}: is not a regular file and is left as it is")
-            if path.exists() and any(os.path.exists(read) and os.path.samefile(path, read) for read in self._inputs):
-                raise OutputError(f"{path}: is read by this command and is left as it is; expected another name")
+            if any(_are_same(path, read) for read in self._inputs):
+                raise _is_read(path)
             if path.exists() and not (self._force or replaces):
                 raise OutputError(f"{path}: exists already; --force replaces it")
             target = Path(os.path.realpath(path))
@@ -222,6 +234,14 @@ def _kept(target: Path, folder: Path) -> Path:
 def _refusal(path: str | Path | None, error: OSError) -> OutputError:
     where = "standard output" if str(path) in STDOUT else path
     return OutputError(f"{where}: cannot be written: {error.strerror or error}")
+
+
+def _are_same(path: str | Path, other: str | Path) -> bool:
+    return os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
+
+
+def _is_read(path: Path) -> OutputError:
+    return OutputError(f"{path}: is read by this command and is left as it is; expected another name")
 
 
 def _asked_twice(path: str | Path) -> OutputError:

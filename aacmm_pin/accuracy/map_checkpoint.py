@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.input_files import to_be_read
 from aacmm_pin._support.output_files import HIDDEN, json_text, whole_file
 from aacmm_pin.errors import AacmmError, OutputError
 
@@ -76,6 +77,7 @@ class MapCheckpoint:
         path = self._path(number)
         if not path.exists():
             return None
+        to_be_read(path)
         try:
             with xr.open_dataset(path, engine="scipy") as data:
                 question, found = data.attrs.get("question"), {str(n): v.to_numpy().copy() for n, v in data.items()}

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, get_type_hints
 
 import typer
 
+from aacmm_pin._support.input_files import WATCHERS
 from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import encodable
 from aacmm_pin._support.text_escaping import note as note
@@ -19,7 +20,6 @@ from aacmm_pin._support.units import ANGLES, in_radians
 from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
-    from aacmm_pin.arm.arm import Arm
     from aacmm_pin.effects.error_model import ErrorModel
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
@@ -94,7 +94,7 @@ class Results(OutputFiles):
     """The files of one command and what it prints in their stead: all of it in the end, or nothing."""
 
     plugins: ClassVar[tuple[str, ...]] = ()
-    """What ``--plugin`` named, which every command reads."""
+    """Files of ``--plugin`` and of all that it imports, which every command reads."""
 
     def __init__(
         self,
@@ -112,6 +112,7 @@ class Results(OutputFiles):
             plot: a picture.
             json_: a file for JSON, ``-`` for stdout.
             reads: files that the command reads, which it never replaces; names of bundled arms among them are no files.
+                What it reads besides, such as the URDF that an arm file names, is refused when that is about to be read.
 
         Raises:
             AacmmError: a file cannot be written, is there already, is read by the command, or is asked for twice.
@@ -121,8 +122,13 @@ class Results(OutputFiles):
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}")
 
+    def __enter__(self) -> Self:
+        WATCHERS.append(self.refuse_to_read)
+        return super().__enter__()
+
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Put the files in their places, and say which."""
+        WATCHERS.remove(self.refuse_to_read)
         super().__exit__(kind, error, trace)
         if kind is None and self.written:
             note(f"written: {', '.join(self.written)}")
@@ -132,22 +138,16 @@ class Results(OutputFiles):
         self.file("-" if path is None else path).write_text(encodable(text), encoding="utf-8", newline="")
 
     def arm(self, model: ErrorModel, path: Path, comment: str) -> None:
-        """Write the arm file of a model; the URDF that it names is never replaced.
+        """Write the arm file of a model.
 
         An estimate that is larger than any file may state is written and shown, for it took long to find.
         """
-        self.keep(model.arm)
         for effect in model.effects:
             try:
                 effect.require_plausible()
             except AacmmError as error:
                 note(f"note: {error}: {path} cannot be read with it")
         self.text(model.text(comment, path.parent), path)
-
-    def keep(self, arm: Arm) -> None:
-        """Never replace the URDF that an arm came from."""
-        if arm.nominal is not None:
-            self._inputs = (*self._inputs, arm.urdf_file.urdf.file)
 
     def json(self, content: dict[str, Any], target: str | None) -> None:
         """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing where it is None."""

@@ -248,7 +248,7 @@ def _root(
     """Options of the command itself."""
     from importlib.metadata import entry_points
 
-    Results.plugins = tuple(plugin or ())
+    loaded_before = {*sys.modules}
     loaders: list[tuple[str, Callable[[], Any]]] = []
     loaders += [(f"--plugin {name}", functools.partial(_import, name)) for name in plugin or []]
     loaders += [(f"entry point {point.name}", point.load) for point in entry_points(group="aacmm_pin.causes")]
@@ -263,6 +263,8 @@ def _root(
             raise AacmmError(f"{what}: {raised(error, os.path.abspath(what.removeprefix('--plugin ')))}") from None
         if known == CAUSES:
             note(f"note: {what} registers no cause")
+    loaded = [getattr(sys.modules[name], "__file__", None) for name in {*sys.modules} - loaded_before if loaders]
+    Results.plugins = (*(plugin or ()), *filter(None, loaded))
 
 
 def _import(name: str) -> ModuleType:

@@ -30,7 +30,6 @@ def run(
     """URDF of an arm, from its DH table or with its corrected placements; or the DH table of a URDF."""
     with Results(force, output, reads=arm.files) as results:
         model = arm.model()
-        results.keep(model.arm)
         if to_dh:
             if model.effects:
                 note(f"note: left out: {', '.join(effect.label for effect in model.effects)}")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shell import POINT, done, refused, run
+from shell import NOISE, POINT, done, refused, run
 
 from aacmm_pin._support.text_escaping import printable
 from aacmm_pin.cli.root_command import Stopped
@@ -168,11 +168,17 @@ def test_names_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])  # a plugin's folder stays in it, and workers would find this file
+    monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "hose.py").write_text("")
+    (tmp_path / "imports_more.py").write_text("import more_of_it")
+    (tmp_path / "more_of_it.py").write_text("")
     done("simulate", "sino6", "--records", "40", "-o", "data.csv", "--truth", "arm.toml")
     done("urdf", "sino6", "-o", "arm.urdf")
-    read = {path: path.read_bytes() for path in tmp_path.iterdir()}
     urdf = ["--urdf", "arm.urdf", "--frame", "tip"]
+    done("calibrate", *urdf, "--translation-half-width-mm", "0.3", "data.csv", *NOISE, "--no-held-out", "-o", "of_urdf.toml")
+    done("map", "sino6", "--cells", "2", "2", "--parts", "parts", "--json", "-")
+    read = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    (tmp_path / "link.urdf").symlink_to("arm.urdf")
     for words, inputs in (
         (["calibrate", "arm.toml", "data.csv", "--report"], ["arm.toml", "data.csv"]),
         (["diagnose", "arm.toml", "data.csv", "--extended-arm"], ["arm.toml", "data.csv"]),
@@ -185,11 +191,25 @@ def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.M
         (["urdf", "arm.toml", "-o"], ["arm.toml"]),
         (["configurations", *urdf, *POINT, "-o"], ["arm.urdf"]),
         (["accuracy", *urdf, *POINT, "--json"], ["arm.urdf"]),
+        (["calibrate", "of_urdf.toml", "data.csv", "--residuals"], ["arm.urdf", "link.urdf"]),
+        (["diagnose", "of_urdf.toml", "data.csv", "-o"], ["arm.urdf"]),
+        (["correct", "of_urdf.toml", "data.csv", "-o"], ["arm.urdf"]),
+        (["correct", "sino6", "data.csv", "--nominal", "of_urdf.toml", "-o"], ["arm.urdf"]),
+        (["simulate", "of_urdf.toml", "-o"], ["arm.urdf"]),
+        (["plan", "of_urdf.toml", "-o"], ["arm.urdf"]),
+        (["accept", "of_urdf.toml", "data.csv", "-o"], ["arm.urdf"]),
+        (["show", "of_urdf.toml", "-o"], ["arm.urdf"]),
+        (["configurations", "of_urdf.toml", *POINT, "-o"], ["arm.urdf"]),
+        (["map", "sino6", "--cells", "2", "2", "--parts", "parts", "-o"], ["parts/part000001.nc"]),
         (["--plugin", "hose.py", "urdf", "sino6", "-o"], ["hose.py"]),
+        (["--plugin", "imports_more", "urdf", "sino6", "-o"], ["imports_more.py"]),
     ):
         for name in inputs:
             refused(*words, name, "--force", said=[name, "is read"])
-    assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == read  # beside it bytecode, perhaps
+    for name in ("imports_more", "more_of_it"):
+        sys.modules.pop(name)
+    refused("--plugin", "imports_more", "urdf", "sino6", "-o", "more_of_it.py", "--force", said=["more_of_it.py", "is read"])
+    assert {path: path.read_bytes() for path in read} == read
 
 
 def test_text_that_a_terminal_would_act_on() -> None:
