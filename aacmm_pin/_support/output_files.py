@@ -13,7 +13,6 @@ import json
 import os
 import shutil
 import stat
-import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
@@ -22,7 +21,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from aacmm_pin._support.stop_signals import signals_wait
-from aacmm_pin._support.text_escaping import encodable, note
+from aacmm_pin._support.text_escaping import encodable, note, stdout
 from aacmm_pin.errors import OutputError
 
 HIDDEN = ".aacmm-pin-"
@@ -333,12 +332,13 @@ def _move_where_nothing_is(temporary: Path, target: Path) -> None:
 
 def _pass_on(temporary: Path, target: Path) -> None:
     if str(target) in STDOUT:
-        sys.stdout.flush()
-        if hasattr(sys.stdout, "buffer"):
-            sys.stdout.buffer.write(temporary.read_bytes())
+        out = stdout()
+        out.flush()
+        if hasattr(out, "buffer"):
+            out.buffer.write(temporary.read_bytes())
         else:  # a notebook, or a test, that collects text
-            sys.stdout.write(temporary.read_text(encoding="utf-8"))
-        sys.stdout.flush()
+            out.write(temporary.read_text(encoding="utf-8"))
+        out.flush()
         return
     try:
         stream = os.open(target, os.O_WRONLY | os.O_NONBLOCK)

@@ -7,8 +7,9 @@ import io
 import re
 import sys
 import unicodedata
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
+from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,9 +38,28 @@ def encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
+_of_results: list[TextIO] = []
+
+
+def stdout() -> TextIO:
+    """Where results go."""
+    return _of_results[-1] if _of_results else sys.stdout
+
+
+@contextmanager
+def results_alone_on_stdout() -> Iterator[None]:
+    """What anything else prints meanwhile, such as a cause of one's own, goes to stderr."""
+    _of_results.append(sys.stdout)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _of_results.pop()
+
+
 def say(text: str) -> None:
     """Tell what was found, on stdout."""
-    print(printable(text), flush=True)
+    print(printable(text), file=stdout(), flush=True)
 
 
 def note(text: str) -> None:

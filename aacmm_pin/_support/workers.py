@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
@@ -66,9 +67,7 @@ def results(
             pool = ProcessPoolExecutor(others, context, _end_with_parent, (ending,))
             ends.callback(pool.shutdown, cancel_futures=True)
             ends.callback(alive.close)
-            found = ends.enter_context(
-                _handed_out(pool, work, jobs, OF_EACH * others, here=True)
-            )  # which starts the processes
+            found = ends.enter_context(_handed_out(pool, work, jobs, OF_EACH * others, here=True))  # which starts them
         yield found
         pool.shutdown()
 
@@ -111,7 +110,8 @@ def _handed_out(
 
 
 def _end_with_parent(ending: Connection) -> None:
-    """End this process, whatever it does, when nobody holds the other end of a pipe any more."""
+    """End this process, whatever it does, when nobody holds the other end of a pipe any more; its prints are no results."""
+    sys.stdout = sys.stderr
 
     def wait() -> None:
         ending.poll(None)

@@ -25,7 +25,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from aacmm_pin._support.stop_signals import STOPPING
-from aacmm_pin._support.text_escaping import note, say
+from aacmm_pin._support.text_escaping import note, results_alone_on_stdout, say
 from aacmm_pin.cli.common import Results
 from aacmm_pin.errors import AacmmError
 
@@ -69,7 +69,7 @@ class _Subcommand(TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Do what was asked."""
-        with _signals():
+        with _signals(), results_alone_on_stdout():
             return super().invoke(ctx)
 
 
@@ -147,19 +147,21 @@ def _told() -> Iterator[None]:
         _end(128 + signal.SIGINT, INTERRUPTED)
     except Stopped as stopped:
         _end(128 + stopped.number, INTERRUPTED)
-    except Exception as error:
-        if CAME:
+    except BaseException as error:
+        if CAME and isinstance(error, Exception):
             _end(128 + CAME[0], INTERRUPTED)
         if (said := _of_a_plugin(error)) is None:
             raise
         _end(1, said)
 
 
-def _of_a_plugin(error: Exception) -> str | None:
-    """What a class that a plugin registered has raised, in one line; None where the mistake is ours."""
+def _of_a_plugin(error: BaseException) -> str | None:
+    """What a class that a plugin registered has raised, in one line; None where the mistake is ours, or it is the end."""
+    if "aacmm_pin.effects.causes" not in sys.modules:
+        return None
     from aacmm_pin.effects.causes import CAUSES, raised
 
-    passed = {frame.filename for frame in traceback.extract_tb(error.__traceback__)}
+    passed = {frame.f_code.co_filename for frame, _ in traceback.walk_tb(error.__traceback__)}
     for cause in CAUSES.values():
         file = getattr(sys.modules.get(cause.__module__), "__file__", None)
         if file in passed and not cause.__module__.startswith("aacmm_pin."):
@@ -259,7 +261,9 @@ def _root(
         try:
             with redirect_stdout(sys.stderr):  # what a module prints is no result
                 load()
-        except (Exception, SystemExit) as error:
+        except (KeyboardInterrupt, Stopped):
+            raise
+        except BaseException as error:
             raise AacmmError(f"{what}: {raised(error, os.path.abspath(what.removeprefix('--plugin ')))}") from None
         if known == CAUSES:
             note(f"note: {what} registers no cause")

@@ -68,6 +68,9 @@ CAUSES: dict[str, type[Effect]] = {
 }
 """Every cause by its name, in the order in which they are tried."""
 
+LARGEST_COLUMN = 1e12
+"""What a cause of one's own may move a place by per unit of a parameter [m/unit, rad/unit]; no physical one comes near."""
+
 _Own = TypeVar("_Own", bound=type[Effect])
 
 
@@ -115,7 +118,7 @@ def _checked(displacements: Callable[[Any, State], list[Displacement]]) -> Calla
                 _check(self, displacement, state)
         except AacmmError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise CauseError(self.label, f"displacements: {raised(error, file)}") from error
         return found
 
@@ -129,10 +132,10 @@ def _check(effect: Effect, displacement: Displacement, state: State) -> None:
     expected = f"expected ({state.n}, 6, {len(effect.terms)}) or (1, 6, {len(effect.terms)}): records, twist, parameters"
     if columns.shape[1:] != (6, len(effect.terms)) or len(columns) not in (1, state.n):
         raise CauseError(effect.label, f"displacements: columns have shape {columns.shape}, {expected}")
-    wrong = np.flatnonzero(~np.isfinite(columns).all(axis=(1, 2)))
+    wrong = np.flatnonzero(~(np.abs(columns) <= LARGEST_COLUMN).all(axis=(1, 2)))
     if wrong.size:
-        came = f"numbers that are not finite in {wrong.size} of {len(columns)} records, the first at number {wrong[0] + 1}"
-        raise CauseError(effect.label, f"displacements: columns have {came}")
+        came = f"numbers that are not finite, or beyond {LARGEST_COLUMN:g}, in {wrong.size} of {len(columns)} records"
+        raise CauseError(effect.label, f"displacements: columns have {came}, the first at number {wrong[0] + 1}")
 
 
 def raised(error: BaseException, file: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from typing import Literal
 
 import pandas as pd
@@ -14,7 +13,7 @@ from rich.console import Console
 from rich.table import Column
 from rich.table import Table as Grid
 
-from aacmm_pin._support.text_escaping import note, printable, say
+from aacmm_pin._support.text_escaping import note, printable, say, stdout
 from aacmm_pin.report.document import Bullets, Document, Notes, Paragraph, Table, are_numbers
 
 WIDTH = 118
@@ -48,8 +47,8 @@ def _print_table(table: Table) -> None:
     if table.caption:
         say(f"{table.caption}:")
     cells = table.cells().map(printable).rename(columns=printable)
-    known = sys.stdout.isatty() or "COLUMNS" in os.environ
-    console = Console(width=None if known else WIDTH, markup=False, highlight=False, emoji=False)
+    known = stdout().isatty() or "COLUMNS" in os.environ
+    console = Console(file=stdout(), width=None if known else WIDTH, markup=False, highlight=False, emoji=False)
     columns = _columns(cells, console.width)
     console.width = max(console.width, sum(column.width or 0 for column in columns) + GAP * len(columns))
     grid = Grid(*columns, box=SIMPLE, pad_edge=False, collapse_padding=True)

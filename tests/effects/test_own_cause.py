@@ -191,11 +191,15 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose: Any, folder:
     terms = 'terms: ClassVar[tuple[Term, ...]] = (Term("", "rad/m", 1e-4, "turn_rad_per_m"),)'
     for old, new, words, said in (
         (moment, "moment", tried, ":1: displacements: "),
-        (moment, "np.nan * moment[:, None]", given, ":3: displacements: columns have numbers that are not finite in"),
+        (moment, "np.nan * moment[:, None]", given, ":3: displacements: columns have numbers that are not finite"),
+        (moment, "1e300 * moment[:, None]", tried, ":2: displacements: columns have numbers that are not finite, or beyond"),
         (moment, "moment[1:, None]", given, ":3: displacements: columns have shape (999, 6, 1)"),
         (moment, "np.ones((1, 2))", tried, ":1: displacements: columns have shape (1, 6, 2)"),
         (last, "return [Displacement(99, np.ones((1, 6, 1)))]", given, ":3: displacements: place is 99"),
         (last, "return [5]", given, ":3: displacements: AttributeError"),
+        (last, "raise SystemExit(0)", given, ":3: displacements: SystemExit: 0 (wrong.py, line 26)"),
+        (last, "raise BaseException(5)", tried, ": BaseException: 5 (wrong.py, line 26)"),
+        (terms, f"{terms}\n    candidates = lambda *_: (_ for _ in ()).throw(SystemExit(0))", tried, ": SystemExit: 0"),
         (last, "pass", tried, ":1: displacements: TypeError"),
         (last, "return nothing", tried, ":1: displacements: NameError: name 'nothing' is not defined (wrong.py, line 26)"),
         ("self, state: State", "self", tried, ":1: displacements: TypeError"),
@@ -208,6 +212,17 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose: Any, folder:
         del CAUSES["hose_pull"]
         assert f"hose_pull{said}" in refusal("--plugin", str(wrong), *words)
         CAUSES["hose_pull"] = hose
+
+
+def test_what_it_prints_is_no_result(hose: Any, folder: Path) -> None:
+    speaks = folder / "speaks.py"
+    speaks.write_text(HOSE.replace("        return [", "        print('here')\n        return ["), encoding="utf-8")
+    del CAUSES["hose_pull"]
+    words = ["simulate", "sino6", "--plan", "free", "--records", "3", "--effect", "hose_pull:3,turn_rad_per_m=1e-4"]
+    done = CliRunner().invoke(app, ["--plugin", str(speaks), *words])
+    CAUSES["hose_pull"] = hose
+    assert (done.exit_code, len(done.stdout.splitlines())) == (0, 4), done.output
+    assert "here" in done.stderr.splitlines()
 
 
 @dataclass(frozen=True)
