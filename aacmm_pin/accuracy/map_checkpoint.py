@@ -81,9 +81,9 @@ class MapCheckpoint:
         try:
             with xr.open_dataset(path, engine="scipy") as data:
                 question, found = data.attrs.get("question"), {str(n): v.to_numpy().copy() for n, v in data.items()}
-        except (TypeError, ValueError, OSError) as error:
-            raise AacmmError(f"{path}: is no part of a map ({error}); remove it, and it is worked out again") from None
-        if question != self.question or any(len(values) != cells for values in found.values()):
+        except Exception:  # whatever the reader makes of the bytes
+            raise AacmmError(f"{path}: cannot be read as a part of a map; remove it, and it is worked out again") from None
+        if str(question) != self.question or any(len(values) != cells for values in found.values()):
             raise AacmmError(f"{path}: is a part of another map; remove it, and it is worked out again")
         return found
 

@@ -112,7 +112,11 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
 
 
 def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path: str) -> Array:
-    """Commands (n, nq) [rad]; nan where the tip does not arrive, which is listed."""
+    """Commands (n, nq) [rad]; nan where the tip does not arrive, which is listed.
+
+    Raises:
+        AacmmError: it never does.
+    """
     commands, arrived = joint_commands(model, nominal, known.q, known.conditions)
     changes = np.where(model.arm.chain.prismatic, 0.0, np.abs(commands - known.q))
     for k in np.flatnonzero(arrived & (changes.max(axis=1) > LARGE)):
@@ -129,6 +133,8 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
         for row in known.row[rows]:
             note(f"{path}: row {row} {reason}; left empty")
         commands[rows] = np.nan
+    if len(commands) and np.isnan(commands).all():
+        raise AacmmError(f"no command takes {model.arm.name} where the nominal arm has its tip; is --nominal the same arm?")
     return commands
 
 

@@ -436,6 +436,11 @@ def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended:
     tips = ErrorModel.load(extended).predict(commands[there], read.conditions.take(np.flatnonzero(there)))
     np.testing.assert_allclose(tips, Arm.load("sino6").positions(read.q[there]), rtol=0, atol=1e-9)
     assert (np.abs(commands - read.q)[there].max(axis=0) > 1e-6).any()
+    away = pd.DataFrame([[0.0] * 6, [0.1] * 6], columns=[f"theta{j}_rad" for j in range(1, 7)])
+    away.to_csv(tmp_path / "away.csv", index=False)
+    words = ["correct", "zero6", tmp_path / "away.csv", "--commands", "--nominal", "sino6", "-o", tmp_path / "none.csv"]
+    refused(*words, said=["away.csv", "--nominal"])
+    assert not (tmp_path / "none.csv").exists()
 
 
 def test_readings_need_nothing_but_angles(tmp_path: Path) -> None:
