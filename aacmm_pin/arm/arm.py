@@ -142,7 +142,8 @@ class Arm(Shown):
             translation_half_width=translation_half_width,
             rotation_half_width=rotation_half_width,
         )
-        return replace(arm, file=_with_urdf(arm.urdf_file, file=os.path.abspath(path), sha256=sha256))
+        file = os.path.realpath(path) if os.path.isfile(path) else ""  # a pipe has no name for others to read it by
+        return replace(arm, file=_with_urdf(arm.urdf_file, file=file, sha256=sha256))
 
     @staticmethod
     def from_model(
@@ -174,7 +175,7 @@ class Arm(Shown):
 
     @property
     def urdf_file(self) -> UrdfArmFile:
-        """The arm file of an arm that came as URDF; its path is empty for one that came as a Pinocchio model.
+        """The arm file of an arm that came as URDF; its path is empty for one that came as a Pinocchio model or by a pipe.
 
         Raises:
             UnsupportedArmError: the arm has a DH table.

@@ -51,10 +51,12 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
 
     Raises:
         AacmmError: the file cannot be read, or was changed since the arm was made from it.
-        UnsupportedArmError: the arm did not come as URDF; or the tip is to be shifted, but its link has no fixed joint of
+        UnsupportedArmError: the arm did not come as URDF that is a regular file; or the tip is to be shifted, but its link has no fixed joint of
             its own.
     """
     urdf = arm.urdf_file.urdf
+    if not urdf.file:
+        raise UnsupportedArmError(f"{arm.name}: was made from no file that could be corrected; a pipe is none")
     try:
         text = Path(urdf.file).read_bytes()
         if hashlib.sha256(text).hexdigest() != urdf.sha256:

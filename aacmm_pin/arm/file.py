@@ -232,7 +232,8 @@ class Urdf(_WithAngles):
     """Which URDF, which frame of it has its origin at the tip, and within what its joint placements are known.
 
     The numbers of the file hold for that URDF alone, to the byte: its SHA-256 is beside its path, so that one that was
-    changed is refused. The path is relative to the arm file (here, in memory, absolute), so that both can move together.
+    changed is refused. The path is relative to the folder where the arm file really is, links followed (here, in memory,
+    absolute), so that both can move together.
     """
 
     file: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(without_nul)]
@@ -404,7 +405,7 @@ def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
     if "urdf" not in data:
         return validated(ArmFile, data, path)
     file = validated(UrdfArmFile, data, path)
-    found = os.path.abspath(Path(path).parent / file.urdf.file)
+    found = os.path.abspath(Path(os.path.realpath(path)).parent / file.urdf.file)
     return file.model_copy(update={"urdf": file.urdf.model_copy(update={"file": found})})
 
 
@@ -462,20 +463,20 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
             return key, f"is {reprlib.repr(item['input'])}, expected {expected}"
 
 
-def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", folder: str | Path | None = None) -> str:
+def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | None = None) -> str:
     """TOML of ``arm``, with ``comment`` in front; numbers are written so that they come back to the last bit.
 
     Args:
         arm: the file.
         comment: lines of text.
-        folder: where the text will be, from which the path to a URDF is told; None is beside the URDF.
+        path: where the text will be, from which the path to a URDF is told; None is beside the URDF.
     """
     content = {"schema": arm.schema_} | arm.model_dump(by_alias=True, exclude_none=True, exclude_defaults=True)
     for last in ("effects", "covariance"):
         if last in content:
             content[last] = content.pop(last)
     if isinstance(arm, UrdfArmFile):
-        urdf = Path(arm.urdf.file)
-        content["urdf"]["file"] = Path(os.path.relpath(urdf, urdf.parent if folder is None else folder)).as_posix()
+        folder = Path(arm.urdf.file if path is None else os.path.realpath(path)).parent
+        content["urdf"]["file"] = Path(os.path.relpath(arm.urdf.file, folder)).as_posix()
     lines = [f"# {''.join(c if c.isprintable() else ' ' for c in line)}".rstrip() for line in comment.splitlines()]
     return "\n".join([*lines, *([""] if lines else []), tomli_w.dumps(content)])

@@ -40,6 +40,8 @@ def run(
 
     with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_, reads=arm.files) as results:
         model, path = arm.model_and_data()
+        if output is not None:
+            model.file()  # or refused before the work
         effects = [stated_cause(text, model) for text in effect or []]
         stated = how.keywords() | {"prior": False if how.no_prior else None, "hold_out": not no_held_out}
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)

@@ -147,7 +147,7 @@ class Results(OutputFiles):
                 effect.require_plausible()
             except AacmmError as error:
                 note(f"note: {error}: {path} cannot be read with it")
-        self.text(model.text(comment, path.parent), path)
+        self.text(model.text(comment, path), path)
 
     def json(self, content: dict[str, Any], target: str | None) -> None:
         """Write one JSON object to the file ``target``, or to stdout where that is ``-``; nothing where it is None."""

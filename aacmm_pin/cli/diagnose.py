@@ -32,6 +32,8 @@ def run(
 
     with Results(force, output, extended_arm, json_=json_, reads=arm.files) as results:
         model, path = arm.model_and_data()
+        if extended_arm is not None:
+            model.file()  # or refused before the work
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
         result = diagnose(model, records, hold_out=not no_held_out, rng=rng, **how.keywords())
         if extended_arm is not None:

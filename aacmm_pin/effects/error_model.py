@@ -87,18 +87,18 @@ class ErrorModel(Shown):
         """The arm file of this model.
 
         Raises:
-            AacmmError: the arm was made from neither an arm file nor a URDF file.
+            AacmmError: the arm was made from neither an arm file nor a URDF that is a regular file.
             ArmFileError: the URDF has a name that no arm file can have.
         """
         file = self.arm.file
         if file is None or (isinstance(file, UrdfArmFile) and not file.urdf.file):
-            raise AacmmError(f"{self.arm.name}: was made from no file that could be extended")
+            raise AacmmError(f"{self.arm.name}: was made from no file that could be named or extended; a pipe is none")
         file = file.model_copy(update={"effects": [entry_of(effect) for effect in self.effects]})
         return validated(UrdfArmFile, file.model_dump(by_alias=True), file.name) if isinstance(file, UrdfArmFile) else file
 
-    def text(self, comment: str = "", folder: str | Path | None = None) -> str:
+    def text(self, comment: str = "", path: str | Path | None = None) -> str:
         """The arm file of this model as TOML; see :func:`aacmm_pin.arm.file.arm_text` and :meth:`file`."""
-        return arm_text(self.file(), comment, folder)
+        return arm_text(self.file(), comment, path)
 
     def save(self, path: str | Path, force: bool = False, comment: str = "") -> None:
         """Write the arm file of this model; ``comment`` stands in front.
@@ -110,7 +110,7 @@ class ErrorModel(Shown):
         from aacmm_pin._support.output_files import whole_file
         from aacmm_pin._support.text_escaping import encodable
 
-        text = self.text(comment, Path(path).parent)
+        text = self.text(comment, path)
         with whole_file(path, force) as temporary:
             temporary.write_text(encodable(text), encoding="utf-8")
 

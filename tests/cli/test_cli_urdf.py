@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -197,4 +198,18 @@ def test_a_calibrated_and_an_extended_robot_are_files(robot: tuple[Path, Path, P
         assert "joint_compliance:2" in [effect.key for effect in model.effects]
         np.testing.assert_allclose(model.predict(q), places, rtol=0, atol=2e-5)
         assert found("accuracy", path, *POSE, "--count", "6")["u_mm"]["max"] < 0.05
+    (tmp_path / "far" / "away").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "far" / "away")
+    (tmp_path / "there.toml").symlink_to(tmp_path / "far" / "away" / "there.toml")
+    for output in ("link/here.toml", "there.toml"):
+        done("calibrate", *words, "-o", tmp_path / output)
+        for name in (output, f"far/away/{Path(output).name}"):
+            assert ErrorModel.load(tmp_path / name).arm.urdf_file.urdf.file == str(urdf.resolve())
+    for command, option in (("calibrate", "-o"), ("diagnose", "--extended-arm")):  # before the records are read
+        read, write = os.pipe()
+        os.write(write, urdf.read_bytes())
+        os.close(write)
+        given = ["--urdf", f"/dev/fd/{read}", *words[2:4], tmp_path / "none.csv"]
+        refused(command, *given, option, tmp_path / "none.toml", said=["a pipe"])
+        os.close(read)
     refused("calibrate", ext, records, "--urdf-out", urdf, "--force", said=["is read by this command"])

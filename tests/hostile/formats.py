@@ -101,7 +101,7 @@ def arms_of_a_urdf() -> list[bytes]:
     arm = Arm.from_urdf(Path(__file__).parents[2] / "urdf" / "sino6.urdf", "tip", translation_half_width=1e-4)
     cause = cause_of("joint_compliance:2", ErrorModel(arm))
     found = calibrate(arm, records("free"), [cause], encoder_noise=8e-6, hold_out=False).model
-    return [found.text(folder="/").replace('file = "', 'file = "/', 1).encode()]
+    return [found.text(path="/arm.toml").replace('file = "', 'file = "/', 1).encode()]
 
 
 @cache
