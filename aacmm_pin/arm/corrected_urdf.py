@@ -51,8 +51,8 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
 
     Raises:
         AacmmError: the file cannot be read, or was changed since the arm was made from it.
-        UnsupportedArmError: the arm did not come as URDF that is a regular file; or the tip is to be shifted, but its link has no fixed joint of
-            its own.
+        UnsupportedArmError: the arm did not come as a URDF file; or the tip is to be shifted, but its link has no fixed
+            joint of its own.
     """
     urdf = arm.urdf_file.urdf
     if not urdf.file:

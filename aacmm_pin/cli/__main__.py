@@ -6,6 +6,7 @@ import os
 import resource
 import signal
 import sys
+import warnings
 
 LEAST_MEMORY = 600_000_000
 """Address space that loading takes [bytes]; with less, OpenBLAS asks for its buffers for ever."""
@@ -21,6 +22,9 @@ def _open_what_is_closed() -> None:
 def main() -> None:
     """The command."""
     _open_what_is_closed()
+    os.environ.pop("PYTHONWARNINGS", None)  # no warning of a library ends a command, or a worker process of it
+    sys.warnoptions.clear()
+    warnings.resetwarnings()
     if 0 <= (limit := resource.getrlimit(resource.RLIMIT_AS)[0]) < LEAST_MEMORY:
         sys.exit(f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space, expected {LEAST_MEMORY / 1e6:.0f}")
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as shells want it for jobs in the background

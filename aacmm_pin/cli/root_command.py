@@ -199,7 +199,7 @@ def _signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-OF_PROGRAMS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning)
+OF_PROGRAMS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning, ImportWarning, ResourceWarning)
 """Warnings for those who write programs, and no matter of those who run them."""
 
 

@@ -89,6 +89,24 @@ def test_what_libraries_warn_of_is_a_note(monkeypatch: pytest.MonkeyPatch) -> No
         assert run("urdf", "sino6") == (0, "", "note: RuntimeWarning\\x1b\n")
 
 
+def test_filters_of_warnings_end_no_command(tmp_path: Path) -> None:
+    """A library warns while it is loaded to make a page."""
+    for options, variable in (([], "error"), (["-W", "error"], "")):
+        command = [
+            sys.executable,
+            *options,
+            "-m",
+            "aacmm_pin.cli",
+            "show",
+            "sino6",
+            "--force",
+            "-o",
+            str(tmp_path / "a.html"),
+        ]
+        process = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONWARNINGS": variable})
+        assert (process.returncode, process.stderr.splitlines()) == (0, [f"written: {tmp_path / 'a.html'}"])
+
+
 def test_streams_that_take_nothing() -> None:
     with open("/dev/full", "wb") as full:
         devices = [
