@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from aacmm_pin import Arm, calibrate, circle_accuracy, configuration_circle, simulate_measurements
+from aacmm_pin.effects import SeatError
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import blank_axes
 
@@ -39,3 +40,18 @@ def test_names_are_drawn_as_they_are(sino6: Arm, tmp_path: Path) -> None:
         figure.savefig(tmp_path / "a.png")
         assert "\x1b" not in "".join(text.get_text() for text in figure.findobj(Text))
     assert any(r"$\bad" in label.get_text() for label in drawn[0].get_xticklabels())
+
+
+def test_long_names_leave_the_axes_their_place(sino6: Arm, tmp_path: Path) -> None:
+    """Matplotlib warns otherwise, which is an error here."""
+    data = simulate_measurements(sino6, "seats", 40, seats=3, rng=np.random.default_rng(1))
+    seats = np.array([f"{seat}-{'SEAT ' * 18}-{seat}" for seat in data.conditions.seat], dtype=object)
+    data = replace(data, conditions=replace(data.conditions, seat=seats))
+    effect = SeatError(seats[0])
+    found = calibrate(sino6, data, ["zero-offsets", effect], rng=np.random.default_rng(1), hold_out=False, progress=False)
+    for drawn, size in ((plots.plot_residuals_by_seat, (8, 3.4)), (plots.plot_correlation, (5, 4.2))):
+        axes = drawn(found, blank_axes(*size))
+        axes.figure.savefig(tmp_path / "a.png")
+        names = [label.get_text() for label in axes.get_xticklabels() if "SEAT" in label.get_text()]
+        assert len({*names}) == len(names) == 3
+        assert max(map(len, names)) <= 48

@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FuncFormatter
 
@@ -28,10 +29,17 @@ VOLUME_LABEL = f"{VOLUME_NAME} [mm³]"
 P = ParamSpec("P")
 Drawn = TypeVar("Drawn", Axes, Figure)
 OF_NAMES = (FixedFormatter, FuncFormatter)
+LONGEST_NAME, LONGEST_LINE = 48, 96
+"""Characters of a name at a tick or in a legend, and of a line of a title, lest they leave the axes no place."""
+UPRIGHT = 24
+"""Characters of a name that stands upright."""
 
 
 def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
-    """The function that draws, with names in its picture as they are: matplotlib takes text between $ for formulas."""
+    """The function that draws, with names in its picture as they are, but for their length.
+
+    Matplotlib takes text between $ for formulas, and leaves axes no place beside long names.
+    """
 
     @wraps(draw)
     def drawn(*args: P.args, **named: P.kwargs) -> Drawn:
@@ -39,12 +47,26 @@ def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
         place: Any = picture
         every = place.axes if isinstance(place, Figure) else [place]
         numbers = {label for axes in every for label in _numbers(axes)}
+        in_legends = {text for legend in picture.findobj(Legend) for text in legend.get_texts()}
         for text in set(picture.findobj(Text)) - numbers:
             text.set_parse_math(False)
-            text.set_text(printable(text.get_text()))
+            text.set_text(short(printable(text.get_text()), LONGEST_NAME if text in in_legends else LONGEST_LINE))
+        for axis in (axis for axes in every for axis in (axes.xaxis, axes.yaxis)):
+            if isinstance(names := axis.get_major_formatter(), OF_NAMES):
+                axis.set_major_formatter(_shortened(names))
         return picture
 
     return drawn
+
+
+def short(text: str, most: int) -> str:
+    """The text with lines of at most so many characters, the middle of longer ones left out."""
+    half = most // 2
+    return "\n".join(line if len(line) <= most else f"{line[:half]}…{line[half + 1 - most :]}" for line in text.split("\n"))
+
+
+def _shortened(names: Callable[..., str]) -> Callable[[float, float], str]:
+    return lambda value, place: short(names(value, place), LONGEST_NAME)
 
 
 def _numbers(axes: Axes) -> list[Text]:
@@ -97,9 +119,10 @@ def legend_below(ax: Axes, columns: int = 4, **more: Any) -> None:
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
     """Names below the places 0, 1, 2, …, where so many ``letters`` stand side by side, or a third as many names upright."""
     names = [printable(name) for name in names]
-    wide = sum(2 + max(map(len, name.split("\n"))) for name in names)
+    upright = sum(2 + max(map(len, name.split("\n"))) for name in names) > letters
+    shown = [short(name, UPRIGHT) if upright else name for name in names]
     some = slice(None, None, -(-3 * len(names) // letters))
-    ax.set_xticks(range(len(names))[some], names[some], fontsize=size, rotation=90 if wide > letters else 0)
+    ax.set_xticks(range(len(names))[some], shown[some], fontsize=size, rotation=90 if upright else 0)
 
 
 def aside(count: int, width: float) -> Array:
