@@ -86,6 +86,10 @@ def run(
         results.json(summary, json_)
     terminal.show(acceptance_document(result), json_ == "-")
     terminal.show(Document("", [] if checks is None else history_blocks(checks)), json_ == "-")
+    if checks is not None and not checks.instrument:
+        series = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
+        if series:
+            note(f"note: without --instrument this check is of an arm without a name; {history} has checks of {series} too")
     if checks is not None and not checks.appended:
         same = f"its check of {checks.time} has the very same values, so that it is this one" if checks.charts() else ""
         note(f"note: nothing appended to {history}: {same or 'no figure has a value'}")

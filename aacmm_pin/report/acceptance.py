@@ -11,7 +11,7 @@ import numpy as np
 
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.units import MM
-from aacmm_pin.report.document import Block, Document, Download, Figure, Folded, Notes, Paragraph, Table, document_of
+from aacmm_pin.report.document import MARK, Block, Document, Download, Figure, Folded, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.html import SHORT
 from aacmm_pin.report.numbers import capital
 from aacmm_pin.verification import AcceptanceResult, History
@@ -25,7 +25,7 @@ RULE = (
 CHART = (
     "Individuals charts: the magnitude of the figure in each check, the latest large; line: mean of the earlier ones; "
     f"dashed: {PER_MOVING_RANGE} mean moving ranges away from it, none below zero, from {LEAST_CHECKS} earlier checks on; "
-    "dotted: MPE."
+    "cross: failed or outside then, and not counted; dotted: MPE."
 )
 STATED = {
     "operator": ("operator", ""),
@@ -72,15 +72,17 @@ def acceptance_document(result: AcceptanceResult, certificate: Certificate | Non
     table = result.to_frame()
     several = len({f.source for f in result.figures}) > 1
     table["coordinates"] = table["coordinates"].map(_brief)
-    shown = ["coordinates"] if several else ["standard"] if certificate is not None else []
-    said = [name for name in ("U_mm", "mpe_mm", "verdict") if table[name].notna().any()]
-    shown += ["figure", "value_mm", *said, "had", *["missing"] * bool((table["missing"] != "").any())]
+    said = [name for name in ("verdict", "value_mm", "U_mm", "mpe_mm") if table[name].notna().any() or name == "value_mm"]
+    shown = ["figure", *said, *["coordinates"] * several, *["standard"] * (certificate is not None and not several), "had"]
+    if certificate is not None:  # one column, as a figure with a place has all that it needs
+        table["where"] = table["where"].where(table["missing"] == "", "missing: " + table["missing"])
+    shown += [name for name in ("where", "missing")[: 1 if certificate else 2] if (table[name] != "").any()]
     named = table[["figure", "standard", "clause", "definition"]].drop_duplicates()
     what = Table(named, "What the figures are")
     history = certificate.history if certificate is not None else None
     blocks: list[Block] = [
         Paragraph(f"{result}.", finding=True, head="Acceptance:"),
-        Table(table[shown], "Figures and their limits", heads=HEADS),
+        Table(table[shown], "Figures and their limits", {"verdict": _marked}, HEADS, spare="where"),
         Paragraph(RULE),
         *([] if history is None else history_blocks(history)),
         Notes(result.notes),
@@ -116,15 +118,20 @@ def history_blocks(history: History) -> list[Block]:
         for chart in charts
         if chart.left
     ]
-    few = [len(chart.values) - 1 for chart in charts if not np.isfinite(chart.limits[1])]
+    few = [len(chart.usual) for chart in charts if not np.isfinite(chart.limits[1])]
     text = f"{'; '.join(left)}." if left else "" if few else "no figure has left it."
     if few:
         text += (
             f"{' ' * bool(text)}{len(few)} of {len(charts)} figures have no limits yet, which need {LEAST_CHECKS} earlier "
         )
-        text += f"checks; there are {min(few)}{f' to {max(few)}' if max(few) > min(few) else ''}."
+        text += f"checks that count; there are {min(few)}{f' to {max(few)}' if max(few) > min(few) else ''}."
     said = Paragraph(capital(text), head="Outside the usual range:" if left else "Usual range:")
-    more = f" {len(charts) - len(drawn)} more figures are not drawn." if len(charts) > len(drawn) else ""
+    there = {(chart.arm, chart.figure) for chart in drawn}
+    left_out = dict[str, list[str]]()
+    for chart in charts:
+        if len(chart.values) > 1 and (chart.arm, chart.figure) not in there:
+            left_out.setdefault(f" by {_brief(chart.arm)}" * several, []).append(chart.figure)
+    more = f" Not drawn: {'; '.join(', '.join(names) + arm for arm, names in left_out.items())}." if left_out else ""
     figure = Figure(lambda: plot_history(history), "Control charts of the figures", CHART + more)
     return [said, figure] if drawn else [said]
 
@@ -132,6 +139,10 @@ def history_blocks(history: History) -> list[Block]:
 def _brief(source: str) -> str:
     """Whose coordinates, so that it stands on one line of a table."""
     return "file" if source == AS_GIVEN else source if len(source) <= SHORT else f"…{source[1 - SHORT :]}"
+
+
+def _marked(verdict: str) -> str:
+    return f"{MARK} {verdict}" if verdict == "non-conformity" else verdict
 
 
 def _conditions(result: AcceptanceResult, certificate: Certificate) -> str:

@@ -40,6 +40,8 @@ if TYPE_CHECKING:  # a document without pictures needs neither matplotlib nor me
 
 DPI = 130
 """Resolution of embedded figures; they are shown at most as wide as the text."""
+MARK = "✗"
+"""Begins a cell that must not be overlooked; a page has it in bold."""
 NOTHING = "–"
 """Stands where there is no number."""
 NUMBER = re.compile(r"[*<> ]*[-+]?\d+(\.\d+)?(e[-+]?\d+)?( \S+)?")
@@ -109,6 +111,7 @@ class Table:
         heads: heads of columns whose name is not what a reader should see, such as ``{"retained_share": "retained"}``.
         explained: how to read it, for pages.
         most: at most so many rows, and how many more there are.
+        spare: head of a column that the shell leaves out where the table would be too wide with it.
         detail: for pages only.
     """
 
@@ -119,6 +122,7 @@ class Table:
     explained: str = ""
     most: int | None = None
     detail: bool = False
+    spare: str = ""
 
     def cells(self) -> pd.DataFrame:
         """The rows that are shown, with text in every cell, under the heads that a reader sees."""

@@ -20,6 +20,8 @@ WIDTH = 118
 """Columns of a table in a pipe or a file, where nothing says how wide it may be."""
 GAP = 2
 """Columns of the terminal beside each column of a table."""
+SPARE = 28
+"""A column of a table that is spare stands where there is room for so many characters."""
 LONGEST = 40
 """Longer words are broken."""
 LABEL = re.compile(r"[a-z_]+:?\w*")
@@ -49,6 +51,9 @@ def _print_table(table: Table) -> None:
     cells = table.cells().map(printable).rename(columns=printable)
     known = stdout().isatty() or "COLUMNS" in os.environ
     console = Console(file=stdout(), width=None if known else WIDTH, markup=False, highlight=False, emoji=False)
+    others = cells.drop(columns=table.spare, errors="ignore")
+    if sum(_widths(others)) + GAP * len(cells.columns) + SPARE > console.width:
+        cells = others
     columns = _columns(cells, console.width)
     console.width = max(console.width, sum(column.width or 0 for column in columns) + GAP * len(columns))
     grid = Grid(*columns, box=SIMPLE, pad_edge=False, collapse_padding=True)
@@ -62,7 +67,7 @@ def _print_table(table: Table) -> None:
 def _columns(cells: pd.DataFrame, width: int) -> list[Column]:
     """Numbers to the right; the widest are narrowed, to their words and, if need be, to the names of files and commands."""
     columns = {str(head): [str(text) for text in texts] for head, texts in cells.items()}
-    widths = [max(map(cell_len, (head, *texts))) for head, texts in columns.items()]
+    widths = _widths(cells)
     for kept in (r"\S+", r"\S*_\S*"):
         least = [_least(head, texts, kept) for head, texts in columns.items()]
         while sum(widths) + GAP * len(widths) > width:
@@ -72,6 +77,10 @@ def _columns(cells: pd.DataFrame, width: int) -> list[Column]:
             widths[wide.index(max(wide))] -= 1
     ways: list[Literal["right", "left"]] = ["right" if are_numbers(texts) else "left" for texts in columns.values()]
     return [Column(head, justify=way, width=w, overflow="fold") for head, way, w in zip(columns, ways, widths, strict=True)]
+
+
+def _widths(cells: pd.DataFrame) -> list[int]:
+    return [max(map(cell_len, map(str, (head, *texts)))) for head, texts in cells.items()]
 
 
 def _least(head: str, texts: list[str], kept: str) -> int:

@@ -18,7 +18,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.csv_table import measurement_file
-from aacmm_pin.verification.figures import DEFINITIONS, ISO, Definition, Evaluated, definitions
+from aacmm_pin.verification.figures import DEFINITIONS, ISO, LENGTH, Definition, Evaluated, Place, definitions
 from aacmm_pin.verification.touches import read_touches
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
@@ -29,6 +29,8 @@ CLOSE = 3e-3
 LONGEST_PART = 0.66
 """The longest of five lengths is at least this part of the measuring range (ISO 10360-12)."""
 
+MOST_LACKING = 3
+"""So many of what is missing are named."""
 SINGULAR = {"touches": "touch", "lengths": "length"}
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
@@ -45,12 +47,19 @@ class AcceptanceFigure:
         definition: what the figure is.
         evaluated: its value and standard uncertainty [m], and what is missing.
         mpe: maximum permissible error [m]; nan where none is given.
+        places: which touches make each of the errors of which it is the largest.
     """
 
     source: str
     definition: Definition
     evaluated: Evaluated
     mpe: float = math.nan
+    places: tuple[Place, ...] = ()
+
+    @property
+    def where(self) -> Place | None:
+        """Which touches make the largest error; None where there is none, or all touches make it."""
+        return self.places[int(np.abs(self.evaluated.errors[:, 0]).argmax())] if self.places else None
 
     @property
     def verdict(self) -> Verdict | None:
@@ -73,20 +82,22 @@ class AcceptanceFigure:
         return int(np.isfinite(self.evaluated.errors[:, 1]).sum())
 
     @property
-    def decided_by(self) -> tuple[float, float] | None:
-        """Magnitude and U [m] of a smaller error that alone forbids a better verdict; None where the largest decides."""
+    def decided_by(self) -> tuple[float, float, int] | None:
+        """Magnitude, U [m] and number of a smaller error that alone forbids a better verdict; None: the largest decides."""
         size, guard = self._sizes
         largest = int(size.argmax())
         if self.verdict == _verdict(size[[largest]], guard[[largest]], self.mpe):
             return None
         other = int((size - guard if self.verdict == "non-conformity" else size + guard).argmax())
-        return None if other == largest else (float(size[other]), float(guard[other]))
+        return None if other == largest else (float(size[other]), float(guard[other]), other)
 
     @property
     def missing(self) -> str:
         """What is missing, in words; "" where nothing is."""
-        few, counted = self.evaluated.missing, self.definition.counted
-        return f"{few} {counted if few > 1 else SINGULAR[counted]}" if few else self.evaluated.why_incomplete
+        few, counted, lacking = self.evaluated.missing, self.definition.counted, self.evaluated.lacking
+        named = "; ".join([*lacking[:MOST_LACKING], *["…"] * (len(lacking) > MOST_LACKING)])
+        text = f"{few} {counted if few > 1 else SINGULAR[counted]}" if few else self.evaluated.why_incomplete
+        return text + f": {named}" * bool(named)
 
 
 def _verdict(size: Array, guard: Array, mpe: float) -> Verdict:
@@ -159,6 +170,7 @@ class AcceptanceResult(Shown):
                 "U_mm": COVERAGE * f.evaluated.u / MM,
                 "mpe_mm": f.mpe / MM,
                 "verdict": f.verdict,
+                "where": "" if f.where is None else str(f.where),
                 "had": f.evaluated.had,
                 "counted": f.definition.counted,
                 "missing": f.missing,
@@ -179,7 +191,10 @@ class AcceptanceResult(Shown):
                 {"coordinates": source, "verdict": verdict, "decided_by": [f.definition.name for f in by]}
                 for source, (verdict, by) in self.overall.items()
             ],
-            "figures": [{str(k): v for k, v in row.items()} for row in figures],
+            "figures": [
+                {str(k): v for k, v in row.items()} | {"where": f.where and {**f.where.labels, "rows": [*f.where.rows]}}
+                for f, row in zip(self.figures, figures, strict=True)
+            ],
             "notes": [*self.notes],
         }
 
@@ -205,7 +220,7 @@ def accept(
     Raises:
         MeasurementFileError: the file cannot be used.
         UnknownNameError: a figure or a standard that is not known.
-        AacmmError: an MPE or the range is no positive number, touches determine no sphere, arms do not fit the file.
+        AacmmError: an MPE or the range is no positive number, arms do not fit the file, every length is in another unit.
     """
     limits = checked_limits(mpe)
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
@@ -214,7 +229,7 @@ def accept(
     wanted = definitions(standard)
     data = measurement_file(str(path))
     sets, read_as, stated = read_touches(str(path), data, models)
-    figures = []
+    figures, unfit = [], dict[str, list[str]]()
     doubts = list(_doubts(*next(iter(sets.items()))))
     for source, touches in sets.items():
         for definition in wanted:
@@ -224,8 +239,13 @@ def accept(
                 try:
                     evaluated = _in_range(definition.evaluate(of_test), definition, of_test, measuring_range)
                 except AacmmError as error:
-                    raise AacmmError(f"{path}: {definition.name} by {source}: {error}") from None
-                figures.append(AcceptanceFigure(source, definition, evaluated, limits.get(definition.name, math.nan)))
+                    had = of_test.groupby([*LENGTH]).ngroups if definition.counted == "lengths" else len(of_test)
+                    evaluated = Evaluated(math.nan, math.nan, had, 0, "see the notes")
+                    unfit.setdefault(f"by {source} no value: {error}", []).append(definition.name)
+                places = tuple(Place.of(of_test[of_test["row"].isin(rows)]) for rows in evaluated.rows)
+                mpe_of = limits.get(definition.name, math.nan)
+                figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, places))
+    doubts += [f"{', '.join(names)} {why}" for why, names in unfit.items()]
     notes = (*read_as, *doubts, *_notes(figures, measuring_range))
     return AcceptanceResult(str(path), tuple(figures), notes, stated, data)
 
@@ -278,9 +298,10 @@ def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -
         notes.append(f"{', '.join(partly)}: some uncertainties are not stated, and their guard bands are zero")
     for figure in judged:
         if (other := figure.decided_by) is not None:
-            size, guard = (f"{length / MM:.4g} mm" for length in other)
+            size, guard = (f"{length / MM:.4g} mm" for length in other[:2])
             notes.append(
-                f"{figure.definition.name} by {figure.source}: another error, {size} with U = {guard}, decides the verdict"
+                f"{figure.definition.name} by {figure.source}: another error, {size} with U = {guard}, "
+                f"{figure.places[other[2]]}, decides the verdict"
             )
     if measuring_range is None and any(f.definition.name in ("E_Uni", "E_Bi") for f in figures):
         notes.append("measuring range not given; whether the longest length is 66 % of it was not checked")

@@ -6,9 +6,10 @@ touches of one test, see :func:`aacmm_pin.verification.touches.read_touches`; a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -19,9 +20,43 @@ from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.acceptance_columns import PART
 from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere, minimum_circumscribed_sphere
 
+LENGTH = ("length_id", "position", "repeat")
+"""What tells one measured length from another."""
 CAP = 4.0
 """Independent errors of touches that are enlarged by more than this in the diameter: 25 of
 them are within about 45° of their middle then, nine within 60°."""
+MOST_LISTED = 6
+"""Rows that are listed one by one."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Touches of a test: the labels that all of them have, by column, and their lines in the file."""
+
+    labels: Mapping[str, str]
+    rows: tuple[int, ...]
+
+    @classmethod
+    def of(cls, touches: pd.DataFrame) -> Place:
+        """The place of these touches."""
+        labels = {name: touches[name].iloc[0] for name in ("length_id", "feature", "position", "repeat")}
+        shared = {name: label for name, label in labels.items() if label and (touches[name] == label).all()}
+        return cls(shared, _rows(touches))
+
+    def __str__(self) -> str:
+        first, last, few = min(self.rows), max(self.rows), self.rows[:MOST_LISTED]
+        text = ", ".join([*map(str, few), *["…"] * (len(self.rows) > len(few))])
+        if len(self.rows) > 2 and last - first + 1 == len(self.rows):
+            text = f"{first} to {last}"
+        return f"{', '.join([_named(self.labels), ''] if self.labels else [''])}row{'s' * (len(self.rows) > 1)} {text}"
+
+
+def _named(labels: Mapping[str, str]) -> str:
+    return ", ".join(f"{name.removesuffix('_id')} {label}" for name, label in labels.items())
+
+
+def _rows(touches: pd.DataFrame) -> tuple[int, ...]:
+    return tuple(touches["row"].tolist())
 
 
 @dataclass(frozen=True)
@@ -29,7 +64,8 @@ class Evaluated:
     """One figure's value and its standard uncertainty [m], how many of what it had, and how many are missing.
 
     ``value`` is nan where something is missing; ``u`` is nan where none is stated, or none belongs to the figure. ``errors``
-    (n, 2) are all of which it is the largest, each with its own u.
+    (n, 2) are all of which it is the largest, each with its own u, and ``rows`` the lines of the touches of each, where it
+    comes from some. ``lacking`` names what was begun, or is elsewhere, and is missing here.
     """
 
     value: float
@@ -38,6 +74,8 @@ class Evaluated:
     missing: int
     why_incomplete: str = ""
     errors: Array = field(default_factory=lambda: np.empty((0, 2)))
+    rows: tuple[tuple[int, ...], ...] = ()
+    lacking: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -70,28 +108,38 @@ def _short(sizes: Iterable[int], each: int, count: int) -> int:
     return sum(max(each - size, 0) for size in [*sizes, *[0] * (count - len(sizes))])
 
 
-def _worst(values: Sequence[float], u: Sequence[float], had: int, missing: int) -> Evaluated:
-    """The value of largest magnitude, with its u; none where something is missing."""
-    if missing or not values:
-        return Evaluated(np.nan, np.nan, had, missing)
+def _begun(groups: Iterable[pd.DataFrame], each: int) -> tuple[str, ...]:
+    """The names of groups with fewer touches than ``each``."""
+    return tuple(_named(Place.of(group).labels) for group in groups if len(group) < each)
+
+
+def _without(had: int, missing: int, lacking: Sequence[str] = (), why: str = "") -> Evaluated:
+    return Evaluated(np.nan, np.nan, had, missing, why, lacking=tuple(lacking))
+
+
+def _worst(values: Sequence[float], u: Sequence[float], had: int, rows: Iterable[tuple[int, ...]] = ()) -> Evaluated:
+    """The value of largest magnitude, with its u."""
     worst = int(np.abs(values).argmax())
-    return Evaluated(float(values[worst]), float(u[worst]), had, 0, errors=np.column_stack([values, u]))
+    return Evaluated(float(values[worst]), float(u[worst]), had, 0, "", np.column_stack([values, u]), tuple(rows))
 
 
 def _of_spheres(touches: pd.DataFrame, by: Sequence[str], each: int, count: int, size: bool) -> Evaluated:
     """The worst diameter error, or form, of the spheres that ``by`` tells apart."""
     groups = _groups(touches, *by)
-    missing = _short(map(len, groups), each, count)
-    if missing:
-        return _worst([], [], len(touches), missing)
+    if missing := _short(map(len, groups), each, count):
+        return _without(len(touches), missing, _begun(groups, each))
     spheres = [_sphere(group) for group in groups]
     if max(sphere.diameter_factor for sphere in spheres) > CAP:
-        return Evaluated(np.nan, np.nan, len(touches), 0, "touches farther round")
+        return _without(len(touches), 0, why="touches farther round")
     if not size:
-        return _worst([sphere.form for sphere in spheres], [np.nan] * len(groups), len(touches), 0)
-    stated = [group[["feature_diameter", "probe_diameter", "u_length"]].iloc[0] for group in groups]
-    errors = [s.diameter - g["feature_diameter"] - g["probe_diameter"] for s, g in zip(spheres, stated, strict=True)]
-    return _worst(errors, [g["u_length"] for g in stated], len(touches), 0)
+        return _worst([s.form for s in spheres], [np.nan] * len(groups), len(touches), map(_rows, groups))
+    errors, stated = [*map(size_error, groups, spheres)], [group["u_length"].iloc[0] for group in groups]
+    return _worst(errors, stated, len(touches), map(_rows, groups))
+
+
+def size_error(touches: pd.DataFrame, sphere: FittedSphere) -> float:
+    """How much larger the sphere through some touches is than the calibrated one and the probe [m]."""
+    return float(sphere.diameter - touches["feature_diameter"].iloc[0] - touches["probe_diameter"].iloc[0])
 
 
 def _sphere(touches: pd.DataFrame) -> FittedSphere:
@@ -103,17 +151,17 @@ def _sphere(touches: pd.DataFrame) -> FittedSphere:
 
 
 def _location(touches: pd.DataFrame) -> Evaluated:
-    places = [_groups(place, "repeat") for place in _groups(touches, "feature", "position")]
-    missing = sum(_short(map(len, place), 5, 5) for place in places) if places else 25
-    if missing:
-        return _worst([], [], len(touches), missing)
+    whole = _groups(touches, "feature", "position")
+    places = [_groups(place, "repeat") for place in whole]
+    if missing := sum(_short(map(len, place), 5, 5) for place in places) if places else 25:
+        return _without(len(touches), missing, [name for place in places for name in _begun(place, 5)])
     found = [minimum_circumscribed_sphere(np.array([_sphere(g).center for g in place]))[1] for place in places]
-    return _worst(found, [np.nan] * len(found), len(touches), 0)
+    return _worst(found, [np.nan] * len(found), len(touches), map(_rows, whole))
 
 
 def _lengths(touches: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
-    """The lengths of which both ends were touched: their labels, calibrated length, its u, and the error [m]."""
-    labels, at = ["length_id", "position", "repeat"], ["x", "y", "z"]
+    """The lengths of which both ends were touched: labels, calibrated length, its u, error [m], and rows of touches."""
+    labels, at = [*LENGTH], ["x", "y", "z"]
     ends = touches.groupby([*labels, "feature"], sort=False)
     sizes = ends.size()
     _check_ends(touches, sizes.reset_index(name="touches"))
@@ -126,19 +174,20 @@ def _lengths(touches: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
     apart = (of_lengths.last() - of_lengths.first())[both].to_numpy()
     probe = stated["probe_diameter"] if both_sides else 0.0
     errors = np.linalg.norm(apart, axis=1) - stated["length"] - probe
-    return stated.rename(columns={"u_length": "u"}).assign(error=errors).reset_index()
+    row, where = touches["row"].to_numpy(), touches.groupby(labels, sort=False).indices
+    rows = pd.Series([tuple(row[where[length]].tolist()) for length in stated.index], stated.index)
+    return stated.rename(columns={"u_length": "u"}).assign(error=errors, rows=rows).reset_index()
 
 
 def _check_ends(touches: pd.DataFrame, ends: pd.DataFrame) -> None:
     """Two features at most of each length, with one touch each or with enough for a sphere."""
-    labels = ["length_id", "position", "repeat"]
+    labels = [*LENGTH]
     bad = ends["touches"].between(2, LEAST - 1) | (ends.groupby(labels)["feature"].transform("size") > 2)
     if bad.any():
         first = ends[bad].iloc[:1][labels]
-        rows = touches.merge(first, on=labels)["row"]
         came = ", ".join(f"{n} of {name}" for name, n in ends.merge(first, on=labels)[["feature", "touches"]].to_numpy())
         raise AacmmError(
-            f"length_id, position, repeat {tuple(first.iloc[0])} (row {', '.join(map(str, rows.head(6)))}, …) has touches: "
+            f"{Place.of(touches.merge(first, on=labels))} has touches: "
             f"{came}; expected two features with 1 touch each, or with {LEAST} and more all over a sphere"
         )
 
@@ -147,40 +196,62 @@ def _length_errors(touches: pd.DataFrame, both_sides: bool) -> Evaluated:
     lengths = _lengths(touches, both_sides)
     of_lengths = _groups(lengths, "length_id")
     missing = 21 * max(5 - len(of_lengths), 0)
-    missing += sum(_short(map(len, _groups(one, "position")), 3, 7) for one in of_lengths)
-    return _worst([*lengths["error"]], [*lengths["u"]], len(lengths), missing)
+    if missing := missing + sum(_short(map(len, _groups(one, "position")), 3, 7) for one in of_lengths):
+        return _without(len(lengths), missing, [*_not_there(touches, lengths)])
+    return _worst([*lengths["error"]], [*lengths["u"]], len(lengths), lengths["rows"])
+
+
+def _not_there(touches: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
+    """Which of three repeats in seven positions are not among the ``lengths``, as far as labels elsewhere tell."""
+    there = {*zip(*(lengths[name] for name in LENGTH), strict=True)}
+    positions, repeats = touches["position"].unique(), touches["repeat"].unique()
+    begun = touches[["length_id", "position"]].drop_duplicates().itertuples(index=False, name=None)
+    places = product(touches["length_id"].unique(), positions) if len(positions) <= 7 else begun
+    for length, position in places:
+        if sum((length, position, repeat) in there for repeat in repeats) < 3:
+            for repeat in repeats:
+                if (length, position, repeat) not in there:
+                    yield _named(dict(zip(LENGTH, (length, position, repeat), strict=True)))
 
 
 def _volumetric(touches: pd.DataFrame, rms: bool) -> Evaluated:
     lengths = _lengths(touches, both_sides=False)
     places = len(lengths[["length_id", "position"]].drop_duplicates())
     errors = lengths["error"].to_numpy()
-    missing = max(20 - places, 2 - lengths["length_id"].nunique(), 0)
-    if missing or not rms:
-        return _worst([*errors], [*lengths["u"]], len(errors), missing)
+    if missing := max(20 - places, 2 - lengths["length_id"].nunique(), 0):
+        begun = [group for group in _groups(touches, *LENGTH) if group["feature"].nunique() < 2]
+        return _without(len(errors), missing, _begun(begun, len(touches) + 1))
+    if not rms:
+        return _worst([*errors], [*lengths["u"]], len(errors), lengths["rows"])
     # A common error of the calibrated lengths moves the RMS by as much as itself at most.
-    return _worst([2 * np.sqrt(np.mean(errors**2))], [2 * lengths["u"].max(skipna=False)], len(errors), 0)
+    return _worst([2 * np.sqrt(np.mean(errors**2))], [2 * lengths["u"].max(skipna=False)], len(errors))
 
 
-def _single_point(touches: pd.DataFrame, statistic: Callable[[Array], float]) -> Evaluated:
+def _single_point(touches: pd.DataFrame, statistic: Callable[[Array], float] | None) -> Evaluated:
+    """The worst statistic of a place; without one, the touch farthest from the mean of its place."""
     places = _groups(touches, "position")
-    missing = _short(map(len, places), 10, 3)
-    found = [] if missing else [statistic(_points(place)) for place in places]
-    return _worst(found, [np.nan] * len(found), len(touches), missing)
+    if missing := _short(map(len, places), 10, 3):
+        return _without(len(touches), missing, _begun(places, 10))
+    if statistic is None:
+        deviations = np.concatenate([_deviations(_points(place)) for place in places])
+        rows = ((row,) for place in places for row in _rows(place))
+        return _worst([*deviations], [np.nan] * len(deviations), len(touches), rows)
+    return _worst([statistic(_points(p)) for p in places], [np.nan] * len(places), len(touches), map(_rows, places))
 
 
 def _single_point_part(touches: pd.DataFrame, high: bool) -> Evaluated:
     """Of the touches whose posture was predicted to be accurate, or of the others; each place needs one at least."""
     places = _groups(touches, "position")
     chosen = [((place["part"] == PART) == high).to_numpy() for place in places]
-    missing = _short(map(len, places), 10, 3) + sum(not flags.any() for flags in chosen)
-    pairs = zip(places, chosen, strict=True)
-    found = [] if missing else [single_point_statistics(_points(place), flags).part for place, flags in pairs]
-    return _worst(found, [np.nan] * len(found), len(touches), missing)
+    if missing := _short(map(len, places), 10, 3) + sum(not flags.any() for flags in chosen):
+        return _without(len(touches), missing, _begun(places, 10))
+    pairs = [*zip(places, chosen, strict=True)]
+    found = [single_point_statistics(_points(place), flags).part for place, flags in pairs]
+    return _worst(found, [np.nan] * len(found), len(touches), (_rows(place[flags]) for place, flags in pairs))
 
 
-def _largest_deviation(points: Array) -> float:
-    return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+def _deviations(points: Array) -> Array:
+    return np.asarray(np.linalg.norm(points - points.mean(axis=0), axis=1))
 
 
 def _sigma(points: Array) -> float:
@@ -227,7 +298,7 @@ DEFINITIONS = (
     Definition(
         "SPAT.Max", ASME, "single-point articulation performance test", "single-point",
         f"largest distance of a touch from the mean of one point in ten articulations; worst of three distances, {ZONES}",
-        partial(_single_point, statistic=_largest_deviation),
+        partial(_single_point, statistic=None),
     ),
     Definition(
         "SPAT.2s", ASME, "single-point articulation performance test", "single-point",

@@ -1,6 +1,7 @@
 """The acceptance checks of an arm over time: a file of their figures, and whether the latest lies where the others lie.
 
 An individuals chart (Shewhart; ISO 7870-2): the mean of the earlier values, and limits 2.66 mean moving ranges away from it.
+Values that did not conform, or lay outside their own limits, have a cause of their own, and no part in later limits.
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
@@ -30,9 +33,11 @@ from aacmm_pin.verification.figures import DEFINITIONS
 COLUMNS = ("time", "instrument", "arm", "figure", "value_mm", "U_mm", "mpe_mm", "verdict", "version")
 LEAST_CHECKS = 8
 """Earlier checks that limits need. A figure of an arm that has not changed lies outside then in 3.1 % of checks, with 20
-earlier ones in 1.1 % (200 000 normal series each)."""
+earlier ones in 1.9 % (200 000 normal series each)."""
 PER_MOVING_RANGE = 2.66
 """Half-width of the limits in mean moving ranges: three standard deviations, 3 / 1.128."""
+HALF = {"SinglePoint.Sigma": "SPAT.2s"}
+"""A figure that is half of another, and has no chart beside it."""
 SAME = 1e-9
 """Values that differ by no more than this are the same [mm]."""
 
@@ -48,6 +53,7 @@ class ControlChart:
         values: of the figure without their signs (n,) [m], for the largest error is now above zero and now below; the last
             is that of the check.
         mpe: maximum permissible error of the latest [m]; nan where none.
+        failed: which of them do not conform (n,).
     """
 
     arm: str
@@ -55,27 +61,49 @@ class ControlChart:
     times: tuple[datetime, ...]
     values: Array
     mpe: float
+    failed: NDArray[np.bool_]
+
+    @cached_property
+    def counted(self) -> NDArray[np.bool_]:
+        """Which of the earlier values (n - 1,) make the limits: those that do not fail and lay within their own limits."""
+        counted = np.zeros(len(self.values) - 1, dtype=bool)
+        for k, value in enumerate(self.values[:-1]):
+            counted[k] = not self.failed[k] and not _outside(value, _limits(self.values[:k][counted[:k]]))
+        return counted
+
+    @property
+    def usual(self) -> Array:
+        """The earlier values that count [m]."""
+        return self.values[:-1][self.counted]
 
     @property
     def centre(self) -> float:
-        """Mean of the earlier values [m]; nan where there are none."""
-        return float(self.values[:-1].mean()) if len(self.values) > 1 else math.nan
+        """Their mean [m]; nan where there are none."""
+        return float(self.usual.mean()) if len(self.usual) else math.nan
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Of the usual range [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values.
+        """Of the usual range [m]; nan with fewer than :data:`LEAST_CHECKS` earlier values that count.
 
         The lower one is nan too where it would be below zero, as no magnitude is.
         """
-        if len(self.values) <= LEAST_CHECKS:
-            return math.nan, math.nan
-        away = PER_MOVING_RANGE * float(np.abs(np.diff(self.values[:-1])).mean())
-        return self.centre - away if away < self.centre else math.nan, self.centre + away
+        return _limits(self.usual)
 
     @property
     def left(self) -> bool:
         """Whether the latest value lies outside the limits."""
-        return bool(self.values[-1] < self.limits[0] or self.values[-1] > self.limits[1])
+        return _outside(self.values[-1], self.limits)
+
+
+def _limits(values: Array) -> tuple[float, float]:
+    if len(values) < LEAST_CHECKS:
+        return math.nan, math.nan
+    centre, away = float(values.mean()), PER_MOVING_RANGE * float(np.abs(np.diff(values)).mean())
+    return centre - away if away < centre else math.nan, centre + away
+
+
+def _outside(value: float, limits: tuple[float, float]) -> bool:
+    return bool(value < limits[0] or value > limits[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,15 +185,19 @@ class History(Shown):
         return replace(self, checks=checks, time=time, instrument=instrument, appended=len(table) > 0)
 
     def charts(self) -> tuple[ControlChart, ...]:
-        """A chart for each figure of the check that is looked at, in its order."""
+        """A chart for each figure of the check that is looked at, in its order; of :data:`HALF` none beside its double."""
         of = self.checks[self.checks["instrument"] == self.instrument]
         charts = []
         check: list[Any] = [*of[of["time"] == self.time].itertuples()]
+        there = {(latest.arm, latest.figure) for latest in check}
         for latest in check:
+            if (latest.arm, HALF.get(latest.figure)) in there:
+                continue
             alike = of[(of["arm"] == latest.arm) & (of["figure"] == latest.figure) & (of["time"] <= self.time)]
             alike = alike.sort_values("time")
             values = np.abs(alike["value_mm"].to_numpy(dtype=np.float64)) * MM
-            charts.append(ControlChart(latest.arm, latest.figure, tuple(alike["time"]), values, latest.mpe_mm * MM))
+            failed = (alike["verdict"] == "non-conformity").to_numpy()
+            charts.append(ControlChart(latest.arm, latest.figure, tuple(alike["time"]), values, latest.mpe_mm * MM, failed))
         return tuple(charts)
 
     def __str__(self) -> str:
@@ -181,6 +213,7 @@ class History(Shown):
                 "coordinates": chart.arm,
                 "figure": chart.figure,
                 "checks_before": len(chart.values) - 1,
+                "checks_counted": int(chart.counted.sum()),
                 "centre_mm": _or_none(chart.centre),
                 "lower_mm": _or_none(chart.limits[0]),
                 "upper_mm": _or_none(chart.limits[1]),

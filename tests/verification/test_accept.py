@@ -69,7 +69,7 @@ def everything() -> pd.DataFrame:
         offsets = np.zeros((10, 3))
         offsets[0, 2], offsets[1, 2] = 0.01 * place, -0.01 * place
         tables.append(rows(np.array([100.0 * place, 0, 0]) + offsets, test="single-point", position=place))
-    return pd.concat(tables, ignore_index=True)
+    return pd.concat(tables, ignore_index=True).astype({"position": "Int64", "repeat": "Int64"})
 
 
 EXPECTED = {
@@ -335,12 +335,34 @@ def test_what_cannot_be_judged(data: Path, tmp_path: Path) -> None:
     table[table["test"] == "single-point"].to_csv(tmp_path / "no.csv", index=False)
     with pytest.raises(AacmmError, match="no coordinates"):
         accept(tmp_path / "no.csv")
-    flat = everything()
-    flat.loc[flat["test"] == "sphere", "z_mm"] = 0.0
-    flat.to_csv(data, index=False)
-    with pytest.raises(AacmmError, match=r"P_Form.*plane"):
-        accept(data)
-    length = lengths(1, 1, 1, 0.0, 0.0, test="volumetric")
-    pd.concat([length, length.assign(feature="C")]).to_csv(data, index=False)
-    with pytest.raises(AacmmError, match=r"1 of A, 1 of B, 2 of C"):
-        accept(data)
+
+
+@pytest.mark.parametrize("test", ["sphere", "volumetric"])
+def test_touches_that_fit_no_sphere_take_only_their_figures_values(data: Path, test: str) -> None:
+    """Touches of a sphere in a plane; a third feature of a length, with three touches."""
+    table = everything()
+    table.loc[table["test"] == "sphere", "z_mm"] *= test != "sphere"
+    table = pd.concat([table, *[table[table["test"] == "volumetric"][:1].assign(feature="C")] * 3 * (test != "sphere")])
+    table.to_csv(data, index=False)
+    result = accept(data)
+    assert {f.definition.test for f in result.figures if np.isnan(f.evaluated.value)} == {test}
+    (note,) = (note for note in result.notes if "no value" in note)
+    assert ("plane" if test == "sphere" else "3 of C") in note
+    assert (" 2, " if test == "sphere" else f"{len(table) + 1}") in note
+
+
+def test_every_figure_says_where_it_is(data: Path) -> None:
+    table = everything()
+    lines = np.arange(len(table)) + 2
+    table.to_csv(data, index=False)
+    content = json.loads(done(data, "--json", "-"))
+    where = {f["figure"]: f["where"] for f in content["figures"]}
+    last = {"position": "6", "repeat": "2", "length_id": "L4"}
+    assert where["E_Uni"] == last | {"rows": lines[table["test"] == "length-uni"][-2:].tolist()}
+    assert where["SPAT.Max"] == {"position": "2", "rows": [lines[table["test"] == "single-point"][20]]}
+    assert where["P_Size.Sph.1x25"]["position"] == "1"
+    assert [name for name, place in where.items() if place is None] == ["Volumetric.2RMS"]
+    row = table.index[table["test"] == "length-uni"][40]
+    table.drop(row).to_csv(data, index=False)
+    (found,) = (f for f in accept(data).figures if f.definition.name == "E_Uni")
+    assert found.missing == "1 length: length L0, position 6, repeat 2"

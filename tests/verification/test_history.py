@@ -56,6 +56,31 @@ def test_limits_are_those_of_individuals_charts(tmp_path: Path, latest: float, l
     assert not few.left
 
 
+def test_a_failed_check_does_not_widen_the_limits(tmp_path: Path) -> None:
+    """In one month the arm is 2.5 times worse, by its MPE or not; later ones are judged as if that were not there."""
+    usual = history(tmp_path, [*SIZES, 0.0201, 0.0231])
+    (expected,) = (chart.limits for chart in usual.charts() if chart.figure == "SPAT.Max")
+    for mpe in ({}, {"SPAT.Max": 4e-5}):
+        found = history(tmp_path, [*SIZES, 0.0201])
+        for month, size in ((10, 0.05), (11, 0.0231)):
+            result = accept(touches(tmp_path / "t.csv", size), mpe=mpe)
+            found = found.with_check(result, START + timedelta(days=30 * month))
+        (chart,) = (chart for chart in found.charts() if chart.figure == "SPAT.Max")
+        assert (chart.limits, chart.counted.tolist()) == (expected, [True] * 9 + [False])
+        assert {row["figure"]: row["checks_counted"] for row in found.summary()} == {"SPAT.Max": 9, "SPAT.2s": 9}
+    two = history(tmp_path, SIZES[:1]).with_check(result, START + timedelta(days=30))
+    failed = two.with_check(accept(touches(tmp_path / "t.csv", 0.05), mpe=mpe), START + timedelta(days=60))
+    last = accept(touches(tmp_path / "t.csv", 0.0202))
+    assert failed.with_check(last, START + timedelta(days=90)).charts()[0].counted.tolist() == [True, True, False]
+
+
+def test_a_check_of_no_named_arm_says_which_arms_there_are(tmp_path: Path) -> None:
+    words = ["accept", str(touches(tmp_path / "t.csv", 0.02)), "--history", str(tmp_path / "checks.csv")]
+    assert CliRunner().invoke(app, [*words, "--instrument", "no. 12"]).exit_code == 0
+    touches(tmp_path / "t.csv", 0.03)
+    assert "'no. 12'" in CliRunner().invoke(app, words).stderr
+
+
 def test_a_check_is_appended_once(tmp_path: Path) -> None:
     path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
     words = ["accept", str(data), "--history", str(path), "--instrument", "no. 12", "--mpe", "SPAT.Max=0.03"]
@@ -133,7 +158,14 @@ def test_certificate_is_one_sheet(tmp_path: Path, page: Browser) -> None:
         assert page.evaluate("document.querySelectorAll('figure img').length") == 1
         heads = page.evaluate("[...document.querySelector('table').rows[0].cells].map((cell) => cell.innerText)")
         assert {"value [mm]", "MPE [mm]"} <= set(heads)
-        assert ("missing" in heads) == any(f.missing for f in result.figures) == bool(arms)
+        assert (
+            ("missing: " in page.evaluate("document.body.textContent"))
+            == any(f.missing for f in result.figures)
+            == bool(arms)
+        )
+        assert (heads[:2], heads[-1]) == (["figure", "verdict"], "where")
+        of_verdicts = page.evaluate("document.querySelector('table').rows[0].cells[1].getBoundingClientRect().right")
+        assert of_verdicts <= 390
         seen = page.evaluate("document.body.textContent")
         assert all(text in seen for text in ("Operator", "Signature", "coordinates: as in the file", str(result)))
         assert page.printed_pages() == 1
