@@ -36,6 +36,8 @@ PART = "high"
 """In the column ``part``: a touch in a posture that was predicted to be accurate."""
 PLANNED = "planned_"
 """Begins the columns in which a procedure says where the arm was to be: no conditions of a record."""
+READINGS = r"theta\d+_(deg|rad)"
+"""Columns of indications."""
 LABELS = ("feature", "test", "position", "repeat", "length_id", "part")
 ACCEPTANCE = (*LABELS, *NUMBERS)
 
@@ -58,7 +60,7 @@ def as_records(table: pd.DataFrame, lines: Index, source: str) -> tuple[pd.DataF
     Raises:
         MeasurementFileError: some tests are known, and others not, or a length is no number.
     """
-    if not _texts(table, "test").isin(NEEDED).any():
+    if not _texts(table, "test").isin(NEEDED).any() or not table.columns.astype(str).str.fullmatch(READINGS).any():
         return table, ()
     table, problems = table.reset_index(drop=True), Problems(source, lines)
     check_tests(table, problems)

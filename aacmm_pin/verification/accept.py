@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -18,14 +18,13 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.csv_table import measurement_file
+from aacmm_pin.verification.doubts import check_unit, doubts
 from aacmm_pin.verification.figures import DEFINITIONS, ISO, LENGTH, Definition, Evaluated, Place, definitions
 from aacmm_pin.verification.touches import read_touches
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 COVERAGE = 2.0
 """Coverage factor of the guard band: U = 2 u, about 95 %."""
-CLOSE = 3e-3
-"""Touches of a test that are all closer together than this may be coordinates in another unit [m]."""
 LONGEST_PART = 0.66
 """The longest of five lengths is at least this part of the measuring range (ISO 10360-12)."""
 
@@ -230,7 +229,12 @@ def accept(
     data = measurement_file(str(path))
     sets, read_as, stated = read_touches(str(path), data, models)
     figures, unfit = [], dict[str, list[str]]()
-    doubts = list(_doubts(*next(iter(sets.items()))))
+    first = next(iter(sets))
+    try:
+        check_unit(sets[first])
+    except AacmmError as error:
+        raise AacmmError(f"{path}: {first}: {error}") from None
+    found = [*doubts(first, sets[first])]
     for source, touches in sets.items():
         for definition in wanted:
             of_test = touches[touches["test"] == definition.test]
@@ -245,18 +249,9 @@ def accept(
                 places = tuple(Place.of(of_test[of_test["row"].isin(rows)]) for rows in evaluated.rows)
                 mpe_of = limits.get(definition.name, math.nan)
                 figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, places))
-    doubts += [f"{', '.join(names)} {why}" for why, names in unfit.items()]
-    notes = (*read_as, *doubts, *_notes(figures, measuring_range))
+    found += [f"{', '.join(names)} {why}" for why, names in unfit.items()]
+    notes = (*read_as, *found, *_notes(figures, measuring_range))
     return AcceptanceResult(str(path), tuple(figures), notes, stated, data)
-
-
-def _doubts(source: str, touches: pd.DataFrame) -> Iterator[str]:
-    """What about the coordinates of a set is not as a test gives them."""
-    at = touches[["x", "y", "z"]]
-    if copies := int(at.duplicated().sum()):
-        yield f"{source}: {copies} of {len(at)} touches have the very coordinates of another; a copy says nothing of the arm"
-    if (extent := float(np.ptp(at.to_numpy(), axis=0).max())) < CLOSE:
-        yield f"{source}: all touches are within {extent / MM:.3g} mm of each other; are the coordinates in mm?"
 
 
 def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:

@@ -94,7 +94,8 @@ class Definition:
     column: str = ""
 
 
-def _points(touches: pd.DataFrame) -> Array:
+def points_of(touches: pd.DataFrame) -> Array:
+    """Their coordinates (n, 3) [m]."""
     return touches[["x", "y", "z"]].to_numpy()
 
 
@@ -144,7 +145,7 @@ def size_error(touches: pd.DataFrame, sphere: FittedSphere) -> float:
 
 def _sphere(touches: pd.DataFrame) -> FittedSphere:
     try:
-        return fitted_sphere(_points(touches))
+        return fitted_sphere(points_of(touches))
     except AacmmError as error:
         rows = ", ".join(map(str, touches["row"].head(6)))
         raise AacmmError(f"feature {touches['feature'].iloc[0]}, row {rows}, …: {error}") from None
@@ -159,7 +160,7 @@ def _location(touches: pd.DataFrame) -> Evaluated:
     return _worst(found, [np.nan] * len(found), len(touches), map(_rows, whole))
 
 
-def _lengths(touches: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
+def measured_lengths(touches: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
     """The lengths of which both ends were touched: labels, calibrated length, its u, error [m], and rows of touches."""
     labels, at = [*LENGTH], ["x", "y", "z"]
     ends = touches.groupby([*labels, "feature"], sort=False)
@@ -193,7 +194,7 @@ def _check_ends(touches: pd.DataFrame, ends: pd.DataFrame) -> None:
 
 
 def _length_errors(touches: pd.DataFrame, both_sides: bool) -> Evaluated:
-    lengths = _lengths(touches, both_sides)
+    lengths = measured_lengths(touches, both_sides)
     of_lengths = _groups(lengths, "length_id")
     missing = 21 * max(5 - len(of_lengths), 0)
     if missing := missing + sum(_short(map(len, _groups(one, "position")), 3, 7) for one in of_lengths):
@@ -215,7 +216,7 @@ def _not_there(touches: pd.DataFrame, lengths: pd.DataFrame) -> Iterator[str]:
 
 
 def _volumetric(touches: pd.DataFrame, rms: bool) -> Evaluated:
-    lengths = _lengths(touches, both_sides=False)
+    lengths = measured_lengths(touches, both_sides=False)
     places = len(lengths[["length_id", "position"]].drop_duplicates())
     errors = lengths["error"].to_numpy()
     if missing := max(20 - places, 2 - lengths["length_id"].nunique(), 0):
@@ -233,10 +234,10 @@ def _single_point(touches: pd.DataFrame, statistic: Callable[[Array], float] | N
     if missing := _short(map(len, places), 10, 3):
         return _without(len(touches), missing, _begun(places, 10))
     if statistic is None:
-        deviations = np.concatenate([_deviations(_points(place)) for place in places])
+        deviations = np.concatenate([_deviations(points_of(place)) for place in places])
         rows = ((row,) for place in places for row in _rows(place))
         return _worst([*deviations], [np.nan] * len(deviations), len(touches), rows)
-    return _worst([statistic(_points(p)) for p in places], [np.nan] * len(places), len(touches), map(_rows, places))
+    return _worst([statistic(points_of(p)) for p in places], [np.nan] * len(places), len(touches), map(_rows, places))
 
 
 def _single_point_part(touches: pd.DataFrame, high: bool) -> Evaluated:
@@ -246,7 +247,7 @@ def _single_point_part(touches: pd.DataFrame, high: bool) -> Evaluated:
     if missing := _short(map(len, places), 10, 3) + sum(not flags.any() for flags in chosen):
         return _without(len(touches), missing, _begun(places, 10))
     pairs = [*zip(places, chosen, strict=True)]
-    found = [single_point_statistics(_points(place), flags).part for place, flags in pairs]
+    found = [single_point_statistics(points_of(place), flags).part for place, flags in pairs]
     return _worst(found, [np.nan] * len(found), len(touches), (_rows(place[flags]) for place, flags in pairs))
 
 

@@ -18,7 +18,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS, PLANNED
+from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS, PLANNED, READINGS
 from aacmm_pin.measurements.csv_columns import REFERENCE, Problems
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.measuring_points import Pool, bars_for
@@ -27,7 +27,6 @@ from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.postures.articulation import articulations
 from aacmm_pin.postures.sampling import brought_to, spread_out
 from aacmm_pin.verification.figures import STANDARDS, definitions
-from aacmm_pin.verification.touches import READINGS
 
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
 """Between which parts of the reach spheres stand, chosen here; the reach counts from joint 2."""

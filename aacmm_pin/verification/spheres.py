@@ -23,12 +23,15 @@ class FittedSphere(NamedTuple):
     """A least-squares sphere: centre (3,), diameter, and form, the range of radial distances of its points [m].
 
     ``diameter_factor`` is the standard deviation of the diameter over that of independent errors of its points.
+    ``residuals`` are how far outside the points lie (n,) [m], ``leverages`` the parts of their errors that it follows.
     """
 
     center: Array
     diameter: float
     form: float
     diameter_factor: float
+    residuals: Array
+    leverages: Array
 
 
 def fitted_sphere(points: ArrayLike) -> FittedSphere:
@@ -63,7 +66,9 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     )
     size = float(extents[0])
     factor = 2 * float(np.linalg.norm(np.linalg.pinv(found.jac)[3]))
-    return FittedSphere(middle + found.x[:3] * size, 2 * float(found.x[3]) * size, float(np.ptp(found.fun)) * size, factor)
+    leverages = np.sum(np.linalg.qr(found.jac).Q ** 2, axis=1)
+    center, diameter, residuals = middle + found.x[:3] * size, 2 * float(found.x[3]) * size, found.fun * size
+    return FittedSphere(center, diameter, float(np.ptp(residuals)), factor, residuals, leverages)
 
 
 def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:

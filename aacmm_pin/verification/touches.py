@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,15 +15,13 @@ from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
-from aacmm_pin.measurements.acceptance_columns import ACCEPTANCE, LABELS, NEEDED, NUMBERS, ONE_VALUE, check_tests
-from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U, Problems
+from aacmm_pin.measurements.acceptance_columns import ACCEPTANCE, LABELS, NEEDED, NUMBERS, ONE_VALUE, READINGS, check_tests
+from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U, Problems, span
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.records import Measurements
 
 STATED = ("operator", "session", "temperature_c", "probe_diameter_mm", "feature_diameter_mm", "length_mm")
 """Columns that are told of a check as a whole."""
-READINGS = r"theta\d+_(deg|rad)"
-"""Columns of indications."""
 MOST_NAMES = 8
 """So many columns are listed."""
 AS_GIVEN = "coordinates of the file"
@@ -46,7 +45,8 @@ def read_touches(
     problems = Problems(path, lines)
     touches = what_is_touched(table, problems)
     to_fill = table.columns.isin([*REFERENCE]) | table.columns.str.fullmatch(READINGS)
-    table = table.loc[:, ~(to_fill & (table == "").all().to_numpy())]  # of a procedure either may be filled in
+    empty = to_fill & (table == "").all().to_numpy()
+    unfilled, table = [*table.columns[empty]], table.loc[:, ~empty]  # of a procedure either may be filled in
     given = [name for name in REFERENCE if name in table]
     if given and len(given) < 3:
         problems.add(", ".join(set(REFERENCE) - set(given)), f"missing beside {', '.join(given)}")
@@ -54,7 +54,7 @@ def read_touches(
     if given:
         points[AS_GIVEN] = np.column_stack([_numbers(table, n, plausible.COORDINATE, problems, True) for n in given])
     problems.stop()
-    points |= _of_indications(table, path, models)
+    points |= _of_indications(table, path, models, unfilled)
     sets = {name: touches.assign(**dict(zip("xyz", at.T, strict=True))) for name, at in points.items()}
     return sets, read_as, {name: _different(table[name]) for name in STATED if name in table}
 
@@ -126,9 +126,17 @@ def _take_one_value(touches: pd.DataFrame, problems: Problems) -> None:
             touches[called] = first.where(of_these, values)
 
 
-def _of_indications(table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel]) -> dict[str, Array]:
-    """Where each arm with its effects has the tip (n, 3) [m]."""
+def _of_indications(
+    table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel], unfilled: list[str]
+) -> dict[str, Array]:
+    """Where each arm with its effects has the tip (n, 3) [m]; ``unfilled`` are columns that are empty in every row."""
     theirs = [name for name in table if name not in (*ACCEPTANCE, *REFERENCE, *REFERENCE_U, *BAR, "seat")]
+    came = ", ".join(table.columns[:MOST_NAMES]) + ", …" * (len(table.columns) > MOST_NAMES)
+    if models and not table.columns.str.fullmatch(READINGS).any():
+        why = f"no indications: expected columns theta1_deg … beside the arms that were named; there are {came}"
+        if theta := [name for name in unfilled if re.fullmatch(READINGS, name)]:
+            why = f"{span(theta)}: empty in every row, expected indications"
+        raise MeasurementFileError(path, None, "", why)
     found: dict[str, Array] = {}
     for name, model in models.items():
         readings = Measurements.from_frame(table.loc[:, theirs], model.arm.nq, path)
@@ -138,6 +146,5 @@ def _of_indications(table: pd.DataFrame, path: str, models: Mapping[str, ErrorMo
             raise AacmmError(f"{path}: {error}") from None
     if not found and not set(REFERENCE) & set(table):
         expected = "expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm"
-        came = ", ".join(table.columns[:MOST_NAMES]) + ", …" * (len(table.columns) > MOST_NAMES)
         raise MeasurementFileError(path, None, "", f"no coordinates: {expected}; the columns that are filled in are {came}")
     return found

@@ -366,3 +366,59 @@ def test_every_figure_says_where_it_is(data: Path) -> None:
     table.drop(row).to_csv(data, index=False)
     (found,) = (f for f in accept(data).figures if f.definition.name == "E_Uni")
     assert found.missing == "1 length: length L0, position 6, repeat 2"
+
+
+def test_a_touch_beside_its_sphere_is_named_and_not_left_out(data: Path) -> None:
+    """5 mm off: of 25 and of nine touches the very row, of five the sphere."""
+    table, rng = everything(), np.random.default_rng(1)
+    table[["x_mm", "y_mm", "z_mm"]] += rng.normal(scale=0.005, size=(len(table), 3))
+    table.to_csv(data, index=False)
+    assert not any("beside" in note or "mistouch" in note for note in accept(data).notes)
+    for test, said in (("sphere", "row 12: "), ("effective-diameter", "row {}: "), ("location", "rows {} to {}: ")):
+        first = int(table.index[table["test"] == test][0])
+        off, at = table.copy(), first + 10 if test != "location" else first + 6
+        off.loc[at, ["x_mm", "y_mm", "z_mm"]] += 5.0 / np.sqrt(3)
+        off.to_csv(data, index=False)
+        said = said.format(at + 2) if test != "location" else said.format(first + 7, first + 11)
+        (note,) = (note for note in accept(data).notes if "beside" in note or "mistouch" in note)
+        assert said in note
+
+
+@pytest.mark.parametrize(
+    ("columns", "unit", "said"),
+    [
+        (["x_mm", "y_mm", "z_mm"], 25.4, "1/25.4 "),
+        (["x_mm", "y_mm", "z_mm"], 1e3, "1/1000 "),
+        (["length_mm"], 25.4, " 25.4 "),
+    ],
+)
+def test_lengths_in_another_unit_are_refused(data: Path, columns: list[str], unit: float, said: str) -> None:
+    table = everything()
+    table[columns] = table[columns].apply(pd.to_numeric) / unit
+    table.to_csv(data, index=False)
+    with pytest.raises(AacmmError, match=f"{said}.*unit"):
+        accept(data)
+
+
+@pytest.mark.parametrize(("probe", "said"), [(0.0, "6.02 mm larger"), (12.0, "6 mm smaller")])
+def test_a_probe_that_the_spheres_contradict_is_noted(data: Path, probe: float, said: str) -> None:
+    assert not any("probe_diameter_mm" in note for note in accept(data).notes)
+    table = everything()
+    table.loc[table["test"] == "sphere", "probe_diameter_mm"] = probe
+    table.to_csv(data, index=False)
+    (note,) = (note for note in accept(data).notes if "probe_diameter_mm" in note)
+    assert said in note
+
+
+def test_messages_tell_columns_that_are_not_there_from_empty_ones(data: Path) -> None:
+    for command in ("accept", "diagnose"):
+        outcome = CliRunner().invoke(app, [command, "sino6", str(data)])
+        assert (outcome.exit_code, "theta1_deg" in outcome.stderr, "feature_diameter_mm" in outcome.stderr) == (
+            1,
+            True,
+            True,
+        )
+        assert not any(name in outcome.stderr for name in ("seat", "bar_end"))
+    pd.read_csv(data).assign(**{f"theta{k}_deg": "" for k in range(1, 7)}).to_csv(data, index=False)
+    with pytest.raises(AacmmError, match=r"theta1_deg … theta6_deg.*empty"):
+        accept(data, {"sino6": Arm.load("sino6")})

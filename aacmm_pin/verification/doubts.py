@@ -1,0 +1,115 @@
+"""What about touches is not as a test gives them: copies, other units, touches beside their sphere, wrong probes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+from scipy.special import stdtr
+
+from aacmm_pin._support.units import MM
+from aacmm_pin.errors import AacmmError
+from aacmm_pin.verification.figures import LENGTH, Place, measured_lengths, points_of, size_error
+from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere
+
+CLOSE = 3e-3
+"""Touches of a test that are all closer together than this may be coordinates in another unit [m]."""
+OTHER_UNIT = 2.0
+"""No arm measures a length this many times too long, or too short."""
+ALIKE = 0.02
+"""Lengths that are so by one factor up to this part of it are in another unit."""
+WRONG_SIZE = 1e-3
+"""No arm measures a sphere so much too large, or too small [m]."""
+BESIDE = 5e-5
+"""A touch nearer to its sphere than this is none that is beside it [m]."""
+CHANCE = 1e-6
+"""Chance that one of the touches of a sphere is as far off as one that is named."""
+TIMES_ITS_LIKE = 10.0
+"""Touches too few to tell which is off do not lie on a sphere whose form is so many times the median of spheres like it."""
+
+
+def check_unit(touches: pd.DataFrame) -> None:
+    """Look whether the lengths of each test are in the unit of the coordinates.
+
+    Raises:
+        AacmmError: all of them are too long, or too short, by one factor.
+    """
+    for test, of_test in touches[touches["length"].notna()].groupby("test", sort=False):
+        try:
+            lengths = measured_lengths(of_test, both_sides=test == "length-bi")
+        except AacmmError:  # a note says that these have no value
+            continue
+        factors = (1 + lengths["error"] / lengths["length"]).to_numpy()
+        if len(factors) and np.ptp(factors) <= ALIKE * factors.min() and not 1 / OTHER_UNIT < factors.mean() < OTHER_UNIT:
+            times = f"{factors.mean():.4g} times" + f", or 1/{1 / factors.mean():.4g} of," * bool(factors.mean() < 1)
+            raise AacmmError(
+                f"test {test}: each of {len(factors)} lengths measures {times} its length_mm; "
+                "in which unit are the coordinates, or length_mm? Expected both in mm"
+            )
+
+
+def doubts(source: str, touches: pd.DataFrame) -> Iterator[str]:
+    """Notes on the touches of one set of coordinates."""
+    at = touches[["x", "y", "z"]]
+    if copies := int(at.duplicated().sum()):
+        yield f"{source}: {copies} of {len(at)} touches have the very coordinates of another; a copy says nothing of the arm"
+    if (extent := float(np.ptp(at.to_numpy(), axis=0).max())) < CLOSE:
+        yield f"{source}: all touches are within {extent / MM:.3g} mm of each other; are the coordinates in mm?"
+    for _, of_test in touches.groupby("test", sort=False):
+        found = [*_spheres(of_test)]
+        yield from (f"{source}: {text}" for text in (*_beside(found), *_wrong_sizes(found)))
+
+
+def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:
+    """The spheres of a test of which more is known than four touches say."""
+    by = ["feature", "position"] if touches["test"].iloc[0] == "sphere" else [*LENGTH, "feature"]
+    for _, group in touches.groupby(by, sort=False):
+        try:
+            if len(group) > LEAST and group["test"].iloc[0] != "single-point":
+                yield group, fitted_sphere(points_of(group))
+        except AacmmError:  # a note says that its figures have no value
+            continue
+
+
+def _beside(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[str]:
+    """Touches far from the sphere of the others; spheres of five or six touches that do not lie on one."""
+    forms = np.array([sphere.form for _, sphere in spheres])
+    for k, (group, sphere) in enumerate(spheres):
+        touch, off = _farthest(group, sphere)
+        if touch is not None:
+            yield f"{Place.of(touch)}: {off / MM:.3g} mm from the sphere of the other touches, and not left out; a mistouch?"
+        elif len(spheres) > 2 and sphere.form > max(TIMES_ITS_LIKE * float(np.median(np.delete(forms, k))), BESIDE):
+            yield f"{Place.of(group)}: one of these touches is beside their sphere, whose form is {sphere.form / MM:.3g} mm"
+
+
+def _farthest(group: pd.DataFrame, sphere: FittedSphere) -> tuple[pd.DataFrame | None, float]:
+    """The touch that is not on the sphere of the others by more than chance, and how far it is from that [m]."""
+    points, free = points_of(group), np.sqrt(np.maximum(1 - sphere.leverages, 0.0))
+    k, dof = int(np.divide(np.abs(sphere.residuals), free, where=free > 0, out=np.zeros(len(free))).argmax()), len(group) - 5
+    try:
+        others = fitted_sphere(np.delete(points, k, axis=0)) if dof > 0 else None
+    except AacmmError:  # the others lie in a plane
+        others = None
+    if others is None:
+        return None, 0.0
+    off = abs(float(np.linalg.norm(points[k] - others.center)) - others.diameter / 2)
+    scatter = max(float(np.sqrt(others.residuals @ others.residuals / dof)), 1e-12)
+    chance = 2 * len(group) * stdtr(dof, -off * free[k] / scatter)
+    return (group.iloc[[k]] if off > BESIDE and chance < CHANCE else None), off
+
+
+def _wrong_sizes(spheres: list[tuple[pd.DataFrame, FittedSphere]]) -> Iterator[str]:
+    """Spheres whose size no arm gets so wrong, or is off by about the probe."""
+    wrong = []
+    for group, sphere in spheres:
+        error, probe = size_error(group, sphere), group["probe_diameter"].iloc[0]
+        if abs(error) > WRONG_SIZE or 0.9 * probe < abs(error) < 1.1 * probe:
+            wrong.append((group, error))
+    if wrong:
+        group, error = max(wrong, key=lambda of: abs(of[1]))
+        yield (
+            f"{Place.of(group)}{f' and {len(wrong) - 1} more' * (len(wrong) > 1)}: the sphere is {abs(error) / MM:.4g} mm "
+            f"{'larger' if error > 0 else 'smaller'} than feature_diameter_mm and probe_diameter_mm together; are "
+            "coordinates those of the probe's centre, and both diameters right, and in mm?"
+        )
