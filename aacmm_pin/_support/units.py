@@ -43,3 +43,8 @@ def prefixed(unit: str, size: float) -> tuple[str, float]:
         return prefix + unit, factor
     bare = unit.removeprefix("1")
     return power + (bare if bare[:1] in ("", "/") else f" {bare}"), factor
+
+
+def plain_mm(length: float) -> str:
+    """A length [m] in mm as a certificate states it, to 0.1 µm: ``1200.027``."""
+    return f"{length / MM:.4f}".rstrip("0").rstrip(".")

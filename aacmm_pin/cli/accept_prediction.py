@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from aacmm_pin.cli.arm_options import EncoderNoise, in_metres
-from aacmm_pin.cli.common import Results
+from aacmm_pin.cli.common import Results, angle_option
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.verification import predict_acceptance
 from aacmm_pin.verification.prediction import RUNS
@@ -20,6 +20,10 @@ from aacmm_pin.verification.prediction import RUNS
 class BeforeTheTest(EncoderNoise):
     """Options of a prediction."""
 
+    encoder_noise_rad: Annotated[
+        float | None,
+        angle_option("With --predict: standard uncertainty of one reading of each joint, in rad or as 8urad, 1.65arcsec."),
+    ] = None
     probe_noise_mm: Annotated[
         float | None, typer.Option(help="With --predict: standard uncertainty of a coordinate of one contact, in mm.")
     ] = None

@@ -10,11 +10,12 @@ from importlib.metadata import version
 import numpy as np
 
 from aacmm_pin._support.output_files import json_text
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.report.document import MARK, Block, Document, Download, Figure, Folded, Notes, Paragraph, Table, document_of
 from aacmm_pin.report.html import SHORT
 from aacmm_pin.report.numbers import capital
 from aacmm_pin.verification import AcceptanceResult, History
+from aacmm_pin.verification.accept import LONGEST_PART
 from aacmm_pin.verification.history import LEAST_CHECKS, PER_MOVING_RANGE
 from aacmm_pin.verification.touches import AS_GIVEN
 
@@ -81,7 +82,7 @@ def acceptance_document(result: AcceptanceResult, certificate: Certificate | Non
     what = Table(named, "What the figures are")
     history = certificate.history if certificate is not None else None
     blocks: list[Block] = [
-        Paragraph(f"{result}.", finding=True, head="Acceptance:"),
+        Paragraph(f"{result}.", finding=True, head=f"{f'{MARK} ' * bool(certificate and result.failed)}Acceptance:"),
         Table(table[shown], "Figures and their limits", {"verdict": _marked}, HEADS, spare="where"),
         Paragraph(RULE),
         *([] if history is None else history_blocks(history)),
@@ -148,12 +149,18 @@ def _marked(verdict: str) -> str:
 def _conditions(result: AcceptanceResult, certificate: Certificate) -> str:
     stated = {STATED[name][0]: _range(values) + STATED[name][1] for name, values in result.stated.items() if values}
     arms = ["as in the file" if arm == AS_GIVEN else f"of indications by {arm}" for arm in result.overall]
+    if result.measuring_range is not None:
+        stated["range"] = (
+            f"{plain_mm(result.measuring_range)} mm, 66 % of it {plain_mm(LONGEST_PART * result.measuring_range)} mm"
+        )
+        stated |= {f"longest of {test}": f"{plain_mm(length)} mm" for test, length in result.longest.items()}
     lines = {"coordinates": ", ".join(arms)} | stated | dict(certificate.about)
     return "; ".join(f"{name}: {text}" for name, text in lines.items()) + "."
 
 
 def _range(values: Sequence[object]) -> str:
+    texts = [plain_mm(value * MM) if isinstance(value, float | int) else str(value) for value in values]
     if len(values) > SHOWN and isinstance(values[0], float | int):
-        return f"{values[0]:g} to {values[-1]:g}"
-    shown = ", ".join(f"{value:g}" if isinstance(value, float | int) else str(value) for value in values[:SHOWN])
+        return f"{texts[0]} to {texts[-1]}"
+    shown = ", ".join(texts[:SHOWN])
     return shown + ", …" * (len(values) > SHOWN)

@@ -13,13 +13,13 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.csv_table import measurement_file
 from aacmm_pin.verification.doubts import check_unit, doubts
-from aacmm_pin.verification.figures import DEFINITIONS, ISO, LENGTH, Definition, Evaluated, Place, definitions
+from aacmm_pin.verification.figures import DEFINITIONS, LENGTH, Definition, Evaluated, Place, definitions
 from aacmm_pin.verification.touches import read_touches
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
@@ -28,6 +28,8 @@ COVERAGE = 2.0
 LONGEST_PART = 0.66
 """The longest of five lengths is at least this part of the measuring range (ISO 10360-12)."""
 
+IN_RANGE = ("length-uni", "length-bi")
+"""The tests whose longest length that is."""
 MOST_LACKING = 3
 """So many of what is missing are named."""
 SINGULAR = {"touches": "touch", "lengths": "length"}
@@ -114,6 +116,8 @@ class AcceptanceResult(Shown):
         figures: one after the other; of several sets of coordinates those of one set stand together.
         notes: what was assumed.
         stated: the different numbers or labels in columns that tell of the check as a whole, such as ``temperature_c``.
+        measuring_range: of the arm [m]; None where not given.
+        longest: calibrated length [m] that was compared with 66 % of it, by the test.
         data: content of the file.
     """
 
@@ -121,6 +125,8 @@ class AcceptanceResult(Shown):
     figures: tuple[AcceptanceFigure, ...]
     notes: tuple[str, ...] = field(default=())
     stated: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    measuring_range: float | None = None
+    longest: Mapping[str, float] = field(default_factory=dict)
     data: bytes = b""
 
     @property
@@ -194,6 +200,8 @@ class AcceptanceResult(Shown):
                 {str(k): v for k, v in row.items()} | {"where": f.where and {**f.where.labels, "rows": [*f.where.rows]}}
                 for f, row in zip(self.figures, figures, strict=True)
             ],
+            "measuring_range_mm": None if self.measuring_range is None else self.measuring_range / MM,
+            "longest_length_mm": {test: length / MM for test, length in self.longest.items()},
             "notes": [*self.notes],
         }
 
@@ -251,7 +259,9 @@ def accept(
                 figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, places))
     found += [f"{', '.join(names)} {why}" for why, names in unfit.items()]
     notes = (*read_as, *found, *_notes(figures, measuring_range))
-    return AcceptanceResult(str(path), tuple(figures), notes, stated, data)
+    of_range = sets[first][sets[first]["test"].isin(IN_RANGE)].groupby("test", sort=False)["length"].max()
+    longest = {str(test): float(length) for test, length in of_range.items()} if measuring_range is not None else {}
+    return AcceptanceResult(str(path), tuple(figures), notes, stated, measuring_range, longest, data)
 
 
 def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
@@ -274,12 +284,13 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
 def _in_range(found: Evaluated, definition: Definition, touches: pd.DataFrame, measuring_range: float | None) -> Evaluated:
     """A length error without its value where the lengths are too short for the range."""
     longest = touches["length"].max()
-    if definition.counted != "lengths" or definition.standard != ISO or measuring_range is None or found.missing:
+    if definition.test not in IN_RANGE or measuring_range is None or found.missing:
         return found
-    if longest >= LONGEST_PART * measuring_range:
+    least = LONGEST_PART * measuring_range
+    if longest >= least:
         return found
-    least = LONGEST_PART * measuring_range / MM
-    return Evaluated(math.nan, math.nan, found.had, 0, f"longest length {longest / MM:g} mm, expected {least:g} mm or more")
+    why = f"longest length {plain_mm(longest)} mm, expected {plain_mm(least)} mm or more"
+    return Evaluated(math.nan, math.nan, found.had, 0, why)
 
 
 def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -> tuple[str, ...]:
@@ -298,6 +309,6 @@ def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -
                 f"{figure.definition.name} by {figure.source}: another error, {size} with U = {guard}, "
                 f"{figure.places[other[2]]}, decides the verdict"
             )
-    if measuring_range is None and any(f.definition.name in ("E_Uni", "E_Bi") for f in figures):
+    if measuring_range is None and any(f.definition.test in IN_RANGE for f in figures):
         notes.append("measuring range not given; whether the longest length is 66 % of it was not checked")
     return tuple(notes)

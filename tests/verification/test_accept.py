@@ -228,6 +228,24 @@ def test_lengths_are_long_enough_for_the_range(data: Path) -> None:
         assert all(np.isfinite(figure.evaluated.value) for figure in others)
 
 
+def test_certificate_has_lengths_in_full_and_the_range(tmp_path: Path) -> None:
+    table = everything()
+    table.loc[table["length_id"] == "L4", "length_mm"] = 1100.0275
+    table.to_csv(tmp_path / "touches.csv", index=False)
+    done(tmp_path / "touches.csv", "--range-mm", "1666.6", "--mpe", "E_Uni=0.001", "-o", tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8").replace("\u00a0", " ")
+    for text in (
+        "900, 1100.0275 mm",
+        "1666.6 mm",
+        "1099.956 mm",
+        "length-uni: 1100.0275 mm",
+        "<strong>✗ non-conformity</strong>",
+    ):
+        assert text in page
+    (found,) = (f for f in accept(tmp_path / "touches.csv", measuring_range=1.7).figures if f.definition.name == "E_Uni")
+    assert "1100.0275 mm" in found.missing
+
+
 def test_touches_are_records_of_a_measurement_file(tmp_path: Path) -> None:
     """Those of single points and of ends touched once are seats, lengths are bars; coordinates are no reference."""
     table = everything()
