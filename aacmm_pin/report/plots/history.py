@@ -11,6 +11,8 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, axes_of, panels_of, plain, whole
 from aacmm_pin.verification import ControlChart, History
 
+NAME = 22
+"""Characters of the name of an arm above a panel."""
 MOST = 12
 """Panels in all, in two rows of up to six."""
 
@@ -56,7 +58,8 @@ def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
             ax.axhline(limit / MM, color=INK, lw=0.7, ls="--")
     if np.isfinite(chart.mpe):
         ax.axhline(chart.mpe / MM, color=VERMILLION, lw=0.9, ls=":")
-    ax.set_title(f"{chart.figure}\n{chart.arm}" if several else chart.figure, fontsize=8)
+    arm = chart.arm if len(chart.arm) <= NAME else f"…{chart.arm[1 - NAME :]}"
+    ax.set_title(f"{chart.figure}\n{arm}" if several else chart.figure, fontsize=8)
     ax.xaxis.set_major_locator(MaxNLocator("auto", integer=True))
     ax.tick_params(labelsize=7)
     ax.spines[["top", "right"]].set_visible(False)
