@@ -8,8 +8,8 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array, Index
@@ -245,7 +245,7 @@ def _least_u(at: Fit, effect: Effect, name: str, rest: Sequence[Effect]) -> floa
         return 0.0
     values, odds = np.array([getattr(each, name) for each in tried]), _beside(at, tuple(tried), rest)
     fine = np.linspace(0.0, len(tried) - 1.0, FINER * (len(tried) - 1) + 1)
-    dense, odds = (CubicSpline(np.arange(len(tried)), each)(fine) for each in (values, odds))
+    dense, odds = (scipy.interpolate.CubicSpline(np.arange(len(tried)), each)(fine) for each in (values, odds))
     share = np.cumsum(np.exp(odds - logsumexp(odds)))
     low, high = dense[np.searchsorted(share, (0.025, 0.975)).clip(max=len(fine) - 1)]
     value = getattr(effect, name)
