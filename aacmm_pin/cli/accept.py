@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import tomllib
+from collections.abc import Iterator
 from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
@@ -86,15 +87,20 @@ def run(
         results.json(summary, json_)
     terminal.show(acceptance_document(result), json_ == "-")
     terminal.show(Document("", [] if checks is None else history_blocks(checks)), json_ == "-")
-    if checks is not None and not checks.instrument:
-        series = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
-        if series:
-            note(f"note: without --instrument this check is of an arm without a name; {history} has checks of {series} too")
-    if checks is not None and not checks.appended:
-        same = f"its check of {checks.time} has the very same values, so that it is this one" if checks.charts() else ""
-        note(f"note: nothing appended to {history}: {same or 'no figure has a value'}")
+    for text in [] if checks is None else _of_history(checks, history):
+        note(f"note: {text}")
     if (failed := _failed_arm(result, list(arms))) is not None and Path(path).is_file():
         note(f"note: {_next_step(robot.urdf_words if failed == robot.urdf else [failed], path)}")
+
+
+def _of_history(checks: History, path: Path | None) -> Iterator[str]:
+    """Which other arms the file has where this one has no name, and why nothing was appended."""
+    others = ", ".join(repr(name) for name in sorted(checks.checks["instrument"].unique()) if name)
+    if others and not checks.instrument:
+        yield f"without --instrument this check is of an arm without a name; {path} has checks of {others} too"
+    if not checks.appended:
+        same = f"its check of {checks.time} has the very same values, so that it is this one" if checks.charts() else ""
+        yield f"nothing appended to {path}: {same or 'no figure has a value'}"
 
 
 def _when(time: str | None, path: str) -> datetime:

@@ -23,7 +23,7 @@ WRONG_SIZE = 1e-3
 """No arm measures a sphere so much too large, or too small [m]."""
 BESIDE = 5e-5
 """A touch nearer to its sphere than this is none that is beside it [m]."""
-CHANCE = 1e-6
+CHANCE = 1e-4
 """Chance that one of the touches of a sphere is as far off as one that is named."""
 TIMES_ITS_LIKE = 10.0
 """Touches too few to tell which is off do not lie on a sphere whose form is so many times the median of spheres like it."""
