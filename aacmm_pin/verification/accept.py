@@ -253,7 +253,7 @@ def accept(
                 except AacmmError as error:
                     had = of_test.groupby([*LENGTH]).ngroups if definition.counted == "lengths" else len(of_test)
                     evaluated = Evaluated(math.nan, math.nan, had, 0, "see the notes")
-                    unfit.setdefault(f"by {source} no value: {error}", []).append(definition.name)
+                    unfit.setdefault(f"by {source}: no value; {error}", []).append(definition.name)
                 places = tuple(Place.of(of_test[of_test["row"].isin(rows)]) for rows in evaluated.rows)
                 mpe_of = limits.get(definition.name, math.nan)
                 figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, places))

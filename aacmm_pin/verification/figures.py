@@ -188,7 +188,7 @@ def _check_ends(touches: pd.DataFrame, ends: pd.DataFrame) -> None:
         first = ends[bad].iloc[:1][labels]
         came = ", ".join(f"{n} of {name}" for name, n in ends.merge(first, on=labels)[["feature", "touches"]].to_numpy())
         raise AacmmError(
-            f"{Place.of(touches.merge(first, on=labels))} has touches: "
+            f"{Place.of(touches.merge(first, on=labels))}: touches "
             f"{came}; expected two features with 1 touch each, or with {LEAST} and more all over a sphere"
         )
 

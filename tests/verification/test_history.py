@@ -17,6 +17,7 @@ from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
 from aacmm_pin.report.acceptance import Certificate, acceptance_document
 from aacmm_pin.report.html import page as page_of
+from aacmm_pin.report.plots.history import charts_drawn
 from aacmm_pin.verification import History
 from tests.browser import Page as Browser
 from tests.verification.test_accept import everything, rows
@@ -149,7 +150,10 @@ def test_certificate_is_one_sheet(tmp_path: Path, page: Browser) -> None:
     mpe = {"E_Uni": 1e-4, "E_Bi": 1e-4, "SPAT.Max": 1e-4}
     for arms in ({}, {"nominal": arm, "extended": arm}):
         result = accept(tmp_path / "touches.csv", arms, mpe=mpe)
-        checks = history(tmp_path, SIZES).with_check(result, START + timedelta(days=300))
+        table.assign(z_mm=table["z_mm"] * 1.0001).to_csv(tmp_path / "before.csv", index=False)
+        checks = history(tmp_path, SIZES).with_check(accept(tmp_path / "before.csv", arms), START + timedelta(days=270))
+        checks = checks.with_check(result, START + timedelta(days=300))
+        assert len(charts_drawn(checks)) == min(12, len(checks.charts()))
         told = Certificate(START, "no. 12", {"humidity": "45 %"}, checks)
         target = tmp_path / "certificate.html"
         target.write_text(page_of(acceptance_document(result, told)), encoding="utf-8")
@@ -167,6 +171,7 @@ def test_certificate_is_one_sheet(tmp_path: Path, page: Browser) -> None:
         of_verdicts = page.evaluate("document.querySelector('table').rows[0].cells[1].getBoundingClientRect().right")
         assert of_verdicts <= 390
         seen = page.evaluate("document.body.textContent")
+        assert ("Not drawn: " in seen) == bool(arms)
         assert all(text in seen for text in ("Operator", "Signature", "coordinates: as in the file", str(result)))
         assert page.printed_pages() == 1
         assert page.errors == []
