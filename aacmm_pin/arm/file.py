@@ -11,7 +11,7 @@ import os
 import re
 import reprlib
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -43,7 +43,7 @@ from aacmm_pin._support.plausible import (
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.dh import KINDS, DHTable, table
 from aacmm_pin.arm.parameter import Parameter
-from aacmm_pin.errors import ArmFileError, UnknownNameError
+from aacmm_pin.errors import AacmmError, ArmFileError, UnknownNameError
 
 MOST_TURNS = 5
 """A limit beyond so many turns is taken for degrees."""
@@ -389,18 +389,30 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
     return parse_arm_file(content, name)
 
 
+def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, Any]:
+    """The table of a TOML file.
+
+    Raises:
+        AacmmError: it is none, as ``refused`` makes it of the message.
+    """
+    try:
+        return tomllib.loads(content.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise refused(f"not UTF-8 text (byte {error.start})") from None
+    except RecursionError:
+        raise refused("not TOML: nested too deep") from None
+    except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
+        raise refused(f"not TOML: {str(error).partition('; use sys.')[0]}") from None
+
+
 def parse_arm_file(content: bytes, path: str) -> ArmFile | UrdfArmFile:
     """Validate the content of an arm file; ``path`` is for messages, and a URDF is looked for from its folder."""
-    try:
-        data = tomllib.loads(content.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise ArmFileError(path, "", f"not UTF-8 text (byte {error.start})") from None
-    except RecursionError:
-        raise ArmFileError(path, "", "not TOML: nested too deep") from None
-    except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits, with advice for programmers
-        if path.lower().endswith(".urdf"):
-            raise ArmFileError(path, "", f"is a URDF: --urdf {path} --frame NAME, or Arm.from_urdf") from None
-        raise ArmFileError(path, "", f"not TOML: {str(error).partition('; use sys.')[0]}") from None
+
+    def refused(message: str) -> ArmFileError:
+        is_urdf = f"is a URDF: --urdf {path} --frame NAME, or Arm.from_urdf"
+        return ArmFileError(path, "", is_urdf if path.lower().endswith(".urdf") else message)
+
+    data = toml_of(content, refused)
     _check_depth(data, path)
     if "urdf" not in data:
         return validated(ArmFile, data, path)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import shlex
-import tomllib
 from collections.abc import Iterator
 from dataclasses import fields
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.units import MM
+from aacmm_pin.arm.file import MOST_BYTES, toml_of
 from aacmm_pin.cli.accept_prediction import BeforeTheTest
 from aacmm_pin.cli.arm_options import UrdfArm, in_metres
 from aacmm_pin.cli.common import Force, Json, Plot, Results, command, note, refuse
@@ -137,6 +139,10 @@ def _next_step(arm: list[str], path: str) -> str:
     return f"{shlex.join(['aacmm-pin', 'diagnose', *arm, path])} looks for the cause"
 
 
+def _refused(path: str, message: str) -> AacmmError:
+    return AacmmError(f"{path}: {message}")
+
+
 def _limits(texts: list[str]) -> dict[str, float]:
     """MPEs by name of the figure [m], each from ``FIGURE=MM`` or a file of them.
 
@@ -146,10 +152,12 @@ def _limits(texts: list[str]) -> dict[str, float]:
     given: dict[str, object] = {}
     for text in texts:
         name, equals, value = text.partition("=")
-        try:
-            given |= {name: value} if equals else tomllib.loads(Path(text).read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise AacmmError(f"{text}: not TOML: {error}") from None
+        refused = partial(_refused, text)
+        of_file = {} if equals else toml_of(content_of(text, MOST_BYTES, "MPEs, *.toml,", refused), refused)
+        for figure, limit in {name: value}.items() if equals else of_file.items():
+            if figure in given:
+                raise typer.BadParameter(f"--mpe states {figure} twice")
+            given[figure] = limit
     limits: dict[str, float] = {}
     for name, limit in given.items():
         try:

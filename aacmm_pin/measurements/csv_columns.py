@@ -199,11 +199,16 @@ def _number(name: str, form: str) -> str | None:
 
 
 def _near_miss(name: str, present: Sequence[str]) -> str | None:
-    """The known name that was meant: one of the same letters, or a missing one that is similar or has another unit."""
+    """The known name that was meant, if one was."""
     if f"{name.lower()}_mm" in REFERENCE and f"{name.lower()}_mm" not in present:
         return f"{name.lower()}_mm"  # a reference that would be lost in silence
     digits = re.search("[0-9]+", name)
     known = [form.replace("#", digits[0].lstrip("0") or "0") for form in NUMBERED] if digits else list(SINGLE)
+    return near_miss(name, present, known)
+
+
+def near_miss(name: str, present: Sequence[str], known: Sequence[str]) -> str | None:
+    """The one of the ``known`` names that was meant: of the same letters, or a missing one, similar or with another unit."""
     letters = {_letters(k): k for k in known}
     if _letters(name) in letters:
         return letters[_letters(name)]

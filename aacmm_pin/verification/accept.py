@@ -13,6 +13,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.error_model import ErrorModel
@@ -25,6 +26,8 @@ from aacmm_pin.verification.touches import read_touches
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 COVERAGE = 2.0
 """Coverage factor of the guard band: U = 2 u, about 95 %."""
+MPE = Range(1e-9, 1.0, "m")
+"""What a maximum permissible error can be."""
 LONGEST_PART = 0.66
 """The longest of five lengths is at least this part of the measuring range (ISO 10360-12)."""
 
@@ -269,15 +272,14 @@ def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
 
     Raises:
         UnknownNameError: no such figure.
-        AacmmError: a limit is no length above 0.
+        AacmmError: a limit is outside :data:`MPE`.
     """
     mpe = mpe or {}
     known = [definition.name for definition in DEFINITIONS]
     for name, limit in mpe.items():
         if name not in known:
             raise UnknownNameError("figure", name, known)
-        if not (math.isfinite(limit) and limit > 0):
-            raise AacmmError(f"MPE of {name} is {limit}, expected a length above 0")
+        MPE.check(limit, f"MPE of {name}")
     return dict(mpe)
 
 

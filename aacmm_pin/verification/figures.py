@@ -193,12 +193,20 @@ def _check_ends(touches: pd.DataFrame, ends: pd.DataFrame) -> None:
         )
 
 
+def _check_pairs(touches: pd.DataFrame) -> None:
+    """No end of a length without the other: it might be the one that does not conform."""
+    for length in _groups(touches, *LENGTH):
+        if length["feature"].nunique() < 2:
+            raise AacmmError(f"{Place.of(length)}: only one end was touched; expected two, with the same labels")
+
+
 def _length_errors(touches: pd.DataFrame, both_sides: bool) -> Evaluated:
     lengths = measured_lengths(touches, both_sides)
     of_lengths = _groups(lengths, "length_id")
     missing = 21 * max(5 - len(of_lengths), 0)
     if missing := missing + sum(_short(map(len, _groups(one, "position")), 3, 7) for one in of_lengths):
         return _without(len(lengths), missing, [*_not_there(touches, lengths)])
+    _check_pairs(touches)
     return _worst([*lengths["error"]], [*lengths["u"]], len(lengths), lengths["rows"])
 
 
@@ -222,6 +230,7 @@ def _volumetric(touches: pd.DataFrame, rms: bool) -> Evaluated:
     if missing := max(20 - places, 2 - lengths["length_id"].nunique(), 0):
         begun = [group for group in _groups(touches, *LENGTH) if group["feature"].nunique() < 2]
         return _without(len(errors), missing, _begun(begun, len(touches) + 1))
+    _check_pairs(touches)
     if not rms:
         return _worst([*errors], [*lengths["u"]], len(errors), lengths["rows"])
     # A common error of the calibrated lengths moves the RMS by as much as itself at most.

@@ -24,7 +24,7 @@ from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
-from aacmm_pin.errors import AacmmError
+from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.csv_columns import Problems
 from aacmm_pin.measurements.csv_table import measurement_file, read_table
 from aacmm_pin.verification.accept import VERDICTS, AcceptanceResult
@@ -134,6 +134,11 @@ class History(Shown):
         if not Path(path).exists():
             return cls()
         content = measurement_file(str(path))
+        for line, text in enumerate(content.splitlines(), start=1):
+            if text.lstrip().startswith(b"#"):
+                raise MeasurementFileError(
+                    str(path), line, "", "is a comment, which appending would not keep; expected none"
+                )
         table, lines, _ = read_table(str(path), content)
         problems = Problems(str(path), lines)
         if sorted(table.columns) != sorted(COLUMNS):
@@ -164,19 +169,20 @@ class History(Shown):
             AacmmError: at this time other values of this arm are there.
         """
         time = _utc(time)
-        known = {name.strip().casefold(): name for name in self.checks["instrument"]}
-        instrument = known.get(instrument.strip().casefold(), instrument.strip())
+        instrument = next(iter(self._of(instrument)["instrument"]), instrument.strip())
         table = result.to_frame().rename(columns={"coordinates": "arm"}).dropna(subset="value_mm")
         table = table.assign(time=time, instrument=instrument, version=version("aacmm_pin"))
         table["verdict"] = table["verdict"].astype(object).where(table["verdict"].notna(), "")
         table = table.loc[:, list(COLUMNS)]
-        of_instrument = self.checks[self.checks["instrument"] == instrument]
-        for then, check in of_instrument.groupby("time"):
+        for then, check in self._of(instrument).groupby("time"):
             both = check.merge(table, on=["arm", "figure"])
             same = len(both) > 0 and bool(((both["value_mm_x"] - both["value_mm_y"]).abs() <= SAME).all())
             if same and len(both) == len(table):
                 return replace(self, time=check["time"].iloc[0], instrument=instrument)
-            if then == time and len(both):
+            if then == time and same:  # with figures that it did not have
+                old = pd.MultiIndex.from_frame(both[["arm", "figure"]])
+                table = table[~pd.MultiIndex.from_frame(table[["arm", "figure"]]).isin(old)]
+            elif then == time and len(both):
                 raise AacmmError(
                     f"a check of {instrument or 'this arm'} at {time.isoformat()} is in the history with other values; "
                     "expected another time, or another instrument"
@@ -184,9 +190,14 @@ class History(Shown):
         checks = table if self.checks.empty else pd.concat([self.checks, table], ignore_index=True)
         return replace(self, checks=checks, time=time, instrument=instrument, appended=len(table) > 0)
 
+    def _of(self, instrument: str) -> pd.DataFrame:
+        """The checks of an instrument, however its name is written."""
+        names = self.checks["instrument"].astype(str).str.strip().str.casefold()
+        return self.checks[names == instrument.strip().casefold()]
+
     def charts(self) -> tuple[ControlChart, ...]:
         """A chart for each figure of the check that is looked at, in its order; of :data:`HALF` none beside its double."""
-        of = self.checks[self.checks["instrument"] == self.instrument]
+        of = self._of(self.instrument)
         charts = []
         check: list[Any] = [*of[of["time"] == self.time].itertuples()]
         there = {(latest.arm, latest.figure) for latest in check}

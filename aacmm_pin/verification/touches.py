@@ -16,7 +16,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.acceptance_columns import ACCEPTANCE, LABELS, NEEDED, NUMBERS, ONE_VALUE, READINGS, check_tests
-from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U, Problems, span
+from aacmm_pin.measurements.csv_columns import BAR, REFERENCE, REFERENCE_U, Problems, is_known, near_miss, span
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.records import Measurements
 
@@ -68,6 +68,10 @@ def what_is_touched(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
     for name, count in table.columns.value_counts().items():
         if count > 1:
             problems.add(str(name), f"is there {count} times, expected each name once in the header")
+    for name in map(str, table):
+        unknown = name not in ACCEPTANCE and not is_known(name)
+        if unknown and (meant := near_miss(name, [*table.columns], ACCEPTANCE)) and meant not in table:
+            problems.add(name, f"is not a known name; expected {meant}, or a name that cannot be taken for it")
     if "test" not in table:
         problems.add("test", f"missing; expected which test each touch belongs to: {', '.join(NEEDED)}")
     if not len(table):

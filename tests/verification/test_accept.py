@@ -340,10 +340,14 @@ def test_errors_name_row_and_column(data: Path, column: str, cell: str, said: li
 
 
 def test_what_cannot_be_judged(data: Path, tmp_path: Path) -> None:
+    (tmp_path / "digits.toml").write_text(f"E_Uni = {5000 * '9'}")
+    assert CliRunner().invoke(app, ["accept", str(data), "--mpe", "E_Uni=1", "--mpe", "E_Uni=2"]).exit_code == 2
     for words in (
         ["--mpe", "E_Uno=0.1"],
         ["--mpe", "E_Uni=small"],
         ["--mpe", "E_Uni=-1"],
+        ["--mpe", "E_Uni=1e300"],
+        ["--mpe", str(tmp_path / "digits.toml")],
         ["--standard", "iso"],
         ["--range-mm", "0"],
     ):
@@ -367,6 +371,26 @@ def test_touches_that_fit_no_sphere_take_only_their_figures_values(data: Path, t
     (note,) = (note for note in result.notes if "no value" in note)
     assert ("plane" if test == "sphere" else "3 of C") in note
     assert (" 2, " if test == "sphere" else f"{len(table) + 1}") in note
+
+
+@pytest.mark.parametrize(("test", "figure"), [("volumetric", "Volumetric.Max"), ("length-uni", "E_Uni")])
+def test_an_end_without_the_other_takes_the_value_of_its_figure(data: Path, test: str, figure: str) -> None:
+    """A mistyped repeat of the one length that does not conform would leave it out."""
+    table = everything().astype({"repeat": object})
+    more = table[table["test"] == test].iloc[-2:].assign(position=99, repeat=["4", "04"])
+    more["z_mm"] += [0.0, 5.0]
+    pd.concat([table, more]).to_csv(data, index=False)
+    result = accept(data)
+    (found,) = (f for f in result.figures if f.definition.name == figure)
+    assert np.isnan(found.evaluated.value)
+    assert any(figure in note and f"row {len(table) + 2}" in note for note in result.notes)
+
+
+def test_names_that_are_nearly_those_of_columns_are_refused(data: Path) -> None:
+    for slip in ("u_length_um", "u_lenght_mm"):
+        everything().rename(columns={"u_length_mm": slip}).to_csv(data, index=False)
+        with pytest.raises(AacmmError, match="expected u_length_mm"):
+            accept(data)
 
 
 def test_every_figure_says_where_it_is(data: Path) -> None:

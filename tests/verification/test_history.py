@@ -105,6 +105,23 @@ def test_a_check_is_appended_once(tmp_path: Path) -> None:
     assert pd.read_csv(path)["value_mm"].tolist()[::3] == pytest.approx([0.02, 0.03])
 
 
+def test_an_instrument_is_one_however_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "checks.csv"
+    history(tmp_path, SIZES).save(path)
+    table = pd.read_csv(path)
+    table.assign(instrument=(["Arm7", "ARM7", "Arm7 "] * len(table))[: len(table)]).to_csv(path, index=False)
+    found = History.read(path).with_check(accept(touches(tmp_path / "t.csv", 0.05)), START + timedelta(days=999), "arm7")
+    assert {(len(chart.values), chart.left) for chart in found.charts()} == {(len(SIZES) + 1, True)}
+
+
+def test_further_figures_of_a_check_join_it(tmp_path: Path) -> None:
+    result = accept(touches(tmp_path / "t.csv", 0.02))
+    of_part = History().with_check(accept(tmp_path / "t.csv", standard="asme-b89.4.22"), START)
+    assert 0 < len(of_part.checks) < len(result.figures)
+    found = of_part.with_check(result, START)
+    assert sorted(found.checks["figure"]) == sorted(f.definition.name for f in result.figures)
+
+
 @pytest.mark.parametrize(
     ("column", "cell"),
     [("value_mm", "0,02"), ("value_mm", ""), ("time", "31.1.2026"), ("figure", "E_Uno"), ("verdict", "ok")],
@@ -121,6 +138,9 @@ def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -
     with pytest.raises(MeasurementFileError) as raised:
         History.read(path)
     assert (raised.value.row, raised.value.column) == (6, column)
+    path.write_text("\n".join([*before.decode().splitlines()[:3], "# serviced", *before.decode().splitlines()[3:4]]))
+    with pytest.raises(MeasurementFileError, match="row 4"):
+        History.read(path)
     path.write_bytes(before[: len(before) // 2])
     with pytest.raises(AacmmError, match="row"):
         History.read(path)
