@@ -387,7 +387,7 @@ def test_an_end_without_the_other_takes_the_value_of_its_figure(data: Path, test
 
 
 def test_names_that_are_nearly_those_of_columns_are_refused(data: Path) -> None:
-    for slip in ("u_length_um", "u_lenght_mm"):
+    for slip in ("u_length_um", "u_lengt_mm"):
         everything().rename(columns={"u_length_mm": slip}).to_csv(data, index=False)
         with pytest.raises(AacmmError, match="expected u_length_mm"):
             accept(data)
