@@ -30,8 +30,6 @@ OTHER_UNIT = 100.0
 """An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but there are other parts."""
 BEST_REFERENCE = 2e-7
 """No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m]."""
-COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
-"""No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -167,13 +165,8 @@ def _counted_before(after: Fit) -> list[str]:
 
 def _of_conditions(after: Fit) -> list[str]:
     """Temperatures that look like Fahrenheit, and joints whose column of angles holds a length."""
-    arm, conditions, found = after.problem.model.arm, after.problem.measurements.conditions, []
-    for values in (conditions.temperature, conditions.link_temperature):
-        if values is not None and (values.min() > HOT_WORKSHOP or values.max() < COLD_WORKSHOP):
-            cold = f"are they differences from {arm.reference_temperature:g} °C?"
-            asked = "are they in Fahrenheit?" if values.min() > HOT_WORKSHOP else cold
-            found.append(f"temperatures are {values.min():.4g} to {values.max():.4g} °C: {asked}")
-    found += _of_torques(after)
+    arm, conditions = after.problem.model.arm, after.problem.measurements.conditions
+    found = [*conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         found.append(f"joint {j} slides: theta{j}_rad holds metres, theta{j}_deg metres times 180/π")
     return found

@@ -161,7 +161,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
     limits: dict[str, float] = {}
     for name, limit in given.items():
         try:
-            limits[name] = float(str(limit)) * MM
+            limits[name] = float(str(limit).replace("_", "?")) * MM  # Python reads 0_06 as 6
         except ValueError:
             raise AacmmError(f"MPE of {name} is {limit!r}, expected a number of millimetres, with a decimal point") from None
     return limits

@@ -83,6 +83,8 @@ def run(
         readings = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
         for line in read_as:
             note(f"note: {line}")
+        for line in model.odd_conditions(readings.conditions):
+            note(f"note: {line}")
         rows = _known_rows(model, readings, path)
         known = readings.take(rows)
         found = np.full((readings.n, len(names)), np.nan)

@@ -26,6 +26,10 @@ COLUMNS = {
     "session": "session",
 }
 """The column of a measurement file behind each condition."""
+COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
+"""No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
+LONGEST_ON = 30 * 86400.0
+"""An arm that has been on for longer has settled, or time counts from elsewhere [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,24 @@ class Conditions(Shown):
     def present(self) -> tuple[str, ...]:
         """Names of the conditions that are known."""
         return tuple(field.name for field in fields(self)[1:] if getattr(self, field.name) is not None)
+
+    def odd_temperatures(self, reference: float) -> list[str]:
+        """Temperatures that no workshop has, in words; ``reference`` is that at which the arm's lengths hold [°C]."""
+        found = []
+        for values in (self.temperature, self.link_temperature):
+            if values is not None and values.size and (values.min() > HOT_WORKSHOP or values.max() < COLD_WORKSHOP):
+                cold = f"are they differences from {reference:g} °C?"
+                asked = "are they in Fahrenheit?" if values.min() > HOT_WORKSHOP else cold
+                found.append(f"temperatures are {values.min():.4g} to {values.max():.4g} °C: {asked}")
+        return found
+
+    @property
+    def odd_clock(self) -> list[str]:
+        """A clock that does not count from the moment at which the arm was switched on, in words."""
+        time = self.time
+        if time is None or not time.size or 0.0 <= time.min() <= LONGEST_ON:
+            return []
+        return [f"time_s is {time.min():.4g} to {time.max():.4g} s: a warm-up counts from 0, the moment of switching on"]
 
     def require(self, name: str, purpose: str) -> NDArray:  # type: ignore[type-arg]
         """The condition ``name``.

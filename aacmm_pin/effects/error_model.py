@@ -166,6 +166,13 @@ class ErrorModel(Shown):
         """
         return self.predict(readings, conditions)
 
+    def odd_conditions(self, conditions: Conditions) -> list[str]:
+        """What looks as if it were in another unit, or by another clock, where the effects rest on it; in words."""
+        rests = {need for effect in self.effects for need in effect.needs}
+        clock = conditions.odd_clock if any(effect.settling_time is not None for effect in self.effects) else []
+        warm = conditions.odd_temperatures(self.arm.reference_temperature) if "temperature" in str(rests) else []
+        return [*clock, *warm]
+
     def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:
         """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error curve has a range.
 

@@ -32,6 +32,8 @@ ONE_VALUE = {
     ("feature", "position"): ("feature_diameter_mm", "probe_diameter_mm", "u_length_mm"),
 }
 """What tells the lengths, and the spheres, of a test apart, and the columns in which all touches of one say the same."""
+BEST_LENGTH = 1e-6
+"""A length is not known better, even if its standard uncertainty is stated as zero [mm]."""
 PART = "high"
 """In the column ``part``: a touch in a posture that was predicted to be accurate."""
 PLANNED = "planned_"
@@ -89,9 +91,8 @@ def as_records(table: pd.DataFrame, lines: Index, source: str) -> tuple[pd.DataF
     records["bar"], records["bar_end"] = np.where(is_bar, name, ""), np.where(is_bar, end, "")
     records["bar_length_mm"] = length.astype(object).where(is_bar, "")
     if "u_length_mm" in table:
-        records[BAR_U] = table["u_length_mm"].where(
-            is_bar & (pd.to_numeric(_texts(table, "u_length_mm"), errors="coerce") > 0), ""
-        )
+        u = pd.to_numeric(_texts(table, "u_length_mm"), errors="coerce").clip(lower=BEST_LENGTH)
+        records[BAR_U] = u.groupby(place).transform("max").astype(object).where(is_bar & u.notna(), "")
     notes.append(
         f"touches of an acceptance test: {cells['position'][is_point].nunique()} single points and the ends of "
         f"{name[is_bar].nunique()} lengths are seats that stood still; {(~is_bar & ~is_point).sum()} touches on "

@@ -472,6 +472,12 @@ def _bars(columns: Columns, problems: Problems) -> None:
     problems.at(held & ~np.isin(end, ("A", "B")), "bar_end", "is {!r}, expected A or B", end)
     problems.at(held & (seat == ""), "seat", "is empty in a row of bar {!r}, expected the label of the seat at its end", bar)
     problems.at(held & np.isnan(length), "bar_length_mm", "is empty in a row of bar {!r}, expected its length", bar)
+    if (u := columns.numbers.get(BAR_U)) is not None:
+        most = pd.Series(u).groupby(bar).transform("max").to_numpy()
+        differs = held & np.isfinite(u) & (u != most)
+        problems.at(
+            differs, BAR_U, "is {:g} for bar {!r}, of which another row states {:g}; expected one value", u, bar, most
+        )
     _bars_agree(bar, end, seat, length, problems)
 
 

@@ -261,6 +261,8 @@ def accept(
                 mpe_of = limits.get(definition.name, math.nan)
                 figures.append(AcceptanceFigure(source, definition, evaluated, mpe_of, places))
     found += [f"{', '.join(names)} {why}" for why, names in unfit.items()]
+    if left_out := [name for name in limits if name not in {d.name for d in wanted}]:
+        found.append(f"{', '.join(left_out)}: no verdict in spite of the MPE, for only figures of {standard} were asked for")
     notes = (*read_as, *found, *_notes(figures, measuring_range))
     of_range = sets[first][sets[first]["test"].isin(IN_RANGE)].groupby("test", sort=False)["length"].max()
     longest = {str(test): float(length) for test, length in of_range.items()} if measuring_range is not None else {}

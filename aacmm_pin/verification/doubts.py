@@ -54,9 +54,10 @@ def doubts(source: str, touches: pd.DataFrame) -> Iterator[str]:
     at = touches[["x", "y", "z"]]
     if copies := int(at.duplicated().sum()):
         yield f"{source}: {copies} of {len(at)} touches have the very coordinates of another; a copy says nothing of the arm"
-    if (extent := float(np.ptp(at.to_numpy(), axis=0).max())) < CLOSE:
-        yield f"{source}: all touches are within {extent / MM:.3g} mm of each other; are the coordinates in mm?"
-    for _, of_test in touches.groupby("test", sort=False):
+    for test, of_test in touches.groupby("test", sort=False):
+        extent = float(np.ptp(of_test[["x", "y", "z"]].to_numpy(), axis=0).max())
+        if extent < CLOSE and (of_test["position"].nunique() > 1 or test != "single-point"):
+            yield f"{source}: all touches of {test} are within {extent / MM:.3g} mm; are the coordinates in mm?"
         found = [*_spheres(of_test)]
         yield from (f"{source}: {text}" for text in (*_beside(found), *_wrong_sizes(found)))
 

@@ -168,6 +168,8 @@ class History(Shown):
         Raises:
             AacmmError: at this time other values of this arm are there.
         """
+        if not instrument.isprintable():
+            raise AacmmError(f"instrument is {instrument!r}, expected one line of text")
         time = _utc(time)
         instrument = next(iter(self._of(instrument)["instrument"]), instrument.strip())
         table = result.to_frame().rename(columns={"coordinates": "arm"}).dropna(subset="value_mm")
@@ -175,10 +177,15 @@ class History(Shown):
         table["verdict"] = table["verdict"].astype(object).where(table["verdict"].notna(), "")
         table = table.loc[:, list(COLUMNS)]
         for then, check in self._of(instrument).groupby("time"):
-            both = check.merge(table, on=["arm", "figure"])
+            both = check.reset_index().merge(table, on=["arm", "figure"])
             same = len(both) > 0 and bool(((both["value_mm_x"] - both["value_mm_y"]).abs() <= SAME).all())
             if same and len(both) == len(table):
-                return replace(self, time=check["time"].iloc[0], instrument=instrument)
+                judged = both[(both["verdict_y"] != "") & (both["verdict_y"] != both["verdict_x"])]
+                checks = self.checks.copy()
+                for name in ("mpe_mm", "verdict"):  # which it may have got since
+                    checks.loc[judged["index"], name] = judged[f"{name}_y"].to_numpy()
+                kept = replace(self, checks=checks, time=check["time"].iloc[0], instrument=instrument)
+                return replace(kept, appended=len(judged) > 0)
             if then == time and same:  # with figures that it did not have
                 old = pd.MultiIndex.from_frame(both[["arm", "figure"]])
                 table = table[~pd.MultiIndex.from_frame(table[["arm", "figure"]]).isin(old)]
@@ -273,7 +280,7 @@ def _utc(time: datetime) -> datetime:
 def _number(may_be_empty: bool) -> Callable[[str], float]:
     def number(cell: str) -> float:
         value = math.nan if may_be_empty and not cell else float(cell)
-        if cell and not math.isfinite(value):
+        if cell and ("_" in cell or not math.isfinite(value)):
             raise ValueError(cell)
         return value
 

@@ -181,6 +181,8 @@ def predict_acceptance(
         AacmmError: no arm, fewer runs than 20, or nothing of an arm is uncertain.
     """
     limits, of_standard, rng = checked_limits(mpe), definitions(standard), rng or np.random.default_rng(1)
+    if left_out := [name for name in limits if name not in {d.name for d in of_standard}]:
+        raise AacmmError(f"MPE of {', '.join(left_out)} is given, expected figures of {standard} alone")
     if not arms:
         raise AacmmError(f"{path}: no arm, expected at least one whose figures are predicted")
     whole(runs, FEWEST, "virtual runs")

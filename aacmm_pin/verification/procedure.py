@@ -172,6 +172,10 @@ def acceptance_procedure(
             f"lengths are {', '.join(f'{x / MM:g}' for x in bars)} mm, expected {len(parts)} different ones above 0 for "
             f"{'the figures of all standards' if standard is None else STANDARDS[standard]}"
         )
+    sizes = {"length_mm": bars, "feature_diameter_mm": [sphere_diameter], "probe_diameter_mm": [probe_diameter]}
+    for column, values in sizes.items():
+        called, range_ = NUMBERS[column]
+        range_.check(values, called.replace("_", " "))
     layout.spheres(wanted)
     if "single-point" in wanted:
         layout.single_points()

@@ -54,9 +54,10 @@ def read_touches(
     if given:
         points[AS_GIVEN] = np.column_stack([_numbers(table, n, plausible.COORDINATE, problems, True) for n in given])
     problems.stop()
-    points |= _of_indications(table, path, models, unfilled)
+    by_arms, odd = _of_indications(table, path, models, unfilled)
+    points |= by_arms
     sets = {name: touches.assign(**dict(zip("xyz", at.T, strict=True))) for name, at in points.items()}
-    return sets, read_as, {name: _different(table[name]) for name in STATED if name in table}
+    return sets, (*read_as, *odd), {name: _different(table[name]) for name in STATED if name in table}
 
 
 def what_is_touched(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
@@ -132,8 +133,10 @@ def _take_one_value(touches: pd.DataFrame, problems: Problems) -> None:
 
 def _of_indications(
     table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel], unfilled: list[str]
-) -> dict[str, Array]:
-    """Where each arm with its effects has the tip (n, 3) [m]; ``unfilled`` are columns that are empty in every row."""
+) -> tuple[dict[str, Array], list[str]]:
+    """Where each arm with its effects has the tip (n, 3) [m], and what is odd of conditions; ``unfilled`` are columns that
+    are empty in every row.
+    """
     theirs = [name for name in table if name not in (*ACCEPTANCE, *REFERENCE, *REFERENCE_U, *BAR, "seat")]
     came = ", ".join(table.columns[:MOST_NAMES]) + ", …" * (len(table.columns) > MOST_NAMES)
     if models and not table.columns.str.fullmatch(READINGS).any():
@@ -142,8 +145,10 @@ def _of_indications(
             why = f"{span(theta)}: empty in every row, expected indications"
         raise MeasurementFileError(path, None, "", why)
     found: dict[str, Array] = {}
+    odd: list[str] = []
     for name, model in models.items():
         readings = Measurements.from_frame(table.loc[:, theirs], model.arm.nq, path)
+        odd += [f"{name}: {text}" for text in model.odd_conditions(readings.conditions)]
         try:
             found[name] = model.correct(readings.q, readings.conditions)
         except AacmmError as error:
@@ -151,4 +156,4 @@ def _of_indications(
     if not found and not set(REFERENCE) & set(table):
         expected = "expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm"
         raise MeasurementFileError(path, None, "", f"no coordinates: {expected}; the columns that are filled in are {came}")
-    return found
+    return found, odd

@@ -19,7 +19,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli.common import Results
-from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointErrorCurve, StylusOffset, ThermalExpansion
+from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointErrorCurve, StylusOffset, ThermalExpansion, ZeroDrift
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, ArmFileError
 from aacmm_pin.measurements.records import Measurements
@@ -441,6 +441,22 @@ def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended:
     words = ["correct", "zero6", tmp_path / "away.csv", "--commands", "--nominal", "sino6", "-o", tmp_path / "none.csv"]
     refused(*words, said=["away.csv", "--nominal"])
     assert not (tmp_path / "none.csv").exists()
+
+
+def test_conditions_that_look_wrong_are_told_where_effects_rest_on_them(tmp_path: Path) -> None:
+    effects = (ZeroDrift(2, 1200.0, values=(3e-4,)), ThermalExpansion(values=(1e-5,)))
+    ErrorModel(Arm.load("sino6"), effects).save(tmp_path / "warm.toml")
+    table = pd.DataFrame(np.zeros((3, 6)), columns=[f"theta{j}_rad" for j in range(1, 7)])
+    for time, temperature, told in (
+        (600.0, 21.0, []),
+        (1.7e9, 70.0, ["time_s", "Fahrenheit"]),
+        (-1e5, 1.0, ["time_s", "20 °C"]),
+    ):
+        table.assign(time_s=time, temperature_c=temperature).to_csv(tmp_path / "r.csv", index=False)
+        for arm, words in (("warm.toml", told), ("sino6", [])):
+            arm = arm if arm == "sino6" else str(tmp_path / arm)
+            _, err = done("correct", arm, tmp_path / "r.csv", "-o", tmp_path / "c.csv", "--force")
+            assert [word for word in ("time_s", "Fahrenheit", "20 °C") if word in err] == words, err
 
 
 def test_readings_need_nothing_but_angles(tmp_path: Path) -> None:

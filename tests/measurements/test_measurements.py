@@ -429,6 +429,7 @@ def test_a_label_is_written_in_one_way(tmp_path: Path) -> None:
 BARS: list[tuple[dict[str, list[str]], int, str, str]] = [
     ({"bar_end": ["A"] * 4, "seat": ["p"] * 4}, 2, "bar_end", "'b' has records of end A only"),
     ({"bar_length_mm": ["500", "500.0", "500.1", "500"]}, 4, "bar_length_mm", "is 500.1 for bar 'b', which row 2"),
+    ({"u_bar_length_mm": ["0.2", "", "0.002", ""]}, 4, "u_bar_length_mm", "is 0.002 for bar 'b', of which another row"),
     ({"seat": ["p", "p", "q", "r"]}, 5, "seat", "is 'r' at end B of bar 'b', which row 4 says is seat 'q'"),
     ({"seat": ["p"] * 4}, 2, "seat", "'p' is at both ends of bar 'b'"),
     ({"bar": ["b", "b", "b", ""], "bar_length_mm": ["50", "50", "50", ""]}, 5, "bar_end", "is 'B' in a row without bar"),

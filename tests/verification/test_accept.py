@@ -347,6 +347,7 @@ def test_what_cannot_be_judged(data: Path, tmp_path: Path) -> None:
         ["--mpe", "E_Uni=small"],
         ["--mpe", "E_Uni=-1"],
         ["--mpe", "E_Uni=1e300"],
+        ["--mpe", "E_Uni=0_06"],
         ["--mpe", str(tmp_path / "digits.toml")],
         ["--standard", "iso"],
         ["--range-mm", "0"],
@@ -440,6 +441,21 @@ def test_lengths_in_another_unit_are_refused(data: Path, columns: list[str], uni
     table.to_csv(data, index=False)
     with pytest.raises(AacmmError, match=f"{said}.*unit"):
         accept(data)
+
+
+def test_single_points_in_another_unit_are_noted(data: Path) -> None:
+    table = everything()
+    at = table["test"] == "single-point"
+    for factor, noted in ((1.0, False), (1e-3, True)):
+        table.assign(**{c: table[c].where(~at, table[c] * factor) for c in ("x_mm", "y_mm", "z_mm")}).to_csv(
+            data, index=False
+        )
+        assert any("single-point" in note for note in accept(data).notes) == noted
+
+
+def test_figures_with_an_mpe_that_are_left_out_are_named(data: Path) -> None:
+    notes = accept(data, standard="iso10360-12", mpe={"SPAT.Max": 1e-5}).notes
+    assert any("SPAT.Max" in note and "MPE" in note for note in notes)
 
 
 @pytest.mark.parametrize(("probe", "said"), [(0.0, "6.02 mm larger"), (12.0, "6 mm smaller")])

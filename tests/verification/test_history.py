@@ -114,6 +114,16 @@ def test_an_instrument_is_one_however_it_is_written(tmp_path: Path) -> None:
     assert {(len(chart.values), chart.left) for chart in found.charts()} == {(len(SIZES) + 1, True)}
 
 
+def test_a_verdict_that_comes_later_is_kept(tmp_path: Path) -> None:
+    path = touches(tmp_path / "t.csv", 0.02)
+    first = History().with_check(accept(path), START)
+    later = first.with_check(accept(path, mpe={"SPAT.Max": 1e-5}), START + timedelta(days=1))
+    assert (len(later.checks), later.appended, set(later.checks["time"])) == (3, True, {START})
+    assert set(later.checks["verdict"]) == {"", "non-conformity"}
+    with pytest.raises(AacmmError, match="instrument"):
+        first.with_check(accept(path), START, "a\n#b")
+
+
 def test_further_figures_of_a_check_join_it(tmp_path: Path) -> None:
     result = accept(touches(tmp_path / "t.csv", 0.02))
     of_part = History().with_check(accept(tmp_path / "t.csv", standard="asme-b89.4.22"), START)
@@ -124,7 +134,14 @@ def test_further_figures_of_a_check_join_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("column", "cell"),
-    [("value_mm", "0,02"), ("value_mm", ""), ("time", "31.1.2026"), ("figure", "E_Uno"), ("verdict", "ok")],
+    [
+        ("value_mm", "0,02"),
+        ("value_mm", "0_02"),
+        ("value_mm", ""),
+        ("time", "31.1.2026"),
+        ("figure", "E_Uno"),
+        ("verdict", "ok"),
+    ],
 )
 def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -> None:
     path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
