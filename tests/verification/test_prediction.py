@@ -183,7 +183,7 @@ def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
     with pytest.raises(AacmmError, match="shorter"):
         acceptance_procedure(sino6, standard="iso10360-12", measuring_range=9.0)
     for sizes in ({"probe_diameter": -1e-3}, {"sphere_diameter": 0.0}, {"lengths": [0.005, 0.2]}):
-        with pytest.raises(AacmmError, match="mm|m, expected"):
+        with pytest.raises(AacmmError, match="expected"):
             acceptance_procedure(sino6, standard="asme-b89.4.22", **sizes)
     narrow = replace(sino6, limits=np.array([[0, 1.0], [-1.6, -0.6], [-0.5, 0.5], [0.5, 1.5], [0.3, 1], [-1, 1]]))
     with pytest.raises(AacmmError, match="no posture inside the limits was found with the tip at 20% to 45%"):
