@@ -32,7 +32,16 @@ def in_radians(text: str) -> float:
         ValueError: it is none.
     """
     unit = next((u for u in sorted(ANGLES, key=len, reverse=True) if text.strip().endswith(u)), "")
-    return float(text.strip().removesuffix(unit)) * ANGLES.get(unit, 1.0)
+    return number(text.strip().removesuffix(unit)) * ANGLES.get(unit, 1.0)
+
+
+def number(text: str) -> float:
+    """A number as it is typed, without the ``_`` between digits that Python passes over: ``0_06`` would be 6.
+
+    Raises:
+        ValueError: it is none.
+    """
+    return float(text.replace("_", "?"))
 
 
 def prefixed(unit: str, size: float) -> tuple[str, float]:

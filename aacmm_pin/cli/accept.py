@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from aacmm_pin._support.input_files import content_of
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, number
 from aacmm_pin.arm.file import MOST_BYTES, toml_of
 from aacmm_pin.cli.accept_prediction import BeforeTheTest
 from aacmm_pin.cli.arm_options import UrdfArm, in_metres
@@ -161,7 +161,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
     limits: dict[str, float] = {}
     for name, limit in given.items():
         try:
-            limits[name] = float(str(limit).replace("_", "?")) * MM  # Python reads 0_06 as 6
+            limits[name] = number(str(limit)) * MM
         except ValueError:
             raise AacmmError(f"MPE of {name} is {limit!r}, expected a number of millimetres, with a decimal point") from None
     return limits

@@ -8,7 +8,7 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
-from aacmm_pin._support.units import in_radians
+from aacmm_pin._support.units import in_radians, number
 from aacmm_pin.effects.causes import cause_named
 from aacmm_pin.effects.effect import Effect
 from aacmm_pin.effects.error_model import ErrorModel, require_row
@@ -95,7 +95,7 @@ def _field(kind: type[Effect], name: str, value: str) -> Any:
 
 def _number(text: str, name: str, value: str) -> float:
     try:
-        return in_radians(value) if name.endswith("_rad") else float(value)
+        return in_radians(value) if name.endswith("_rad") else number(value)
     except ValueError:
         angle = ", or an angle such as 8urad or 1.65arcsec" if name.endswith("_rad") else ""
         raise AacmmError(f"{text!r}: {name} is {value!r}, expected a number{angle}") from None

@@ -24,6 +24,7 @@ from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import number as typed
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.csv_columns import Problems
 from aacmm_pin.measurements.csv_table import measurement_file, read_table
@@ -279,8 +280,8 @@ def _utc(time: datetime) -> datetime:
 
 def _number(may_be_empty: bool) -> Callable[[str], float]:
     def number(cell: str) -> float:
-        value = math.nan if may_be_empty and not cell else float(cell)
-        if cell and ("_" in cell or not math.isfinite(value)):
+        value = math.nan if may_be_empty and not cell else typed(cell)
+        if cell and not math.isfinite(value):
             raise ValueError(cell)
         return value
 

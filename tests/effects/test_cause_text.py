@@ -70,6 +70,9 @@ def test_texts_are_read(sino6: Arm) -> None:
         assert cause_of(text, model, ("torque",)) == effect, text
     for angle, radians in {"1.65arcsec": 7.99943e-6, "0.5mdeg": 8.72665e-6, "8e-6": 8e-6, "2 µrad": 2e-6}.items():
         assert cause_of(f"encoder_slip:1,time_s=60,step_rad={angle}", model).values[0] == pytest.approx(radians, rel=1e-5)
+    for slip in ("step_rad=1_0e-5", "step_rad=1_0urad"):
+        with pytest.raises(AacmmError, match="step_rad"):
+            cause_of(f"encoder_slip:1,time_s=60,{slip}", model)
     curve = cause_of("joint_error_curve:2", model)
     assert isinstance(curve, JointErrorCurve)
     np_low, np_high = sino6.limits[1]
