@@ -130,3 +130,13 @@ def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
     assert min(e.time_s for e in EncoderSlip(1, 1150.0).refined(records)) > 1100.0
     slow = [e.time_constant_s for e in ZeroDrift(1, 600.0).refined(records)]
     assert [min(slow), max(slow)] == [200.0, 1800.0]
+
+
+def test_bodies_that_grow_are_tried_in_either_convention(tmp_path: Path) -> None:
+    """A long d stands before its joint's axis in modified DH, where it is no tube that bends."""
+    row = "a_mm = {}\nd_mm = {}\nalpha_rad = 1.5\ntheta_offset_rad = 0.0\nlimits_rad = [-3.0, 3.0]\n"
+    rows = "".join("\n[[joints]]\n" + row.format(a, d) for a, d in ((0, 0), (0, 0), (20, 610), (300, 0), (0, 480), (0, 0)))
+    for convention, links in (("standard-dh", [None, 3, 4, 5]), ("modified-dh", [None, 3, 5])):
+        path = tmp_path / f"{convention}.toml"
+        path.write_text(f'schema = "aacmm-pin/arm/1"\nname = "a"\nconvention = "{convention}"\n{rows}', encoding="utf-8")
+        assert [variants[0].link for variants in ThermalExpansion.candidates(Arm.load(path))] == links
