@@ -290,6 +290,8 @@ def _in_range(found: Evaluated, definition: Definition, touches: pd.DataFrame, m
     longest = touches["length"].max()
     if definition.test not in IN_RANGE or measuring_range is None or found.missing:
         return found
+    if longest > measuring_range:
+        raise AacmmError(f"the longest length, {plain_mm(longest)} mm, is beyond the range, {plain_mm(measuring_range)} mm")
     least = LONGEST_PART * measuring_range
     if longest >= least:
         return found

@@ -181,9 +181,9 @@ class History(Shown):
             both = check.reset_index().merge(table, on=["arm", "figure"])
             same = len(both) > 0 and bool(((both["value_mm_x"] - both["value_mm_y"]).abs() <= SAME).all())
             if same and len(both) == len(table):
-                judged = both[(both["verdict_y"] != "") & (both["verdict_y"] != both["verdict_x"])]
+                judged = both[(both["verdict_y"] != "") & (both["verdict_x"] == "")]
                 checks = self.checks.copy()
-                for name in ("mpe_mm", "verdict"):  # which it may have got since
+                for name in ("U_mm", "mpe_mm", "verdict"):  # a check without a verdict may get one
                     checks.loc[judged["index"], name] = judged[f"{name}_y"].to_numpy()
                 kept = replace(self, checks=checks, time=check["time"].iloc[0], instrument=instrument)
                 return replace(kept, appended=len(judged) > 0)

@@ -120,6 +120,8 @@ def test_a_verdict_that_comes_later_is_kept(tmp_path: Path) -> None:
     later = first.with_check(accept(path, mpe={"SPAT.Max": 1e-5}), START + timedelta(days=1))
     assert (len(later.checks), later.appended, set(later.checks["time"])) == (3, True, {START})
     assert set(later.checks["verdict"]) == {"", "non-conformity"}
+    again = later.with_check(accept(path, mpe={"SPAT.Max": 1.0}), START + timedelta(days=2))
+    assert not again.appended  # a verdict that is there stays
     with pytest.raises(AacmmError, match="instrument"):
         first.with_check(accept(path), START, "a\n#b")
 
