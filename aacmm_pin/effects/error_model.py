@@ -168,9 +168,9 @@ class ErrorModel(Shown):
 
     def odd_conditions(self, conditions: Conditions) -> list[str]:
         """What looks as if it were in another unit, or by another clock, where the effects rest on it; in words."""
-        rests = {need for effect in self.effects for need in effect.needs}
         clock = conditions.odd_clock if any(effect.settling_time is not None for effect in self.effects) else []
-        warm = conditions.odd_temperatures(self.arm.reference_temperature) if "temperature" in str(rests) else []
+        by_warmth = any("temperature" in need for effect in self.effects for need in effect.needs)
+        warm = conditions.odd_temperatures(self.arm.reference_temperature) if by_warmth else []
         return [*clock, *warm]
 
     def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:

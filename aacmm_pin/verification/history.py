@@ -23,8 +23,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import MM
-from aacmm_pin._support.units import number as typed
+from aacmm_pin._support.units import MM, number
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.csv_columns import Problems
 from aacmm_pin.measurements.csv_table import measurement_file, read_table
@@ -279,13 +278,13 @@ def _utc(time: datetime) -> datetime:
 
 
 def _number(may_be_empty: bool) -> Callable[[str], float]:
-    def number(cell: str) -> float:
-        value = math.nan if may_be_empty and not cell else typed(cell)
+    def read(cell: str) -> float:
+        value = math.nan if may_be_empty and not cell else number(cell)
         if cell and not math.isfinite(value):
             raise ValueError(cell)
         return value
 
-    return number
+    return read
 
 
 def _read(table: pd.DataFrame, name: str, of: Callable[[str], Any], expected: str, problems: Problems) -> pd.Series:
