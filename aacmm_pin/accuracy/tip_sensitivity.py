@@ -75,8 +75,10 @@ class ErrorSources(Shown):
                 parameters together with those of effects was passed without the effects.
         """
         model, not_passed = _with_effects(model)
+        open_questions = (question for effect in model.effects for question in effect.open_questions)
+        model = replace(model, effects=(*model.effects, *open_questions))
         left_out = _lacking(model, q, conditions)
-        not_included = (*not_passed, *(effect.label for effect in left_out))
+        not_included = tuple(dict.fromkeys((*not_passed, *(effect.label for effect in left_out))))
         arm, covariance, stated = model.arm, model.covariance(), _noise(model.arm, encoder_noise)
         silent = {p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()}
         noise = arm.encoder_noise if stated is None else stated

@@ -149,6 +149,7 @@ def _concluded(
     """What a choice of causes says, beside the arm as it was and recalibrated."""
     extended = choice.fit
     findings = findings_of(model, choice, strong)
+    calibrated, found = calibrated_model(extended), {finding.effect.identity: finding.effect for finding in findings}
     unexplained = unexplained_by(choice, strong, held)
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
     structure = bool(unexplained.depends_on) or _excess(extended) > 0.0
@@ -156,7 +157,7 @@ def _concluded(
     return Diagnosis(
         verdict=verdict_of(findings, structure, unexplained.p_value, shown, (recalibrated, extended)),
         findings=tuple(findings),
-        model=calibrated_model(extended),
+        model=replace(calibrated, effects=tuple(found.get(e.identity, e).at(e.values, e.u) for e in calibrated.effects)),
         before=before,
         recalibrated=recalibrated,
         extended=extended,

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.calibration.parameter_vector import KIND_OF, geometric_parameters
+from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.cross_validation import brought
-from aacmm_pin.diagnosis.model_extension import Choice, u_of_step
+from aacmm_pin.diagnosis.model_extension import Choice, Step, step_of
 from aacmm_pin.diagnosis.result import Finding, described
 from aacmm_pin.diagnosis.significance import Place, Strength, aliases_of, retained
 from aacmm_pin.effects import Effect
@@ -42,26 +43,35 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
             continue
         effect, covariance = every.get(chosen.identity, latest[chosen.label])
         known = [old for old in model.effects if old.label == effect.label]
+        stepping = (name for name in effect.inner if name not in effect.inner_widths())
+        steps = {name: step_of(choice, strength.block, name) for name in stepping}
         replaced = [old for old in known if old.identity == effect.identity or old.identity not in every]
         yield Finding(
-            effect,
+            effect if is_change(chosen) else _stepped(choice, effect, steps),
             described(effect, covariance),
             strength.probability,
             strength.p_value,
             strength.retained,
             strength.aliases,
             None if geometric_parameters(model.arm, effect) else brought(choice, choice.admitted, strength.block),
-            _inner_values(choice, effect, strength.block),
+            _inner_values(choice, effect, steps),
             effect.slides(choice.fit.problem.model.arm),
             None if effect.place is None else latest.get(effect.cause, (None,))[0],
             next(iter(replaced), None),
         )
 
 
-def _inner_values(choice: Choice, effect: Effect, block: int) -> dict[str, tuple[float, float]]:
+def _stepped(choice: Choice, effect: Effect, steps: Mapping[str, Step]) -> Effect:
+    """The effect with what the records tell of where it steps."""
+    for step in steps.values():
+        effect = effect.stepped_between(step.low, step.high, choice.fit.problem.measurements)
+    return effect
+
+
+def _inner_values(choice: Choice, effect: Effect, steps: Mapping[str, Step]) -> dict[str, tuple[float, float]]:
     """What was found of order, time constant or time, with u."""
     told = {name: u for (key, name), u in choice.fit.inner_u.items() if key == effect.key}
-    told |= {name: u_of_step(choice, block, name) for name in effect.inner if name not in effect.inner_widths()}
+    told |= {name: step.u for name, step in steps.items()}
     return {name: (float(getattr(effect, name)), u) for name, u in told.items()}
 
 

@@ -361,14 +361,29 @@ def _beside(at: Fit, variants: Variants, rest: Sequence[Effect]) -> Array:
     return Conditional.of(gram, others, at.stated).evidences[: len(variants)]
 
 
-def u_of_step(choice: Choice, block: int, name: str) -> float:
-    """Standard uncertainty of an inner value in which the cause steps, such as the time of a slip [its unit].
+@dataclass(frozen=True)
+class Step:
+    """What the records tell of an inner value in which a cause steps, such as the time of a slip [its unit].
 
     Of its posterior over the values near it, each of which stands for the gap around it.
+
+    Attributes:
+        u: standard uncertainty.
+        low, high: the first and the last of the values that together have 95 % of the probability.
     """
+
+    u: float
+    low: float
+    high: float
+
+
+def step_of(choice: Choice, block: int, name: str) -> Step:
+    """What the records tell of the inner value ``name`` of a block."""
     tried = choice.variant(block).at(()).refined(choice.fit.problem.measurements)
     values = np.array([getattr(effect, name) for effect in tried])
     odds = _evidences(choice, block, tried)
     share = np.exp(odds - logsumexp(odds))
     gaps = np.gradient(values) if values.size > 1 else np.zeros(1)
-    return float(np.sqrt(share @ (np.square(values - share @ values) + np.square(gaps) / 12.0)))
+    u = float(np.sqrt(share @ (np.square(values - share @ values) + np.square(gaps) / 12.0)))
+    low, high = values[np.searchsorted(np.cumsum(share), (0.025, 0.975)).clip(max=len(values) - 1)]
+    return Step(u, float(low), float(high))

@@ -302,7 +302,8 @@ def _spectrum(effect: Effect) -> dict[str, Any]:
 
 
 def _inner_fields(effect: Effect) -> list[str]:
-    return [name for name in effect.structure() if name not in ("joint", "bodies") and getattr(effect, name) is not None]
+    names = [name for name in effect.structure() if name not in ("joint", "bodies")]
+    return [name for name in names if getattr(effect, name) not in (None, ())]
 
 
 def _held_out(gain: Gain) -> dict[str, Any]:

@@ -312,6 +312,15 @@ class Effect(Shown, ABC):
         """The same with inner values near those that were found, in their order; here: itself."""
         return [self]
 
+    def stepped_between(self, low: float, high: float, records: Records) -> Self:
+        """The same, where the inner value at which it steps is known to be from ``low`` to ``high``; here: itself."""
+        return self
+
+    @property
+    def open_questions(self) -> tuple[Effect, ...]:
+        """Causes of value zero whose u stands for what is uncertain of it beside its values; here: none."""
+        return ()
+
     @property
     def exceptional(self) -> bool:
         """Whether its inner value is one that machines are made with, and so likelier than those near it."""

@@ -342,15 +342,30 @@ class EncoderSlip(Effect):
 
     Unit rad; typical 5e-5 to 5e-4. Needs ``time_s``. Confused with: ``zero_drift`` where few records are near the slip, a
     moved reference (which shifts all directions, not one joint's), a session boundary.
+
+    Between the two times ``between_s`` nobody knows whether it has slipped yet: half of ``δ`` is taken there, and ``δ/2`` is
+    the standard uncertainty of that (JCGM 100:2008, 4.3: two values, equally probable).
     """
 
     joint: int
     time_s: float
+    between_s: tuple[float, ...] = ()
     cause: ClassVar[str] = "encoder_slip"
     needs: ClassVar[tuple[str, ...]] = ("time",)
     inner: ClassVar[tuple[str, ...]] = ("time_s",)
     least_inner: ClassVar[float] = -LATEST
     terms: ClassVar[tuple[Term, ...]] = (Term("", "rad", 2e-4, "step_rad"),)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        gap = self.between_s
+        if gap and not (len(gap) == 2 and gap[0] <= self.time_s <= gap[1]):
+            raise AacmmError(f"{self.label}: between_s is {gap}, expected two times, time_s, {self.time_s:g}, between them")
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """That of the joint and the time."""
+        return (self.cause, self.joint, self.time_s)
 
     def inner_in_words(self) -> list[str]:
         """The time."""
@@ -375,9 +390,40 @@ class EncoderSlip(Effect):
         times = np.unique(time) if time is not None else np.array([self.time_s])
         between = np.concatenate([[times[0]], (times[1:] + times[:-1]) / 2])
         near = np.argsort(np.abs(between - self.time_s))[:NEAR]
-        return [replace(self, time_s=float(t)) for t in np.sort(between[near])]
+        return [replace(self, time_s=float(t), between_s=()) for t in np.sort(between[near])]
+
+    def stepped_between(self, low: float, high: float, records: Records) -> Self:
+        """From the last record that is surely before it to the first that is surely behind it."""
+        times = np.unique(records.conditions.require("time", self.label))
+        before, behind = times[times < low].max(initial=-LATEST), times[times > high].min(initial=LATEST)
+        return replace(self, between_s=(float(before), float(behind)))
+
+    @property
+    def open_questions(self) -> tuple[Effect, ...]:
+        """Whether a reading between the two times is of before or after."""
+        if not (self.between_s and any(self.values)):
+            return ()
+        return (_SlippedYet(self.joint, self.time_s, self.between_s, u=(abs(self.values[0]) / 2.0,)),)
+
+    def open(self, time: Array) -> NDArray[np.bool_]:
+        """(n,) True for the times between the two."""
+        low, high = self.between_s or (self.time_s, self.time_s)
+        return (low < time) & (time < high)
 
     def displacements(self, state: State) -> list[Displacement]:
-        """One from the time on."""
+        """One from the time on; a half where it is not known."""
         time = state.conditions.require("time", self.label)
-        return [about_axis(state, self.joint, (time >= self.time_s).astype(np.float64)[:, None])]
+        slipped = np.where(self.open(time), 0.5, time >= self.time_s)
+        return [about_axis(state, self.joint, slipped[:, None])]
+
+
+@dataclass(frozen=True)
+class _SlippedYet(EncoderSlip):
+    """What is missing of a slip, or too much, between the two times."""
+
+    terms: ClassVar[tuple[Term, ...]] = (Term("in_gap", "rad", 2e-4, "in_gap_rad"),)
+
+    def displacements(self, state: State) -> list[Displacement]:
+        """One between the two times."""
+        between = self.open(state.conditions.require("time", self.label))
+        return [about_axis(state, self.joint, between.astype(np.float64)[:, None])]

@@ -182,6 +182,7 @@ EFFECTS = [
     ("encoder_eccentricity", "joint = 1", "amplitude_rad = 1e-4, phase_rad = 1e300", "phase_rad is 1e+300"),
     ("encoder_eccentricity", "joint = 1", "amplitude_rad = 1e300", "1e+300"),
     ("joint_periodic_error", "joint = 1\norder = 1e300", "amplitude_rad = 1e-4", "order is 1e+300"),
+    ("encoder_slip", "joint = 1\ntime_s = 9.0\nbetween_s = [1.0, 8.0]", "step_rad = 1e-4", "between_s is"),
     ("encoder_slip", "joint = 1\ntime_s = 1e300", "step_rad = 1e-4", "time_s is 1e+300"),
     ("zero_drift", "joint = 1\ntime_constant_s = 1e-300", "drift_rad = 1e-4", "time_constant_s is 1e-300"),
     ("joint_error_curve", "joint = 1\nlower_rad = 0\nupper_rad = 1e300\ncoefficients = 5", "c1_rad = 1e-4", "1e+300"),

@@ -413,7 +413,7 @@ def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(model_extension, "_evidences", lambda _, k, tried: np.zeros(len(tried)))
     times = np.array([0.0, 5.0, 20.0, 50.0])
     variance = times.var() + np.square(np.gradient(times)).mean() / 12.0
-    assert model_extension.u_of_step(slip, 0, "time_s") == pytest.approx(np.sqrt(variance))
+    assert model_extension.step_of(slip, 0, "time_s") == model_extension.Step(pytest.approx(np.sqrt(variance)), 0.0, 50.0)
 
 
 def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> None:

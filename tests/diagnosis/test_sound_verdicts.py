@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.file import ArmFile
@@ -381,6 +383,32 @@ def test_a_known_slip_that_has_grown_is_no_second_one(sino6: Arm) -> None:
     (finding,) = found.findings
     assert (found.verdict, finding.was, finding.effect.identity) == ("explained", known, known.identity)
     assert abs(finding.effect.values[0] - 4.8e-4) < 3.3 * finding.effect.u[0] < 1e-4
+
+
+@pytest.mark.parametrize(("seed", "step"), [(0, 2.5e-4), (2, 4e-5)])
+def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
+    sino6: Arm, seed: int, step: float, tmp_path: Path
+) -> None:
+    """Which of the two they are nobody knows: u is as large as the error there, and no larger elsewhere."""
+    rng = np.random.default_rng(seed)
+    noise = {"encoder_noise": 1e-5, "reference_noise": 5e-6}
+    truth = ErrorModel(sino6, (EncoderSlip(joint=3, time_s=3000.0, values=(step,)),))
+    data = simulate_measurements(truth, "free", 120, rng=rng, **noise)
+    found = diagnose(ErrorModel(sino6), data, **noise, progress=False)
+    (finding,) = found.findings
+    low, high = finding.effect.between_s  # type: ignore[attr-defined]
+    assert low < 3000.0 < high
+    found.model.save(tmp_path / "extended.toml")
+    model, time = ErrorModel.load(tmp_path / "extended.toml"), np.linspace(2 * low - high, 2 * high - low, 301)
+    q, conditions = data.q[rng.integers(0, data.n, time.size)], Conditions(time.size, time=time)
+    off = np.linalg.norm(model.correct(q, conditions) - truth.correct(q, conditions), axis=1)
+    judged = accuracy_volume(model, q, conditions=conditions, method="ellipsoid", encoder_noise=0.0)
+    z, between = off / judged.u, (low < time) & (time < high)
+    assert 0.7 < np.sqrt(np.mean(z[between] ** 2)) < 1.3
+    assert z.max() < 3.0
+    assert judged.u[~between].mean() < judged.u[between].mean() / 1.5
+    one: dict[str, Any] = {"conditions": conditions.take([150]), "encoder_noise": 0.0, "rng": rng}
+    assert accuracy_volume(model, q[150:151], method="monte-carlo", **one).u == pytest.approx(judged.u[150], rel=0.1)
 
 
 @pytest.mark.parametrize("sure", [False, True])
