@@ -66,8 +66,7 @@ def run(
         refuse(context, [f.name for f in fields(before)], "goes with --predict")
     if plot is not None and history is None:
         raise typer.BadParameter("--plot draws the checks of --history FILE")
-    reads = [*files, *([robot.urdf] if robot.urdf else []), *(m for m in mpe or [] if "=" not in m)]
-    with Results(force, output, plot=plot, json_=json_, reads=reads) as results:
+    with Results(force, output, plot=plot, json_=json_) as results:
         arms, limits = {name: ErrorModel.load(name) for name in names}, _limits(mpe or [])
         if (by_urdf := robot.of_urdf()) is not None:
             arms[str(robot.urdf)] = by_urdf

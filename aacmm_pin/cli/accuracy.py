@@ -40,7 +40,7 @@ def run(
     force: Force = False,
 ) -> None:
     """How accurate the arm is at a point, in which posture, and why."""
-    with Results(force, output, plot=plot, json_=json_, reads=arm.files) as results:
+    with Results(force, output, plot=plot, json_=json_) as results:
         model, encoder_noise = arm.model(), noise.encoder_noise_rad
         if model.arm.dh is None and encoder_noise is None and not any(p.u for p in model.parameters):
             raise AacmmError(

@@ -66,11 +66,6 @@ class AnyArm(UrdfArm):
         typer.Argument(metavar="ARM", help=f"Bundled arm ({BUNDLED}) or path of an arm file; none with --urdf."),
     ] = None
 
-    @property
-    def files(self) -> tuple[str | None, ...]:
-        """What is read."""
-        return self.arm, self.urdf
-
     def model(self, **half_widths: float) -> ErrorModel:
         """The arm with its effects; see :meth:`UrdfArm.of_urdf`.
 
@@ -108,11 +103,6 @@ class ArmAndData(UncertainArm):
     """An arm and a file of measurements; with ``--urdf`` the file is the only argument."""
 
     data: Annotated[str | None, typer.Argument(metavar="DATA", help="Measurement file (CSV).", show_default=False)] = None
-
-    @property
-    def files(self) -> tuple[str | None, ...]:
-        """See :attr:`AnyArm.files`."""
-        return *super().files, self.data
 
     def model_and_data(self) -> tuple[ErrorModel, str]:
         """The arm with its effects, and the path of the file.

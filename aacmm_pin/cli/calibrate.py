@@ -38,7 +38,7 @@ def run(
     from aacmm_pin.report import html, terminal  # these load what draws
     from aacmm_pin.report.calibration import calibration_document, calibration_summary, comment
 
-    with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_, reads=arm.files) as results:
+    with Results(force, output, urdf_out, residuals, report, plot=plot, json_=json_) as results:
         model, path = arm.model_and_data()
         if output is not None:
             model.file()  # or refused before the work

@@ -91,7 +91,10 @@ def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
 
 
 class Results(OutputFiles):
-    """The files of one command and what it prints in their stead: all of it in the end, or nothing."""
+    """The files of one command and what it prints in their stead: all of it in the end, or nothing.
+
+    A file that is to be written is refused when it is about to be read; plugins, which were read before, are refused at once.
+    """
 
     plugins: ClassVar[tuple[str, ...]] = ()
     """Files of ``--plugin`` and of all that it imports, which every command reads."""
@@ -102,7 +105,6 @@ class Results(OutputFiles):
         *paths: Path | None,
         plot: Path | None = None,
         json_: str | None = None,
-        reads: Iterable[str | None] = (),
     ) -> None:
         """Look, before long work begins, whether everything can be written.
 
@@ -111,13 +113,11 @@ class Results(OutputFiles):
             paths: files that will be written; None where one was not asked for.
             plot: a picture.
             json_: a file for JSON, ``-`` for stdout.
-            reads: files that the command reads, which it never replaces; names of bundled arms among them are no files.
-                What it reads besides, such as the URDF that an arm file names, is refused when that is about to be read.
 
         Raises:
             AacmmError: a file cannot be written, is there already, is read by the command, or is asked for twice.
         """
-        super().__init__(force, [*self.plugins, *(name for name in reads if name is not None)])
+        super().__init__(force, self.plugins)
         self.check(*[path for path in (*paths, plot, json_) if path is not None])
         if plot is not None and plot.suffix not in PLOT_SUFFIXES:
             raise AacmmError(f"{plot}: expected a name that ends in one of {', '.join(PLOT_SUFFIXES)}")

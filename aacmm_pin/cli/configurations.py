@@ -11,7 +11,7 @@ from aacmm_pin.cli.pose_options import Orientation, Point
 @command
 def run(point: Point, arm: AnyArm, orientation: Orientation, output: Output = None, force: Force = False) -> None:
     """Every configuration that reaches a point, as CSV."""
-    with Results(force, output, reads=arm.files) as results:
+    with Results(force, output) as results:
         circle = orientation.postures(arm.model().arm, point)
         note(str(circle))
         results.text(csv_text(circle.columns()), output)

@@ -66,7 +66,7 @@ def run(
     force: Force = False,
 ) -> None:
     """Tip coordinates of readings by the calibrated arm with its effects, with their uncertainty, as CSV."""
-    with Results(force, output, reads=[*arm.files, nominal]) as results:
+    with Results(force, output) as results:
         model, path = arm.model_and_data()
         before = _nominal(nominal, model)
         if commands and before is None:

@@ -30,7 +30,7 @@ def run(
     from aacmm_pin.report import html, terminal  # these load what draws
     from aacmm_pin.report.diagnosis import diagnosis_document
 
-    with Results(force, output, extended_arm, json_=json_, reads=arm.files) as results:
+    with Results(force, output, extended_arm, json_=json_) as results:
         model, path = arm.model_and_data()
         if extended_arm is not None:
             model.file()  # or refused before the work

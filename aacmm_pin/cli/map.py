@@ -40,7 +40,7 @@ def run(
     force: Force = False,
 ) -> None:
     """Flexibility and accuracy over the workspace, as netCDF."""
-    with Results(force, output, plot=plot, json_=json_, reads=arm.files) as results:
+    with Results(force, output, plot=plot, json_=json_) as results:
         model = arm.model()
         model.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
         for caveat in map_caveats(model.arm):

@@ -78,7 +78,7 @@ def run(
         return
     if as_it_stands and split is None:
         raise typer.BadParameter("--as-it-stands goes with --split; without it a plan changes neither load nor mount")
-    with Results(force, output, set_up_arm, sheet, json_=json_, reads=[*arm.files, data]) as results:
+    with Results(force, output, set_up_arm, sheet, json_=json_) as results:
         model = arm.model()
         existing = None if data is None else Measurements.read(data, model.arm.nq)
         if how.length_noise_mm is not None and (existing is None or not existing.bars()):

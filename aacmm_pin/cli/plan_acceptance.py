@@ -43,7 +43,7 @@ class Artefacts:
         self, arm: UncertainArm, above_mm: float | None, seed: int, output: Path | None, sheet: Path | None, force: bool
     ) -> None:
         """Plan the touches, and write the file and the sheet."""
-        with Results(force, output, sheet, reads=arm.files) as results:
+        with Results(force, output, sheet) as results:
             procedure = acceptance_procedure(
                 arm.model(),
                 standard=self.standard,

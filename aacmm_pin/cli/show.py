@@ -51,7 +51,7 @@ def run(
         raise typer.BadParameter("--point and --theta-deg exclude each other")
     if point is None and (orientation.tip or orientation.oriented):
         raise typer.BadParameter("--tip, --axis and --rpy-deg go with --point")
-    with Results(force, output, reads=arm.files) as results:
+    with Results(force, output) as results:
         model = arm.model()
         if point is None:
             scene = scenes.arm_scene(model, _posture(model.arm, theta_deg)[None])

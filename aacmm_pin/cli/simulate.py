@@ -104,7 +104,7 @@ def run(
     planned.refuse_others(context)
     rng = np.random.default_rng(seed)
     procedure = planned.plan if planned.plan.endswith(".csv") else None
-    with Results(force, output, truth, reads=[*arm.files, procedure]) as results:
+    with Results(force, output, truth) as results:
         model = as_filed = arm.model()
         touches = None if procedure is None else Procedure.read(procedure, model.arm)
         effects = [stated_cause(text, model) for text in effect or []]

@@ -28,7 +28,7 @@ def run(
     force: Force = False,
 ) -> None:
     """URDF of an arm, from its DH table or with its corrected placements; or the DH table of a URDF."""
-    with Results(force, output, reads=arm.files) as results:
+    with Results(force, output) as results:
         model = arm.model()
         if to_dh:
             if model.effects:
