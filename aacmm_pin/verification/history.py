@@ -133,6 +133,8 @@ class History(Shown):
         """
         if not Path(path).exists():
             return cls()
+        if not Path(path).is_file():  # it is written again
+            raise MeasurementFileError(str(path), None, "", "is not a regular file, expected the CSV of a history")
         content = measurement_file(str(path))
         for line, text in enumerate(content.splitlines(), start=1):
             if text.lstrip().startswith(b"#"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -163,6 +164,12 @@ def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -
     path.write_bytes(before[: len(before) // 2])
     with pytest.raises(AacmmError, match="row"):
         History.read(path)
+
+
+def test_a_pipe_is_no_history(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "h")  # reading it would wait for ever, and it cannot be replaced
+    with pytest.raises(MeasurementFileError, match="regular file"):
+        History.read(tmp_path / "h")
 
 
 def test_only_what_was_read_is_replaced(tmp_path: Path) -> None:
