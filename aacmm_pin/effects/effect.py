@@ -326,6 +326,11 @@ class Effect(Shown, ABC):
         """Whether its inner value is one that machines are made with, and so likelier than those near it."""
         return False
 
+    @property
+    def magnitude_alone(self) -> bool:
+        """Whether its values stand for their magnitude, in any direction, such as an amplitude without a phase."""
+        return False
+
     def inner_widths(self) -> dict[str, float]:
         """Fields with a continuous value in which the cause is smooth, and how far off each may be before records tell."""
         return {}

@@ -91,6 +91,11 @@ class _Periodic(_OfAngle):
         """φ: kθ at which δ is largest [rad]."""
         return float(np.arctan2(self.values[1], self.values[0]))
 
+    @property
+    def magnitude_alone(self) -> bool:
+        """With a phase of exactly zero: it was not stated."""
+        return self.phase == 0.0
+
     def displacements(self, state: State) -> list[Displacement]:
         """``cos kθ`` and ``sin kθ`` about the axis."""
         angle = self.turns * state.angle(self.joint)

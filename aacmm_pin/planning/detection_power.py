@@ -32,9 +32,13 @@ class Size:
 
     @staticmethod
     def of(effect: Effect) -> Size:
-        """The effect's own values, or typical ones of any direction where all are zero."""
+        """The effect's own values, or their magnitude in any direction; a typical one where all are zero."""
         scaled = np.array(effect.values) / np.array([term.typical for term in effect.terms])
-        return Size(scaled[:, None], stated=True) if scaled.any() else Size(np.eye(scaled.size))
+        if not scaled.any():
+            return Size(np.eye(scaled.size))
+        if effect.magnitude_alone:
+            return Size(np.eye(scaled.size) * np.linalg.norm(scaled) / np.sqrt(scaled.size), stated=True)
+        return Size(scaled[:, None], stated=True)
 
     def drawn(self, count: int, rng: np.random.Generator) -> Array:
         """Parameters of ``count`` draws of one size: in any direction, or the values with either sign (q, count)."""

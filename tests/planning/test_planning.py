@@ -130,6 +130,14 @@ def test_the_distances_are_those_of_dense_least_squares(sino6: Arm) -> None:
         assert plan.after.least == pytest.approx(min(expected), rel=EXACT)
 
 
+def test_an_amplitude_without_a_phase_is_planned_for_any_phase(sino6: Arm) -> None:
+    split = (JointCompliance(3, values=(1.7e-5,)), EncoderEccentricity(3, values=(7e-5, 0.0)))
+    plan = planned(sino6, split, as_it_stands=True)
+    phases = np.arange(8) * np.pi / 4
+    each = [brute(plan, sino6, (split[0], replace(split[1], values=(7e-5 * np.cos(p), 7e-5 * np.sin(p))))) for p in phases]
+    assert (plan.after.one, plan.after.other) == pytest.approx(np.mean(each, axis=0), rel=EXACT)
+
+
 def test_they_are_with_existing_records_in_an_unknown_frame_and_at_seats(sino6: Arm) -> None:
     split = (JointCompliance(2), EncoderEccentricity(2))
     existing = simulate_measurements(sino6, "free", 15, rng=np.random.default_rng(3), encoder_noise=U_READING)
