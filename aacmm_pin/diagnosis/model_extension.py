@@ -241,7 +241,7 @@ def _least_u(at: Fit, effect: Effect, name: str, rest: Sequence[Effect]) -> floa
     A time constant that is longer than the records last has far more room upwards than its derivative says.
     """
     tried = effect.at(()).refined(at.problem.measurements)
-    if len(tried) < 2:
+    if len(tried) < 2 or effect.exceptional:
         return 0.0
     values, odds = np.array([getattr(each, name) for each in tried]), _beside(at, tuple(tried), rest)
     fine = np.linspace(0.0, len(tried) - 1.0, FINER * (len(tried) - 1) + 1)
