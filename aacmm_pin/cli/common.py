@@ -93,7 +93,7 @@ def refuse(context: typer.Context, options: Iterable[str], why: str) -> None:
 class Results(OutputFiles):
     """The files of one command and what it prints in their stead: all of it in the end, or nothing.
 
-    A file that is to be written is refused when it is about to be read; plugins, which were read before, are refused at once.
+    A file that is to be written is refused when it is about to be read; plugins, read before that, at once.
     """
 
     plugins: ClassVar[tuple[str, ...]] = ()
