@@ -28,6 +28,8 @@ COVERAGE = 2.0
 """Coverage factor of the guard band: U = 2 u, about 95 %."""
 MPE = Range(1e-9, 1.0, "m")
 """What a maximum permissible error can be."""
+FAR_BELOW = 100.0
+"""Where an MPE above 1 mm is so many times what was found, it may be in another unit."""
 LONGEST_PART = 0.66
 """The longest of five lengths is at least this part of the measuring range (ISO 10360-12)."""
 
@@ -308,6 +310,9 @@ def _notes(figures: Sequence[AcceptanceFigure], measuring_range: float | None) -
         notes.append(f"{', '.join(unstated)}: no uncertainty is stated or belongs to it, so the guard band is zero")
     if partly:
         notes.append(f"{', '.join(partly)}: some uncertainties are not stated, and their guard bands are zero")
+    far = [f for f in judged if f.mpe > max(FAR_BELOW * abs(f.evaluated.value), MM)]
+    for name, mpe in {f.definition.name: f.mpe for f in far}.items():
+        notes.append(f"MPE of {name}, {mpe / MM:g} mm, is more than {FAR_BELOW:g} times what was found; is it in mm?")
     for figure in judged:
         if (other := figure.decided_by) is not None:
             size, guard = (f"{length / MM:.4g} mm" for length in other[:2])

@@ -453,6 +453,11 @@ def test_single_points_in_another_unit_are_noted(data: Path) -> None:
         assert any("single-point" in note for note in accept(data).notes) == noted
 
 
+def test_an_mpe_in_another_unit_is_noted(data: Path) -> None:
+    for mpe, noted in ((6e-5, False), (6e-2, True)):
+        assert any("SPAT.Max" in note and "in mm" in note for note in accept(data, mpe={"SPAT.Max": mpe}).notes) == noted
+
+
 def test_figures_with_an_mpe_that_are_left_out_are_named(data: Path) -> None:
     notes = accept(data, standard="iso10360-12", mpe={"SPAT.Max": 1e-5}).notes
     assert any("SPAT.Max" in note and "MPE" in note for note in notes)
