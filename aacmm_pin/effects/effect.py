@@ -316,6 +316,10 @@ class Effect(Shown, ABC):
         """The same, where the inner value at which it steps is known to be from ``low`` to ``high``; here: itself."""
         return self
 
+    def to_be_told(self, conditions: Conditions) -> list[str]:
+        """What whoever applies it to new records should know, in words; here: nothing."""
+        return []
+
     @property
     def open_questions(self) -> tuple[Effect, ...]:
         """Causes of value zero whose u stands for what is uncertain of it beside its values; here: none."""

@@ -17,6 +17,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import LARGEST_ANGLE, LATEST
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Reading, Records, Term, about_axis
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnknownNameError
@@ -352,12 +353,14 @@ class EncoderSlip(Effect):
     moved reference (which shifts all directions, not one joint's), a session boundary.
 
     Between the two times ``between_s`` nobody knows whether it has slipped yet: half of ``δ`` is taken there, and ``δ/2`` is
-    the standard uncertainty of that (JCGM 100:2008, 4.3: two values, equally probable).
+    the standard uncertainty of that (JCGM 100:2008, 4.3: two values, equally probable). The times are by the clock of the
+    ``sessions``; records of another, which is a later one, have all of ``δ``.
     """
 
     joint: int
     time_s: float
     between_s: tuple[float, ...] = ()
+    sessions: tuple[str, ...] = ()
     cause: ClassVar[str] = "encoder_slip"
     needs: ClassVar[tuple[str, ...]] = ("time",)
     inner: ClassVar[tuple[str, ...]] = ("time_s",)
@@ -398,31 +401,44 @@ class EncoderSlip(Effect):
         times = np.unique(time) if time is not None else np.array([self.time_s])
         between = np.concatenate([[times[0]], (times[1:] + times[:-1]) / 2])
         near = np.argsort(np.abs(between - self.time_s))[:NEAR]
-        return [replace(self, time_s=float(t), between_s=()) for t in np.sort(between[near])]
+        return [replace(self, time_s=float(t), between_s=(), sessions=()) for t in np.sort(between[near])]
 
     def stepped_between(self, low: float, high: float, records: Records) -> Self:
         """From the last record that is surely before it to the first that is surely behind it."""
-        times = np.unique(records.conditions.require("time", self.label))
+        times, labels = np.unique(records.conditions.require("time", self.label)), records.conditions.session
         before, behind = times[times < low].max(initial=-LATEST), times[times > high].min(initial=LATEST)
-        return replace(self, between_s=(float(before), float(behind)))
+        sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
+        return replace(self, between_s=(float(before), float(behind)), sessions=sessions)
+
+    def to_be_told(self, conditions: Conditions) -> list[str]:
+        """That it had not slipped yet by the time of some records, which may be that of another clock."""
+        if not (before := int((self.part(conditions) == 0.0).sum())) or not self.sessions:
+            return []
+        return [
+            f"{before} of {conditions.n} records are before {self.label} by the clock of the session in which it slipped "
+            f"({self.time_s:.4g} s); a later session needs a label of its own in the column session"
+        ]
 
     @property
     def open_questions(self) -> tuple[Effect, ...]:
         """Whether a reading between the two times is of before or after."""
         if not (self.between_s and any(self.values)):
             return ()
-        return (_SlippedYet(self.joint, self.time_s, self.between_s, u=(abs(self.values[0]) / 2.0,)),)
+        fields = (self.joint, self.time_s, self.between_s, self.sessions)
+        return (_SlippedYet(*fields, u=(abs(self.values[0]) / 2.0,)),)
 
-    def open(self, time: Array) -> NDArray[np.bool_]:
-        """(n,) True for the times between the two."""
-        low, high = self.between_s or (self.time_s, self.time_s)
-        return (low < time) & (time < high)
+    def part(self, conditions: Conditions) -> Array:
+        """(n,) 0 before it, 1 after it, a half where nobody knows."""
+        labels = conditions.session if self.sessions else None
+        later = np.zeros(conditions.n, dtype=bool) if labels is None else ~np.isin(labels.astype(str), self.sessions)
+        if conditions.n and later.all():
+            return np.ones(conditions.n)
+        time, (low, high) = conditions.require("time", self.label), self.between_s or (self.time_s, self.time_s)
+        return np.where(later | (time >= high), 1.0, np.where((low < time) & (time < high), 0.5, time >= self.time_s))
 
     def displacements(self, state: State) -> list[Displacement]:
         """One from the time on; a half where it is not known."""
-        time = state.conditions.require("time", self.label)
-        slipped = np.where(self.open(time), 0.5, time >= self.time_s)
-        return [about_axis(state, self.joint, slipped[:, None])]
+        return [about_axis(state, self.joint, self.part(state.conditions)[:, None])]
 
 
 @dataclass(frozen=True)
@@ -433,5 +449,4 @@ class _SlippedYet(EncoderSlip):
 
     def displacements(self, state: State) -> list[Displacement]:
         """One between the two times."""
-        between = self.open(state.conditions.require("time", self.label))
-        return [about_axis(state, self.joint, between.astype(np.float64)[:, None])]
+        return [about_axis(state, self.joint, (self.part(state.conditions) == 0.5).astype(np.float64)[:, None])]

@@ -167,11 +167,15 @@ class ErrorModel(Shown):
         return self.predict(readings, conditions)
 
     def odd_conditions(self, conditions: Conditions) -> list[str]:
-        """What looks as if it were in another unit, or by another clock, where the effects rest on it; in words."""
+        """What looks as if it were in another unit, or by another clock, where the effects rest on it; in words.
+
+        Raises:
+            MissingConditionError: an effect depends on a condition that is not there.
+        """
         clock = conditions.odd_clock if any(effect.settling_time is not None for effect in self.effects) else []
         by_warmth = any("temperature" in need for effect in self.effects for need in effect.needs)
         warm = conditions.odd_temperatures(self.arm.reference_temperature) if by_warmth else []
-        return [*clock, *warm]
+        return [*clock, *warm, *(text for effect in self.effects for text in effect.to_be_told(conditions))]
 
     def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:
         """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error curve has a range.

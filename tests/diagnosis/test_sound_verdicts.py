@@ -407,6 +407,11 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     assert 0.7 < np.sqrt(np.mean(z[between] ** 2)) < 1.3
     assert z.max() < 3.0
     assert judged.u[~between].mean() < judged.u[between].mean() / 1.5
+    assert [text.split()[0] for text in model.odd_conditions(conditions)] == [str((time <= low).sum())]
+    later = Conditions(time.size, time=time - low, session=np.full(time.size, "next day", dtype=object))
+    off = np.linalg.norm(model.correct(q, later) - truth.correct(q, replace(later, time=time + 1e4)), axis=1)
+    assert np.all(off < 3.0 * accuracy_volume(model, q, conditions=later, method="ellipsoid", encoder_noise=0.0).u)
+    assert model.odd_conditions(later) == []
     one: dict[str, Any] = {"conditions": conditions.take([150]), "encoder_noise": 0.0, "rng": rng}
     assert accuracy_volume(model, q[150:151], method="monte-carlo", **one).u == pytest.approx(judged.u[150], rel=0.1)
 
