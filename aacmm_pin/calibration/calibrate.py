@@ -12,6 +12,7 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, redundant
@@ -20,7 +21,8 @@ from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_
 from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
-from aacmm_pin.effects import Effect
+from aacmm_pin.effects import Effect, StylusOffset
+from aacmm_pin.effects.conditions import WARMER
 from aacmm_pin.effects.error_model import ErrorModel, require_shown
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
@@ -172,6 +174,29 @@ def _of_conditions(after: Fit) -> list[str]:
     return found
 
 
+def _of_target(after: Fit) -> list[str]:
+    """That an unknown target without a label becomes the tip of the arm."""
+    if after.problem.setup.target != "unknown":
+        return []
+    offsets = [e for e in after.solution.effects if isinstance(e, StylusOffset) and e.marker is None]
+    return [
+        f"the target is {np.linalg.norm(offset.values) / MM:.4g} mm from the tip of {after.problem.model.arm.name}, and is "
+        "the tip of the calibrated arm; with a label in the column marker the tip stays where it was"
+        for offset in offsets
+    ]
+
+
+def _of_temperature(after: Fit) -> list[str]:
+    """At which temperature the lengths hold that were calibrated."""
+    stated, found = after.problem.model.arm.reference_temperature, temperature_of(after)
+    if abs(found - stated) < WARMER:
+        return []
+    return [
+        f"the lengths of the calibrated arm hold at {found:.1f} °C, the mean of the records, no more at {stated:g} °C; "
+        "no thermal expansion is known"
+    ]
+
+
 def _of_torques(after: Fit) -> list[str]:
     """Torques that are far more than the weight of the arm gives, where its masses are known."""
     problem, arm, torque = after.problem, after.problem.model.arm, after.problem.measurements.conditions.torque
@@ -210,7 +235,7 @@ def notes_of(after: Fit) -> list[str]:
             f"the records scatter more than stated: {_scatter(after)} per coordinate were added, "
             "so the uncertainties hold for this arm with what is still wrong in it"
         )
-    found += [*_references_in_other_unit(after), *_of_conditions(after)]
+    found += [*_references_in_other_unit(after), *_of_conditions(after), *_of_target(after), *_of_temperature(after)]
     if after.unmodelled > FAR:
         found.append(
             f"{after.unmodelled / MM:.1f} mm of scatter is far more than an arm has: are the columns, their units and the "

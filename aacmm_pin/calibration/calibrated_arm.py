@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -28,8 +29,9 @@ UNTOLD = 0.999
 def calibrated_model(fit: Fit) -> ErrorModel:
     """The arm and effects with the estimated values; targets of single markers are part of the set-up.
 
-    A noise of the encoders that was stated stays with the arm. The u of an effect has in it the width within which it was
-    looked for, as far as the records do not tell it by itself; the covariance is that of what they tell.
+    A noise of the encoders that was stated stays with the arm. Its lengths hold at :func:`temperature_of` the records. The u
+    of an effect has in it the width within which it was looked for, as far as the records do not tell it by itself; the
+    covariance is that of what they tell.
     """
     problem, vector = fit.problem, fit.problem.vector
     arm, u, x = problem.model.arm, np.sqrt(np.diag(fit.covariance)), fit.solution.point.x
@@ -47,16 +49,30 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     records = dict.fromkeys((*problem.known_from, *problem.measurements.take(fit.used).fingerprints()))
     known = _covariance(arm, names, fit.covariance[: vector.size, : vector.size], " ".join(records))
     every = (*problem.model.effects, *effects)
-    entries = [entry_of(effect) for effect in every]
+    entries, warm = [entry_of(effect) for effect in every], temperature_of(fit)
+    update: dict[str, Any]
     if arm.dh is None:
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
         moved = arm.with_placements(twists, known)
-        moved = replace(moved, file=moved.urdf_file.model_copy(update={"effects": entries}))
+        update = {"reference_temperature_c": warm, "effects": entries}
+        moved = replace(moved, reference_temperature=warm, file=moved.urdf_file.model_copy(update=update))
     else:
-        moved = Arm.from_file(moved_file(arm, steps).model_copy(update={"covariance": known, "effects": entries}))
+        update = {"reference_temperature_c": warm, "covariance": known, "effects": entries}
+        moved = Arm.from_file(moved_file(arm, steps).model_copy(update=update))
     if problem.setup.encoder_noise is not None:
         moved = moved.with_encoder_noise(problem.setup.encoder_noise)
     return ErrorModel(moved, every)
+
+
+def temperature_of(fit: Fit) -> float:
+    """At which the calibrated lengths hold [°C]: the mean of the records, where nothing in the model says how they grow."""
+    problem, arm = fit.problem, fit.problem.model.arm
+    conditions = problem.measurements.take(fit.used).conditions
+    stated = conditions.temperature if conditions.temperature is not None else conditions.link_temperature
+    grows = any("temperature" in effect.needs for effect in (*problem.model.effects, *fit.solution.effects))
+    if stated is None or grows or not any(p is not None and p.unit == "m" for p in problem.vector.of_arm):
+        return arm.reference_temperature
+    return round(float(stated.mean()), 2)
 
 
 def _covariance(arm: Arm, names: list[str], matrix: Array, records: str) -> Covariance | None:

@@ -168,7 +168,12 @@ class MeasuredHow(ContactNoise):
 
     length_noise_mm: Annotated[float | None, typer.Option(help="Standard uncertainty of a bar's length, in mm.")] = None
     reference_frame: Annotated[str, typer.Option(help="base, or external: an unknown frame.")] = "base"
-    target: Annotated[str, typer.Option(help="tip; unknown: some point on the last body; frame: tip with its axes.")] = "tip"
+    target: Annotated[
+        str,
+        typer.Option(
+            help="tip; unknown: some point on the last body, which is the tip from then on; frame: tip with its axes."
+        ),
+    ] = "tip"
     no_prior: Annotated[bool, typer.Option("--no-prior", help="Do not use the arm's stated uncertainties.")] = False
 
     def keywords(self) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.diagnosis.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.significance import Ratio, Strength
 
 
@@ -30,6 +31,7 @@ class Unexplained(Shown):
         acts_on: for each, in words, what it acts on.
         gain: by how much the smooth correction lowers the RMS of held-out records below that of the causes alone, or None.
         groups: groups of records that do not agree with the others.
+        excluded: what the excluded records share, or None.
     """
 
     p_value: float
@@ -38,6 +40,7 @@ class Unexplained(Shown):
     acts_on: dict[str, str]
     gain: float | None
     groups: tuple[OddGroup, ...] = ()
+    excluded: Shared | None = None
 
 
 def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None) -> Unexplained:
@@ -54,7 +57,11 @@ def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None) ->
     else:
         p_value = min(_any_structure(choice), *(group.p_value for group in odd), 1.0)
         depends = tuple(group.name for group in odd[:1])
-    return Unexplained(p_value, depends, shapes, acts_on, held.smooth_gain if held is not None and mine else None, odd)
+    shared = shared_by(choice.fit.excluded, choice.fit.used, choice.others, choice.fit.problem.measurements)
+    if shared is not None:
+        p_value, depends = min(p_value, shared.p_value), tuple(dict.fromkeys((*depends, shared.name)))
+    gain = held.smooth_gain if held is not None and mine else None
+    return Unexplained(p_value, depends, shapes, acts_on, gain, odd, shared)
 
 
 def _any_structure(choice: Choice) -> float:

@@ -28,6 +28,8 @@ COLUMNS = {
 """The column of a measurement file behind each condition."""
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
 """No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
+WARMER = 2.0
+"""So much warmer or colder, a metre is longer or shorter by 0.02 to 0.05 mm [K]."""
 LONGEST_ON = 30 * 86400.0
 """An arm that has been on for longer has settled, or time counts from elsewhere [s]."""
 
@@ -81,6 +83,16 @@ class Conditions(Shown):
                 asked = "are they in Fahrenheit?" if values.min() > HOT_WORKSHOP else cold
                 found.append(f"temperatures are {values.min():.4g} to {values.max():.4g} °C: {asked}")
         return found
+
+    def other_temperatures(self, reference: float) -> list[str]:
+        """Temperatures at which lengths that hold at ``reference`` [°C] are others, in words."""
+        values = self.temperature if self.temperature is not None else self.link_temperature
+        if values is None or not values.size or abs(values - reference).max() < WARMER:
+            return []
+        return [
+            f"temperatures are {values.min():.4g} to {values.max():.4g} °C, the arm's lengths hold at {reference:.4g} °C, "
+            "and no thermal expansion is known of it (a metre of aluminium grows 23 µm by 1 K, of steel 12 µm)"
+        ]
 
     @property
     def odd_clock(self) -> list[str]:

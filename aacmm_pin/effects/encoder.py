@@ -406,6 +406,7 @@ class EncoderSlip(Effect):
     def stepped_between(self, low: float, high: float, records: Records) -> Self:
         """From the last record that is surely before it to the first that is surely behind it."""
         times, labels = np.unique(records.conditions.require("time", self.label)), records.conditions.session
+        low, high = min(low, self.time_s), max(high, self.time_s)  # other causes may have moved the likeliest gap since
         before, behind = times[times < low].max(initial=-LATEST), times[times > high].min(initial=LATEST)
         sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
         return replace(self, between_s=(float(before), float(behind)), sessions=sessions)

@@ -174,7 +174,8 @@ class ErrorModel(Shown):
         """
         clock = conditions.odd_clock if any(effect.settling_time is not None for effect in self.effects) else []
         by_warmth = any("temperature" in need for effect in self.effects for need in effect.needs)
-        warm = conditions.odd_temperatures(self.arm.reference_temperature) if by_warmth else []
+        reference = self.arm.reference_temperature
+        warm = conditions.odd_temperatures(reference) if by_warmth else conditions.other_temperatures(reference)
         return [*clock, *warm, *(text for effect in self.effects for text in effect.to_be_told(conditions))]
 
     def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:

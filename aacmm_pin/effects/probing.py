@@ -8,12 +8,15 @@ from typing import ClassVar
 import numpy as np
 
 from aacmm_pin._support.units import MM
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, shifts, twist
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import UnsupportedArmError
 
 FARTHEST = 10.0
 """A target on the last body is within so much of the tip [m]."""
+ANOTHER_POINT = 5e-4
+"""No ball is so far from where its qualification has it: it is another point [m]."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,13 @@ class StylusOffset(Effect):
     def needs(self) -> tuple[str, ...]:
         """The marker, where one is named."""
         return () if self.marker is None else ("marker",)
+
+    def to_be_told(self, conditions: Conditions) -> list[str]:
+        """That coordinates are of another point than the tip of the arm's geometry."""
+        far = float(np.linalg.norm(self.values))
+        if self.marker is not None or far < ANOTHER_POINT:
+            return []
+        return [f"{self.label}: coordinates are of the target, {far / MM:.4g} mm from the tip of the arm's geometry"]
 
     def displacements(self, state: State) -> list[Displacement]:
         """Unit shifts at the tip."""

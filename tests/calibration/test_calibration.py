@@ -18,6 +18,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.file import ArmFile, load_arm_file
+from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import Calibration, calibrate, solver
 from aacmm_pin.calibration.calibrate import notes_of
 from aacmm_pin.calibration.calibrated_arm import moved_file
@@ -532,3 +533,23 @@ def test_records_outside_a_known_error_curve_are_left_out_and_listed(sino6: Arm)
     assert calibrate(model, records, ["zero-offsets", wide], hold_out=False, progress=False).fit.used.size == 60
     with pytest.raises(AacmmError, match="outside the curve's range"):
         calibrate(model, records.take(~inside), "zero-offsets", hold_out=False, progress=False)
+
+
+def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm) -> None:
+    """A metre that was calibrated at 23 °C is no metre at 20 °C, unless the model says how it grows."""
+    truth = ErrorModel(sino6, (ThermalExpansion(values=(2.3e-5,)),))
+    rng, q = np.random.default_rng(5), random_postures(sino6, 80, np.random.default_rng(4))
+    warm, cold = (Conditions(80, temperature=t + rng.uniform(-0.5, 0.5, 80)) for t in (23.0, 18.0))
+    data = Measurements.of(q, truth.predict(q, warm) + rng.normal(0, 5e-6, (80, 3)), conditions=warm)
+    alone = calibrate(sino6, data, reference_noise=5e-6)
+    found = alone.model.arm
+    assert found.reference_temperature == pytest.approx(23.0, abs=0.2)
+    assert sum("23.0 °C" in note for note in alone.notes) == 1
+    assert alone.model.odd_conditions(warm) == []
+    assert len(alone.model.odd_conditions(cold)) == 1
+    off = np.linalg.norm(alone.model.predict(q, cold) - truth.predict(q, cold), axis=1)
+    # With the expansion on top, the arm is right at other temperatures too.
+    grown = ErrorModel(found, (*alone.model.effects, ThermalExpansion(values=(2.3e-5,))))
+    assert np.linalg.norm(grown.predict(q, cold) - truth.predict(q, cold), axis=1).max() < off.max() / 4
+    both = calibrate(truth, data, ["geometry", ThermalExpansion(values=(2.3e-5,))], reference_noise=5e-6)
+    assert both.model.arm.reference_temperature == 20.0

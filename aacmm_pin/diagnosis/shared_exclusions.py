@@ -1,0 +1,116 @@
+"""What excluded records have in common: gross errors are scattered, and what comes all at once is no gross error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import scipy
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.diagnosis.covariates import Covariate
+from aacmm_pin.measurements.records import Measurements
+
+FEWEST = 5
+"""Fewer excluded records than this share many things by chance."""
+SURELY = 1e-6
+"""Chance, over all that is known of the records, below which what the excluded ones share is no chance."""
+WAVES = 20
+"""Terms of the series of Kuiper's statistic."""
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What excluded records share.
+
+    Attributes:
+        name: of the covariate.
+        p_value: chance of as much where gross errors are scattered, over all covariates.
+        where: its values there, in words.
+        excluded, records: how many are excluded there, and how many there are.
+        of: how many are excluded in all.
+    """
+
+    name: str
+    p_value: float
+    where: str
+    excluded: int
+    records: int
+    of: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.excluded} of the {self.of} excluded records have {self.where}, as {self.records} have in all: gross "
+            "errors are scattered, and these are something else, which the model lacks"
+        )
+
+
+def shared_by(excluded: Mask, used: Mask, others: Sequence[Covariate], measurements: Measurements) -> Shared | None:
+    """What the ``excluded`` records (n,) share that the ``used`` ones (n,) do not, by the smallest chance; None if nothing.
+
+    Numbers by Kuiper's statistic (Kuiper 1960), labels by the binomial chance of so many excluded ones with one of them;
+    Bonferroni's bound over all that were looked at.
+    """
+    if excluded.sum() < FEWEST:
+        return None
+    found = [_of_values(name, values, excluded, used) for name, values in _columns(others, measurements)]
+    each = [shared for shared in found if shared is not None]
+    best = min(each, key=lambda shared: shared.p_value, default=None)
+    if best is None or best.p_value * len(each) >= SURELY:
+        return None
+    return Shared(best.name, best.p_value * len(each), best.where, best.excluded, best.records, best.of)
+
+
+def _columns(others: Sequence[Covariate], measurements: Measurements) -> Iterator[tuple[str, pd.Series]]:
+    """Every single covariate, by its name, and the targets."""
+    for covariate in others:
+        if len(covariate.values.columns) == len(covariate.depends_on) and " × " not in covariate.name:
+            yield from zip(covariate.depends_on, (covariate.values[column] for column in covariate.values), strict=True)
+    marker = measurements.conditions.marker
+    if marker is not None:
+        yield "marker", pd.Series(marker, name="marker")
+
+
+def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
+    if pd.api.types.is_numeric_dtype(values):
+        return _of_numbers(name, values, excluded, used)
+    labels, count = values.astype(str).to_numpy(), int(excluded.sum())
+    best = None
+    for label in np.unique(labels[excluded]):
+        mine = labels == label
+        there, part = int((mine & excluded).sum()), (mine & (excluded | used)).sum() / (excluded | used).sum()
+        chance = float(scipy.special.bdtrc(there - 1, count, part)) if part < 1.0 else 1.0
+        if best is None or chance < best.p_value:
+            best = Shared(name, chance, f"{values.name} {label}", there, int((mine & (excluded | used)).sum()), count)
+    return best
+
+
+def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared:
+    """The range in which most of the excluded ones are, and fewest of the others."""
+    numbers = values.to_numpy(dtype=np.float64)
+    points = np.unique(numbers[excluded | used])
+    share = [np.searchsorted(np.sort(numbers[some]), points, side="right") / some.sum() for some in (excluded, used)]
+    ahead = np.concatenate([[0.0], share[0] - share[1]])
+    low, high = int(ahead.argmin()), int(ahead.argmax())
+    size = 1.0 / (1.0 / excluded.sum() + 1.0 / used.sum())
+    chance = _kuiper(float((np.sqrt(size) + 0.155 + 0.24 / np.sqrt(size)) * np.ptp(ahead)))
+    if low < high:
+        inside, where = (numbers >= points[low]) & (numbers <= points[high - 1]), ("", points[low], points[high - 1])
+    else:
+        inside, where = (numbers < points[high]) | (numbers > points[low - 1]), ("not ", points[high], points[low - 1])
+    words = f"{values.name} {where[0]}from {where[1]:.4g} to {where[2]:.4g}"
+    there = int((inside & excluded).sum())
+    return Shared(name, chance, words, there, int((inside & (excluded | used)).sum()), int(excluded.sum()))
+
+
+def _kuiper(size: float) -> float:
+    """Chance of a larger statistic (Kuiper 1960; Press et al., Numerical Recipes, 14.3)."""
+    if size < 0.4:
+        return 1.0
+    squares: Array = np.square(size * np.arange(1, WAVES))
+    return float(min(1.0, 2.0 * ((4.0 * squares - 1.0) * np.exp(-2.0 * squares)).sum()))
