@@ -68,6 +68,7 @@ def gain_of(
     kind: str,
     rng: np.random.Generator,
     progress: Progress = None,
+    left_out: frozenset[int] = frozenset(),
 ) -> Gain | None:
     """Leave out every part in turn; choose and fit with the rest; predict it.
 
@@ -77,6 +78,7 @@ def gain_of(
         kind: of the parts, for the record.
         rng: for the interval.
         progress: whether to show a bar, or a function that wraps the parts.
+        left_out: candidates that are not in the model, though they were chosen.
 
     Returns:
         None where no part that is left out has anything to be compared with, such as one record only of each unknown seat.
@@ -87,6 +89,7 @@ def gain_of(
     def predict(number: int, _: Mask) -> list[Array]:
         training = held.without(number)
         admitted = survivors(choice, search(choice.question, training), training)
+        admitted = tuple(k for k in admitted if choice.question.owner(k) not in left_out)
         causes = tuple(k for k in admitted if choice.question.owner(k) < choice.design.causes)
         chosen.append(tuple(choice.design.names[choice.question.owner(k)] for k in admitted))
         rows, records = choice.of_part[number]

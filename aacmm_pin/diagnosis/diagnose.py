@@ -101,11 +101,20 @@ def diagnose(
     choice = choose(problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True)
     choice = _surviving(choice, problem)
     choice = replace(choice, fit=in_its_place(problem, choice))
-    used, setup = choice.fit.used, recalibrated.problem.setup
-    before, recalibrated = (fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([])))
     pairs = in_pairs(choice)
     strong = strengths(choice, _excess(choice.fit), pairs, rng)
-    held = gain_of(choice, before, kind, rng, progress) if hold_out and enough_postures(measurements) else None
+    # Parts are left out by postures, which says nothing of what depends on time.
+    of_time = {k for k in choice.causes if "time" in choice.variant(k).needs}
+    improbable = {s.block for s in strong if s.block in of_time and s.probability < UNLIKELY}
+    left_out = frozenset(choice.question.owner(k) for k in improbable)
+    if improbable:  # a part of structure that no cause explains, and harm at another time
+        choice = _with_only(choice, problem, tuple(k for k in choice.admitted if k not in improbable))
+        choice = replace(choice, fit=in_its_place(problem, choice))
+        pairs = in_pairs(choice)
+        strong = strengths(choice, _excess(choice.fit), pairs, rng)
+    used, setup = choice.fit.used, recalibrated.problem.setup
+    before, recalibrated = (fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([])))
+    held = gain_of(choice, before, kind, rng, progress, left_out) if hold_out and enough_postures(measurements) else None
     if choice.held is not choice.gram:
         choice.held.products.release()
     result = _concluded(model, choice, before, recalibrated, strong, held, [*_rivals(choice, pairs), *repeated])
@@ -267,8 +276,11 @@ def _surviving(choice: Choice, problem: ProblemOf) -> Choice:
         if sure[worst] >= UNLIKELY:
             break
         kept = tuple(k for k in kept if k != worst)
-    if kept == choice.admitted:
-        return choice
+    return choice if kept == choice.admitted else _with_only(choice, problem, kept)
+
+
+def _with_only(choice: Choice, problem: ProblemOf, kept: tuple[int, ...]) -> Choice:
+    """The choice with some of its blocks alone, refitted."""
     effects = [choice.variant(k) for k in kept if k in choice.causes]
     return replace(choice, fit=refitted(problem, effects), admitted=kept)
 

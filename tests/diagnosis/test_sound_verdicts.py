@@ -473,3 +473,35 @@ def test_a_known_cause_that_has_changed(sino6: Arm) -> None:
         assert any("joint_compliance:2 was known as compliance 20" in note for note in found.notes)
     same = known_before(sino6)
     assert (same.verdict, same.findings) == ("no-discrepancy", ())
+
+
+@pytest.mark.parametrize("shares", ["time", "operator", "joint 2"])
+def test_records_that_are_excluded_together_are_no_gross_errors(sino6: Arm, shares: str) -> None:
+    """In a tenth of the records the tip is elsewhere on the last body; they are outliers to the rest, and yet all alike."""
+    rng = np.random.default_rng(4)
+    data = simulate_measurements(sino6, "free", 240, rng=rng, **NOISE)
+    operator = np.where(rng.random(240) < 0.1, "Bo", "Al").astype(object)
+    time = data.conditions.require("time", "the test")
+    late, high = time > np.quantile(time, 0.9), data.q[:, 1] > np.quantile(data.q[:, 1], 0.9)
+    apart = {"time": late, "operator": operator == "Bo", "joint 2": high}[shares]
+    off = apart[:, None] * 3e-4 * ErrorModel(sino6).state(data.q).rotation[-1][:, :, 2]
+    told = replace(data, reference=data.reference + off, operator=operator)
+    found = diagnose(sino6, told, **NOISE, hold_out=False, progress=False)
+    assert found.verdict == "unexplained"
+    assert shares in found.unexplained.depends_on
+    scattered = replace(data, reference=data.reference + rng.permutation(off))
+    assert diagnose(sino6, scattered, **NOISE, hold_out=False, progress=False).verdict == "no-discrepancy"
+
+
+def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6: Arm, rng: np.random.Generator) -> None:
+    """A slip that fits the steps between sessions a little, and is improbable, would harm at every other time."""
+    data = simulate_measurements(sino6, "free", 240, rng=rng, **NOISE)
+    number = np.arange(240) // 80
+    turn, shift = rng.normal(0, 2e-4, (3, 3))[number], rng.normal(0, 1.5e-4, (3, 3))[number]
+    moved = data.reference + np.cross(turn, data.reference) + shift
+    session = np.array(["a", "b", "c"], dtype=object)[number]
+    told = replace(data, reference=moved, conditions=replace(data.conditions, session=session))
+    found = diagnose(sino6, told, **NOISE, hold_out=False, progress=False)
+    assert found.verdict == "unexplained"
+    assert set(found.unexplained.depends_on) == {"session", "time"}
+    assert not [effect for effect in found.model.effects if "time" in effect.needs]
