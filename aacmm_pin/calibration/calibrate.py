@@ -249,6 +249,13 @@ def notes_of(after: Fit) -> list[str]:
             f"uncertainty of {count} not given: taken as ±{ASSEMBLED['m'] / MM:g} mm and "
             f"±{ASSEMBLED['rad'] / DEG:.0f}° for geometry, wide enough not to matter where the data say something"
         )
+    estimated = {p.name for p in problem.vector.of_arm if p is not None}
+    held = sum(p.u > 0 and p.name not in estimated for p in problem.model.arm.parameters)
+    if held and estimated:
+        found.append(
+            f"{held} other values of the geometry are taken as the file has them: their uncertainties are in those of the "
+            "tip, and not in those of what was estimated"
+        )
     if not redundant(after.solution) and not after.excluded.any():
         found.append("too few records to look for gross errors: all were used")
     if setup.length_noise is None and not all(np.isfinite(bar.u) for bar in problem.measurements.bars()):

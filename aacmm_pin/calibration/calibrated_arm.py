@@ -44,7 +44,8 @@ def calibrated_model(fit: Fit) -> ErrorModel:
         if isinstance(effect, StylusOffset) and effect.marker is not None:
             told[own] = False
         elif vector.of_arm[own.start] is None:
-            effects.append(effect.at(x[own], alone[own]))
+            inner_u = tuple(fit.inner_u.get((effect.key, name), 0.0) for name in effect.inner)
+            effects.append(replace(effect.at(x[own], alone[own]), inner_u=inner_u if any(inner_u) else ()))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     records = dict.fromkeys((*problem.known_from, *problem.measurements.take(fit.used).fingerprints()))
     known = _covariance(arm, names, fit.covariance[: vector.size, : vector.size], " ".join(records))

@@ -162,8 +162,12 @@ class Fit:
 
     def _inner(self) -> list[tuple[int, Effect, str, float]]:
         """Inner values: number and effect, field, how far off it may be."""
-        chosen = [(k, effect) for k, effect in enumerate(self.solution.effects) if effect.key in self.found]
-        return [(k, effect, name, width) for k, effect in chosen for name, width in effect.inner_widths().items()]
+        inner = []
+        for k, effect in enumerate(self.solution.effects):
+            stated = {name: u for name, u in zip(effect.inner, effect.inner_u, strict=False) if u}
+            widths = effect.inner_widths() if effect.key in self.found else stated
+            inner += [(k, effect, name, width) for name, width in widths.items()]
+        return inner
 
     @cached_property
     def _with_inner(self) -> Array:
@@ -182,7 +186,7 @@ class Fit:
         unknown = np.pad(self.unknown, ((0, len(inner)), (0, 0)))
         covariance = _covariance(values, vt.T, scales, unknown)
         for own, (_, effect, name, _) in enumerate(inner, start=problem.scales.size):
-            variance, least = covariance[own, own], self.found[effect.key].get(name, 0.0) ** 2
+            variance, least = covariance[own, own], self.found.get(effect.key, {}).get(name, 0.0) ** 2
             if 0.0 < variance < least:  # and all that goes along with it
                 along = covariance[own] / variance
                 covariance = covariance + (least - variance) * np.outer(along, along)

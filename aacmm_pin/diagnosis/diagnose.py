@@ -41,6 +41,8 @@ PLAIN_ENCODER = 3e-5
 """Noise of a reading that a plain encoder has where none is stated [rad]."""
 NOTHING = 1e-12
 """Residuals smaller than this were never measured [m]."""
+RESTARTS = 5
+"""A clock that goes back more often than this is of records in another order."""
 LATE = 10.0
 """A clock is no time since switching on if it starts later than so many times what the records cover."""
 
@@ -158,7 +160,6 @@ def _concluded(
     """What a choice of causes says, beside the arm as it was and recalibrated."""
     extended = choice.fit
     findings = findings_of(model, choice, strong)
-    calibrated, found = calibrated_model(extended), {finding.effect.identity: finding.effect for finding in findings}
     unexplained = unexplained_by(choice, strong, held)
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
     structure = bool(unexplained.depends_on) or _excess(extended) > 0.0
@@ -166,7 +167,7 @@ def _concluded(
     return Diagnosis(
         verdict=verdict_of(findings, structure, unexplained.p_value, shown, (recalibrated, extended)),
         findings=tuple(findings),
-        model=replace(calibrated, effects=tuple(found.get(e.identity, e).at(e.values, e.u) for e in calibrated.effects)),
+        model=_as_found(calibrated_model(extended), findings),
         before=before,
         recalibrated=recalibrated,
         extended=extended,
@@ -190,6 +191,13 @@ def _concluded(
             *notes,
         ),
     )
+
+
+def _as_found(model: ErrorModel, findings: Sequence[Finding]) -> ErrorModel:
+    """The model, whose effects have the fields that were found, such as between which times a slip was."""
+    found = {finding.effect.identity: finding.effect for finding in findings}
+    each = ((e, found.get(e.identity, e)) for e in model.effects)
+    return replace(model, effects=tuple(replace(f, values=e.values, u=e.u, inner_u=e.inner_u) for e, f in each))
 
 
 def _rivals(choice: Choice, pairs: Sequence[InPairs]) -> list[str]:
@@ -246,13 +254,24 @@ def _below_zero(findings: Sequence[Finding]) -> list[str]:
 def _of_masses(findings: Sequence[Finding]) -> list[str]:
     """What gives way under weights that nobody measured."""
     names = [finding.label for finding in findings if finding.effect.elastic and "torque" not in finding.effect.needs]
+    if any(getattr(finding.effect, "bodies", ()) for finding in findings):
+        return [
+            f"{', '.join(names)}: the arm's file states no masses, so that no bending, no bearing and no stand was tried, "
+            "which may look like it"
+        ]
     return [f"{', '.join(names)}: U takes the masses in the arm's file as exact"] if names else []
 
 
 def _clock(extended: Fit) -> list[str]:
     """A clock that does not count from the moment at which the arm was switched on."""
-    time = extended.problem.measurements.conditions.time
-    if time is None or np.ptp(time) == 0.0 or 0.0 <= time.min() < LATE * np.ptp(time):
+    conditions = extended.problem.measurements.conditions
+    time = conditions.time
+    if time is None or np.ptp(time) == 0.0:
+        return []
+    back = 0 if conditions.session is not None else int((np.diff(time) < 0).sum())
+    if 0 < back <= RESTARTS < len(time):
+        return [f"time_s goes back in the file ({back} times): a clock that starts anew needs labels in the column session"]
+    if 0.0 <= time.min() < LATE * np.ptp(time):
         return []
     starts, answer = ("late", "cannot be seen here") if time.min() > 0.0 else ("below 0", "does nothing before")
     return [f"time_s starts {starts}: a warm-up counts from 0, the moment of switching on, and {answer}"]

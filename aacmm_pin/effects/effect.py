@@ -120,6 +120,7 @@ class Effect(Shown, ABC):
     Attributes:
         values: of the parameters, in the order of ``terms``; () means all zero [SI].
         u: their standard uncertainties; () means zero [SI].
+        inner_u: standard uncertainties of the fields in :attr:`inner`; () means zero.
     """
 
     cause: ClassVar[str]
@@ -150,6 +151,7 @@ class Effect(Shown, ABC):
 
     values: tuple[float, ...] = ()
     u: tuple[float, ...] = ()
+    inner_u: tuple[float, ...] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -173,8 +175,13 @@ class Effect(Shown, ABC):
             if not self.least_inner < getattr(self, name) <= LATEST:
                 expected = f"a number above {self.least_inner:g} and not above {LATEST:g}"
                 raise AacmmError(f"{self.label}: {name} is {getattr(self, name)}, expected {expected}")
-        if any(u < 0 for u in self.u):
-            raise AacmmError(f"{self.label}: u is {self.u}, expected numbers that are not negative")
+        if len(self.inner_u) not in (0, len(self.inner)) or not all(map(math.isfinite, self.inner_u)):
+            raise AacmmError(
+                f"{self.label}: u of {', '.join(self.inner)} is {self.inner_u}, expected {len(self.inner)} numbers"
+            )
+        for u in (self.u, self.inner_u):
+            if any(number < 0 for number in u):
+                raise AacmmError(f"{self.label}: u is {u}, expected numbers that are not negative")
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -221,7 +228,7 @@ class Effect(Shown, ABC):
     @cache  # asked for thousands of times in a calibration
     def structure(cls) -> tuple[str, ...]:
         """Names of the fields that say which one it is: ``joint``, ``order``, …"""
-        return tuple(f.name for f in fields(cls) if f.name not in ("values", "u"))
+        return tuple(f.name for f in fields(cls) if f.name not in ("values", "u", "inner_u"))
 
     @classmethod
     @cache
@@ -442,8 +449,10 @@ class Effect(Shown, ABC):
         missing = [f.name for f in fields(cls) if f.default is MISSING and f.name not in structure]
         if missing:
             raise AacmmError(f"{cls.cause}: missing {', '.join(missing)}")
-        bare = cls(**{name: cls._checked(name, value) for name, value in structure.items()})
-        return bare.at(bare.values_from(parameters), bare._by_key(uncertainty or {}, "uncertainty")).require_plausible()
+        u = dict(uncertainty or {})
+        inner_u = tuple(float(u.pop(name, 0.0)) for name in cls.inner) if u.keys() & {*cls.inner} else ()
+        bare = cls(**{name: cls._checked(name, value) for name, value in structure.items()}, inner_u=inner_u)
+        return bare.at(bare.values_from(parameters), bare._by_key(u, "uncertainty")).require_plausible()
 
     def require_plausible(self) -> Self:
         """The cause itself, if no value or u is beyond what a file can state.

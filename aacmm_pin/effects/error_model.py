@@ -282,6 +282,7 @@ def entry_of(effect: Effect) -> EffectEntry:
     structure = {name: getattr(effect, name) for name in effect.structure()}
     fields = {k: list(v) if isinstance(v, tuple) else v for k, v in structure.items() if v not in (None, ())}
     u = {term.key: float(u / term.scale) for term, u in zip(effect.terms, effect.u, strict=True) if any(effect.u)}
+    u |= {name: float(u) for name, u in zip(effect.inner, effect.inner_u, strict=False) if u}
     return EffectEntry.model_validate({"cause": effect.cause, **fields, "parameters": effect.described(), "uncertainty": u})
 
 

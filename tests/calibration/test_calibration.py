@@ -545,6 +545,8 @@ def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm)
     found = alone.model.arm
     assert found.reference_temperature == pytest.approx(23.0, abs=0.2)
     assert sum("23.0 °C" in note for note in alone.notes) == 1
+    some = quick(sino6, data, "zero-offsets", reference_noise=5e-6)
+    assert [any("as the file has them" in note for note in told.notes) for told in (alone, some)] == [False, True]
     assert alone.model.odd_conditions(warm) == []
     assert len(alone.model.odd_conditions(cold)) == 1
     off = np.linalg.norm(alone.model.predict(q, cold) - truth.predict(q, cold), axis=1)
@@ -553,3 +555,23 @@ def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm)
     assert np.linalg.norm(grown.predict(q, cold) - truth.predict(q, cold), axis=1).max() < off.max() / 4
     both = calibrate(truth, data, ["geometry", ThermalExpansion(values=(2.3e-5,))], reference_noise=5e-6)
     assert both.model.arm.reference_temperature == 20.0
+
+
+def test_what_is_uncertain_of_a_time_constant_stays_so(sino6: Arm, tmp_path: Path) -> None:
+    """Against normal equations of both values by finite differences; a file keeps the u of both."""
+    rng, drift = np.random.default_rng(3), ZeroDrift(2, 1500.0, values=(2.5e-4,), u=(5e-5,), inner_u=(600.0,))
+    ErrorModel(sino6, (drift,)).save(tmp_path / "a.toml")
+    model = ErrorModel.load(tmp_path / "a.toml")
+    assert model.effects == (drift,)
+    q, conditions = random_postures(sino6, 90, rng), Conditions(90, time=np.linspace(0.0, 1800.0, 90))
+
+    def tips(value: float, constant: float) -> Array:
+        return ErrorModel(sino6, (replace(drift, values=(value,), time_constant_s=constant),)).predict(q, conditions).ravel()
+
+    data = Measurements.of(q, tips(2.5e-4, 1500.0).reshape(-1, 3) + rng.normal(0, 2e-5, (90, 3)), conditions=conditions)
+    (found,) = calibrate(model, data, [drift], reference_noise=2e-5, encoder_noise=0.0, hold_out=False).model.effects
+    steps = (tips(2.6e-4, 1500.0) - tips(2.4e-4, 1500.0)) / 2e-5, (tips(2.5e-4, 1501.0) - tips(2.5e-4, 1499.0)) / 2.0
+    j = np.column_stack(steps) / 2e-5
+    expected = np.sqrt(np.diag(np.linalg.inv(j.T @ j + np.diag([5e-5**-2, 600.0**-2]))))
+    assert (*found.u, *found.inner_u) == pytest.approx(tuple(expected), rel=0.03)
+    assert found.u[0] > 2.0 / np.sqrt(j[:, 0] @ j[:, 0])  # more than with a known time constant

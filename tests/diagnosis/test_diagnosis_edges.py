@@ -92,6 +92,15 @@ def test_what_is_not_settled_is_not_said_to_be(tmp_path: Path) -> None:
         assert "time" in found["unexplained"]["depends_on"]
 
 
+def test_a_clock_that_starts_anew_needs_sessions(tmp_path: Path) -> None:
+    table = records(tmp_path, "free", "--records", "40").sort_values("time_s")
+    table.loc[table.index[20:], "time_s"] -= table["time_s"].iloc[19]
+    for session, noted in ((None, True), (["a"] * 20 + ["b"] * 20, False)):
+        told = table if session is None else table.assign(session=session)
+        notes = diagnosed(tmp_path, told, "--no-held-out")["notes"]
+        assert any("time_s goes back" in note for note in notes) == noted
+
+
 def test_unit_of_angles_and_seed_do_not_matter(tmp_path: Path) -> None:
     table = records(tmp_path, "free", "--records", "60", effect=ECCENTRIC)
     angles = [name for name in table if name.startswith("theta")]
