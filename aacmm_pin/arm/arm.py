@@ -276,6 +276,10 @@ class Arm(Shown):
             centres[self.dh.moving, 2] -= self.dh.d[self.dh.moving]
         return centres
 
+    def foot(self, row: int) -> int:
+        """Place on the axis of ``row`` where its body begins: in modified DH before its d, which ``axis row`` is behind."""
+        return chain.axis(row) if self.dh is None or self.dh.standard else chain.end(row - 1)
+
     def _over_rows(self, of_joints: Array) -> Array:
         values = np.zeros((self.chain.rows, *of_joints.shape[1:]))
         values[np.array(self.chain.moving_rows()) - 1] = of_joints

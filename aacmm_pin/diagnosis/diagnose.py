@@ -32,7 +32,6 @@ from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import values_in_words
-from aacmm_pin.effects.tube import BENDS
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 
@@ -181,7 +180,7 @@ def _concluded(
         notes=(
             *notes_of(extended),
             *_below_zero(findings),
-            *_of_masses(findings, model.arm),
+            *_of_masses(findings),
             *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
             *_changed(findings, model.effects, choice),
             *(text for effect in model.effects for text in effect.to_be_told(choice.fit.problem.measurements.conditions)),
@@ -252,14 +251,9 @@ def _below_zero(findings: Sequence[Finding]) -> list[str]:
     ]
 
 
-def _of_masses(findings: Sequence[Finding], arm: Arm) -> list[str]:
-    """What gives way under weights that nobody measured, or along tubes that the table does not have as such."""
+def _of_masses(findings: Sequence[Finding]) -> list[str]:
+    """What gives way under weights that nobody measured."""
     names = [finding.label for finding in findings if finding.effect.elastic and "torque" not in finding.effect.needs]
-    if names and arm.dh is not None and not arm.dh.standard and (np.abs(arm.dh.d) > BENDS).any():
-        return [
-            f"{', '.join(names)}: in modified DH a tube whose length is d does not bend, and a bearing yields behind it; "
-            "another cause may be named for them. The same arm in standard DH has them"
-        ]
     if any(getattr(finding.effect, "bodies", ()) for finding in findings):
         return [
             f"{', '.join(names)}: the arm's file states no masses, so that no bending, no bearing and no stand was tried, "

@@ -108,7 +108,7 @@ class BearingTilt(GravityEffect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The moment without its part about the axis."""
-        place = axis(self.joint)
+        place = state.arm.foot(self.joint)
         state.joint(self.joint)
         local = state.rotation[place].transpose(0, 2, 1) @ self.moments(state, self.joint)
         local[:, 2] = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import axis, end
+from aacmm_pin.arm.chain import end
 from aacmm_pin.effects.effect import Effect, Term
 from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
@@ -110,7 +110,7 @@ class GravityEffect(LoadedEffect):
             AacmmError: the ``bodies`` are not those at and beyond the axis, or the load hangs before it.
         """
         if self.load_at is not None:
-            return self.unit_load(state, row, state.origin[axis(row)])[:, :, None]
+            return self.unit_load(state, row, state.origin[state.arm.foot(row)])[:, :, None]
         if not self.bodies:
             return np.asarray(state.moment_at_axis(row)[:, :, None])
         columns = state.unit_moments(row)

@@ -108,8 +108,8 @@ class State:
         return np.asarray(np.einsum("nji,nj->ni", turned, np.broadcast_to(vectors, turned.shape[:2])))
 
     def span(self, row: int) -> Array:
-        """From ``axis`` to ``end`` of body ``row``, in the base (n, 3) [m]; for standard DH d and a of the row."""
-        return np.asarray(self.origin[end(row)] - self.origin[axis(row)])
+        """From the foot to the end of body ``row``, in the base (n, 3) [m]: d of the row, and a of it or of the next."""
+        return np.asarray(self.origin[end(row)] - self.origin[self.arm.foot(row)])
 
     @property
     def down(self) -> Array:
@@ -117,12 +117,12 @@ class State:
         return -self.arm.up
 
     def moment_at_axis(self, row: int) -> Array:
-        """Moment of the weight of body ``row`` and all beyond, about the origin of its ``axis``, in the base (n, 3) [N·m].
+        """Moment of the weight of body ``row`` and all beyond, about its foot on the axis, in the base (n, 3) [N·m].
 
         Raises:
             UnsupportedArmError: the arm states no masses.
         """
-        return self.moment(row, self.origin[axis(row)])
+        return self.moment(row, self.origin[self.arm.foot(row)])
 
     def along_axis(self, row: int, vectors: Array) -> Array:
         """Part of vectors of the base (n, 3, …) along the axis of ``row`` (n, …): of a moment, what turns the joint."""

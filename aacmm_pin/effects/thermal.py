@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis, end
-from aacmm_pin.effects.effect import Displacement, Effect, Records, Term, twist
+from aacmm_pin.effects.effect import Displacement, Effect, Term, twist
 from aacmm_pin.effects.state import State
-from aacmm_pin.effects.tube import BENDS
 
 
 @dataclass(frozen=True)
@@ -34,15 +31,6 @@ class ThermalExpansion(Effect):
     terms: ClassVar[tuple[Term, ...]] = (
         Term("", "1/K", 2e-5, "expansion_per_k", read_in=("µm/(m·K)", 1e-6), positive=True),
     )
-
-    @classmethod
-    def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """The whole arm, and every body with long pieces, before its joint's axis (d in modified DH) or behind it."""
-        pieces = np.linalg.norm(arm.chain.constant[:, :3, 3], axis=1)
-        long = [row for row in range(1, arm.chain.rows + 1) if pieces[axis(row)] + pieces[end(row)] > BENDS]
-        for effect in (cls(), *(cls(link=row) for row in long)):
-            if effect._shows(arm, records):
-                yield (effect,)
 
     def displacements(self, state: State) -> list[Displacement]:
         """Each length of the chain per kelvin, times what the record is warmer."""

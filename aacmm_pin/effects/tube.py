@@ -23,7 +23,7 @@ def tubes(arm: Arm) -> list[int]:
     """Rows of the bodies that are long enough to bend."""
     _, origin = arm.chain.walk(np.zeros((1, arm.nq)))
     rows = range(1, arm.chain.rows + 1)
-    return [row for row in rows if np.linalg.norm(origin[end(row)] - origin[axis(row)]) > BENDS]
+    return [row for row in rows if np.linalg.norm(origin[end(row)] - origin[arm.foot(row)]) > BENDS]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,8 @@ class Tube:
         tube, clamp = (upward, np.zeros_like(upward)) if lengthwise else (outward, upward)
         length = length_of(tube, state, row, label)
         rest = span - clamp - tube
-        centre = state.rotation[axis(row)] @ state.arm.centres_of_mass[row - 1] - clamp
+        from_foot = state.origin[axis(row)] - state.origin[state.arm.foot(row)]
+        centre = from_foot + state.rotation[axis(row)] @ state.arm.centres_of_mass[row - 1] - clamp
         place = np.einsum("ni,ni->n", centre, tube)[:, None] / length**2
         share = np.clip(2 * np.minimum(place, 1 - place), 0.0, 1.0)
         body, beyond = state.masses[row - 1] * state.arm.gravity, state.weight_beyond(row)

@@ -133,7 +133,7 @@ def test_inner_values(sino6: Arm, rng: np.random.Generator) -> None:
 
 
 def test_bodies_that_grow_are_tried_in_either_convention(tmp_path: Path) -> None:
-    """A long d stands before its joint's axis in modified DH, where it is no tube that bends."""
+    """A long d stands before its joint's axis in modified DH, and is of the body behind it all the same."""
     row = "a_mm = {}\nd_mm = {}\nalpha_rad = 1.5\ntheta_offset_rad = 0.0\nlimits_rad = [-3.0, 3.0]\n"
     rows = "".join("\n[[joints]]\n" + row.format(a, d) for a, d in ((0, 0), (0, 0), (20, 610), (300, 0), (0, 480), (0, 0)))
     for convention, links in (("standard-dh", [None, 3, 4, 5]), ("modified-dh", [None, 3, 5])):

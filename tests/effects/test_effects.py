@@ -63,6 +63,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import GravityEffect
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError, UnsupportedArmError
+from tests.arm_files import craig
 from tests.by_pinocchio import gravity_moments, placements
 
 ALL_BODIES = (1, 2, 3, 4, 5, 6)
@@ -126,7 +127,10 @@ def refusal(effect: Effect, arm_name: str) -> str | None:
 
 @pytest.fixture(scope="module")
 def arms(robot_file: Callable[[str], Path]) -> dict[str, Arm]:
-    modified = load_arm_file("sino6").model_copy(update={"convention": "modified-dh"})
+    sino6 = load_arm_file("sino6")
+    # A lump at the very end of a tube would be on a kink of the share that is spread over it.
+    rows = [row.model_copy(update={"com_mm": (0.0, 0.0, 10.0)}) for row in sino6.joints]
+    modified = sino6.model_copy(update={"convention": "modified-dh", "joints": rows})
     wall = load_arm_file("sino6").model_copy(update={"gravity_m_s2": (6.0, -5.0, 6.0)})
     tables = {"sino6": Arm.load("sino6"), "sino6-modified": Arm.from_file(modified), "zero6": Arm.load("zero6")}
     tables["sino6-wall"] = Arm.from_file(wall)
@@ -825,6 +829,26 @@ def test_unknown_masses_of_a_table_with_rigid_rows_and_of_the_other_convention(
         stated = columns(arm, known_masses, q, Conditions(200)).reshape(-1)
         free = columns(arm, unknown, q, Conditions(200)).reshape(600, -1)
         close(free @ np.linalg.lstsq(free, stated, rcond=1e-10)[0], stated)
+
+
+def test_weight_bends_an_arm_alike_in_both_conventions(sino6: Arm, rng: np.random.Generator) -> None:
+    """The same arm by both tables, its tubes along d: where bearings are and what bends is no matter of the table."""
+    assert isinstance(sino6.file, ArmFile)
+    rows = [*sino6.file.joints[:-1], sino6.file.joints[-1].model_copy(update={"a_mm": 0.0, "alpha_rad": 0.0})]
+    standard = Arm.from_file(sino6.file.model_copy(update={"joints": rows}))
+    # Where the weights are in the frames of the other table, which stand before a and alpha.
+    tilts = Rotation.from_rotvec([[row.alpha_rad, 0.0, 0.0] for row in rows])
+    centres = tilts.apply([row.com_mm for row in rows]) + np.outer([row.a_mm for row in rows], [1.0, 0.0, 0.0])
+    other = [row.model_copy(update={"com_mm": tuple(c)}) for row, c in zip(craig().joints, centres.tolist(), strict=True)]
+    modified = Arm.from_file(craig().model_copy(update={"joints": other}))
+    q = rng.uniform(-3.0, 3.0, (50, 6))
+    close(standard.positions(q), modified.positions(q))
+    for effect in (BearingTilt(3), BearingTilt(5), JointCompliance(2), LinkBending(3), LinkBending(5), TorsionalWindup(5)):
+        there, here = (ErrorModel(arm, (effect.at((1e-5,)),)).predict(q) for arm in (standard, modified))
+        close(here, there)
+        assert np.abs(here - modified.positions(q)).max() > 1e-8
+    bodies = [[cause.link for (cause,) in LinkBending.candidates(arm)] for arm in (standard, modified)]
+    assert bodies[0] == bodies[1] != []
 
 
 def test_settled_arm_carries_itself(sino6: Arm, q: Array) -> None:
