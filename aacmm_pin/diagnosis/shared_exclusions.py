@@ -67,13 +67,13 @@ def shared_by(excluded: Mask, used: Mask, others: Sequence[Covariate], measureme
 
 
 def _columns(others: Sequence[Covariate], measurements: Measurements) -> Iterator[tuple[str, pd.Series]]:
-    """Every single covariate, by its name, and the targets."""
+    """Every single covariate, by its name, the targets and the seats."""
     for covariate in others:
         if len(covariate.values.columns) == len(covariate.depends_on) and " × " not in covariate.name:
             yield from zip(covariate.depends_on, (covariate.values[column] for column in covariate.values), strict=True)
-    marker = measurements.conditions.marker
-    if marker is not None:
-        yield "marker", pd.Series(marker, name="marker")
+    for name in ("marker", "seat"):
+        if (labels := getattr(measurements.conditions, name)) is not None:
+            yield name, pd.Series(labels, name=name)
 
 
 def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
