@@ -18,6 +18,8 @@ FEWEST = 5
 """Fewer excluded records than this share many things by chance."""
 SURELY = 1e-6
 """Chance, over all that is known of the records, below which what the excluded ones share is no chance."""
+PARTS = 20
+"""Parts of the range of a number that are looked at."""
 WAVES = 20
 """Terms of the series of Kuiper's statistic."""
 
@@ -90,22 +92,29 @@ def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shar
     return best
 
 
-def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared:
-    """The range in which most of the excluded ones are, and fewest of the others."""
+def _of_numbers(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:
+    """The range in which most of the excluded ones are, and fewest of the others.
+
+    In parts of the range, and not far beyond that of the used ones: wrong readings, and their tips, are elsewhere anyway.
+    """
     numbers = values.to_numpy(dtype=np.float64)
-    points = np.unique(numbers[excluded | used])
-    share = [np.searchsorted(np.sort(numbers[some]), points, side="right") / some.sum() for some in (excluded, used)]
-    ahead = np.concatenate([[0.0], share[0] - share[1]])
-    low, high = int(ahead.argmin()), int(ahead.argmax())
-    size = 1.0 / (1.0 / excluded.sum() + 1.0 / used.sum())
-    chance = _kuiper(float((np.sqrt(size) + 0.155 + 0.24 / np.sqrt(size)) * np.ptp(ahead)))
-    if low < high:
-        inside, where = (numbers >= points[low]) & (numbers <= points[high - 1]), ("", points[low], points[high - 1])
-    else:
-        inside, where = (numbers < points[high]) | (numbers > points[low - 1]), ("not ", points[high], points[low - 1])
-    words = f"{values.name} {where[0]}from {where[1]:.4g} to {where[2]:.4g}"
-    there = int((inside & excluded).sum())
-    return Shared(name, chance, words, there, int((inside & (excluded | used)).sum()), int(excluded.sum()))
+    low, high = numbers[used].min(), numbers[used].max()
+    near = numbers[(excluded | used) & (np.abs(numbers - (low + high) / 2) <= high - low)]
+    edges = np.linspace(near.min(), near.max(), PARTS + 1)
+    like = (numbers >= edges[0]) & (numbers <= edges[-1])
+    counts = [np.histogram(numbers[some & like], edges)[0] for some in (excluded, used)]
+    if counts[0].sum() < FEWEST or edges[0] == edges[-1]:
+        return None
+    ahead = np.cumsum([0.0, *(counts[0] / counts[0].sum() - counts[1] / counts[1].sum())])
+    first, last = sorted((int(ahead.argmin()), int(ahead.argmax())))
+    size = np.sqrt(1.0 / (1.0 / counts[0].sum() + 1.0 / counts[1].sum()))
+    chance = _kuiper(float((size + 0.155 + 0.24 / size) * np.ptp(ahead)))
+    inside = (numbers >= edges[first]) & (numbers < edges[last])
+    outside = bool(ahead.argmin() > ahead.argmax())  # the excluded ones are on both sides of the range
+    words = f"{values.name} {'not ' * outside}from {edges[first]:.4g} to {edges[last]:.4g}"
+    there = like & (inside != outside)
+    mine = int((there & excluded).sum())
+    return Shared(name, chance, words, mine, int((there & (excluded | used)).sum()), int(excluded.sum()))
 
 
 def _kuiper(size: float) -> float:

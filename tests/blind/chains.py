@@ -107,10 +107,10 @@ def dh_pieces(values: Array, standard: bool) -> Callable[[Array], Pieces]:
         turns = [_one(turn_z_shift, offset, 0.0) for offset in v[:, 3]]
         slides = [_one(turn_z_shift, 0.0, d) for d in v[:, 1]]
         tilts = [_one(shift_x, a) @ _one(turn_x, alpha) for a, alpha in v[:, [0, 2]]]
-        if standard:
-            return np.stack(turns), np.stack([s @ t for s, t in zip(slides, tilts, strict=True)])
-        before = [t @ s for t, s in zip(turns, slides, strict=True)]
-        return np.stack([tilts[0] @ before[0], *before[1:]]), np.stack([*tilts[1:], np.eye(4)])
+        # A body is d and what stands behind it: a and alpha of its row, or of the next.
+        behind = tilts if standard else [*tilts[1:], np.eye(4)]
+        after = np.stack([s @ t for s, t in zip(slides, behind, strict=True)])
+        return np.stack(turns if standard else [tilts[0] @ turns[0], *turns[1:]]), after
 
     return pieces
 
@@ -132,7 +132,9 @@ def of_table(table: Mapping[str, Any]) -> Chain:
         moving=moving,
         limits=np.array([row.get("limits_rad", [-np.pi, np.pi]) for row, m in zip(rows, moving, strict=True) if m]),
         mass=np.array([row.get("mass_kg", 0.0) for row in rows]),
-        com=np.einsum("rij,rj->ri", after[:, :3, :3], com) + after[:, :3, 3] if standard else com,
+        com=np.einsum("rij,rj->ri", after[:, :3, :3], com) + after[:, :3, 3]
+        if standard
+        else com + values[:, [1]] * [0.0, 0.0, 1.0],
         stylus=stylus / np.linalg.norm(stylus),
         gravity=np.array(table["gravity_m_s2"]),
         reference_temperature=float(table.get("reference_temperature_c", 20.0)),
