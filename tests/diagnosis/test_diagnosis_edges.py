@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -225,3 +226,10 @@ def test_a_gain_that_is_not_borne_out_asks_for_more_records(sino6: Arm, complian
     found = replace(good, held_out=replace(good.held_out, interval=(-0.1, 0.2)))
     assert ("lacks" in verdict_in_words(good), "lacks" in verdict_in_words(found)) == (True, False)
     assert ("more records" in good.next_measurements, "more records" in found.next_measurements) == (False, True)
+
+
+def test_residuals_beside_no_noise_at_all_have_a_verdict_in_words(sino6: Arm) -> None:
+    data = simulate_measurements(sino6, "seats", 40, rng=np.random.default_rng(1), seats=8)
+    found = diagnose(sino6, data, encoder_noise=0.0, hold_out=False)
+    assert (found.verdict, found.noise) == ("unexplained", 0.0)
+    assert re.search(r"the residuals stay at [\d.]+ µm, where the stated noise is none", verdict_in_words(found))
