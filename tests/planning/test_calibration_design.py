@@ -10,6 +10,7 @@ import pytest
 
 from aacmm_pin import Arm, ErrorModel, Measurements, calibrate, perturbed_model, plan_calibration
 from aacmm_pin.arm.random_postures import Room
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.planning.calibration_design import d_optimal
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
@@ -92,3 +93,9 @@ def test_seats_frames_and_existing_records(sino6: Arm) -> None:
         assert plan.u < np.median(plan.u_random) * 1.02, options
         assert len(plan.records) == 12
         assert plan.existing == (10 if "existing" in options else 0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-303])
+def test_without_any_noise_there_is_nothing_to_plan_for(sino6: Arm, noise: float) -> None:
+    with pytest.raises(AacmmError, match="without any noise"):
+        plan_calibration(sino6, 3, postures=50, encoder_noise=noise, reference_noise=noise, progress=False)
