@@ -135,7 +135,8 @@ def plan_calibration(
     Raises:
         UnknownNameError: an unknown reference or frame.
         MissingConditionError: an effect of the arm needs what the existing records do not state.
-        AacmmError: too few records or postures, an arm that the records are not of, or records without any noise.
+        AacmmError: too few records or postures, an arm that the records are not of or whose values are all exact, or records
+            without any noise.
     """
     model, rng = ErrorModel.of(model), rng or np.random.default_rng(1)
     check_numbers(model, records, postures, existing, reference)
@@ -152,6 +153,11 @@ def plan_calibration(
         )
     task = Task(model, (), existing, setup)
     where = places_for(task, reference, records, postures, above, rng)
+    if not task.problem(model, where).vector.size:
+        raise AacmmError(
+            f"nothing to calibrate: {model.arm.name} states all its values to be exact; without a prior (--no-prior) they "
+            "are looked for all the same"
+        )
     situation = Situation.of(task, MeasurementConditions((), model), where, rng)
     with watched(range(records), progress, "plan", "record") as steps:
         chosen = d_optimal(situation.rows, situation.known.T @ situation.known, records, steps)

@@ -233,3 +233,11 @@ def test_residuals_beside_no_noise_at_all_have_a_verdict_in_words(sino6: Arm) ->
     found = diagnose(sino6, data, encoder_noise=0.0, hold_out=False)
     assert (found.verdict, found.noise) == ("unexplained", 0.0)
     assert re.search(r"the residuals stay at [\d.]+ µm, where the stated noise is none", verdict_in_words(found))
+
+
+def test_an_arm_that_states_all_its_values_to_be_exact(sino6: Arm) -> None:
+    """Nothing is refitted then, and only causes can explain what is left."""
+    exact = replace(sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters))
+    model = ErrorModel(exact, (JointCompliance(2, values=(2e-5,)),))
+    found = diagnose(exact, simulate_measurements(model, "free", 60, rng=np.random.default_rng(3)), encoder_noise=8e-6)
+    assert (found.verdict, [f.label for f in found.findings]) == ("explained", ["joint_compliance:2"])
