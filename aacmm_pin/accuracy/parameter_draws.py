@@ -21,6 +21,8 @@ from aacmm_pin.effects.state import State
 
 FEWEST_DRAWS = 100
 """With fewer a volume or an interval says nothing."""
+FLAT = 1e-13
+"""Positions that are off a plane by no more than this part of their coordinates are so by rounding."""
 
 
 def parameter_errors(model: ErrorModel, rng: np.random.Generator, count: int) -> Array:
@@ -123,10 +125,19 @@ def exact_volume(
     for k, rng in enumerate(generators):
         record = None if conditions is None else conditions.take([k])
         corners = exact_positions(sources, q[k : k + 1], record, _corners(sources, bounds[k], rng, draws))
-        volume[k] = scipy.spatial.ConvexHull(corners).volume
-        error[k] = volume[k] - scipy.spatial.ConvexHull(corners[: draws // 2]).volume
+        volume[k] = _hull_volume(corners)
+        error[k] = volume[k] - _hull_volume(corners[: draws // 2])
         covariance[k] = np.cov(exact_positions(sources, q[k : k + 1], record, source_errors(sources, rng, draws)).T)
     return volume, covariance, error
+
+
+def _hull_volume(points: Array) -> float:
+    """Volume of the convex hull of points (m, 3) [m³]; 0 where they lie in a plane, but for rounding."""
+    off = points - points.mean(axis=0)
+    across = off @ np.linalg.svd(off, full_matrices=False)[2][-1]
+    if np.ptp(across) <= FLAT * np.abs(points).max():
+        return 0.0
+    return float(scipy.spatial.ConvexHull(points).volume)
 
 
 def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator, m: int) -> Array:

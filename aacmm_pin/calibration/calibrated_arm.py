@@ -80,16 +80,15 @@ def _covariance(arm: Arm, names: list[str], matrix: Array, records: str) -> Cova
     """The new covariance, beside what was known together of parameters that were not estimated now; from which records."""
     keep = [i for i, name in enumerate(names) if name and matrix[i, i] > 0]
     chosen, matrix = [names[i] for i in keep], matrix[np.ix_(keep, keep)]
-    if arm.covariance is not None:
-        old = [i for i, name in enumerate(arm.covariance.parameters) if name not in names]
-        u = np.array(arm.covariance.standard_uncertainty_si)
-        before = arm.covariance.matrix_of_correlation() * np.outer(u, u)
-        chosen += [arm.covariance.parameters[i] for i in old]
-        matrix = block_diag(matrix, before[np.ix_(old, old)])
-    if not chosen:
-        return None
     u = np.sqrt(np.diag(matrix))
     correlation = np.clip(matrix / np.outer(u, u), -1.0, 1.0)
+    if arm.covariance is not None:
+        old = [i for i, name in enumerate(arm.covariance.parameters) if name not in names]
+        chosen += [arm.covariance.parameters[i] for i in old]
+        u = np.append(u, np.array(arm.covariance.standard_uncertainty_si)[old])
+        correlation = block_diag(correlation, arm.covariance.matrix_of_correlation()[np.ix_(old, old)])
+    if not chosen:
+        return None
     return Covariance(
         parameters=tuple(chosen),
         standard_uncertainty_si=tuple(u.tolist()),

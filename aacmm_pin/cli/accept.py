@@ -75,7 +75,7 @@ def run(
             return
         past = None if history is None else History.read(history)
         result = accept(path, arms, mpe=limits, standard=standard, measuring_range=in_metres(range_mm))
-        when, summary = _when(time, path), result.summary()
+        when, summary, told = _when(time, path), result.summary(), acceptance_document(result)
         checks = None if past is None else past.with_check(result, when, instrument)
         if checks is not None and history is not None:
             summary["history"] = checks.summary()
@@ -86,7 +86,7 @@ def run(
             certificate = Certificate(when, instrument, _about(about or []), checks)
             results.text(html.page(acceptance_document(result, certificate)), output)
         results.json(summary, json_)
-    terminal.show(acceptance_document(result), json_ == "-")
+    terminal.show(told, json_ == "-")
     terminal.show(Document("", [] if checks is None else history_blocks(checks)), json_ == "-")
     for text in [] if checks is None else _of_history(checks, history):
         note(f"note: {text}")

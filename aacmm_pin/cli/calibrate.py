@@ -57,7 +57,8 @@ def run(
         if report is not None:
             results.text(html.page(calibration_document(result, summary, when)), report)
         results.json(summary, json_)
-    terminal.show(calibration_document(result), json_ == "-")
+        told = calibration_document(result)
+    terminal.show(told, json_ == "-")
     asked = {effect.identity for effect in effects}
     if held := [effect.label for effect in model.effects if effect.identity not in asked]:
         note(f"note: held as {model.arm.name} states it: {', '.join(held)}; aacmm-pin diagnose estimates known causes anew")

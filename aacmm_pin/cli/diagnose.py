@@ -36,10 +36,11 @@ def run(
             model.file()  # or refused before the work
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
         result = diagnose(model, records, hold_out=not no_held_out, rng=rng, **how.keywords())
+        told = diagnosis_document(result)
         if extended_arm is not None:
             results.arm(result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}")
         summary = result.summary() | {"source": path, "seed": seed}
         if output is not None:
             results.text(html.page(diagnosis_document(result, summary, f"{datetime.now(UTC):%Y-%m-%d}")), output)
         results.json(summary, json_)
-    terminal.show(diagnosis_document(result), json_ == "-")
+    terminal.show(told, json_ == "-")

@@ -101,7 +101,8 @@ class Design:
 
     def strips(self) -> Iterator[tuple[slice, Array]]:
         """The columns of all in turn, a limited number at once: which, and (n, 3 or 6, q), scaled [m, rad]."""
-        yield slice(0, self.nuisances), self.columns(None)
+        if self.nuisances:
+            yield slice(0, self.nuisances), self.columns(None)
         most = max(min(AT_ONCE, NUMBERS_AT_ONCE // self.tips.size), 1)
         for _, group in groupby(self.blocks, key=lambda b: b.columns.start // most):
             for _, same in groupby(group, key=lambda b: isinstance(b.source, Carried)):

@@ -14,11 +14,13 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import MM, UM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.planning.candidate_design import Situation
@@ -133,7 +135,8 @@ def plan_calibration(
     Raises:
         UnknownNameError: an unknown reference or frame.
         MissingConditionError: an effect of the arm needs what the existing records do not state.
-        AacmmError: too few records or postures, or an arm that the records are not of.
+        AacmmError: too few records or postures, an arm that the records are not of or whose values are all exact, or records
+            without any noise.
     """
     model, rng = ErrorModel.of(model), rng or np.random.default_rng(1)
     check_numbers(model, records, postures, existing, reference)
@@ -142,8 +145,19 @@ def plan_calibration(
         Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise),
         model.arm,
     )
+    noise = np.r_[setup.encoder_noise, setup.probe_noise, setup.reference_noise if reference == "free" else 0.0]
+    if noise.max() < NO_SCATTER:
+        raise AacmmError(
+            "without any noise of readings, contacts and references (none reaches "
+            f"{NO_SCATTER / UM:g} µm or µrad) there is nothing to plan for"
+        )
     task = Task(model, (), existing, setup)
     where = places_for(task, reference, records, postures, above, rng)
+    if not task.problem(model, where).vector.size:
+        raise AacmmError(
+            f"nothing to calibrate: {model.arm.name} states all its values to be exact; without a prior (--no-prior) they "
+            "are looked for all the same"
+        )
     situation = Situation.of(task, MeasurementConditions((), model), where, rng)
     with watched(range(records), progress, "plan", "record") as steps:
         chosen = d_optimal(situation.rows, situation.known.T @ situation.known, records, steps)

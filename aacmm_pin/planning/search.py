@@ -27,7 +27,7 @@ class Choosing:
     """
 
     def __init__(self, pool: Array, information: Array) -> None:
-        self.pool = pool
+        self.pool, self.information = pool, information
         self.covariance = np.linalg.inv(information)
         self.taken: list[int] = []
         self.seen = pool @ self.covariance
@@ -39,23 +39,21 @@ class Choosing:
         return np.asarray(np.eye(3) + self.seen @ self.pool.transpose(0, 2, 1))
 
     def take(self, record: int) -> None:
-        """One more record."""
-        self._update(record, 1.0)
+        """One more record: ``C - C Aᵀ (I + A C Aᵀ)⁻¹ A C`` (Woodbury), and the same for what the pool sees of it."""
+        rows, seen = self.pool[record], self.seen[record].copy()
+        gain = np.linalg.solve(np.eye(3) + seen @ rows.T, seen)
+        self.covariance = self.covariance - seen.T @ gain
+        self.seen = self.seen - (self.pool @ seen.T) @ gain
         self.taken.append(record)
         self.free[record] = False
 
     def drop(self, record: int) -> None:
-        """One less."""
-        self._update(record, -1.0)
+        """One less, worked out anew: an update back would lose what a record with little noise had told."""
         self.taken.remove(record)
         self.free[record] = True
-
-    def _update(self, record: int, sign: float) -> None:
-        """``C - s C Aᵀ (I + s A C Aᵀ)⁻¹ A C`` (Woodbury), and the same for what the pool sees of it."""
-        rows, seen = self.pool[record], self.seen[record].copy()
-        gain = np.linalg.solve(sign * np.eye(3) + seen @ rows.T, seen)
-        self.covariance = self.covariance - seen.T @ gain
-        self.seen = self.seen - (self.pool @ seen.T) @ gain
+        rows = self.pool[self.taken].reshape(-1, self.pool.shape[2])
+        self.covariance = np.linalg.inv(self.information + rows.T @ rows)
+        self.seen = self.pool @ self.covariance
 
     def run(self, count: int, score: Score, steps: Iterable[int] | None = None) -> None:
         """Take the best record ``count`` times."""

@@ -11,6 +11,7 @@ import pandas as pd
 
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis.result import SETTLED
@@ -150,7 +151,11 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
 
 
 def _not_explained(result: Diagnosis) -> str:
-    more = f"the residuals stay {result.rms['extended'] / result.noise:.1f} times the noise"
+    left = result.rms["extended"]
+    if result.noise > NO_SCATTER:
+        more = f"the residuals stay {left / result.noise:.1f} times the noise"
+    else:
+        more = f"the residuals stay at {length(left)}, where the stated noise is none"
     if result.extended.stated and (turned := result.extended.noise.turn_scatter):
         more += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
     depends = listed(result.unexplained.depends_on)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from aacmm_pin.accuracy.parameter_draws import drawn_effects, parameter_errors
+from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import Covariance
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, JointHysteresis, ThermalExpansion
@@ -74,3 +78,12 @@ def test_draws_of_effects_are_those_effects(sino6: Arm, rng: np.random.Generator
         one = ErrorModel(extended.arm, tuple(own)).predict(q[k : k + 1], warm.take([k]))[0]
         np.testing.assert_allclose(drawn[k], one, atol=1e-14)
     assert [effect.label for effect in effects[geometric:]] == [effect.label for effect in extended.effects]
+
+
+@pytest.mark.parametrize("bounds", [{"theta_offset1": 1e-5}, {"a2": 1e-5, "d4": 2e-5}, {"a2": 1e-23, "alpha1": 1e-20}])
+def test_a_cloud_that_is_flat_has_no_volume(sino6: Arm, bounds: dict[str, float]) -> None:
+    known = [replace(p, half_width=bounds.get(p.name, 0.0), u=bounds.get(p.name, 0.0) / 3**0.5) for p in sino6.parameters]
+    q, few = sino6.limits.mean(axis=1)[None] + 0.3, np.random.default_rng(1)
+    found = accuracy_volume(replace(sino6, parameters=tuple(known)), q, method="monte-carlo", rng=few, draws=200)
+    assert found.sampling_error is not None
+    assert (found.volume.tolist(), found.sampling_error.tolist()) == ([0.0], [0.0])

@@ -575,3 +575,14 @@ def test_what_is_uncertain_of_a_time_constant_stays_so(sino6: Arm, tmp_path: Pat
     expected = np.sqrt(np.diag(np.linalg.inv(j.T @ j + np.diag([5e-5**-2, 600.0**-2]))))
     assert (*found.u, *found.inner_u) == pytest.approx(tuple(expected), rel=0.03)
     assert found.u[0] > 2.0 / np.sqrt(j[:, 0] @ j[:, 0])  # more than with a known time constant
+
+
+def test_values_that_earlier_records_tell_exactly_stay_exact(sino6: Arm, rng: np.random.Generator) -> None:
+    data, _ = free_points(sino6, rng, 40)
+    known = quick(sino6, data).model.arm.covariance
+    assert known is not None
+    exact = known.model_copy(update={"standard_uncertainty_si": (0.0,) * len(known.parameters)})
+    assert isinstance(sino6.file, ArmFile)
+    found = quick(Arm.from_file(sino6.file.model_copy(update={"covariance": exact})), data)
+    assert found.covariance.size == 0
+    assert found.model.arm.covariance == exact

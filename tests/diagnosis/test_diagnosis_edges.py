@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -225,3 +226,18 @@ def test_a_gain_that_is_not_borne_out_asks_for_more_records(sino6: Arm, complian
     found = replace(good, held_out=replace(good.held_out, interval=(-0.1, 0.2)))
     assert ("lacks" in verdict_in_words(good), "lacks" in verdict_in_words(found)) == (True, False)
     assert ("more records" in good.next_measurements, "more records" in found.next_measurements) == (False, True)
+
+
+def test_residuals_beside_no_noise_at_all_have_a_verdict_in_words(sino6: Arm) -> None:
+    data = simulate_measurements(sino6, "seats", 40, rng=np.random.default_rng(1), seats=8)
+    found = diagnose(sino6, data, encoder_noise=0.0, hold_out=False)
+    assert (found.verdict, found.noise) == ("unexplained", 0.0)
+    assert re.search(r"the residuals stay at [\d.]+ µm, where the stated noise is none", verdict_in_words(found))
+
+
+def test_an_arm_that_states_all_its_values_to_be_exact(sino6: Arm) -> None:
+    """Nothing is refitted then, and only causes can explain what is left."""
+    exact = replace(sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters))
+    model = ErrorModel(exact, (JointCompliance(2, values=(2e-5,)),))
+    found = diagnose(exact, simulate_measurements(model, "free", 60, rng=np.random.default_rng(3)), encoder_noise=8e-6)
+    assert (found.verdict, [f.label for f in found.findings]) == ("explained", ["joint_compliance:2"])

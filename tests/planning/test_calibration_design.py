@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from aacmm_pin import Arm, ErrorModel, Measurements, calibrate, perturbed_model, plan_calibration
 from aacmm_pin.arm.random_postures import Room
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.planning.calibration_design import d_optimal
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
@@ -92,3 +94,16 @@ def test_seats_frames_and_existing_records(sino6: Arm) -> None:
         assert plan.u < np.median(plan.u_random) * 1.02, options
         assert len(plan.records) == 12
         assert plan.existing == (10 if "existing" in options else 0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-303])
+def test_without_any_noise_there_is_nothing_to_plan_for(sino6: Arm, noise: float) -> None:
+    with pytest.raises(AacmmError, match="without any noise"):
+        plan_calibration(sino6, 3, postures=50, encoder_noise=noise, reference_noise=noise, progress=False)
+
+
+@pytest.mark.parametrize("frame", ["base", "external"])
+def test_an_arm_that_is_exact_leaves_nothing_to_calibrate(sino6: Arm, frame: Any) -> None:
+    exact = replace(sino6, parameters=tuple(replace(p, u=0.0, half_width=0.0) for p in sino6.parameters))
+    with pytest.raises(AacmmError, match="nothing to calibrate"):
+        plan_calibration(exact, 3, reference_frame=frame, postures=50, progress=False)

@@ -184,6 +184,16 @@ def test_rank_updates_are_the_inverse(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(telling(one, other, sizes)(choice), worth, rtol=1e-9)
 
 
+def test_a_record_of_little_noise_that_is_dropped_leaves_what_the_others_tell(rng: np.random.Generator) -> None:
+    pool = 1e5 * rng.normal(size=(5, 3, 7))
+    choice = Choosing(pool, np.eye(7))
+    choice.run(3, informing)
+    choice.drop(choice.taken[0])
+    rows = pool[choice.taken].reshape(6, 7)
+    unseen = np.eye(7) - np.linalg.pinv(rows) @ rows
+    np.testing.assert_allclose(choice.covariance, unseen, atol=1e-4)
+
+
 def test_the_record_that_tells_one_pair_best(rng: np.random.Generator) -> None:
     """Causes of one column and of two behind two nuisances, beside a third, by inverses of whole matrices."""
     layout = Layout(np.arange(7), np.ones(7), 2, (), (slice(0, 1), slice(1, 3), slice(3, 5)))
