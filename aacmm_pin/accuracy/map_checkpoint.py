@@ -56,6 +56,7 @@ class MapCheckpoint:
         if not path.exists():
             with whole_file(path) as temporary:
                 temporary.write_text(text, encoding="utf-8")
+        to_be_read(path)
         try:
             there = json.loads(path.read_text(encoding="utf-8"))
         except ValueError as error:
@@ -101,6 +102,7 @@ class MapCheckpoint:
         data = xr.Dataset(variables, attrs={"question": self.question})
         with whole_file(self._path(number), force=True) as temporary:
             data.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
+        to_be_read(self._path(number))  # by a later map; no result may take its place
 
     def _path(self, number: int) -> Path:
         return self.folder / f"part{number + 1:06d}.nc"
