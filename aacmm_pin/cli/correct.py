@@ -18,7 +18,7 @@ from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.joint_commands import joint_commands
-from aacmm_pin.errors import AacmmError, MeasurementFileError
+from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
 from aacmm_pin.measurements.csv_columns import BAR, BAR_U, ORIENTATION, ORIENTATION_U, REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.orientation import quaternions
@@ -69,6 +69,9 @@ def run(
     with Results(force, output) as results:
         model, path = arm.model_and_data()
         before = _nominal(nominal, model)
+        if before is not None and before.arm.nq != model.arm.nq:
+            expected = f"expected {model.arm.nq} as {model.arm.name} has"
+            raise AacmmError(f"--nominal {nominal}: {before.arm.name} has {before.arm.nq} joints, {expected}")
         if commands and before is None:
             raise typer.BadParameter("--commands goes with --nominal ARM, the arm as its controller believes it to be")
         if commands and orientation:
@@ -107,7 +110,10 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
     if name is None:
         return None if model.arm.nominal is None else ErrorModel(Arm.from_model(model.arm.nominal, model.arm.tip))
     if name.lower().endswith(".urdf"):
-        return ErrorModel(Arm.from_urdf(name, model.arm.tip))
+        try:
+            return ErrorModel(Arm.from_urdf(name, model.arm.tip))
+        except UnknownNameError as error:
+            raise AacmmError(f"--nominal {name}: {error}") from None
     return ErrorModel.load(name)
 
 
