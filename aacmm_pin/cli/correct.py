@@ -36,6 +36,8 @@ OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *ORIENTATION, OR
 
 NO_MORE = 1e-3
 """Part by which distances may grow by chance, as where arms are the same but for rounding."""
+FAR = 0.01
+"""No arm whose angles these are is so far from its references by RMS: the worst are a millimetre off [m]."""
 LARGE = 0.05
 """A command that changes more than errors of an arm account for is next to a singular posture [rad]."""
 
@@ -166,6 +168,11 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
             f"distance from {count(int(known.sum()), 'reference')}{of}",
             [np.linalg.norm((where - records.reference)[known], axis=1) for where in compared],
         )
+        if (far := rms(np.linalg.norm((tips - records.reference)[known], axis=1))) > FAR:
+            question = (
+                f"are the angles in the unit of their columns, do they and the references' frame belong to {model.arm.name}?"
+            )
+            note(f"warning: the tip is {far / MM:.0f} mm from the references (RMS): {question}")
     bars = records.bars()
     if bars:
         _tell(f"error of {count(len(bars), 'bar length')}", [records.bar_length_errors(where) for where in compared])
