@@ -119,6 +119,13 @@ def without_nul(value: str) -> str:
     return value
 
 
+def in_one_line(value: str) -> str:
+    """The text, refused where it has a line end, which would forge a line of what is told of it."""
+    if value.splitlines() != [value]:
+        raise ValueError(f"is {value!r}, expected one line of text")
+    return value
+
+
 NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
 LengthMm = Annotated[FiniteFloat, Field(ge=-LONGEST / MM, le=LONGEST / MM)]
 """A length, or a place along an axis [mm]."""
@@ -136,7 +143,7 @@ Acceleration = Annotated[FiniteFloat, Field(ge=-100.0, le=100.0)]
 """A component of the acceleration of gravity [m/s²]."""
 TemperatureC = Annotated[FiniteFloat, Field(ge=COLDEST, le=HOTTEST)]
 """[°C]."""
-Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(without_nul)]
+Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(without_nul), AfterValidator(in_one_line)]
 """Of an arm, a seat, a target or a cause."""
 Text = Annotated[str, Field(max_length=10_000), AfterValidator(without_nul)]
 """What stands in a file for people."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,14 @@ from typing import Any
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.input_files import to_be_read
+from aacmm_pin._support.input_files import content_of, to_be_read
 from aacmm_pin._support.output_files import HIDDEN, json_text, whole_file
 from aacmm_pin.errors import AacmmError, OutputError
 
 QUESTION = "question.json"
 """The file that says what map the pieces are of."""
+MOST_BYTES = 32_000_000
+"""Size of each file: a piece of 2500 sectors has a few megabytes."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +60,8 @@ class MapCheckpoint:
             with whole_file(path) as temporary:
                 temporary.write_text(text, encoding="utf-8")
         try:
-            there = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError as error:
+            there = json.loads(_content(path))
+        except (ValueError, RecursionError) as error:
             raise AacmmError(f"{path}: is no JSON ({error}); remove its folder, and the map is worked out again") from None
         asked = json.loads(text)
         other = [key for key in asked if not isinstance(there, dict) or there.get(key) != asked[key]]
@@ -77,9 +80,9 @@ class MapCheckpoint:
         path = self._path(number)
         if not path.exists():
             return None
-        to_be_read(path)
+        content = _content(path)
         try:
-            with xr.open_dataset(path, engine="scipy") as data:
+            with xr.open_dataset(io.BytesIO(content), engine="scipy") as data:
                 question, found = data.attrs.get("question"), {str(n): v.to_numpy().copy() for n, v in data.items()}
         except Exception:  # whatever the reader makes of the bytes
             raise AacmmError(f"{path}: cannot be read as a part of a map; remove it, and it is worked out again") from None
@@ -101,9 +104,17 @@ class MapCheckpoint:
         data = xr.Dataset(variables, attrs={"question": self.question})
         with whole_file(self._path(number), force=True) as temporary:
             data.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
+        to_be_read(self._path(number))  # by a later map; no result may take its place
 
     def _path(self, number: int) -> Path:
         return self.folder / f"part{number + 1:06d}.nc"
+
+
+def _content(path: Path) -> bytes:
+    """Of a file of the folder; of a pipe or a device, which may be without end, none is read."""
+    if not path.is_file():
+        raise AacmmError(f"{path}: is no regular file, expected the parts of a map, or a new folder")
+    return content_of(path, MOST_BYTES, "a part of a map", lambda message: AacmmError(f"{path}: {message}"))
 
 
 def digits(values: Array) -> Any:

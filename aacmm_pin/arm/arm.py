@@ -131,12 +131,12 @@ class Arm(Shown):
 
         Raises:
             ArmFileError: see :func:`aacmm_pin.arm.urdf_check.read_urdf`.
-            UnsupportedArmError: a joint takes more than one number (planar, floating), or mimics one that carries it.
+            UnsupportedArmError: a joint takes more than one number (planar, floating), or mimics one so that both move it.
             UnknownNameError: no such frame; lists the frames.
         """
-        model, sha256, copies = read_model(path)
+        model, sha256, mimics = read_model(path)
         arm = Arm.from_model(
-            serial_part(model, frame, copies),
+            serial_part(model, frame, mimics),
             frame,
             source=str(path),
             translation_half_width=translation_half_width,
@@ -388,12 +388,12 @@ def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:
     urdf = file.urdf
     if not os.path.exists(urdf.file):
         raise ArmFileError(path, "urdf.file", f"{urdf.file}: no such file; expected the URDF, by its path from {path}")
-    model, sha256, copies = read_model(urdf.file)
+    model, sha256, mimics = read_model(urdf.file)
     if urdf.sha256 not in (None, sha256):
         expected = f"expected the one that {file.name} was made from, of SHA-256 {urdf.sha256}"
         raise ArmFileError(path, "urdf.sha256", f"{urdf.file} was changed: it has {sha256}, {expected}")
     try:
-        nominal = serial_part(model, urdf.frame, copies)
+        nominal = serial_part(model, urdf.frame, mimics)
     except (UnknownNameError, UnsupportedArmError) as error:
         raise ArmFileError(path, "urdf.frame", str(error)) from None
     names = list(nominal.names[1:])

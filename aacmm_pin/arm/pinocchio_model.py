@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,13 +16,13 @@ from aacmm_pin.arm.chain import Chain
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 
 
-def read_model(path: str | Path) -> tuple[Any, str, frozenset[str]]:
-    """The Pinocchio model of a URDF file, the SHA-256 of the file, and the joints that mimic one that carries them."""
+def read_model(path: str | Path) -> tuple[Any, str, dict[str, tuple[str, str]]]:
+    """The Pinocchio model of a URDF file, the SHA-256 of the file, and joints that mimic others; see `read_urdf`."""
     from aacmm_pin.arm.urdf_check import read_urdf
 
-    text, sha256, copies = read_urdf(path)
+    text, sha256, mimics = read_urdf(path)
     try:
-        return pin.buildModelFromXML(text), sha256, copies
+        return pin.buildModelFromXML(text), sha256, mimics
     except (ValueError, RuntimeError) as error:
         raise AacmmError(f"{path}: not a URDF that Pinocchio can load: {error}") from None
 
@@ -38,10 +40,10 @@ def frame_number(model: Any, name: str) -> int:
     return (links or same)[0]
 
 
-def serial_part(model: Any, frame: str, copies: frozenset[str] = frozenset()) -> Any:
+def serial_part(model: Any, frame: str, mimics: Mapping[str, tuple[str, str]] = MappingProxyType({})) -> Any:
     """The chain from the base to ``frame``; other joints (a gripper's fingers) are locked at their neutral place.
 
-    Joints that mimic one that carries them, the ``copies``, are refused in it: they are not read by themselves.
+    Two joints of it that follow one, by the ``mimics`` of :func:`read_model`, are refused: they are not read by themselves.
     """
     joint = model.frames[frame_number(model, frame)].parentJoint
     chain = []
@@ -50,8 +52,11 @@ def serial_part(model: Any, frame: str, copies: frozenset[str] = frozenset()) ->
         joint = model.parents[joint]
     if len(chain) > MOST_JOINTS:
         raise UnsupportedArmError(f"{model.name}: {len(chain)} joints move frame {frame!r}, expected at most {MOST_JOINTS}")
-    if mimics := [model.names[joint] for joint in chain if model.names[joint] in copies]:
-        raise UnsupportedArmError(f"{model.name}: joint {mimics[0]} mimics another that moves frame {frame!r} as well")
+    names = [model.names[joint] for joint in chain]
+    leaders = [mimics.get(name, (name,))[0] for name in names]
+    for name, leader in zip(names, leaders, strict=True):
+        if name in mimics and (leaders.count(leader) > 1 or not model.existJointName(leader)):  # a fixed one is none there
+            raise UnsupportedArmError(f"{mimics[name][1]}; each joint that moves frame {frame!r} must be read by itself")
     others = [j for j in range(1, model.njoints) if j not in chain]
     model = model.copy()
     if others:

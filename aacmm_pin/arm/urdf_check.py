@@ -105,10 +105,11 @@ class _Element:
         return child
 
 
-def read_urdf(path: str | Path) -> tuple[str, str, frozenset[str]]:
-    """The links and joints of a URDF file as text for Pinocchio, the SHA-256 of the file, and joints that mimic a carrier.
+def read_urdf(path: str | Path) -> tuple[str, str, dict[str, tuple[str, str]]]:
+    """The links and joints of a URDF file as text for Pinocchio, the SHA-256 of the file, and joints that mimic others.
 
-    A joint that mimics another is one of its own in the text; frames behind it are refused where that one carries it.
+    A joint that mimics another is one of its own in the text; frames that both move are refused. By its name there is the
+    joint that it follows in the end, and words for where that is said.
 
     Raises:
         ArmFileError: the file cannot be read, is no URDF, or states what no arm has; names the element and its line.
@@ -120,24 +121,32 @@ def read_urdf(path: str | Path) -> tuple[str, str, frozenset[str]]:
     links, joints = ([child for child in robot.children if child.tag == tag] for tag in ("link", "joint"))
     if len(links) > MOST_LINKS:
         raise links[MOST_LINKS].refused(f"is one of {len(links)} links, expected at most {MOST_LINKS}")
-    above = _tree(robot, _by_name(links), _by_name(joints))
+    named = _by_name(joints)
+    _check_tree(robot, _by_name(links), named)
     root = ET.Element("robot", name=robot.text("name"))
     for link in links:
         _add_link(root, link)
     for joint in joints:
         _add_joint(root, joint)
-    copies = frozenset(joint.text("name") for joint in joints if _mimics_carrier(joint, above))
-    return ET.tostring(root, encoding="unicode"), hashlib.sha256(content).hexdigest(), copies
+    return ET.tostring(root, encoding="unicode"), hashlib.sha256(content).hexdigest(), _mimics(named)
 
 
-def _mimics_carrier(joint: _Element, above: dict[str, tuple[str, _Element]]) -> bool:
-    """Whether a joint mimics one of those between it and the root."""
-    mimic, link = joint.child("mimic"), joint.need("parent").text("link")
-    while mimic is not None and link in above:
-        link, carrier = above[link]
-        if carrier.text("name") == mimic.text("joint"):
-            return True
-    return False
+def _mimics(joints: dict[str, _Element]) -> dict[str, tuple[str, str]]:
+    """See :func:`read_urdf`."""
+    found: dict[str, tuple[str, str]] = {}
+    for name, joint in joints.items():
+        mimic, way = joint.child("mimic"), {name}
+        said = "" if mimic is None else str(mimic.refused(f"joint is {mimic.text('joint')!r}"))
+        while mimic is not None:
+            leader = mimic.text("joint")
+            if leader in way:
+                raise mimic.refused(f"joint is {leader!r}, so that it mimics itself")
+            if leader not in joints:  # fingers of robots that are in use have such
+                said = str(mimic.refused(f"there is no joint {leader!r}"))
+            way.add(leader)
+            found[name] = leader, said
+            mimic = joints[leader].child("mimic") if leader in joints else None
+    return found
 
 
 def _parsed(path: str, content: bytes) -> _Element:
@@ -179,8 +188,8 @@ def _by_name(elements: list[_Element]) -> dict[str, _Element]:
     return found
 
 
-def _tree(robot: _Element, links: dict[str, _Element], joints: dict[str, _Element]) -> dict[str, tuple[str, _Element]]:
-    """Of each link but the root, the link before it and the joint between; joints that make no one tree are refused."""
+def _check_tree(robot: _Element, links: dict[str, _Element], joints: dict[str, _Element]) -> None:
+    """Refuse links and joints that make no one tree."""
     above: dict[str, tuple[str, _Element]] = {}
     for joint in joints.values():
         ends = [joint.need(tag) for tag in ("parent", "child")]
@@ -205,7 +214,6 @@ def _tree(robot: _Element, links: dict[str, _Element], joints: dict[str, _Elemen
         grounded.update(way)
     if not links:
         raise robot.refused("has no link")
-    return above
 
 
 def _add_link(root: ET.Element, link: _Element) -> None:

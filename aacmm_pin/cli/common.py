@@ -157,4 +157,7 @@ class Results(OutputFiles):
     def picture(self, drawn: Callable[[], Any], path: Path | None) -> None:
         """Write the matplotlib figure that ``drawn`` gives; nothing where ``path`` is None."""
         if path is not None:
-            drawn().savefig(self.file(path), dpi=150, bbox_inches="tight", format=path.suffix[1:])
+            from aacmm_pin.report.plots.style import without_latex
+
+            with without_latex():
+                drawn().savefig(self.file(path), dpi=150, bbox_inches="tight", format=path.suffix[1:])

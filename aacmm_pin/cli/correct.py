@@ -18,7 +18,7 @@ from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.joint_commands import joint_commands
-from aacmm_pin.errors import AacmmError, MeasurementFileError
+from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
 from aacmm_pin.measurements.csv_columns import BAR, BAR_U, ORIENTATION, ORIENTATION_U, REFERENCE, REFERENCE_U
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.orientation import quaternions
@@ -36,6 +36,8 @@ OF_REFERENCES = ("seat", *BAR, BAR_U, *REFERENCE, *REFERENCE_U, *ORIENTATION, OR
 
 NO_MORE = 1e-3
 """Part by which distances may grow by chance, as where arms are the same but for rounding."""
+FAR = 0.01
+"""No arm whose angles these are is so far from its references by RMS: the worst are a millimetre off [m]."""
 LARGE = 0.05
 """A command that changes more than errors of an arm account for is next to a singular posture [rad]."""
 
@@ -69,6 +71,9 @@ def run(
     with Results(force, output) as results:
         model, path = arm.model_and_data()
         before = _nominal(nominal, model)
+        if before is not None and before.arm.nq != model.arm.nq:
+            expected = f"expected {model.arm.nq} as {model.arm.name} has"
+            raise AacmmError(f"--nominal {nominal}: {before.arm.name} has {before.arm.nq} joints, {expected}")
         if commands and before is None:
             raise typer.BadParameter("--commands goes with --nominal ARM, the arm as its controller believes it to be")
         if commands and orientation:
@@ -107,7 +112,10 @@ def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
     if name is None:
         return None if model.arm.nominal is None else ErrorModel(Arm.from_model(model.arm.nominal, model.arm.tip))
     if name.lower().endswith(".urdf"):
-        return ErrorModel(Arm.from_urdf(name, model.arm.tip))
+        try:
+            return ErrorModel(Arm.from_urdf(name, model.arm.tip))
+        except UnknownNameError as error:
+            raise AacmmError(f"--nominal {name}: {error}") from None
     return ErrorModel.load(name)
 
 
@@ -160,6 +168,11 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
             f"distance from {count(int(known.sum()), 'reference')}{of}",
             [np.linalg.norm((where - records.reference)[known], axis=1) for where in compared],
         )
+        if (far := rms(np.linalg.norm((tips - records.reference)[known], axis=1))) > FAR:
+            question = (
+                f"are the angles in the unit of their columns, do they and the references' frame belong to {model.arm.name}?"
+            )
+            note(f"warning: the tip is {far / MM:.0f} mm from the references (RMS): {question}")
     bars = records.bars()
     if bars:
         _tell(f"error of {count(len(bars), 'bar length')}", [records.bar_length_errors(where) for where in compared])

@@ -152,10 +152,13 @@ class Figure:
     @cached_property
     def png(self) -> bytes:
         """The figure as PNG, cut to what is drawn."""
-        drawn = self.drawn()
-        figure: Any = drawn if hasattr(drawn, "savefig") else drawn.figure
+        from aacmm_pin.report.plots.style import without_latex
+
         buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
+        with without_latex():
+            drawn = self.drawn()
+            figure: Any = drawn if hasattr(drawn, "savefig") else drawn.figure
+            figure.savefig(buffer, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
         return buffer.getvalue()
 
 

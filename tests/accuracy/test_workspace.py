@@ -302,6 +302,11 @@ def test_an_interrupted_map_goes_on_from_its_parts(
         part.write_bytes(damaged)
         with pytest.raises(AacmmError, match=r"^[^\n]*part000002\.nc: cannot be read as a part of a map[^\n]*$"):
             map_workspace(extended, parts=folder, **asked)
+    for name in ("part000002.nc", "question.json"):
+        (folder / name).unlink()
+        (folder / name).symlink_to("/dev/zero")
+        with pytest.raises(AacmmError, match=rf"^[^\n]*{name}: is no regular file[^\n]*$"):
+            map_workspace(extended, parts=folder, **asked)
     with pytest.raises(AacmmError, match="new folder"):
         map_workspace(extended, parts=tmp_path, **asked)
     with pytest.raises(AacmmError, match="cannot be used"):

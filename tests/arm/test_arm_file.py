@@ -151,8 +151,12 @@ MISTAKES = [
     ("name =", "gravity_m_s2 = [0, 1e200, 0]\nname =", "gravity_m_s2[2]", "1e+200"),
     ('"two rows"', '"two\\u0000rows"', "name", "NUL at place 4"),
     ('"two rows"', f'"{"x" * 100_000}"', "name", "200"),
-    ("name =", f"{'a.' * 5000}a = 1\nname =", "a", "inside one another"),
-    ("a_mm = 100", f"a_mm.{'a.' * 5000}a = 1", "joints", "inside one another"),
+    ('"two rows"', '"two\\nrows"', "name", "expected one line"),
+    ("name =", f"{'a.' * 50}a = 1\nname =", "a", "inside one another"),
+    ("a_mm = 100", f"a_mm.{'a.' * 50}a = 1", "joints", "inside one another"),
+    ("name =", f"{'a.' * 100_000}a = 1\nname =", "", "line 2 has a key of more than 100 parts"),
+    ("name =", 'x = {y = """\n" \'#"""", ' + "'.'. " * 100 + "a = 1}\nname =", "", "line 3 has a key of more"),
+    ("[stylus]", '[[effects]]\ncause = "encoder_gain"\n' * 1001 + "[stylus]", "effects", "1000"),
     ("[stylus]", ROWS * 1000 + "[stylus]", "joints", "200"),
     ("[stylus]", ROWS.replace("fixed = true", "limits_rad = [-1, 1]") * 64 + "[stylus]", "", "65 rows have a joint"),
 ]
@@ -263,7 +267,7 @@ def test_optional_parts_names_and_comments_come_back() -> None:
     full = arm.model_copy(update={"joints": rows, "reference_temperature_c": 21.5, "gravity_m_s2": (0.0, -9.81, 0.0)})
     bare = zero.model_copy(update={"source": "", "stylus": None})
     named = [
-        zero.model_copy(update={"name": text, "source": text})
+        zero.model_copy(update={"name": text.replace("\n", " "), "source": text})
         for text in ('Ä "quoted" \\ #', "two\nlines", "tab\t", "\x07", "'''", '"""')
     ]
     for each in (full, bare, *named):

@@ -83,6 +83,7 @@ MISTAKES = [
     ('<link name="base"/>', '<xacro:include filename="x"/>', 3, "xacro"),
     ('<link name="base"/>', "<a>" * 100_000, 3, f"{DEEPEST} elements inside"),
     ("<robot", '<!DOCTYPE r [<!ENTITY a "aaaa">]>\n<robot', 2, "entity"),
+    ('<axis xyz="1 0 0"/>', '<mimic joint="slide"/>', 23, "'slide': mimic: joint is 'slide', so that it mimics itself"),
     (SLIDE, "".join(f'<link name="l{i}"/>' for i in range(30_000)), 20, f"expected at most {MOST_LINKS}"),
 ]
 
@@ -174,9 +175,14 @@ def test_nothing_of_a_robot_changes() -> None:
     assert compared > 50
 
 
-def test_a_joint_that_mimics_one_before_it_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "mimic.urdf"
-    path.write_text(GOOD.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="shoulder"/>'), encoding="utf-8")
+def test_joints_that_mimic_each_other_are_refused_where_both_move_the_frame(tmp_path: Path) -> None:
+    path, axis = tmp_path / "mimic.urdf", '<axis xyz="1 0 0"/>'
+    for leader, words in (("shoulder", "joint is 'shoulder'"), ("none", "there is no joint 'none'")):
+        path.write_text(GOOD.replace(axis, f'{axis}<mimic joint="{leader}"/>'), encoding="utf-8")
+        assert Arm.from_urdf(path, "upper").nq == 1
+        with pytest.raises(UnsupportedArmError, match=f"line 23: joint 'slide': mimic: {words}"):
+            Arm.from_urdf(path, "tip")
+    path.write_text(GOOD.replace('<axis xyz="0 0 1"/>', '<mimic joint="slide" multiplier="2"/>'), encoding="utf-8")
     assert Arm.from_urdf(path, "upper").nq == 1
-    with pytest.raises(UnsupportedArmError, match="slide"):
+    with pytest.raises(UnsupportedArmError, match="line 17: joint 'shoulder': mimic: joint is 'slide'"):
         Arm.from_urdf(path, "tip")

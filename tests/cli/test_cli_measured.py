@@ -529,3 +529,18 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6: Arm, t
     said = ("none.csv", "row 2", "row 3", "no reading")
     refused("correct", tmp_path / "arm.toml", tmp_path / "none.csv", "-o", tmp_path / "d.csv", said=said)
     assert not (tmp_path / "d.csv").exists()
+
+
+def test_a_nominal_arm_that_cannot_be_is_named(folder: Path, tmp_path: Path) -> None:
+    urdf, _ = done("urdf", "sino6")
+    (tmp_path / "five.urdf").write_text(urdf.replace('type="revolute"', 'type="fixed"', 1))
+    (tmp_path / "other.urdf").write_text(urdf.replace('"tip"', '"end"'))
+    for name, words in (("five.urdf", "has 5 joints, expected 6 as SINO6"), ("other.urdf", "unknown frame 'tip'")):
+        path = tmp_path / name
+        refused("correct", "sino6", folder / "data.csv", "--nominal", path, said=[f"--nominal {path}: ", words])
+
+
+def test_records_of_another_arm_are_asked_about(folder: Path, tmp_path: Path) -> None:
+    for arm, asked in (("zero6", True), ("sino6", False)):
+        _, err = done("correct", arm, folder / "data.csv", "-o", tmp_path / f"{arm}.csv")
+        assert ("do they and the references' frame belong to" in err) == asked

@@ -6,7 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -18,8 +20,10 @@ from aacmm_pin.report.document import blank_axes
 POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
 
 
-def test_names_are_drawn_as_they_are(sino6: Arm, tmp_path: Path) -> None:
-    """Text between dollars is a formula to matplotlib, and no drawing of this one; powers of ten stay formulas."""
+@pytest.mark.parametrize("latex", [False, True])
+def test_names_are_drawn_as_they_are(sino6: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, latex: bool) -> None:
+    """Text between dollars is a formula to matplotlib, and no drawing of this one; powers of ten are, without LaTeX."""
+    monkeypatch.setitem(mpl.rcParams, "text.usetex", latex)
     assert sino6.file is not None
     name = r"$\frac{1$ $x^2$"
     arm = replace(sino6, name=name + "\x1b", file=sino6.file.model_copy(update={"name": name}))
@@ -39,6 +43,7 @@ def test_names_are_drawn_as_they_are(sino6: Arm, tmp_path: Path) -> None:
         figure = picture if isinstance(picture, Figure) else picture.figure
         figure.savefig(tmp_path / "a.png")
         assert "\x1b" not in "".join(text.get_text() for text in figure.findobj(Text))
+        assert not any(text.get_usetex() for text in figure.findobj(Text))
     assert any(r"$\bad" in label.get_text() for label in drawn[0].get_xticklabels())
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -43,20 +44,31 @@ def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 
     @wraps(draw)
     def drawn(*args: P.args, **named: P.kwargs) -> Drawn:
-        picture = draw(*args, **named)
-        place: Any = picture
-        every = place.axes if isinstance(place, Figure) else [place]
-        numbers = {label for axes in every for label in _numbers(axes)}
-        in_legends = {text for legend in picture.findobj(Legend) for text in legend.get_texts()}
-        for text in set(picture.findobj(Text)) - numbers:
-            text.set_parse_math(False)
-            text.set_text(short(printable(text.get_text()), LONGEST_NAME if text in in_legends else LONGEST_LINE))
-        for axis in (axis for axes in every for axis in (axes.xaxis, axes.yaxis)):
-            if isinstance(names := axis.get_major_formatter(), OF_NAMES):
-                axis.set_major_formatter(_shortened(names))
+        latex = plt.rcParams["text.usetex"]
+        with without_latex():
+            picture = draw(*args, **named)
+            place: Any = picture
+            every = place.axes if isinstance(place, Figure) else [place]
+            numbers = {label for axes in every for label in _numbers(axes)}
+            in_legends = {text for legend in picture.findobj(Legend) for text in legend.get_texts()}
+            for text in picture.findobj(Text):
+                text.set_usetex(False)
+                if text not in numbers:
+                    text.set_parse_math(False)
+                    text.set_text(short(printable(text.get_text()), LONGEST_NAME if text in in_legends else LONGEST_LINE))
+            for axis in (axis for axes in every for axis in (axes.xaxis, axes.yaxis)):
+                if isinstance(names := axis.get_major_formatter(), OF_NAMES):
+                    axis.set_major_formatter(_shortened(names))
+            if latex:  # ticks are made where they are drawn first
+                place.figure.canvas.figure.draw_without_rendering()
         return picture
 
     return drawn
+
+
+def without_latex() -> AbstractContextManager[None]:
+    """While matplotlib alone draws text, whatever its settings: LaTeX may not be there, or take names for commands."""
+    return plt.rc_context({"text.usetex": False})
 
 
 def short(text: str, most: int) -> str:
