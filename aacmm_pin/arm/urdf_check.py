@@ -84,6 +84,7 @@ class _Element:
         for value in values:
             if not abs(value) <= largest:
                 hint = "; a joint without limits is of type continuous" if self.tag == "limit" else ""
+                hint = "; are the angles in degrees?" if name == "rpy" else hint
                 raise self.refused(f"{name} is {text[:80]!r}, expected numbers to ±{largest:g}{hint}")
         return values
 
@@ -267,7 +268,7 @@ def _add_origin(parent: ET.Element, element: _Element) -> None:
     origin = element.child("origin")
     if origin is not None:
         shift = origin.numbers("xyz", (0.0, 0.0, 0.0), LONGEST)
-        turn = origin.numbers("rpy", (0.0, 0.0, 0.0), LARGEST_ANGLE)
+        turn = origin.numbers("rpy", (0.0, 0.0, 0.0), 2 * TURNS)
         ET.SubElement(parent, "origin", xyz=_text(shift), rpy=_text(turn))
 
 

@@ -55,7 +55,7 @@ MISTAKES = [
     ('lower="-1" upper="2"', 'lower="-1_0" upper="2"', 18, "lower is '-1_0'"),
     ('<limit lower="0" upper="0.5"/>', "", 20, "joint 'slide': limit is missing"),
     ('xyz="0 0 0.3"', 'xyz="0 0 300"', 16, "origin: xyz is '0 0 300'"),
-    ('rpy="0 1.5 0"', 'rpy="0 1e300 0"', 16, "origin: rpy"),
+    ('rpy="0 1.5 0"', 'rpy="0 90 0"', 16, "origin: rpy"),
     ('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"', 16, "origin: quat_xyzw is not known"),
     ('xyz="0 0 0.3"', 'XYZ="0 0 0.3"', 16, "origin: XYZ is not known"),
     ('xyz="0 0 0.1"', 'xyz="0 0 x"', 6, "link 'upper': inertial: origin"),
