@@ -175,10 +175,9 @@ class Effect(Shown, ABC):
             if not self.least_inner < getattr(self, name) <= LATEST:
                 expected = f"a number above {self.least_inner:g} and not above {LATEST:g}"
                 raise AacmmError(f"{self.label}: {name} is {getattr(self, name)}, expected {expected}")
-        if len(self.inner_u) not in (0, len(self.inner)) or not all(map(math.isfinite, self.inner_u)):
-            raise AacmmError(
-                f"{self.label}: u of {', '.join(self.inner)} is {self.inner_u}, expected {len(self.inner)} numbers"
-            )
+        if len(self.inner_u) not in (0, len(self.inner)) or not all(u <= LATEST for u in self.inner_u):
+            of = f"u of {', '.join(self.inner)}"
+            raise AacmmError(f"{self.label}: {of} is {self.inner_u}, expected {len(self.inner)} numbers to {LATEST:g}")
         for u in (self.u, self.inner_u):
             if any(number < 0 for number in u):
                 raise AacmmError(f"{self.label}: u is {u}, expected numbers that are not negative")
