@@ -16,6 +16,8 @@ from aacmm_pin.arm.dh import chunks
 
 CHUNK = 256
 """Configurations handled at once: the pair normals of 24 generators then fit in the processor's cache."""
+MOST = 4_000_000
+"""Signs of generators in corners that are looked at together: 32 MB, and some copies."""
 FLAT = 1e-13
 """A unit generator that sticks out of a face by less lies in it."""
 
@@ -58,22 +60,22 @@ def largest_deviation(generators: Array) -> Array:
     n, _, count = generators.shape
     if count < 2:
         return np.asarray(np.linalg.norm(np.abs(generators).sum(axis=2), axis=1))
-    farthest = np.zeros(n)
-    for part in chunks(n, CHUNK):
-        for points in _corners(generators[part]):
-            farthest[part] = np.maximum(farthest[part], np.square(points).sum(axis=2).max(axis=1))
+    farthest, (first, second) = np.zeros(n), _pairs(count)
+    for part in chunks(n, max(1, min(CHUNK, MOST // (len(first) * count)))):
+        for pairs in chunks(len(first), max(1, MOST // count)):
+            for points in _corners(generators[part], first[pairs], second[pairs]):
+                farthest[part] = np.maximum(farthest[part], np.square(points).sum(axis=2).max(axis=1))
     return np.asarray(np.sqrt(farthest))
 
 
-def _corners(generators: Array) -> Iterator[Array]:
-    """Points among which is one of each two opposite vertices, in two parts (n, pairs, 3).
+def _corners(generators: Array, first: Index, second: Index) -> Iterator[Array]:
+    """Points among which, over all pairs, is one of each two opposite vertices, in two parts (n, pairs, 3).
 
     A vertex is ``Σ_k s_k g_k``. Every vertex bounds an edge along some g_i of a face that is spanned by some g_i and g_j;
     its signs are those of ``n·g_k`` with the face's normal n = g_i × g_j, where that is zero (in the face) those of
     ±(n × g_i)·g_k, where that is zero too (parallel to g_i) those of ±g_i·g_k; and the set is symmetric. The sign of
     n × g_i may be left: of the edges at a vertex the one with the least i lies between two faces, on either side of it.
     """
-    first, second = _pairs(generators.shape[2])
     g = generators.transpose(0, 2, 1)  # (n, p, 3)
     length = np.linalg.norm(g, axis=2)
     unit = g / np.where(length > 0, length, 1.0)[:, :, None]
