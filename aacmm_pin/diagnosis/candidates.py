@@ -59,7 +59,12 @@ def candidates(
 
 def known_causes(model: ErrorModel, setup: Setup) -> list[Effect]:
     """The causes that the arm is known to have, with a stated uncertainty that counts."""
-    return [effect for effect in model.effects if setup.prior and any(effect.u)]
+    return [effect for effect in model.effects if setup.prior and any(effect.u) and not found_anew(effect, setup)]
+
+
+def found_anew(effect: Effect, setup: Setup) -> bool:
+    """Whether it is where the target sits, which is unknown again."""
+    return setup.target == "unknown" and isinstance(effect, StylusOffset) and effect.marker is None
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

@@ -19,7 +19,7 @@ from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameters import length_held, problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
-from aacmm_pin.diagnosis.candidates import candidates, known_causes
+from aacmm_pin.diagnosis.candidates import candidates, found_anew, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
@@ -129,7 +129,8 @@ def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> 
     within what is stated of it; freely where nothing is, or where it is itself among the causes, for it may have changed.
     """
     known = {effect.identity: effect for effect in known_causes(model, setup)}
-    untold = [effect.at(effect.values, free(effect).u) for effect in model.effects if effect.identity not in known]
+    others = (effect for effect in model.effects if effect.identity not in known and not found_anew(effect, setup))
+    untold = [effect.at(effect.values, free(effect).u) for effect in others]
     held = length_held(problem_of(model, measurements, ["geometry", *untold, *known.values()], setup))
     setup = replace(setup, held=held)
 

@@ -60,7 +60,8 @@ def shared_by(excluded: Mask, used: Mask, others: Sequence[Covariate], measureme
     """
     if excluded.sum() < FEWEST:
         return None
-    found = [_of_values(name, values, excluded, used) for name, values in _columns(others, measurements)]
+    columns = [*_columns(others, measurements), *_nearness(others, excluded)]
+    found = [_of_values(name, values, excluded, used) for name, values in columns]
     each = [shared for shared in found if shared is not None]
     best = min(each, key=lambda shared: shared.p_value, default=None)
     if best is None or best.p_value * len(each) >= SURELY:
@@ -76,6 +77,14 @@ def _columns(others: Sequence[Covariate], measurements: Measurements) -> Iterato
     for name in ("marker", "seat"):
         if (labels := getattr(measurements.conditions, name)) is not None:
             yield name, pd.Series(labels, name=name)
+
+
+def _nearness(others: Sequence[Covariate], excluded: Mask) -> Iterator[tuple[str, pd.Series]]:
+    """How far each tip is from the middle of those of the excluded records: they may fill a region of the room."""
+    for covariate in others:
+        if covariate.name == "place":
+            off = covariate.values - covariate.values[excluded].median()
+            yield "place", np.sqrt(np.square(off).sum(axis=1)).rename("distance_mm from their middle")
 
 
 def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:

@@ -36,6 +36,7 @@ from aacmm_pin.effects import (
     JointPeriodicError,
     LinkBending,
     SeatError,
+    StylusOffset,
     Term,
     ThermalExpansion,
     ZeroDrift,
@@ -475,7 +476,7 @@ def test_a_known_cause_that_has_changed(sino6: Arm) -> None:
     assert (same.verdict, same.findings) == ("no-discrepancy", ())
 
 
-@pytest.mark.parametrize("shares", ["time", "operator", "joint 2"])
+@pytest.mark.parametrize("shares", ["time", "operator", "joint 2", "place"])
 def test_records_that_are_excluded_together_are_no_gross_errors(sino6: Arm, shares: str) -> None:
     """In a tenth of the records the tip is elsewhere on the last body; they are outliers to the rest, and yet all alike."""
     rng = np.random.default_rng(4)
@@ -483,7 +484,8 @@ def test_records_that_are_excluded_together_are_no_gross_errors(sino6: Arm, shar
     operator = np.where(rng.random(240) < 0.1, "Bo", "Al").astype(object)
     time = data.conditions.require("time", "the test")
     late, high = time > np.quantile(time, 0.9), data.q[:, 1] > np.quantile(data.q[:, 1], 0.9)
-    apart = {"time": late, "operator": operator == "Bo", "joint 2": high}[shares]
+    near = np.linalg.norm(data.reference - data.reference[0], axis=1).argsort().argsort() < 24
+    apart = {"time": late, "operator": operator == "Bo", "joint 2": high, "place": near}[shares]
     off = apart[:, None] * 3e-4 * ErrorModel(sino6).state(data.q).rotation[-1][:, :, 2]
     told = replace(data, reference=data.reference + off, operator=operator)
     found = diagnose(sino6, told, **NOISE, hold_out=False, progress=False)
@@ -491,6 +493,16 @@ def test_records_that_are_excluded_together_are_no_gross_errors(sino6: Arm, shar
     assert shares in found.unexplained.depends_on
     scattered = replace(data, reference=data.reference + rng.permutation(off))
     assert diagnose(sino6, scattered, **NOISE, hold_out=False, progress=False).verdict == "no-discrepancy"
+
+
+def test_a_target_that_is_unknown_again_is_found_anew(sino6: Arm, rng: np.random.Generator) -> None:
+    known = ErrorModel(sino6, (StylusOffset(values=(0.01, 0.02, 0.03), u=(1e-5, 1e-5, 1e-5)),))
+    now = ErrorModel(sino6, (StylusOffset(values=(0.03, 0.0, 0.01)),))
+    data = simulate_measurements(now, "free", 100, rng=rng, **NOISE)
+    found = diagnose(known, data, **NOISE, target="unknown", hold_out=False, progress=False)
+    (offset,) = found.model.effects
+    assert found.verdict == "no-discrepancy"
+    assert offset.values == pytest.approx((0.03, 0.0, 0.01), abs=2e-4)
 
 
 def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6: Arm, rng: np.random.Generator) -> None:
