@@ -18,10 +18,10 @@ from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
-from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
+from aacmm_pin.calibration.parameters import ASSEMBLED, found_anew, lengths_untold, problem_of
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
-from aacmm_pin.effects import Effect, StylusOffset
+from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import WARMER
 from aacmm_pin.effects.error_model import ErrorModel, require_shown
 from aacmm_pin.effects.state import State
@@ -176,9 +176,7 @@ def _of_conditions(after: Fit) -> list[str]:
 
 def _of_target(after: Fit) -> list[str]:
     """That an unknown target without a label becomes the tip of the arm."""
-    if after.problem.setup.target != "unknown":
-        return []
-    offsets = [e for e in after.solution.effects if isinstance(e, StylusOffset) and e.marker is None]
+    offsets = [effect for effect in after.solution.effects if found_anew(effect, after.problem.setup)]
     return [
         f"the target is {np.linalg.norm(offset.values) / MM:.4g} mm from the tip of {after.problem.model.arm.name}, and is "
         "the tip of the calibrated arm; with a label in the column marker the tip stays where it was"

@@ -51,15 +51,13 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     known = _covariance(arm, names, fit.covariance[: vector.size, : vector.size], " ".join(records))
     every = (*problem.model.effects, *effects)
     entries, warm = [entry_of(effect) for effect in every], temperature_of(fit)
-    update: dict[str, Any]
+    update: dict[str, Any] = {"reference_temperature_c": warm, "effects": entries}
     if arm.dh is None:
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
         moved = arm.with_placements(twists, known)
-        update = {"reference_temperature_c": warm, "effects": entries}
         moved = replace(moved, reference_temperature=warm, file=moved.urdf_file.model_copy(update=update))
     else:
-        update = {"reference_temperature_c": warm, "covariance": known, "effects": entries}
-        moved = Arm.from_file(moved_file(arm, steps).model_copy(update=update))
+        moved = Arm.from_file(moved_file(arm, steps).model_copy(update=update | {"covariance": known}))
     if problem.setup.encoder_noise is not None:
         moved = moved.with_encoder_noise(problem.setup.encoder_noise)
     return ErrorModel(moved, every)
@@ -68,7 +66,7 @@ def calibrated_model(fit: Fit) -> ErrorModel:
 def temperature_of(fit: Fit) -> float:
     """At which the calibrated lengths hold [°C]: the mean of the records, where nothing in the model says how they grow."""
     problem, arm = fit.problem, fit.problem.model.arm
-    conditions = problem.measurements.take(fit.used).conditions
+    conditions = problem.measurements.conditions.take(fit.used)
     stated = conditions.temperature if conditions.temperature is not None else conditions.link_temperature
     grows = any("temperature" in effect.needs for effect in (*problem.model.effects, *fit.solution.effects))
     if stated is None or grows or not any(p is not None and p.unit == "m" for p in problem.vector.of_arm):

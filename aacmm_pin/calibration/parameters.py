@@ -177,6 +177,11 @@ def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
     return tuple(dict.fromkeys((np.full(measurements.n, "") if marker is None else marker)[oriented].tolist()))
 
 
+def found_anew(effect: Effect, setup: Setup) -> bool:
+    """Whether it is where the target sits, which is unknown."""
+    return setup.target == "unknown" and isinstance(effect, StylusOffset) and effect.marker is None
+
+
 def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:
     """Where the target sits on the last body: one for each marker, one where nobody says that it is the tip."""
     width, unstated = np.full(3, REACH_OF_TARGET), np.zeros(3, dtype=bool)

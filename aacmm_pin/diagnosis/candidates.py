@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.parameter_vector import OF_KIND
+from aacmm_pin.calibration.parameters import found_anew
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import CAUSES, Effect, ReferenceFrame, StylusOffset, all_candidates
@@ -60,11 +61,6 @@ def candidates(
 def known_causes(model: ErrorModel, setup: Setup) -> list[Effect]:
     """The causes that the arm is known to have, with a stated uncertainty that counts."""
     return [effect for effect in model.effects if setup.prior and any(effect.u) and not found_anew(effect, setup)]
-
-
-def found_anew(effect: Effect, setup: Setup) -> bool:
-    """Whether it is where the target sits, which is unknown again."""
-    return setup.target == "unknown" and isinstance(effect, StylusOffset) and effect.marker is None
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

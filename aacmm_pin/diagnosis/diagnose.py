@@ -16,10 +16,10 @@ from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.input_mistakes import first_fit
-from aacmm_pin.calibration.parameters import length_held, problem_of
+from aacmm_pin.calibration.parameters import found_anew, length_held, problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
-from aacmm_pin.diagnosis.candidates import candidates, found_anew, known_causes
+from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
@@ -101,19 +101,14 @@ def diagnose(
     kind, parts = parts_of(recalibrated, rng)
     library = candidates(model, measurements, recalibrated.problem, extra_causes)
     choice = choose(problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True)
-    choice = _surviving(choice, problem)
-    choice = replace(choice, fit=in_its_place(problem, choice))
-    pairs = in_pairs(choice)
-    strong = strengths(choice, _excess(choice.fit), pairs, rng)
+    choice, pairs, strong = _judged(_surviving(choice, problem), problem, rng)
     # Parts are left out by postures, which says nothing of what depends on time.
     of_time = {k for k in choice.causes if "time" in choice.variant(k).needs}
     improbable = {s.block for s in strong if s.block in of_time and s.probability < UNLIKELY}
     left_out = frozenset(choice.question.owner(k) for k in improbable)
     if improbable:  # a part of structure that no cause explains, and harm at another time
-        choice = _with_only(choice, problem, tuple(k for k in choice.admitted if k not in improbable))
-        choice = replace(choice, fit=in_its_place(problem, choice))
-        pairs = in_pairs(choice)
-        strong = strengths(choice, _excess(choice.fit), pairs, rng)
+        kept = tuple(k for k in choice.admitted if k not in improbable)
+        choice, pairs, strong = _judged(_with_only(choice, problem, kept), problem, rng)
     used, setup = choice.fit.used, recalibrated.problem.setup
     before, recalibrated = (fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([])))
     held = gain_of(choice, before, kind, rng, progress, left_out) if hold_out and enough_postures(measurements) else None
@@ -122,6 +117,13 @@ def diagnose(
     result = _concluded(model, choice, before, recalibrated, strong, held, [*_rivals(choice, pairs), *repeated])
     choice.gram.products.release()
     return result
+
+
+def _judged(choice: Choice, problem: ProblemOf, rng: np.random.Generator) -> tuple[Choice, list[InPairs], list[Strength]]:
+    """The choice with new causes in the place of known ones, its pairs, and how sure each block is."""
+    choice = replace(choice, fit=in_its_place(problem, choice))
+    pairs = in_pairs(choice)
+    return choice, pairs, strengths(choice, _excess(choice.fit), pairs, rng)
 
 
 def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> ProblemOf:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -66,7 +66,7 @@ def shared_by(excluded: Mask, used: Mask, others: Sequence[Covariate], measureme
     best = min(each, key=lambda shared: shared.p_value, default=None)
     if best is None or best.p_value * len(each) >= SURELY:
         return None
-    return Shared(best.name, best.p_value * len(each), best.where, best.excluded, best.records, best.of)
+    return replace(best, p_value=best.p_value * len(each))
 
 
 def _columns(others: Sequence[Covariate], measurements: Measurements) -> Iterator[tuple[str, pd.Series]]:
