@@ -126,7 +126,7 @@ class Arm(Shown):
         Args:
             path: URDF file; meshes are not needed.
             frame: name of the link or frame whose origin is the tip.
-            translation_half_width: bound of every placement shift [m].
+            translation_half_width: bound of every placement shift [m]; 0 states none, as does the next.
             rotation_half_width: bound of every placement turn [rad].
 
         Raises:

@@ -82,10 +82,11 @@ class UncertainArm(AnyArm):
     """An arm whose uncertainty matters; that of a URDF is given by options."""
 
     translation_half_width_mm: Annotated[
-        float | None, typer.Option(help="With --urdf: bound of the shifts of every joint placement, in mm.")
+        float | None, typer.Option(help="With --urdf: bound of the shifts of every joint placement, in mm; 0 states none.")
     ] = None
     rotation_half_width_rad: Annotated[
-        float | None, angle_option("With --urdf: bound of the turns of every joint placement, in rad or as 20arcsec.")
+        float | None,
+        angle_option("With --urdf: bound of the turns of every joint placement, in rad or 20arcsec; 0 states none."),
     ] = None
 
     def model(self, **half_widths: float) -> ErrorModel:

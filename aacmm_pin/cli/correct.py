@@ -16,6 +16,8 @@ from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
+from aacmm_pin.effects import StylusOffset
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
@@ -155,6 +157,11 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
     except MeasurementFileError as error:
         note(f"note: references, bars and seats are not compared: {str(error).splitlines()[0]}")
         return
+    if elsewhere := _other_targets(model, records.conditions):
+        of_tip = ~np.isin(records.conditions.require("marker", "correct").astype(str), elsewhere)
+        left = f"their {len(of_tip) - of_tip.sum()} references, bar ends and seats are not compared"
+        note(f"note: the coordinates are of the tip; the targets {', '.join(elsewhere)} are elsewhere, so {left}")
+        records, tips = records.take(of_tip), tips[of_tip]
     # Geometry alone, where nobody says what was before: the file may know the effects together with it.
     if before is not None:
         compared = [before.correct(records.q, records.conditions), tips]
@@ -185,6 +192,13 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
             f"distance from the mean of the touches of {count(len(unknown), 'seat')} without coordinates",
             [np.linalg.norm(off, axis=1) for off in of_seats],
         )
+
+
+def _other_targets(model: ErrorModel, conditions: Conditions) -> list[str]:
+    """Labels of the markers whose place on the last body the arm does not know: calibrating found it for itself alone."""
+    known = {effect.marker for effect in model.effects if isinstance(effect, StylusOffset)}
+    labels = [] if conditions.marker is None else conditions.marker.tolist()
+    return [label for label in dict.fromkeys(labels) if label and label not in known]
 
 
 def _tell(what: str, errors: list[Array]) -> None:

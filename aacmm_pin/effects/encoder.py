@@ -434,7 +434,8 @@ class EncoderSlip(Effect):
         later = np.zeros(conditions.n, dtype=bool) if labels is None else ~np.isin(labels.astype(str), self.sessions)
         if conditions.n and later.all():
             return np.ones(conditions.n)
-        time, (low, high) = conditions.require("time", self.label), self.between_s or (self.time_s, self.time_s)
+        or_else = " (or, in a later session, a label of its own in the column session)" if self.sessions else ""
+        time, (low, high) = conditions.require("time", self.label + or_else), self.between_s or (self.time_s, self.time_s)
         return np.where(later | (time >= high), 1.0, np.where((low < time) & (time < high), 0.5, time >= self.time_s))
 
     def displacements(self, state: State) -> list[Displacement]:

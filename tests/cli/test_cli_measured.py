@@ -429,6 +429,17 @@ def test_touches_of_a_seat_without_coordinates_are_compared(tmp_path: Path) -> N
     assert err.count(f"{half:.4f} mm") == 2
 
 
+def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6: Arm, tmp_path: Path) -> None:
+    q = np.array([[0.3, -1.0, 0.4, 0.5, 0.2, 0.1], [1.0, -1.0, 0.4, 0.5, 0.2, 0.1], [0.2, -1.1, 0.6, 0.5, 0.2, 0.1]])
+    tips = sino6.positions(q) / MM + np.array([[0.1, 0, 0], [42.0, 0, 0], [42.0, 0, 0]])
+    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)]).assign(marker=["", "A", "A"])
+    table.assign(**dict(zip(REFERENCE, tips.T, strict=True))).to_csv(tmp_path / "r.csv", index=False)
+    _, err = done("correct", "sino6", tmp_path / "r.csv", "-o", tmp_path / "c.csv")
+    assert "the targets A are elsewhere" in err
+    assert "1 reference: RMS 0.1000 mm" in err
+    assert len(pd.read_csv(tmp_path / "c.csv").dropna(subset="corrected_x_mm")) == 3
+
+
 def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended: Path, folder: Path, tmp_path: Path) -> None:
     source = folder / "warm.csv"
     done("correct", extended, source, "--commands", "--nominal", "sino6", "-o", tmp_path / "c.csv")
