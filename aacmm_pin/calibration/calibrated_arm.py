@@ -48,7 +48,9 @@ def calibrated_model(fit: Fit) -> ErrorModel:
             effects.append(replace(effect.at(x[own], alone[own]), inner_u=inner_u if any(inner_u) else ()))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
     records = dict.fromkeys((*problem.known_from, *problem.measurements.take(fit.used).fingerprints()))
-    known = _covariance(arm, names, fit.covariance[: vector.size, : vector.size], " ".join(records))
+    names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.inner]
+    columns = [*range(vector.size), *range(problem.scales.size, len(fit.with_inner))]  # between them those of the frame
+    known = _covariance(arm, names, fit.with_inner[np.ix_(columns, columns)], " ".join(records))
     every = (*problem.model.effects, *effects)
     entries, warm = [entry_of(effect) for effect in every], temperature_of(fit)
     update: dict[str, Any] = {"reference_temperature_c": warm, "effects": entries}

@@ -152,15 +152,16 @@ class Fit:
     def covariance(self) -> Array:
         """Covariance of all columns, the frame's included (p, p) [units]; zero along what nothing determines."""
         p = self.problem.scales.size
-        return self._with_inner[:p, :p]
+        return self.with_inner[:p, :p]
 
     @property
     def inner_u(self) -> dict[tuple[str, str], float]:
         """Standard uncertainty of each inner value, by the effect's key and the name of the field."""
-        u = np.sqrt(np.diag(self._with_inner)[self.problem.scales.size :])
-        return dict(zip([(effect.key, name) for _, effect, name, _ in self._inner()], u.tolist(), strict=True))
+        u = np.sqrt(np.diag(self.with_inner)[self.problem.scales.size :])
+        return dict(zip([(effect.key, name) for _, effect, name, _ in self.inner], u.tolist(), strict=True))
 
-    def _inner(self) -> list[tuple[int, Effect, str, float]]:
+    @cached_property
+    def inner(self) -> list[tuple[int, Effect, str, float]]:
         """Inner values: number and effect, field, how far off it may be."""
         inner = []
         for k, effect in enumerate(self.solution.effects):
@@ -170,9 +171,9 @@ class Fit:
         return inner
 
     @cached_property
-    def _with_inner(self) -> Array:
+    def with_inner(self) -> Array:
         """Covariance of all columns and, last, of the inner values."""
-        inner, spectrum, problem, point = self._inner(), self.solution.spectrum, self.problem, self.solution.point
+        inner, spectrum, problem, point = self.inner, self.solution.spectrum, self.problem, self.solution.point
         if not inner:
             return _covariance(spectrum.values, spectrum.directions, problem.scales, self.unknown)
         columns = [self._by_inner(*one) for one in inner]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -70,12 +69,12 @@ def problem_of(
     fixed = tuple(e for e in model.effects if e.label not in labels)
     widths = np.concatenate([np.empty(0), *(w for _, w, _ in chosen)])
     stated = np.concatenate([np.empty(0, dtype=bool), *(s for _, _, s in chosen)])
-    stay = [p.name for p in (*model.arm.parameters, *(p for e in fixed for p in e.parameters()))]
-    known = None if model.arm.covariance is None else model.arm.covariance.restricted(stay)
-    base = ErrorModel(model.arm if known is model.arm.covariance else replace(model.arm, covariance=known), fixed)
+    base = model.restricted(fixed)
     vector = ParameterVector(base.arm, tuple(e for e, _, _ in chosen))
     correlation = _correlation(model.arm, vector, np.where(stated, widths, np.nan))
-    known_from = model.arm.covariance.records if model.arm.covariance is not None and (setup.prior or known) else ""
+    known_from = (
+        model.arm.covariance.records if model.arm.covariance is not None and (setup.prior or base.arm.covariance) else ""
+    )
     targets = () if setup.target == "frame" else _turned_targets(measurements)
     return Problem(base, vector, widths, stated, correlation, measurements, setup, tuple(known_from.split()), targets)
 

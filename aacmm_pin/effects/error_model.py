@@ -48,8 +48,9 @@ class ErrorModel(Shown):
         if twice:
             raise AacmmError(f"{self.arm.name}: the parameter {twice[0]} is there twice; merge the two effects into one")
         if self.arm.covariance is not None:
+            of_inner = {p.name for effect in self.effects for open_ in effect.open_questions for p in open_.parameters()}
             for name in self.arm.covariance.parameters:
-                if name not in names:
+                if name not in names and name not in of_inner:
                     raise UnknownNameError("parameter in covariance", name, names)
 
     def __repr__(self) -> str:
@@ -120,6 +121,16 @@ class ErrorModel(Shown):
         new = {effect.identity for effect in effects}
         return replace(self, effects=(*(e for e in self.effects if e.identity not in new), *effects))
 
+    def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
+        """The arm with some of its effects alone, and what is known of their parameters and the arm's together."""
+        if self.arm.covariance is None:
+            return replace(self, effects=effects)
+        held = [*self.arm.parameters]
+        for effect in effects:
+            held += [p for one in (effect, *effect.open_questions) for p in one.parameters()]
+        known = self.arm.covariance.restricted(p.name for p in held)
+        return ErrorModel(replace(self.arm, covariance=known), effects)
+
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The arm's parameters, then those of the effects: the columns of :meth:`sensitivity`.
@@ -135,9 +146,9 @@ class ErrorModel(Shown):
         """Covariance of all parameters (p, p) [their units]: independent, but for those that the file knows together."""
         parameters = self.parameters
         matrix = np.diag([p.u**2 for p in parameters])
-        known = self.arm.covariance
+        position = {p.name: i for i, p in enumerate(parameters)}
+        known = None if self.arm.covariance is None else self.arm.covariance.restricted(position)
         if known is not None:
-            position = {p.name: i for i, p in enumerate(parameters)}
             where = np.array([position[name] for name in known.parameters])
             u = np.array(known.standard_uncertainty_si)
             matrix[np.ix_(where, where)] = known.matrix_of_correlation() * np.outer(u, u)

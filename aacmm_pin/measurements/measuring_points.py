@@ -68,7 +68,7 @@ class Pool:
         """
         room = Room(model.arm, above)
         q, tips = room.postures(max(POOL, 10 * GUESSES * each), rng)
-        steady = ErrorModel(model.arm, tuple(effect for effect in model.effects if not effect.needs))
+        steady = model.restricted(tuple(effect for effect in model.effects if not effect.needs))
         return Pool(room, lambda q, _: steady.state(q), q, tips, scipy.spatial.cKDTree(tips))
 
     @property

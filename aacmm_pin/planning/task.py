@@ -53,9 +53,7 @@ class Task:
 
     def problem(self, model: ErrorModel, records: Measurements) -> Problem:
         """Geometry and the causes unknown; effects of the model that are no such causes stay."""
-        asked = {effect.identity for effect in self.causes}
-        rest = ErrorModel(model.arm, tuple(e for e in model.effects if e.identity not in asked))
-        return problem_of(rest, records, ["geometry", *self.causes], self.setup)
+        return problem_of(model, records, ["geometry", *self.causes], self.setup)
 
     @cached_property
     def frame(self) -> Frame:

@@ -234,7 +234,7 @@ class _Test:
         """The sources of a model at the postures of a procedure."""
         sources = ErrorSources.of(model, None, noise, procedure.q, None)
         names = [effect.cause for effect in of_geometry(model.arm) for _ in effect.terms]
-        names += [effect.label for effect in model.effects for _ in effect.terms] + [READINGS] * model.arm.nq
+        names += [effect.label for effect in sources.model.effects for _ in effect.terms] + [READINGS] * model.arm.nq
         causes = tuple(names[column] for column in sources.columns)
         return _Test(sources, causes, procedure.points, sources.sensitivity(procedure.q), probe_noise, every)
 

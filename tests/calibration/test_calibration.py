@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.file import ArmFile, load_arm_file
@@ -42,6 +43,7 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
+from aacmm_pin.measurements.measuring_points import Pool
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.papers.zero_offset import printed_postures
@@ -569,12 +571,21 @@ def test_what_is_uncertain_of_a_time_constant_stays_so(sino6: Arm, tmp_path: Pat
         return ErrorModel(sino6, (replace(drift, values=(value,), time_constant_s=constant),)).predict(q, conditions).ravel()
 
     data = Measurements.of(q, tips(2.5e-4, 1500.0).reshape(-1, 3) + rng.normal(0, 2e-5, (90, 3)), conditions=conditions)
-    (found,) = calibrate(model, data, [drift], reference_noise=2e-5, encoder_noise=0.0, hold_out=False).model.effects
+    after = calibrate(model, data, [drift], reference_noise=2e-5, encoder_noise=0.0, hold_out=False).model
+    (found,) = after.effects
     steps = (tips(2.6e-4, 1500.0) - tips(2.4e-4, 1500.0)) / 2e-5, (tips(2.5e-4, 1501.0) - tips(2.5e-4, 1499.0)) / 2.0
     j = np.column_stack(steps) / 2e-5
-    expected = np.sqrt(np.diag(np.linalg.inv(j.T @ j + np.diag([5e-5**-2, 600.0**-2]))))
-    assert (*found.u, *found.inner_u) == pytest.approx(tuple(expected), rel=0.03)
+    covariance = np.linalg.inv(j.T @ j + np.diag([5e-5**-2, 600.0**-2]))
+    assert (*found.u, *found.inner_u) == pytest.approx(tuple(np.sqrt(np.diag(covariance))), rel=0.03)
     assert found.u[0] > 2.0 / np.sqrt(j[:, 0] @ j[:, 0])  # more than with a known time constant
+    # And of tips within the session it tells far more than of both by themselves.
+    after.save(tmp_path / "b.toml")
+    u = [
+        accuracy_volume(one, q, conditions=conditions, method="ellipsoid", encoder_noise=0.0).u
+        for one in (ErrorModel.load(tmp_path / "b.toml"), sino6)
+    ]
+    by_normal_equations = np.sqrt(np.einsum("ij,jk,ik->i", j, covariance, j).reshape(-1, 3).sum(axis=1)) * 2e-5
+    np.testing.assert_allclose(np.sqrt(u[0] ** 2 - u[1] ** 2)[9:], by_normal_equations[9:], rtol=0.05)
 
 
 def test_values_that_earlier_records_tell_exactly_stay_exact(sino6: Arm, rng: np.random.Generator) -> None:
@@ -586,3 +597,16 @@ def test_values_that_earlier_records_tell_exactly_stay_exact(sino6: Arm, rng: np
     found = quick(Arm.from_file(sino6.file.model_copy(update={"covariance": exact})), data)
     assert found.covariance.size == 0
     assert found.model.arm.covariance == exact
+
+
+def test_an_arm_that_drifts_can_be_set_tasks_without_a_clock(sino6: Arm, rng: np.random.Generator) -> None:
+    """Its covariance names a cause that has no part in where the touches of a procedure are."""
+    drift = ZeroDrift(2, 1500.0, values=(2e-4,), u=(5e-5,), inner_u=(300.0,))
+    data = simulate_measurements(ErrorModel(sino6, (drift,)), "free", 40, rng=rng)
+    model = calibrate(ErrorModel(sino6, (drift,)), data, ["geometry", drift], hold_out=False).model
+    assert model.arm.covariance is not None
+    assert model.arm.covariance.parameters[-1].endswith("time_constant_s")
+    steady = model.restricted(())
+    np.testing.assert_allclose(steady.covariance(), model.covariance()[:-1, :-1], rtol=0, atol=1e-22)
+    pool = Pool.draw(model, None, 2, rng)
+    np.testing.assert_allclose(pool.state_of(data.q, data.conditions).position, steady.predict(data.q), rtol=0, atol=1e-15)

@@ -14,12 +14,14 @@ from typer.testing import CliRunner
 from aacmm_pin import Arm, ErrorModel, accept, acceptance_procedure, perturbed_model, predict_acceptance
 from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.cli.root_command import app
+from aacmm_pin.effects import JointPeriodicError
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.noise import Noise
 from aacmm_pin.measurements.simulate import simulate_touches
 from aacmm_pin.report.procedure import _sizes, _steps
 from aacmm_pin.verification import Procedure
 from aacmm_pin.verification.figures import DEFINITIONS, definitions
+from aacmm_pin.verification.prediction import READINGS, _Test
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +149,12 @@ def test_the_first_order_step_is_exact_physics(sino6: Arm, few: Path) -> None:
     first = sino6.positions(procedure.q) - true.arm.positions(procedure.q)  # what the errors do where the model says p
     assert np.abs(off).max() > 5e-5
     np.testing.assert_allclose(off, first, atol=0.01 * np.abs(off).max())
+
+
+def test_the_order_of_a_wave_belongs_to_it(sino6: Arm, few: Path) -> None:
+    wave = JointPeriodicError(3, 7.1, values=(1e-4, 0.0), u=(1e-5, 1e-5), inner_u=(0.02,))
+    causes = _Test.of(ErrorModel(sino6, (wave,)), Procedure.read(few, sino6), 8e-6, 0.0, 1).causes
+    assert causes[-9:] == (*[wave.label] * 3, *[READINGS] * 6)
 
 
 def test_the_chain_at_the_shell(tmp_path: Path) -> None:
