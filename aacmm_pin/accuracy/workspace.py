@@ -176,6 +176,7 @@ def map_workspace(
         raise AacmmError(f"cells are {cells}, expected at least 1 each way")
     whole(cells[0] * cells[1], 1, "cells")
     sectors = whole(sectors, 1, "sectors")
+    model = model.where_known() if isinstance(model, ErrorModel) else model
     arm = ErrorModel.arm_of(model)
     box = _extent(arm, extent)
     probe = _probe(model, conditions, method)

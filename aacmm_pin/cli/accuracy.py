@@ -10,7 +10,7 @@ import typer
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, circle_accuracy
-from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm
+from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, where_known
 from aacmm_pin.cli.common import Force, Json, Plot, Results, Sectors, Seed, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Point, Triple
 from aacmm_pin.effects.error_model import ErrorModel
@@ -41,7 +41,7 @@ def run(
 ) -> None:
     """How accurate the arm is at a point, in which posture, and why."""
     with Results(force, output, plot=plot, json_=json_) as results:
-        model, encoder_noise = arm.model(), noise.encoder_noise_rad
+        model, encoder_noise = where_known(arm.model()), noise.encoder_noise_rad
         if model.arm.dh is None and encoder_noise is None and not any(p.u for p in model.parameters):
             raise AacmmError(
                 "a URDF states no uncertainties; expected --translation-half-width-mm and --rotation-half-width-rad (bounds "

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.units import MM
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import bundled_arms
 from aacmm_pin.cli.common import angle_option, note
@@ -193,3 +194,13 @@ class MeasuredHow(ContactNoise):
 def in_metres(length_mm: float | None) -> float | None:
     """The same in metres."""
     return None if length_mm is None else length_mm * MM
+
+
+def where_known(model: ErrorModel) -> ErrorModel:
+    """The model whose joints stay where its effects are known; says which do, where that is not their whole range."""
+    within = model.where_known()
+    for j in np.flatnonzero((within.arm.limits != model.arm.limits).any(axis=1)):
+        low, high = within.arm.limits[j] / (MM if model.arm.chain.prismatic[j] else DEG)
+        unit = "mm" if model.arm.chain.prismatic[j] else "°"
+        note(f"note: joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only, where its error curve is known")
+    return within

@@ -11,7 +11,7 @@ import typer
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.volume import Method
 from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
-from aacmm_pin.cli.arm_options import AnyArm
+from aacmm_pin.cli.arm_options import AnyArm, where_known
 from aacmm_pin.cli.common import Force, Json, Output, Plot, Results, Sectors, command, note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report import terminal
@@ -41,7 +41,7 @@ def run(
 ) -> None:
     """Flexibility and accuracy over the workspace, as netCDF."""
     with Results(force, output, plot=plot, json_=json_) as results:
-        model = arm.model()
+        model = where_known(arm.model())
         model.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
         for caveat in map_caveats(model.arm):
             note(f"note: {caveat}")

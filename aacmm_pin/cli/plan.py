@@ -11,7 +11,7 @@ import pandas as pd
 import typer
 
 from aacmm_pin._support.text_escaping import csv_text
-from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres
+from aacmm_pin.cli.arm_options import MeasuredHow, UncertainArm, in_metres, where_known
 from aacmm_pin.cli.common import Force, Json, Output, Results, Seed, command, note, refuse, say
 from aacmm_pin.cli.plan_acceptance import Artefacts, tell_lowest
 from aacmm_pin.errors import UnknownNameError
@@ -79,7 +79,7 @@ def run(
     if as_it_stands and split is None:
         raise typer.BadParameter("--as-it-stands goes with --split; without it a plan changes neither load nor mount")
     with Results(force, output, set_up_arm, sheet, json_=json_) as results:
-        model = arm.model()
+        model = where_known(arm.model())
         existing = None if data is None else Measurements.read(data, model.arm.nq)
         if how.length_noise_mm is not None and (existing is None or not existing.bars()):
             raise typer.BadParameter("--length-noise-mm goes with --data that has bars; a plan has none of its own")

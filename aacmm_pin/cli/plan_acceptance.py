@@ -12,7 +12,7 @@ import typer
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.cli.arm_options import UncertainArm, in_metres
+from aacmm_pin.cli.arm_options import UncertainArm, in_metres, where_known
 from aacmm_pin.cli.common import Results, note, say
 from aacmm_pin.report import html, terminal
 from aacmm_pin.report.procedure import procedure_document
@@ -45,7 +45,7 @@ class Artefacts:
         """Plan the touches, and write the file and the sheet."""
         with Results(force, output, sheet) as results:
             procedure = acceptance_procedure(
-                arm.model(),
+                where_known(arm.model()),
                 standard=self.standard,
                 measuring_range=in_metres(self.range_mm),
                 lengths=None if self.length_mm is None else [length * MM for length in self.length_mm],

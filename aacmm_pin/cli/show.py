@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.volume import circle_accuracy
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm
+from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, where_known
 from aacmm_pin.cli.common import Force, Output, Results, command, note, say
 from aacmm_pin.cli.pose_options import Orientation, Triple
 from aacmm_pin.errors import AacmmError
@@ -52,7 +52,7 @@ def run(
     if point is None and (orientation.tip or orientation.oriented):
         raise typer.BadParameter("--tip, --axis and --rpy-deg go with --point")
     with Results(force, output) as results:
-        model = arm.model()
+        model = where_known(arm.model())
         if point is None:
             scene = scenes.arm_scene(model, _posture(model.arm, theta_deg)[None])
         else:

@@ -12,7 +12,7 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration.random_arm import perturbed_model
-from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres
+from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, in_metres, where_known
 from aacmm_pin.cli.common import EffectTexts, Force, Output, Results, Seed, angle_option, command, note, refuse
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.cause_text import stated_cause
@@ -111,7 +111,7 @@ def run(
         if perturb:
             model = perturbed_model(model, rng.spawn(1)[0])  # a stream of its own: the plan is the same without it
             note(f"note: the true geometry was drawn within the uncertainties of {model.arm.name}, seed {seed}")
-        model = model.with_effects(*effects)
+        model = where_known(model.with_effects(*effects))
         noise = stated.simulated(model.arm)
         if touches is None:
             data = planned.measured(model, noise, rng)

@@ -212,14 +212,25 @@ class Effect(Shown, ABC):
             UnsupportedArmError: the arm lacks what the cause needs, such as masses.
         """
 
+    @property
+    def known_range(self) -> tuple[float, float] | None:
+        """Indications of its joint between which it is known [rad]; None for everywhere."""
+        return None
+
     def known(self, state: State) -> NDArray[np.bool_]:
-        """(n,) True for the records in which the effect is known; here: all of them."""
-        return np.ones(state.n, dtype=bool)
+        """(n,) True for the records in which the effect is known."""
+        if self.known_range is None or self.row is None:
+            return np.ones(state.n, dtype=bool)
+        angle, (low, high) = state.angle(self.row), self.known_range
+        return np.asarray((angle >= low) & (angle <= high))
 
     @property
     def known_where(self) -> str:
         """Words for the range in which it is known, after a comma; "" for everywhere."""
-        return ""
+        if self.known_range is None:
+            return ""
+        low, high = self.known_range
+        return f", which is known from {low:g} to {high:g} rad ({low / DEG:g}° to {high / DEG:g}°)"
 
     def exact(self, state: State) -> list[tuple[int, Array]]:
         """Displacements at the values, place and twist (n, 6), by exact physics; here: the linear ones."""

@@ -11,7 +11,6 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import LARGEST_ANGLE, LATEST
@@ -290,16 +289,10 @@ class JointErrorCurve(Effect):
             return [about_axis(state, self.joint, np.zeros((0, self.coefficients)))]
         return [about_axis(state, self.joint, scipy.interpolate.BSpline.design_matrix(angle, self._knots, 3).toarray())]
 
-    def known(self, state: State) -> NDArray[np.bool_]:
-        """(n,) True where the indication is in the curve's range."""
-        angle = state.angle(self.joint)
-        return np.asarray((angle >= self.lower_rad) & (angle <= self.upper_rad))
-
     @property
-    def known_where(self) -> str:
-        """The range in radians and degrees."""
-        low, high = self.lower_rad, self.upper_rad
-        return f", which is known from {low:g} to {high:g} rad ({low / DEG:g}° to {high / DEG:g}°)"
+    def known_range(self) -> tuple[float, float]:
+        """The curve's range."""
+        return self.lower_rad, self.upper_rad
 
     @property
     def _knots(self) -> Array:

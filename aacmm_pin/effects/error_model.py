@@ -15,9 +15,10 @@ from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.arm import Arm, require_arm
 from aacmm_pin.arm.file import ArmFile, EffectEntry, UrdfArmFile, arm_text, validated
+from aacmm_pin.arm.limits import AT_LIMIT
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
-from aacmm_pin.effects.effect import Effect
+from aacmm_pin.effects.effect import Effect, axis
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
@@ -199,6 +200,24 @@ class ErrorModel(Shown):
         q = batch(q, self.arm.nq, "q", "rad")
         state = State(self.arm, q, Conditions(len(q)), self.arm.place())
         return np.array([effect.known(state) for effect in self.effects], dtype=bool).reshape(-1, len(q)).T
+
+    def where_known(self) -> ErrorModel:
+        """The model whose joints stay where its effects are known: an error curve has a range.
+
+        Raises:
+            AacmmError: that is nowhere between the limits of a joint.
+        """
+        limits = self.arm.limits.copy()
+        for effect in self.effects:
+            if effect.known_range is None or effect.row is None:
+                continue
+            joint = int(self.arm.chain.joint[axis(effect.row)])
+            low, high = np.array(effect.known_range) + 2 * AT_LIMIT * np.array([1.0, -1.0])
+            limits[joint] = max(limits[joint, 0], low), min(limits[joint, 1], high)
+            if limits[joint, 0] >= limits[joint, 1]:
+                where = f"{effect.label}{effect.known_where}"
+                raise AacmmError(f"{self.arm.name}: no angle between the limits of joint {joint + 1} is within {where}")
+        return self if np.array_equal(limits, self.arm.limits) else replace(self, arm=replace(self.arm, limits=limits))
 
     def sensitivity(self, q: ArrayLike, conditions: Conditions | None = None, at: str | None = None) -> Array:
         """∂(position)/∂parameters for ``q`` (n, nq) [rad]: (n, 3, len(parameters)) [m/unit]. See :meth:`predict`."""

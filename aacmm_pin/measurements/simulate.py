@@ -83,7 +83,7 @@ def simulate_measurements(
     """
     if plan not in PLANS:
         raise UnknownNameError("plan", plan, list(PLANS))
-    model = ErrorModel.of(model)
+    model = ErrorModel.of(model).where_known()
     points = {"free": 0, "single-point": 1}.get(plan, seats)
     stated = plan == "free" or (plan == "seats" and known)
     _check_numbers(plan, records, points, stated, bar_length)

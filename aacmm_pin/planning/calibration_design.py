@@ -138,7 +138,7 @@ def plan_calibration(
         AacmmError: too few records or postures, an arm that the records are not of or whose values are all exact, or records
             without any noise.
     """
-    model, rng = ErrorModel.of(model), rng or np.random.default_rng(1)
+    model, rng = ErrorModel.of(model).where_known(), rng or np.random.default_rng(1)
     check_numbers(model, records, postures, existing, reference)
     seed = seed_of(rng)
     setup, notes = complete(

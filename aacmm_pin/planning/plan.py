@@ -87,7 +87,7 @@ def plan_measurements(
         UnsupportedArmError: the arm lacks what a cause needs, such as masses.
         AacmmError: causes that no plan can be about, too few records or postures, or an arm that the records are not of.
     """
-    model = ErrorModel.of(model)
+    model = ErrorModel.of(model).where_known()
     check_numbers(model, records, postures, existing, reference)
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)

@@ -158,7 +158,7 @@ def acceptance_procedure(
     """
     wanted = {d.test for d in definitions(standard)}
     rng = rng or np.random.default_rng(1)
-    seed, model = seed_of(rng), ErrorModel.of(model)
+    seed, model = seed_of(rng), ErrorModel.of(model).where_known()
     margin = ROOM * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
     inner = replace(model, arm=replace(model.arm, limits=model.arm.limits + margin))
     layout = _Layout(Pool.draw(inner, above, 10, rng), sphere_diameter, probe_diameter, rng)

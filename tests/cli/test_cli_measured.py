@@ -6,6 +6,7 @@ import io
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -540,6 +541,36 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6: Arm, t
     said = ("none.csv", "row 2", "row 3", "no reading")
     refused("correct", tmp_path / "arm.toml", tmp_path / "none.csv", "-o", tmp_path / "d.csv", said=said)
     assert not (tmp_path / "d.csv").exists()
+
+
+def test_an_arm_with_an_error_curve_is_used_where_that_is_known(sino6: Arm, tmp_path: Path) -> None:
+    """Every command that chooses postures itself: all of them within the range, to the digits of a file."""
+    curve = JointErrorCurve(3, values=(1e-4, 2e-4, 1e-4, 3e-4, 1e-4), lower_rad=1.0, upper_rad=4.0, coefficients=5)
+    arm = tmp_path / "arm.toml"
+    ErrorModel(sino6).with_effects(curve).save(arm)
+    at = ("--point", 600, 0, 300)
+    for words, column in (
+        (["accuracy", arm, *at], "theta3_deg"),
+        (["simulate", arm, "--records", 20], "theta3_deg"),
+        (["simulate", arm, "--plan", "free", "--records", 20], "theta3_deg"),
+        (["plan", arm, "--for", "calibration", "--records", 6, "--postures", 100], "theta3_deg"),
+        (["plan", arm, "--records", 6, "--postures", 100], "theta3_deg"),
+        (["plan", arm, "--for", "acceptance", "--standard", "asme-b89.4.22"], "planned_theta3_deg"),
+        (["map", arm, "--cells", 3, 3], ""),
+        (["show", arm, *at], ""),
+    ):
+        output = tmp_path / f"{words[0]}{len(list(tmp_path.iterdir()))}.csv"
+        _, err = done(*words, "-o", output)
+        assert "joint 3 is used from 57.3 to 229.2° only" in err
+        if column:
+            table = pd.read_csv(output)
+            assert column in table, list(table)
+            angle = table[column] * (np.pi / 180 if column.endswith("deg") else 1.0)
+            assert angle.between(1.0 - 1e-3, 4.0 + 1e-3).all()
+            assert angle.max() - angle.min() > 1.0
+    nowhere = replace(curve, lower_rad=-2.0, upper_rad=-1.0)
+    ErrorModel(sino6).with_effects(nowhere).save(arm, force=True)
+    refused("accuracy", arm, *at, said=["no angle between the limits of joint 3", "joint_error_curve:3"])
 
 
 def test_a_nominal_arm_that_cannot_be_is_named(folder: Path, tmp_path: Path) -> None:
