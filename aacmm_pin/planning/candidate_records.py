@@ -77,6 +77,7 @@ def candidates(task: Task, set_up: MeasurementConditions, postures: Measurements
     after = 0.0 if known.time is None else float(known.time.max()) + STEP
     time = rng.uniform(0.0, set_up.warm_up, size=n) if set_up.warm_up else np.full(n, after)
     marker = None if known.marker is None else next((m for m in known.marker if m), "")
+    at_none = np.full(n, "", dtype=object) if "seat" in needed else None
     conditions = Conditions(
         n,
         time=time if "time" in present else None,
@@ -84,10 +85,10 @@ def candidates(task: Task, set_up: MeasurementConditions, postures: Measurements
         link_temperature=None if links is None else np.repeat(warmth[:, None], links.shape[1], axis=1),
         approach=sides if "approach" in present else None,
         torque=_torques(model.arm, postures.q) if "torque" in needed else None,
-        seat=postures.conditions.seat,
+        seat=at_none if postures.conditions.seat is None else postures.conditions.seat,
         marker=None if marker is None else np.full(n, marker, dtype=object),
     )
-    if conditions.seat is not None:
+    if postures.conditions.seat is not None:
         return replace(postures, conditions=conditions)
     expected = task.frame.apply(model.predict(postures.q, conditions))
     return replace(postures, reference=expected, conditions=conditions)

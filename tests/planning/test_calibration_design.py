@@ -11,6 +11,7 @@ import pytest
 
 from aacmm_pin import Arm, ErrorModel, Measurements, calibrate, perturbed_model, plan_calibration
 from aacmm_pin.arm.random_postures import Room
+from aacmm_pin.effects import SeatError
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.planning.calibration_design import d_optimal
 
@@ -71,6 +72,12 @@ def test_arms_calibrated_with_the_plan_are_nearer_to_the_truth(sino6: Arm) -> No
     assert rms < 0.95 * np.median(random[:, 1])
     assert rms == pytest.approx(plan.u, rel=0.1)
     assert np.median(random[:, 1]) == pytest.approx(np.median(plan.u_random), rel=0.15)
+
+
+def test_a_seat_that_was_off_has_no_part_in_a_plan_without_seats(sino6: Arm) -> None:
+    known = ErrorModel(sino6, (SeatError("S3", values=(1e-4, 0.0, 0.0)),))
+    plans = [plan_calibration(model, 8, postures=60, progress=False, **NOISE) for model in (known, ErrorModel(sino6))]
+    assert plans[0].u == plans[1].u
 
 
 def test_a_calibration_knows_its_parameters_as_planned(sino6: Arm) -> None:
