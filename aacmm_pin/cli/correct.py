@@ -135,9 +135,8 @@ def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path:
     if np.array_equal(commands, known.q):
         note(f"note: no command changes, for {model.arm.name} has its tip where the nominal arm has it")
     refused = {
-        "is next to a singular posture, or out of reach": ~arrived,
+        "is next to a singular posture, out of reach, or at the end of an error curve": ~arrived,
         "has a command outside the joint limits": broken_limits(commands, model.arm.limits).any(axis=1),
-        "has a command outside the range of an error curve": ~model.known_at(commands).all(axis=1),
     }
     for reason, rows in refused.items():
         for row in known.row[rows]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -50,6 +52,8 @@ def joint_commands(
     wanted = nominal.state(q, conditions)
     position, axes = wanted.position, wanted.rotation[-1]
     commands, arrived = q.copy(), np.zeros(len(q), dtype=bool)
+    endless = np.tile([-np.inf, np.inf], (model.arm.nq, 1))
+    bounds = replace(model, arm=replace(model.arm, limits=endless)).where_known().arm.limits.T
     for _ in range(MOST_STEPS):
         state = model.state(commands, conditions)
         shift, turn = position - state.position, _turn(axes, state.rotation[-1])
@@ -64,7 +68,8 @@ def joint_commands(
             jacobian, off = jacobian[:, :3], shift
         step = (np.linalg.pinv(jacobian, rcond=SINGULAR) @ off[:, :, None])[:, :, 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)
-        commands[~arrived] += (step * (LONGEST_STEP / np.maximum(length, LONGEST_STEP)))[~arrived]
+        further = np.clip(commands + step * (LONGEST_STEP / np.maximum(length, LONGEST_STEP)), *bounds)
+        commands[~arrived] = further[~arrived]
     return commands, arrived
 
 
