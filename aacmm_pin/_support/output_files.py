@@ -94,7 +94,7 @@ class OutputFiles:
             if any(_are_same(path, read) for read in self._inputs):
                 raise _is_read(path)
             if path.exists() and not (self._force or replaces):
-                raise OutputError(f"{path}: exists already; --force replaces it")
+                raise OutputError(f"{path}: exists already; --force, in Python force=True, replaces it")
             target = Path(os.path.realpath(path))
             if target.is_symlink():
                 raise OutputError(f"{path}: is a symbolic link that leads back to itself")

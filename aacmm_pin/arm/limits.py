@@ -7,9 +7,12 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG
 
 AT_LIMIT = 1e-9
 """An angle this little beyond a limit is on it [rad]."""
+BESIDE = 0.02
+"""Stops give way, and zeros are offset, by so much at most [rad]."""
 
 
 def into_limits(q: Array, limits: Array) -> Array:
@@ -35,6 +38,19 @@ def into_limits(q: Array, limits: Array) -> Array:
 def broken_limits(q: Array, limits: Array) -> NDArray[np.bool_]:
     """Which angles of ``q`` (n, nq) [rad], as they stand, are outside ``limits`` (nq, 2): (n, nq)."""
     return np.asarray((q < limits[:, 0] - AT_LIMIT) | (q > limits[:, 1] + AT_LIMIT))
+
+
+def other_turns(q: Array, limits: Array, slides: NDArray[np.bool_]) -> list[str]:
+    """Turning joints whose angles ``q`` (n, nq) [rad] are whole turns outside their limits (nq, 2), in words."""
+    turned = into_limits(q, limits)
+    lost = broken_limits(q, limits) & ~broken_limits(turned, limits + BESIDE * np.array([-1.0, 1.0])) & ~slides
+    lost &= np.abs(turned - q) > np.pi
+    return [
+        f"joint {j + 1}: {lost[:, j].sum()} of {len(q)} angles are a whole turn outside its limits, {low:.4g}° to "
+        f"{high:.4g}°; an encoder's gain, and its error curve, are of angles counted as those limits are"
+        for j, (low, high) in enumerate(limits / DEG)
+        if lost[:, j].any()
+    ]
 
 
 def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:

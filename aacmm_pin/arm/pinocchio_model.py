@@ -73,8 +73,11 @@ def serial_part(model: Any, frame: str, mimics: Mapping[str, tuple[str, str]] = 
 
 
 def _rename(model: Any, joints: list[int]) -> None:
-    """Give joints whose name a link has too another one: Pinocchio looks for the frames of locked joints by name alone."""
+    """Give fixed joints, and these, another name where a link has theirs: Pinocchio looks for frames by name alone."""
     links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for frame in model.frames:
+        if frame.type == pin.FrameType.FIXED_JOINT and frame.name in links:
+            frame.name = f"joint {frame.name}"
     for joint in joints:
         if model.names[joint] in links:
             frame = next(f for f in model.frames if f.name == model.names[joint] and f.type == pin.FrameType.JOINT)

@@ -12,6 +12,7 @@ from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.limits import other_turns
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
@@ -166,9 +167,10 @@ def _counted_before(after: Fit) -> list[str]:
 
 
 def _of_conditions(after: Fit) -> list[str]:
-    """Temperatures that look like Fahrenheit, and joints whose column of angles holds a length."""
+    """Angles counted otherwise, temperatures that look like Fahrenheit, and joints whose column of angles holds a length."""
     arm, conditions = after.problem.model.arm, after.problem.measurements.conditions
-    found = [*conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
+    turns = other_turns(after.problem.measurements.q, arm.limits, arm.chain.prismatic)
+    found = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         found.append(f"joint {j} slides: theta{j}_rad holds metres, theta{j}_deg metres times 180/π")
     return found

@@ -311,12 +311,19 @@ def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[
 
 
 def _refined(choice: Choice, block: int) -> Effect:
-    """The effect with its inner parameter where the evidence is largest, the others held."""
-    effect = choice.variant(block).at(())
-    tried = effect.refined(choice.fit.problem.measurements)
-    if len(tried) < 2 or is_change(choice.variant(block)):  # a cause that is known changes its values alone
+    """The effect with its inner parameter, or the special case of it, where the evidence is largest, the others held."""
+    effect, records = choice.variant(block).at(()), choice.fit.problem.measurements
+    if is_change(choice.variant(block)):  # a cause that is known changes its values alone
         return effect
-    return _likeliest(tried, _evidences(choice, block, tried))
+    there = {variants[0].label for variants in choice.library}
+    series = [effect.refined(records)]
+    if special := [case for case in effect.special_cases() if case.label in there]:
+        series.append(special[int(np.argmax(_evidences(choice, block, special)))].refined(records))
+    if len(series[0]) < 2 and len(series) < 2:
+        return effect
+    evidences = [_evidences(choice, block, tried) for tried in series]
+    best = int(np.argmax([each.max() for each in evidences]))
+    return _likeliest(series[best], evidences[best])
 
 
 def _likeliest(tried: list[Effect], evidences: Array) -> Effect:

@@ -7,7 +7,7 @@ import re
 import reprlib
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import cache
 from numbers import Integral
@@ -330,6 +330,10 @@ class Effect(Shown, ABC):
     def refined(self, records: Records) -> list[Self]:
         """The same with inner values near those that were found, in their order; here: itself."""
         return [self]
+
+    def special_cases(self) -> Sequence[Effect]:
+        """Causes with fewer values that it is where its values are those, to be tried in its place; here: none."""
+        return ()
 
     def stepped_between(self, low: float, high: float, records: Records) -> Self:
         """The same, where the inner value at which it steps is known to be from ``low`` to ``high``; here: itself."""

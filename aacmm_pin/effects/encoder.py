@@ -259,6 +259,11 @@ class JointErrorCurve(Effect):
         counts = [self.coefficients, 2 * self.coefficients]
         return [replace(self, values=(), u=(), coefficients=c) for c in counts if PER_COEFFICIENT * c <= len(records.q)]
 
+    def special_cases(self) -> list[JointPeriodicError]:
+        """A single wave, of orders a quarter of a period over the range apart, as far as the knots follow it."""
+        turns = (self.upper_rad - self.lower_rad) / (2 * np.pi)
+        return [JointPeriodicError(self.joint, quarters / (4 * turns)) for quarters in range(4, 2 * self.coefficients)]
+
     @classmethod
     def completed(cls, structure: Mapping[str, Any], arm: Arm, present: tuple[str, ...]) -> dict[str, Any]:
         """Over the range of the joint, where none is typed."""

@@ -15,7 +15,7 @@ from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.arm import Arm, require_arm
 from aacmm_pin.arm.file import ArmFile, EffectEntry, UrdfArmFile, arm_text, validated
-from aacmm_pin.arm.limits import AT_LIMIT
+from aacmm_pin.arm.limits import AT_LIMIT, other_turns
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.effect import Effect, axis
@@ -179,8 +179,9 @@ class ErrorModel(Shown):
         """
         return self.predict(readings, conditions)
 
-    def odd_conditions(self, conditions: Conditions) -> list[str]:
-        """What looks as if it were in another unit, or by another clock, where the effects rest on it; in words.
+    def odd_readings(self, q: Array, conditions: Conditions) -> list[str]:
+        """What looks as if it were counted otherwise, in another unit, or by another clock, in words: angles ``q`` (n, nq)
+        [rad] outside the limits, and conditions on which the effects rest.
 
         Raises:
             MissingConditionError: an effect depends on a condition that is not there.
@@ -189,7 +190,8 @@ class ErrorModel(Shown):
         by_warmth = any("temperature" in need for effect in self.effects for need in effect.needs)
         reference = self.arm.reference_temperature
         warm = conditions.odd_temperatures(reference) if by_warmth else conditions.other_temperatures(reference)
-        return [*clock, *warm, *(text for effect in self.effects for text in effect.to_be_told(conditions))]
+        turns = other_turns(q, self.arm.limits, self.arm.chain.prismatic)
+        return [*turns, *clock, *warm, *(text for effect in self.effects for text in effect.to_be_told(conditions))]
 
     def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:
         """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error curve has a range.

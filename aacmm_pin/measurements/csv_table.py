@@ -69,6 +69,12 @@ def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, I
     cells_of = np.array([len(cells) for _, cells in rows])
     expected = f"{{}} cells, expected {len(header)} as in the header (decimal points; quotes around text with commas)"
     problems.at(cells_of != len(header), "", expected, cells_of)
+    first = np.array([cells[0].strip()[:1] for _, cells in rows])
+    first[0] = ""  # the header's
+    if {*first} - {"", "#"}:  # where all labels begin with # they are no comments
+        problems.at(
+            first == "#", header[0], "begins with # as a comment or a label may; delete the row, or name it otherwise"
+        )
     problems.stop()
     columns = {k: list(cells[1:]) for k, cells in enumerate(zip(*(cells for _, cells in rows), strict=True))}
     if separator != ",":
@@ -79,10 +85,12 @@ def read_table(path: str, content: bytes | None = None) -> tuple[pd.DataFrame, I
 
 def _header(path: str, text: str, separator: str) -> list[str]:
     """The first line that is no comment; no cells where there is none."""
-    return next((cells for _, cells, comment in _rows(path, text, separator) if not comment), [])
+    return next((cells for _, cells, comment in _rows(path, text, separator, strict=False) if not comment), [])
 
 
-def _rows(path: str, text: str, separator: str, spaced: bool = False) -> Iterator[tuple[int, list[str], bool]]:
+def _rows(
+    path: str, text: str, separator: str, spaced: bool = False, strict: bool = True
+) -> Iterator[tuple[int, list[str], bool]]:
     """Line and cells of all that is not empty, and whether that is a comment; the first that is none is the header.
 
     Raises:
@@ -90,7 +98,7 @@ def _rows(path: str, text: str, separator: str, spaced: bool = False) -> Iterato
     """
     end = 0
     header: list[str] = []
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=separator, skipinitialspace=spaced)
+    reader = csv.reader(io.StringIO(text, newline=""), strict=strict, delimiter=separator, skipinitialspace=spaced)
     try:
         for cells in reader:
             comment = bool(cells) and cells[0].lstrip().startswith("#")

@@ -54,8 +54,9 @@ def _records(plan: CalibrationPlan | MeasurementPlan, where: pd.DataFrame) -> pd
     shown = np.where(arm.chain.prismatic, q, q / DEG)
     whole = where.map(lambda value: f"{value:z.0f}")
     table = plan.records.drop(columns=plan.records.filter(regex=TOLD_OTHERWISE)).astype(str)
-    table = table.rename(columns={"temperature_c": "temperature [°C]"}).set_index("record").reset_index()
-    table = pd.concat([table, whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)], axis=1)
+    table = table.rename(columns={"temperature_c": "temperature [°C]"}).drop(columns="record", errors="ignore")
+    label = pd.Series(plan.measurements.record, name="record")  # which a file that is appended to may not have
+    table = pd.concat([label, table, whole.set_axis(["from the stand [mm]", "bearing [°]", "height [mm]"], axis=1)], axis=1)
     table["articulation"] = articulations(arm, q)
     table["joints [°]"] = [" ".join(f"{x:z.0f}" for x in row) for row in shown]
     signs = [" ".join("-0+"[int(sign) + 1] for sign in row) for row in moved]

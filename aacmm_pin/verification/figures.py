@@ -268,6 +268,10 @@ def _sigma(points: Array) -> float:
     return single_point_statistics(points).sigma
 
 
+def _two_sigma(points: Array) -> float:
+    return 2 * _sigma(points)
+
+
 ISO, ASME, PAPER = "ISO 10360-12", "ASME B89.4.22", "Xu You et al. 2019"
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
 """Where the points of ASME B89.4.22 stand; the standard's text rules. Touches do not say whether they did."""
@@ -313,7 +317,7 @@ DEFINITIONS = (
     Definition(
         "SPAT.2s", ASME, "single-point articulation performance test", "single-point",
         f"twice the standard deviation of one point in ten articulations; worst of three distances, {ZONES}",
-        partial(_single_point, statistic=lambda points: 2 * _sigma(points)),
+        partial(_single_point, statistic=_two_sigma),
     ),
     Definition(
         "Volumetric.Max", ASME, "volumetric performance test", "volumetric",

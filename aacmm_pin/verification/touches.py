@@ -148,7 +148,7 @@ def _of_indications(
     odd: list[str] = []
     for name, model in models.items():
         readings = Measurements.from_frame(table.loc[:, theirs], model.arm.nq, path)
-        odd += [f"{name}: {text}" for text in model.odd_conditions(readings.conditions)]
+        odd += [f"{name}: {text}" for text in model.odd_readings(readings.q, readings.conditions)]
         try:
             found[name] = model.correct(readings.q, readings.conditions)
         except AacmmError as error:

@@ -186,3 +186,23 @@ def test_joints_that_mimic_each_other_are_refused_where_both_move_the_frame(tmp_
     assert Arm.from_urdf(path, "upper").nq == 1
     with pytest.raises(UnsupportedArmError, match="line 17: joint 'shoulder': mimic: joint is 'slide'"):
         Arm.from_urdf(path, "tip")
+
+
+def test_a_fixed_joint_may_have_the_name_of_its_link(tmp_path: Path) -> None:
+    """As in Unitree's B1 with the Z1; a joint beside the chain is locked, and the frame stands for the link."""
+    joint = '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="{4} 0 0"/>{5}</joint>'
+    moves = '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/>'
+    joints = (
+        ("a", "revolute", "base", "one", 0.1, moves),
+        ("adapter", "fixed", "one", "adapter", 0.2, ""),
+        ("b", "revolute", "adapter", "two", 0.3, moves),
+        ("finger", "revolute", "two", "nail", 0.1, moves),
+        ("end", "fixed", "two", "tip", 0.4, ""),
+    )
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "one", "adapter", "two", "nail", "tip"))
+    path = tmp_path / "r.urdf"
+    path.write_text(f'<robot name="r">{links}{"".join(joint.format(*each) for each in joints)}</robot>')
+    arm = Arm.from_urdf(path, "tip")
+    assert arm.joint_names == ("a", "b")
+    np.testing.assert_allclose(arm.positions([[0.0, np.pi / 2]]), [[0.6, 0.4, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(Arm.from_urdf(path, "adapter").positions([[0.0]]), [[0.3, 0.0, 0.0]], atol=1e-12)

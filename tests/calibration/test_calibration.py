@@ -549,8 +549,8 @@ def test_calibrated_lengths_hold_at_the_temperature_of_their_records(sino6: Arm)
     assert sum("23.0 °C" in note for note in alone.notes) == 1
     some = quick(sino6, data, "zero-offsets", reference_noise=5e-6)
     assert [any("as the file has them" in note for note in told.notes) for told in (alone, some)] == [False, True]
-    assert alone.model.odd_conditions(warm) == []
-    assert len(alone.model.odd_conditions(cold)) == 1
+    assert alone.model.odd_readings(q, warm) == []
+    assert len(alone.model.odd_readings(q, cold)) == 1
     off = np.linalg.norm(alone.model.predict(q, cold) - truth.predict(q, cold), axis=1)
     # With the expansion on top, the arm is right at other temperatures too.
     grown = ErrorModel(found, (*alone.model.effects, ThermalExpansion(values=(2.3e-5,))))

@@ -474,6 +474,21 @@ def test_conditions_that_look_wrong_are_told_where_effects_rest_on_them(tmp_path
             assert [word for word in ("time_s", "Fahrenheit", "20 °C") if word in err] == words, err
 
 
+def test_angles_a_turn_outside_the_limits_are_told(sino6: Arm, tmp_path: Path) -> None:
+    """From -180° to 180° where the arm counts from 0° to 360°: its gain makes another error of them."""
+    arm, data = tmp_path / "gain.toml", tmp_path / "r.csv"
+    ErrorModel(sino6, (EncoderGain(3, values=(1e-4,), u=(1e-6,)),)).save(arm)
+    q = np.random.default_rng(1).uniform(*sino6.limits.T, (40, 6))
+    beyond = q[:, 2] > np.pi
+    q[:, 2] -= 2 * np.pi * beyond
+    table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)])
+    table.assign(**dict(zip(REFERENCE, sino6.positions(q).T / MM, strict=True))).to_csv(data, index=False)
+    for words in (["correct"], ["calibrate", "--no-held-out"], ["diagnose", "--no-held-out"]):
+        _, err = done(words[0], arm, data, *NOISE, *words[1:], *(["-o", tmp_path / "c.csv"] if words == ["correct"] else []))
+        assert f"joint 3: {beyond.sum()} of 40 angles are a whole turn outside its limits, 0° to 360°" in err
+        assert err.count("a whole turn outside") == 1
+
+
 def test_readings_need_nothing_but_angles(tmp_path: Path) -> None:
     text = "\ufefftheta1_deg,theta2_deg,theta3_deg,theta4_deg,theta5_deg,theta6_deg,seat,note\r\n"
     text += '10,-20,30,-40,50,60,S1,"a, b"\r\n\r\n1e1,-20.0,30,-40,50,60,S2,\r\n'

@@ -68,7 +68,7 @@ def test_another_mount_comes_as_an_arm_file(tmp_path: Path, sino6: Arm) -> None:
     assert "turn the mount by 90°" in out
     assert "the two do the same in every posture" in " ".join(out.split())
     assert "--set-up-arm FILE" in err
-    refused(*words, said=["--force replaces it"])
+    refused(*words, said=["--force"])
     done(*words, "--set-up-arm", arm, "--force")
     turned = ErrorModel.load(arm).arm
     assert abs(turned.gravity @ sino6.gravity) < 1e-9

@@ -27,8 +27,8 @@ def command(*words: str) -> str:
     ("code", "most", "without"),
     [
         ("import aacmm_pin", 3, ("numpy", *HEAVY)),
-        ("import aacmm_pin.accuracy.volume", 26, ("pandas", "scipy.special", "tqdm", *HEAVY)),
-        ("import aacmm_pin.diagnosis.diagnose", 78, HEAVY),
+        ("import aacmm_pin.accuracy.volume", 28, ("pandas", "scipy.special", "tqdm", *HEAVY)),
+        ("import aacmm_pin.diagnosis.diagnose", 80, HEAVY),
         (command("--help"), 12, ("numpy", "rich", "pandas", *HEAVY)),
         (command("accuracy", "sino6", *POINT), 70, ("scipy.special", *HEAVY)),
         (command("configurations", "sino6", *POINT), 52, ("pandas", "rich", "scipy.special", *HEAVY)),

@@ -408,11 +408,11 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     assert 0.7 < np.sqrt(np.mean(z[between] ** 2)) < 1.3
     assert z.max() < 3.0
     assert judged.u[~between].mean() < judged.u[between].mean() / 1.5
-    assert [text.split()[0] for text in model.odd_conditions(conditions)] == [str((time <= low).sum())]
+    assert [text.split()[0] for text in model.odd_readings(q, conditions)] == [str((time <= low).sum())]
     later = Conditions(time.size, time=time - low, session=np.full(time.size, "next day", dtype=object))
     off = np.linalg.norm(model.correct(q, later) - truth.correct(q, replace(later, time=time + 1e4)), axis=1)
     assert np.all(off < 3.0 * accuracy_volume(model, q, conditions=later, method="ellipsoid", encoder_noise=0.0).u)
-    assert model.odd_conditions(later) == []
+    assert model.odd_readings(q, later) == []
     one: dict[str, Any] = {"conditions": conditions.take([150]), "encoder_noise": 0.0, "rng": rng}
     assert accuracy_volume(model, q[150:151], method="monte-carlo", **one).u == pytest.approx(judged.u[150], rel=0.1)
 
@@ -517,3 +517,18 @@ def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6: Arm,
     assert found.verdict == "unexplained"
     assert set(found.unexplained.depends_on) == {"session", "time"}
     assert not [effect for effect in found.model.effects if "time" in effect.needs]
+
+
+@pytest.mark.parametrize(("order", "turns"), [(14.5, 0.95), (20.5, 0.95), (2.75, 3.0)])
+def test_one_wave_of_any_order_is_no_curve(sino6: Arm, order: float, turns: float) -> None:
+    """Between the orders that are tried a free curve fits far better than any of them, and than none."""
+    limits = sino6.limits.copy()
+    limits[0] = -turns * np.pi, turns * np.pi
+    arm, rng = replace(sino6, limits=limits), np.random.default_rng(4)
+    data = simulate_measurements(ErrorModel(arm, (JointPeriodicError(1, order, values=(6e-5, 8e-5)),)), "free", 200, rng=rng)
+    result = diagnose(arm, data, hold_out=False, progress=False)
+    (finding,) = result.findings
+    assert result.verdict == "explained"
+    assert finding.label == "joint_periodic_error:1"
+    found, u = finding.inner["order"]
+    assert abs(found - order) < 4 * u < 0.1

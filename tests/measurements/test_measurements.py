@@ -182,6 +182,7 @@ def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
         upper: ("lower case",),
         f"# arm 7, on Tuesday\n#\n{halves}# the end, at 16:00\n": ("3 lines that begin with #",),
         f"sep=;\n{german}": ("1 line that begins", "semicolons", "commas"),
+        re.sub(r"[a-z]\w+", r'"\g<0>"', german): ("semicolons", "decimal commas"),
         f"# arm 7\n{german.replace(';', '; ').upper()}": ("1 line that begins", "semicolons", "commas", "spaces", "lower"),
     }
     for content, words in same.items():
@@ -192,6 +193,9 @@ def test_other_ways_to_write_the_same(tmp_path: Path) -> None:
         assert (note.count(", ") + 1, [word for word in words if word not in note]) == (len(words), []), note
     labelled = Measurements.read(write(tmp_path, "record,theta1_deg\n#1,10\n#2,20\n"), 1)
     assert (labelled.to_frame()["record"].tolist(), labelled.read_as) == (["#1", "#2"], ())  # labels, no comments
+    with pytest.raises(MeasurementFileError, match="row 3, column record: begins with #") as told:
+        Measurements.read(write(tmp_path, "record,theta1_deg\n1,10\n#2,20\n3,10\n"), 1)
+    assert (told.value.row, told.value.column) == (3, "record")
 
 
 def test_a_file_that_is_no_table(tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ from aacmm_pin.arm.random_postures import Room
 from aacmm_pin.effects import SeatError
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.planning.calibration_design import d_optimal
+from aacmm_pin.report.calibration_plan import where_to_go
+from aacmm_pin.report.document import Table
 
 U_READING, U_REFERENCE = 8e-6, 1.2e-5
 NOISE: dict[str, Any] = {"encoder_noise": U_READING, "reference_noise": U_REFERENCE}
@@ -101,6 +103,8 @@ def test_seats_frames_and_existing_records(sino6: Arm) -> None:
         assert plan.u < np.median(plan.u_random) * 1.02, options
         assert len(plan.records) == 12
         assert plan.existing == (10 if "existing" in options else 0)
+        (table,) = (block for block in where_to_go(plan) if isinstance(block, Table))
+        assert table.frame["record"].iloc[-1] == "plan12"  # existing records without labels make a file without them
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-303])

@@ -226,6 +226,7 @@ def test_every_result_can_be_pickled(values: dict[str, Any], arm: Arm) -> None:
         copy = pickle.loads(pickle.dumps(value))
         assert str(copy) == str(value) or str(value).startswith(type(value).__name__), type(value)
     assert pickle.loads(pickle.dumps(circle)).flexibility(5) == circle.flexibility(5)
+    assert [each.name for each in pickle.loads(pickle.dumps(DEFINITIONS))] == [each.name for each in DEFINITIONS]
 
 
 # Pictures ---------------------------------------------------------------------------------------------------------------
