@@ -108,12 +108,14 @@ def _wrong_in_words(result: Diagnosis) -> str:
     helps = result.held_out is None or result.held_out.interval[0] > 0.0
     sound = [f for f in causes if f.borne_out and (helps or f.brought is not None) and not f.below_zero]
     sure = [f for f in sound if f.probability >= SETTLED]
-    doubtful = [f for f in causes if f not in sure]
+    doubtful = [f for f in causes if f not in sure and f.probability >= POSSIBLE]
+    unlikely = [f for f in causes if f.probability < POSSIBLE]
     told = [
         ("lacks", [f for f in sure if f.was is None]),
         ("has values that are no longer right for", [f for f in sure if f.was]),
         ("may lack", [f for f in doubtful if f.was is None]),
         ("may have values that are no longer right for", [f for f in doubtful if f.was]),
+        ("lacks something that looks a little like", unlikely),
     ]
     text = " and ".join(f"{how} {_named(some)}" for how, some in told if some)
     text = f"the simulation {text}" if text else "no cause is missing in the simulation"

@@ -401,7 +401,7 @@ def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None
     records = Measurements.of(np.zeros((4, 6)), conditions=Conditions(4, time=np.array([0.0, 10.0, 30.0, 70.0])))
     fit_ = SimpleNamespace(problem=SimpleNamespace(measurements=records))
     for far, wanted in ((1.0, 4.0), (3.0, 4.11)):
-        choice: Any = SimpleNamespace(variant=lambda _: JointPeriodicError(3, 4.0), fit=fit_)
+        choice: Any = SimpleNamespace(variant=lambda _: JointPeriodicError(3, 4.0), fit=fit_, library=())
         peak = far / 0.11**2  # so much better than the whole order
         monkeypatch.setattr(
             model_extension, "_evidences", lambda _, k, tried, p=peak: np.array([-p * (e.order - 4.11) ** 2 for e in tried])
