@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,12 +27,12 @@ from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.findings import UNLIKELY, estimated, findings_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, in_its_place, refitted
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, too_good
-from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, look_alikes, strengths, visible
+from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, known_alone, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import values_in_words
+from aacmm_pin.effects.labels import listed, values_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 
@@ -183,6 +184,7 @@ def _concluded(
         notes=(
             *notes_of(extended),
             *_below_zero(findings),
+            *_alone(choice),
             *_of_masses(findings),
             *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
             *_changed(findings, model.effects, choice),
@@ -201,6 +203,16 @@ def _as_found(model: ErrorModel, findings: Sequence[Finding]) -> ErrorModel:
     found = {finding.effect.identity: finding.effect for finding in findings}
     each = ((e, found.get(e.identity, e)) for e in model.effects)
     return replace(model, effects=tuple(replace(f, values=e.values, u=e.u, inner_u=e.inner_u) for e, f in each))
+
+
+def _alone(choice: Choice) -> Iterator[str]:
+    """Values that are what they are only if nothing else of their joint's angle acts."""
+    for one, several in groupby(known_alone(choice), lambda found: found[0].label):
+        _, others, ratios = zip(*several, strict=True)
+        yield (
+            f"{one}: its values hold if no {listed([other.label for other in others], 'or')} acts beside it; with one of "
+            f"usual size, which these records hardly tell, their u is up to {max(ratios):.0f} times as large"
+        )
 
 
 def _rivals(choice: Choice, pairs: Sequence[InPairs]) -> list[str]:

@@ -157,6 +157,10 @@ class Projection:
         """Best step of the refitted columns, in units of the design's scales."""
         return np.asarray(-solve_triangular(self._factor.T, self.of_residual, lower=False, check_finite=False))
 
+    def along(self, columns: slice) -> Array:
+        """By how much the refitted columns give way per unit of others (refitted, q), in units of the design's scales."""
+        return np.asarray(-solve_triangular(self._factor.T, self.whitened(columns), lower=False, check_finite=False))
+
     def gradient(self, columns: Columns) -> Array:
         """Products of some columns with the residual, both as they are left."""
         return np.asarray(self.gram.residual[columns] - self.whitened(columns).T @ self.of_residual)

@@ -30,6 +30,7 @@ from aacmm_pin.effects import (
     Displacement,
     Effect,
     EncoderEccentricity,
+    EncoderEllipticity,
     EncoderGain,
     EncoderSlip,
     JointCompliance,
@@ -532,3 +533,25 @@ def test_one_wave_of_any_order_is_no_curve(sino6: Arm, order: float, turns: floa
     assert finding.label == "joint_periodic_error:1"
     found, u = finding.inner["order"]
     assert abs(found - order) < 4 * u < 0.1
+
+
+def test_values_that_rest_on_the_absence_of_another_cause_say_so(sino6: Arm) -> None:
+    """Over a part of a turn a gain of usual size would change an eccentricity; against calibrations with and without one."""
+    eccentric, rng = EncoderEccentricity(4, values=(-2e-5, -1e-4)), np.random.default_rng(3)
+    for span, told in ((2.2, True), (6.2, False)):
+        limits = sino6.limits.copy()
+        limits[3] = -span, 0.0
+        arm = replace(sino6, limits=limits)
+        data = simulate_measurements(ErrorModel(arm, (eccentric,)), "free", 200, rng=rng)
+        notes = [note for note in diagnose(arm, data, hold_out=False, progress=False).notes if "acts beside it" in note]
+        assert len(notes) == told
+        ratios = []
+        for other in (EncoderGain(4), EncoderEllipticity(4)):
+            usual = other.at((), tuple(term.typical for term in other.terms))
+            fits = [calibrate(arm, data, ["geometry", eccentric.at(()), *more], hold_out=False) for more in ([], [usual])]
+            own = slice(len(arm.parameters), len(arm.parameters) + 2)
+            alone, beside = (fit.model.covariance()[own, own] for fit in fits)
+            ratios.append(np.sqrt(np.linalg.eigvals(np.linalg.solve(alone, beside)).real.max()))
+            assert (other.label in "".join(notes)) == (ratios[-1] > 3.0)
+        if told:
+            assert float(notes[0].split(" times")[0].split()[-1]) == pytest.approx(max(ratios), rel=0.25)
