@@ -29,6 +29,7 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Effect
 from aacmm_pin.effects.error_model import ErrorModel, displaced
 from aacmm_pin.effects.geometry import JointZeroOffset, of_geometry
+from aacmm_pin.effects.inner_value import open_questions
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 
@@ -75,8 +76,8 @@ class ErrorSources(Shown):
                 parameters together with those of effects was passed without the effects.
         """
         model, not_passed = _with_effects(model)
-        open_questions = (question for effect in model.effects for question in effect.open_questions)
-        model = replace(model, effects=(*model.effects, *open_questions))
+        questions = (question for effect in model.effects for question in open_questions(effect))
+        model = replace(model, effects=(*model.effects, *questions))
         left_out = _lacking(model, q, conditions)
         not_included = tuple(dict.fromkeys((*not_passed, *(effect.label for effect in left_out))))
         arm, covariance, stated = model.arm, model.covariance(), _noise(model.arm, encoder_noise)

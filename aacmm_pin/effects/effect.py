@@ -31,8 +31,6 @@ from aacmm_pin.errors import AacmmError, CauseError, UnknownNameError
 
 PLACES = {"joint": "joint", "link": "link", "seat": "seat", "marker": "target"}
 """Fields that say where a cause sits, and what people call such a place."""
-OF_VALUE = 1e-4
-"""Step of the derivative by a field, as a part of its value."""
 UNIT_OF_KEY = re.compile(r"_(rad|deg|mm|um|m|s|k|kg|n|nm)?(_?per_\w+)?$")
 """What a key of a file ends with."""
 
@@ -345,9 +343,8 @@ class Effect(Shown, ABC):
 
     @property
     def open_questions(self) -> tuple[Effect, ...]:
-        """Causes of value zero whose u stands for what is uncertain of it beside its values; here: fields with a u."""
-        widths, stated = self.inner_widths(), zip(self.inner, self.inner_u, strict=False)
-        return tuple(OfInner(of=self, name=name, u=(u,)) for name, u in stated if u and name in widths)
+        """Causes of value zero whose u stands for what is uncertain of it beside its values and fields; here: none."""
+        return ()
 
     @property
     def exceptional(self) -> bool:
@@ -580,50 +577,3 @@ def twist(linear: Array | None = None, angular: Array | None = None) -> Array:
     assert given is not None
     halves = [np.zeros_like(given) if half is None else half for half in (linear, angular)]
     return np.concatenate(halves, axis=1)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class OfInner(Effect):
-    """How far a field of a cause may be from its value, such as the time constant of a drift.
-
-    Attributes:
-        of: the cause.
-        name: the field.
-    """
-
-    cause: ClassVar[str] = "inner_value"
-    of: Effect
-    name: str
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Those of the cause."""
-        return self.of.needs
-
-    @property
-    def label(self) -> str:
-        """That of the cause."""
-        return self.of.label
-
-    @property
-    def key(self) -> str:
-        """That of the cause."""
-        return self.of.key
-
-    @property
-    def row(self) -> int | None:
-        """That of the cause."""
-        return self.of.row
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The field."""
-        return (Term(self.name, "s" if self.name.endswith("_s") else "1", getattr(self.of, self.name), self.name),)
-
-    def displacements(self, state: State) -> list[Displacement]:
-        """Its derivative, at the values of the cause."""
-        value, values = getattr(self.of, self.name), np.array(self.of.values)
-        step = OF_VALUE * value
-        more, less = (replace(self.of, **{self.name: value + d}).displacements(state) for d in (step, -step))
-        pairs = zip(more, less, strict=True)
-        return [Displacement(a.place, ((a.columns - b.columns) @ values / (2 * step))[..., None]) for a, b in pairs]

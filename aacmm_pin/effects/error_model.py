@@ -20,6 +20,7 @@ from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.effect import Effect, axis
 from aacmm_pin.effects.geometry import of_geometry
+from aacmm_pin.effects.inner_value import open_questions
 from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameError
 
@@ -49,7 +50,7 @@ class ErrorModel(Shown):
         if twice:
             raise AacmmError(f"{self.arm.name}: the parameter {twice[0]} is there twice; merge the two effects into one")
         if self.arm.covariance is not None:
-            of_inner = {p.name for effect in self.effects for open_ in effect.open_questions for p in open_.parameters()}
+            of_inner = {p.name for effect in self.effects for open_ in open_questions(effect) for p in open_.parameters()}
             for name in self.arm.covariance.parameters:
                 if name not in names and name not in of_inner:
                     raise UnknownNameError("parameter in covariance", name, names)
@@ -128,7 +129,7 @@ class ErrorModel(Shown):
             return replace(self, effects=effects)
         held = [*self.arm.parameters]
         for effect in effects:
-            held += [p for one in (effect, *effect.open_questions) for p in one.parameters()]
+            held += [p for one in (effect, *open_questions(effect)) for p in one.parameters()]
         known = self.arm.covariance.restricted(p.name for p in held)
         return ErrorModel(replace(self.arm, covariance=known), effects)
 

@@ -27,11 +27,11 @@ def command(*words: str) -> str:
     ("code", "most", "without"),
     [
         ("import aacmm_pin", 3, ("numpy", *HEAVY)),
-        ("import aacmm_pin.accuracy.volume", 28, ("pandas", "scipy.special", "tqdm", *HEAVY)),
-        ("import aacmm_pin.diagnosis.diagnose", 80, HEAVY),
+        ("import aacmm_pin.accuracy.volume", 29, ("pandas", "scipy.special", "tqdm", *HEAVY)),
+        ("import aacmm_pin.diagnosis.diagnose", 81, HEAVY),
         (command("--help"), 12, ("numpy", "rich", "pandas", *HEAVY)),
         (command("accuracy", "sino6", *POINT), 70, ("scipy.special", *HEAVY)),
-        (command("configurations", "sino6", *POINT), 52, ("pandas", "rich", "scipy.special", *HEAVY)),
+        (command("configurations", "sino6", *POINT), 54, ("pandas", "rich", "scipy.special", *HEAVY)),
     ],
 )
 def test_what_is_loaded(code: str, most: int, without: tuple[str, ...]) -> None:
