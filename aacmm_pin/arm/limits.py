@@ -41,16 +41,15 @@ def broken_limits(q: Array, limits: Array) -> NDArray[np.bool_]:
 
 
 def other_turns(q: Array, limits: Array, slides: NDArray[np.bool_]) -> list[str]:
-    """Turning joints whose angles ``q`` (n, nq) [rad] are whole turns outside their limits (nq, 2), in words."""
+    """That turning joints have angles ``q`` (n, nq) [rad] that are whole turns outside their limits (nq, 2), in words."""
     turned = into_limits(q, limits)
     lost = broken_limits(q, limits) & ~broken_limits(turned, limits + BESIDE * np.array([-1.0, 1.0])) & ~slides
     lost &= np.abs(turned - q) > np.pi
+    joints = [f"{j + 1} ({limits[j, 0] / DEG:.4g}° to {limits[j, 1] / DEG:.4g}°)" for j in np.flatnonzero(lost.any(axis=0))]
     return [
-        f"joint {j + 1}: {lost[:, j].sum()} of {len(q)} angles are a whole turn outside its limits, {low:.4g}° to "
-        f"{high:.4g}°; an encoder's gain, and its error curve, are of angles counted as those limits are"
-        for j, (low, high) in enumerate(limits / DEG)
-        if lost[:, j].any()
-    ]
+        f"{lost.any(axis=1).sum()} of {len(q)} records have angles a whole turn outside the limits of joints "
+        f"{', '.join(joints)}; gains and error curves are of angles counted as the limits are"
+    ] * bool(joints)
 
 
 def inside_part(start: Array, end: Array, limits: Array) -> tuple[Array, Array]:

@@ -134,7 +134,7 @@ def _take_one_value(touches: pd.DataFrame, problems: Problems) -> None:
 def _of_indications(
     table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel], unfilled: list[str]
 ) -> tuple[dict[str, Array], list[str]]:
-    """Where each arm with its effects has the tip (n, 3) [m], and what is odd of conditions; ``unfilled`` are columns that
+    """Where each arm with its effects has the tip (n, 3) [m], and what is odd of the readings; ``unfilled`` are columns that
     are empty in every row.
     """
     theirs = [name for name in table if name not in (*ACCEPTANCE, *REFERENCE, *REFERENCE_U, *BAR, "seat")]
@@ -145,10 +145,11 @@ def _of_indications(
             why = f"{span(theta)}: empty in every row, expected indications"
         raise MeasurementFileError(path, None, "", why)
     found: dict[str, Array] = {}
-    odd: list[str] = []
+    odd: dict[str, list[str]] = {}
     for name, model in models.items():
         readings = Measurements.from_frame(table.loc[:, theirs], model.arm.nq, path)
-        odd += [f"{name}: {text}" for text in model.odd_readings(readings.q, readings.conditions)]
+        for text in model.odd_readings(readings.q, readings.conditions):
+            odd.setdefault(text, []).append(name)
         try:
             found[name] = model.correct(readings.q, readings.conditions)
         except AacmmError as error:
@@ -156,4 +157,4 @@ def _of_indications(
     if not found and not set(REFERENCE) & set(table):
         expected = "expected x_mm, y_mm, z_mm, or indications theta1_deg … and an arm"
         raise MeasurementFileError(path, None, "", f"no coordinates: {expected}; the columns that are filled in are {came}")
-    return found, odd
+    return found, [f"{', '.join(names)}: {text}" for text, names in odd.items()]

@@ -485,7 +485,7 @@ def test_angles_a_turn_outside_the_limits_are_told(sino6: Arm, tmp_path: Path) -
     table.assign(**dict(zip(REFERENCE, sino6.positions(q).T / MM, strict=True))).to_csv(data, index=False)
     for words in (["correct"], ["calibrate", "--no-held-out"], ["diagnose", "--no-held-out"]):
         _, err = done(words[0], arm, data, *NOISE, *words[1:], *(["-o", tmp_path / "c.csv"] if words == ["correct"] else []))
-        assert f"joint 3: {beyond.sum()} of 40 angles are a whole turn outside its limits, 0° to 360°" in err
+        assert f"{beyond.sum()} of 40 records have angles a whole turn outside the limits of joints 3 (0° to 360°)" in err
         assert err.count("a whole turn outside") == 1
 
 
