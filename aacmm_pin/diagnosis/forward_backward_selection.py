@@ -44,12 +44,14 @@ class Question:
         log_prior: log probability of each candidate before anything was seen, given that one is there (candidates,).
         stated: True where the noise is known, so that χ² says whether the records scatter more.
         contained: for a candidate that is free enough to be others too, their numbers; they do not stand beside it.
+        log_share: log of how probable each block is before anything was seen, beside its candidate's others (blocks,).
     """
 
     design: Design
     log_prior: Array
     stated: bool
     contained: Mapping[int, frozenset[int]]
+    log_share: Array
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -91,10 +93,10 @@ class Question:
     def per_candidate(self, evidences: Array) -> Array:
         """Log evidence of each candidate, averaged over its variants (candidates,)."""
         found = np.full(self.log_prior.size, -np.inf)
-        variants = np.add.reduceat(np.isfinite(evidences).astype(np.float64), self.first)
+        shares = np.where(np.isfinite(evidences), self.log_share, -np.inf)
         with np.errstate(invalid="ignore"):  # a candidate that is struck out has nothing to add up
-            each = np.logaddexp.reduceat(evidences, self.first) - np.log(np.maximum(variants, 1.0))
-        found[self.owners[self.first]] = each
+            each = (np.logaddexp.reduceat(share, self.first) for share in (evidences + shares, shares))
+            found[self.owners[self.first]] = np.nan_to_num(next(each) - next(each), nan=-np.inf)
         return found
 
     @cached_property
@@ -109,7 +111,7 @@ class Question:
 
     def best_blocks(self, evidences: Array) -> dict[int, int]:
         """The variant with the largest evidence, of each candidate that has any."""
-        evidences = evidences - self.doubt
+        evidences = evidences + self.log_share - self.doubt
         largest = np.maximum.reduceat(evidences, self.first)
         counts = np.diff([*self.first, len(self.blocks)])
         reached = np.flatnonzero(evidences == np.repeat(largest, counts))

@@ -292,7 +292,14 @@ def question_of(design: Design, library: Sequence[Variants], stated: bool) -> Qu
             if (owner := number.get((freer, effect.place))) is not None:
                 contained.setdefault(owner, set()).add(k)
     inside = {owner: frozenset(causes) for owner, causes in contained.items()}
-    return Question(design, np.log(prior), stated, inside)
+    shares = _log_shares([*(effect for variants in library for effect in variants)], design.fit)
+    log_share = np.concatenate([shares, np.zeros(len(design.blocks) - shares.size)])
+    return Question(design, np.log(prior), stated, inside, log_share)
+
+
+def _log_shares(effects: Sequence[Effect], at: Fit) -> Array:
+    """Log of how probable each inner value is before anything was seen (effects,)."""
+    return np.log([effect.share(at.problem.measurements) for effect in effects])
 
 
 def _block_of(design: Design, library: tuple[Variants, ...], effect: Effect) -> int:
@@ -357,7 +364,7 @@ def _evidences(choice: Choice, block: int, tried: Sequence[Effect]) -> Array:
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
     variants = choice.library[choice.question.owner(block)]
     first = variants[:1] if is_change(variants[0]) else ()  # in the place of a cause that is known
-    return _beside(choice.fit, (*first, *tried), rest)[len(first) :]
+    return _beside(choice.fit, (*first, *tried), rest)[len(first) :] + _log_shares(tried, choice.fit)
 
 
 def _beside(at: Fit, variants: Variants, rest: Sequence[Effect]) -> Array:
@@ -386,11 +393,12 @@ class Step:
 
 def step_of(choice: Choice, block: int, name: str) -> Step:
     """What the records tell of the inner value ``name`` of a block."""
-    tried = choice.variant(block).at(()).refined(choice.fit.problem.measurements)
+    chosen, records = choice.variant(block).at(()), choice.fit.problem.measurements
+    tried = chosen.refined(records)
     values = np.array([getattr(effect, name) for effect in tried])
     odds = _evidences(choice, block, tried)
     share = np.exp(odds - logsumexp(odds))
-    gaps = np.gradient(values) if values.size > 1 else np.zeros(1)
-    u = float(np.sqrt(share @ (np.square(values - share @ values) + np.square(gaps) / 12.0)))
+    gaps = np.array([effect.step_width(records) for effect in tried])
+    u = float(np.sqrt(share @ (np.square(values - getattr(chosen, name)) + np.square(gaps) / 12.0)))
     low, high = values[np.searchsorted(np.cumsum(share), (0.025, 0.975)).clip(max=len(values) - 1)]
     return Step(u, float(low), float(high))

@@ -45,18 +45,23 @@ class JointCompliance(GravityEffect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """Every joint that turns: by measured torques, else by known masses, else by unknown ones, where all beyond turn."""
+        """Every joint that turns: by measured torques, which have noise, and by the weights, known or unknown.
+
+        The other causes that yield know the weights alone; by noisy torques alone it would seem to fit worse than these.
+        """
         rows = arm.chain.moving_rows()
+        measured = records is not None and records.conditions.torque is not None
         for number, row in enumerate(rows):
             slides = arm.chain.prismatic[number:]
             if slides[0] or (arm.masses is None and slides.any()):
                 continue  # no angle that a torque could turn; and unknown masses beyond a slide have no constant lever
-            if records is not None and records.conditions.torque is not None:
-                yield (cls(row, torque="measured"),)
-            elif arm.masses is not None:
-                yield (cls(row),)
+            tried = [cls(row, torque="measured")] if measured else []
+            if arm.masses is not None:
+                tried.append(cls(row))
             elif records is not None:
-                yield (cls(row, bodies=tuple(rows[number:])),)
+                tried.append(cls(row, bodies=tuple(rows[number:])))
+            if tried:
+                yield tuple(tried)
 
     @property
     def load(self) -> str:

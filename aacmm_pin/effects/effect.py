@@ -337,6 +337,14 @@ class Effect(Shown, ABC):
         """The same, where the inner value at which it steps is known to be from ``low`` to ``high``; here: itself."""
         return self
 
+    def share(self, records: Records) -> float:
+        """How probable its inner value is beside the others that are tried, before anything was seen; here all alike: 1."""
+        return 1.0
+
+    def step_width(self, records: Records) -> float:
+        """Between the neighbouring records of which one is before and one behind the step of its inner value; here: 0."""
+        return 0.0
+
     def to_be_told(self, conditions: Conditions) -> list[str]:
         """What whoever applies it to new records should know, in words; here: nothing."""
         return []

@@ -398,8 +398,8 @@ class EncoderSlip(Effect):
         time = records.conditions.time
         times = np.unique(time) if time is not None else np.array([self.time_s])
         between = np.concatenate([[times[0]], (times[1:] + times[:-1]) / 2])
-        near = np.argsort(np.abs(between - self.time_s))[:NEAR]
-        return [replace(self, time_s=float(t), between_s=(), sessions=()) for t in np.sort(between[near])]
+        first = max(int(np.searchsorted(between, self.time_s)) - NEAR // 2, 0)  # by their number: a pause is far in time
+        return [replace(self, time_s=float(t), between_s=(), sessions=()) for t in between[first : first + NEAR]]
 
     def stepped_between(self, low: float, high: float, records: Records) -> Self:
         """From the last record that is surely before it to the first that is surely behind it."""
@@ -408,6 +408,17 @@ class EncoderSlip(Effect):
         before, behind = times[times < low].max(initial=-LATEST), times[times > high].min(initial=LATEST)
         sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
         return replace(self, between_s=(float(before), float(behind)), sessions=sessions)
+
+    def share(self, records: Records) -> float:
+        """Half by the records, as when it is knocked in use, half by the time of the gap, as when it is carried around."""
+        times = np.unique(records.conditions.require("time", self.label))
+        return 1.0 / min(times.size - 1, SLIPS) + self.step_width(records) / float(np.ptp(times))
+
+    def step_width(self, records: Records) -> float:
+        """Width of the gap between two times of records in which it is [s]."""
+        times = np.unique(records.conditions.require("time", self.label))
+        behind = int(np.searchsorted(times, self.time_s))
+        return float(times[behind] - times[behind - 1]) if 0 < behind < times.size else 0.0
 
     def to_be_told(self, conditions: Conditions) -> list[str]:
         """That it had not slipped yet by the time of some records, which may be that of another clock."""

@@ -29,7 +29,8 @@ EVIDENCE = ("free", "seats", "bars", "markers", "target")
 """A tracker at the tip, known seats, bars of known length, markers on the last body, one target at an unknown place."""
 ENCODER_U, REFERENCE_U = 8e-6, 12e-6
 BAR_U = 2e-6
-TORQUE_U_NM = 0.05
+TORQUE_U_NM = (0.05, 0.3, 1.0)
+"""A sensor in the joint, a good drive's current, a current with friction."""
 PAYLOADS_KG = (0.0, 1.5, 3.0)
 APART_M = 0.12
 LEAST_LEVER_M = 0.03
@@ -271,7 +272,9 @@ def _measured(
         reference = places[conditions.seat]
     else:
         reference = rig.observed(q, conditions) + contact
-    torque = rig.torque(q, conditions) + TORQUE_U_NM * noise.standard_normal(q.shape) if regime.torque else None
+    torque = None
+    if regime.torque:
+        torque = rig.torque(q, conditions) + noise.choice(TORQUE_U_NM) * noise.standard_normal(q.shape)
     read = q + encoder + jumps.angle
     turn, shift = rotation(noise.uniform(-1.5, 1.5, 3)), noise.uniform(-2.0, 2.0, 3)
     if regime.external:

@@ -412,7 +412,8 @@ def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None
     slip: Any = SimpleNamespace(variant=lambda _: EncoderSlip(3, 20.0), fit=fit_)
     monkeypatch.setattr(model_extension, "_evidences", lambda _, k, tried: np.zeros(len(tried)))
     times = np.array([0.0, 5.0, 20.0, 50.0])
-    variance = times.var() + np.square(np.gradient(times)).mean() / 12.0
+    gaps = np.array([0.0, 10.0, 20.0, 40.0])  # around each of them; the first is the first record itself
+    variance = np.square(times - 20.0).mean() + np.square(gaps).mean() / 12.0
     assert model_extension.step_of(slip, 0, "time_s") == model_extension.Step(pytest.approx(np.sqrt(variance)), 0.0, 50.0)
 
 
@@ -509,7 +510,8 @@ def narrowed(choice: Choice) -> Choice:
     prior = choice.question.log_prior[few]
     design = choice.design.of([k for k, b in enumerate(choice.question.blocks) if b.candidate in number])
     design = replace(design, blocks=tuple(replace(b, candidate=number[b.candidate]) for b in design.blocks))
-    return replace(choice, question=replace(choice.question, design=design, log_prior=prior, contained={}), design=design)
+    question = replace(choice.question, design=design, log_prior=prior, contained={}, log_share=np.zeros(len(design.blocks)))
+    return replace(choice, question=question, design=design)
 
 
 def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,7 +61,7 @@ class Small:
         design = Design(nothing, (), names, blocks, 1, np.ones(width), nothing, np.empty(0, int), known, nothing, 0)
         rows = np.column_stack([self.ones, *columns, residual])
         self.gram = Gram(Products(design, lambda: [Part(rows[:7], 7), Part(rows[7:], len(rows) - 7)]))
-        self.question = Question(design, self.log_prior, stated, contained or {})
+        self.question = Question(design, self.log_prior, stated, contained or {}, np.zeros(len(blocks)))
 
     @property
     def steps(self) -> _Search:

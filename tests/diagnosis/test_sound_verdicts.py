@@ -555,3 +555,42 @@ def test_values_that_rest_on_the_absence_of_another_cause_say_so(sino6: Arm) -> 
             assert (other.label in "".join(notes)) == (ratios[-1] > 3.0)
         if told:
             assert float(notes[0].split(" times")[0].split()[-1]) == pytest.approx(max(ratios), rel=0.25)
+
+
+@pytest.mark.parametrize(("noise", "payload"), [(1.0, 0.0), (0.02, 2.0)])
+def test_torques_with_noise_and_masses_that_lack_a_payload(sino6: Arm, noise: float, payload: float) -> None:
+    """Whichever of the two tells the moment better is taken, so that no cause beside it has an advantage."""
+    rng, hidden = np.random.default_rng(1), JointCompliance(3, values=(2e-5,))
+    data = simulate_measurements(sino6, "free", 200, rng=rng, **NOISE)
+    state = State(sino6, data.q, data.conditions, sino6.chain.tip)
+    loads = [JointCompliance(j, load_at=6).moments(state, j)[:, :, 0] for j in range(1, 7)]
+    carried = [state.moment_at_axis(j) + 9.81 * payload * load for j, load in enumerate(loads, 1)]
+    moment = np.stack([state.along_axis(j, each) for j, each in enumerate(carried, 1)], axis=1)
+    moved = data.reference + 2e-5 * moment[:, 2, None] * sino6.poses(data.q).jacobian[:, :3, 2]
+    torque = noise * rng.standard_normal(moment.shape) - moment
+    told = replace(data, reference=moved, conditions=replace(data.conditions, torque=torque))
+    found = diagnose(sino6, told, **NOISE, progress=False)
+    assert {f.label for f in found.findings if f.probability >= SETTLED} <= {hidden.label}, str(found)
+    (finding,) = [f for f in found.findings if f.label == hidden.label]
+    assert isinstance(finding.effect, JointCompliance)
+    assert finding.effect.torque == ("gravity" if noise > payload else "measured")
+    assert abs(finding.effect.values[0] - 2e-5) < 3.3 * finding.effect.u[0] < 8e-6
+
+
+@pytest.mark.parametrize("seed", [1, 7, 25])
+def test_a_slip_in_a_long_pause(sino6: Arm, seed: int) -> None:
+    """It may have been at any time of the pause; a drift as slow is not likelier only because fewer of these are tried."""
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.exponential(30.0, 120))
+    pause = 3600.0 * rng.uniform(1.0, 6.0)
+    time[60:] += pause
+    hidden = EncoderSlip(3, time[59] + pause * rng.uniform(0.1, 0.9), values=(2e-4,))
+    q = rng.uniform(*sino6.limits.T, (120, 6))
+    reference = ErrorModel(sino6, (hidden,)).predict(q, Conditions(120, time=time)) + 1.2e-5 * rng.standard_normal((120, 3))
+    data = Measurements.of(q + 8e-6 * rng.standard_normal(q.shape), reference, conditions=Conditions(120, time=time))
+    found = diagnose(sino6, data, **NOISE, progress=False)
+    (finding,) = found.findings
+    assert finding.label == hidden.label, str(found)
+    found_at, u = finding.inner["time_s"]
+    assert abs(found_at - hidden.time_s) < 1.8 * u
+    assert u == pytest.approx(pause / np.sqrt(12.0), rel=0.1)
