@@ -202,5 +202,5 @@ def where_known(model: ErrorModel) -> ErrorModel:
     for j in np.flatnonzero((within.arm.limits != model.arm.limits).any(axis=1)):
         low, high = within.arm.limits[j] / (MM if model.arm.chain.prismatic[j] else DEG)
         unit = "mm" if model.arm.chain.prismatic[j] else "°"
-        note(f"note: joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only, where its error curve is known")
+        note(f"note: joint {j + 1} is used from {low:.4g} to {high:.4g}{unit} only, where its error is known")
     return within

@@ -212,7 +212,7 @@ def _tell(what: str, errors: list[Array]) -> None:
 
 
 def _known_rows(model: ErrorModel, readings: Measurements, path: str) -> Index:
-    """The readings that can be corrected; the others, outside the range of an error curve, are listed on stderr.
+    """The readings that can be corrected; the others, outside the range of an error of a joint, are listed on stderr.
 
     Raises:
         AacmmError: none can be.

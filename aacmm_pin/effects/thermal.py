@@ -19,7 +19,7 @@ class ThermalExpansion(Effect):
 
     Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1. Needs ``temperature_c``, or
     ``temperature1_c …`` of each row: that of the body which moves with it, d and a of the row in standard DH, d of the
-    row and a of the next in modified DH. What stands before row 1 has ``temperature_c``, else the mean of the rows.
+    row and a of the next in modified DH. What stands before row 1 has the mean of the rows.
     A body beside the whole arm has what it grows more, below zero where it grows less. Confused with: the scale of the
     reference, ``link_length`` and ``joint_distance`` where the temperature hardly changes; the whole arm with one tube.
     """
