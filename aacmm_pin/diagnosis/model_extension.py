@@ -41,6 +41,8 @@ EXCEPTIONAL = 2.0
 """An inner value that machines are made with is taken unless the log evidence falls by this."""
 REPLACED = 2
 """So many times the inner value of a cause in the place of a known one is looked for, and all refitted."""
+RIVALS = 2
+"""So many others in the place of a cause are refined too."""
 FINER = 200
 """Parts of a step between inner values that were tried in which their evidence is summed."""
 LETTERS = 40
@@ -182,12 +184,13 @@ def _standing(
             if not found.causes:
                 return replace(found, fit=first)
             effects = [_refined(found, k) for k in found.causes]
+            rivals = [rival for k in found.causes for rival in _rivals(found, k)]
             rounds.set_postfix_str(", ".join(effect.label for effect in effects)[:LETTERS])
             del found  # its columns are as large as those that come
             refit = refitted(problem_of, effects)
             if not refit.tells_noise:  # more causes than these records can carry
                 return replace(_chosen(first, library, others, parts, []), admitted=())
-            found = _chosen(refit, _with_variants(library, effects), others, parts, effects)
+            found = _chosen(refit, _with_variants(library, [*rivals, *effects]), others, parts, effects)
             rounds.update()
             if {e.identity for e in found.effects} == {e.identity for e in effects}:
                 return found
@@ -331,6 +334,24 @@ def _refined(choice: Choice, block: int) -> Effect:
     evidences = [_evidences(choice, block, tried) for tried in series]
     best = int(np.argmax([each.max() for each in evidences]))
     return _likeliest(series[best], evidences[best])
+
+
+def _rivals(choice: Choice, block: int) -> list[Effect]:
+    """The likeliest others in the place of a block, refined as it is: where they were tried they are worse than need be."""
+    question, records = choice.question, choice.fit.problem.measurements
+    rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
+    struck_out = question.struck_out(choice.admitted)
+    evidences = question.without(struck_out, choice.left.evidences_without(block))
+    odds, best = question.odds(evidences), question.best_blocks(evidences)
+    found: list[Effect] = []
+    for candidate in np.argsort(-odds[: choice.design.causes]):
+        if candidate not in best or not np.isfinite(odds[candidate]) or len(found) == RIVALS:
+            break
+        effect = choice.variant(best[int(candidate)])
+        if effect.inner_widths() and not is_change(effect):
+            tried = effect.at(()).refined(records)
+            found.append(_likeliest(tried, _beside(choice.fit, tuple(tried), rest)))
+    return found
 
 
 def _likeliest(tried: list[Effect], evidences: Array) -> Effect:

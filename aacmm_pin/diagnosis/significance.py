@@ -209,9 +209,7 @@ def family_wise(question: Question, left: Conditional, observed: float, block: i
         return bound
     drawn = left.gradients(left.projection.gram.products.drawn(DRAWS, rng)) * np.sqrt(left.variance)
     per_block = np.stack([evidence_of(left.information(b)[None], drawn[b.columns][None])[0] for b in question.blocks])
-    owners, first, variants = np.unique([b.candidate for b in question.blocks], return_index=True, return_counts=True)
-    each = np.logaddexp.reduceat(per_block, first, axis=0) + (question.log_prior[owners] - np.log(variants))[:, None]
-    reached = int(np.sum(each.max(axis=0) >= observed))
+    reached = sum(bool(question.odds(evidences).max() >= observed) for evidences in per_block.T)
     return min((reached + 1) / (DRAWS + 1), max(bound, 1 / (DRAWS + 1)), 1.0)
 
 
