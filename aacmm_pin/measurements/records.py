@@ -211,15 +211,16 @@ class Measurements(Shown):
     def copies(self) -> Index:
         """Number of the first record (n,) that each says the same as; its own where it is the first.
 
-        Copies agree in every column, to the last digit, but for ``time_s``, ``record``, ``operator``, unknown columns, and
-        for a reference that one of them states rounded to a micrometre, angles that it states rounded to 1e-3 to 1e-6
-        degrees, or both: no second measurement does, while a file that was appended to itself, or to another export of the
-        same measurement, does.
+        Copies agree in the readings, the reference, the labels and the directions of approach, to the last digit, but for a
+        reference that one of them states rounded to a micrometre, angles that it states rounded to 1e-3 to 1e-6 degrees, or
+        both: no second measurement does, while a file that was appended to itself, or to another export of the same
+        measurement, does. Times, temperatures, torques and uncertainties may be rounded in any way.
         """
         alone = self._nearest > DEG * ROUNDED_TO[0]
         if alone.all():
             return np.arange(self.n)
         table = self.to_frame().drop(columns=["time_s", "record", "operator", *self.extra.columns], errors="ignore")
+        table = table.drop(columns=[name for name in table if name.startswith(("temperature", "torque", "u_"))])
         same = _numbered(table)
         if self.known.any():
             same = _joined(same, _numbered(table.drop(columns=list(names.REFERENCE))), self.reference / UM)

@@ -67,6 +67,8 @@ def test_what_makes_a_copy() -> None:
     assert Measurements.from_frame(table.assign(**x, approach1=[1, -1, 1, 1], approach2=1)).copies().tolist() == [0, 1, 2, 3]
     both = table.iloc[:3].assign(theta1_deg=[10.00004, 10.0, 10.00004], x_mm=[1.23456, 1.235, 1.2356])
     assert Measurements.from_frame(both).copies().tolist() == [0, 0, 2]
+    warm = table.assign(z_mm=[3.0, 3.0, 3.0, 3.01], temperature_c=[20.04, 20.0, 20.1, 20.0])
+    assert Measurements.from_frame(warm).copies().tolist() == [0, 0, 0, 3]
     kept, notes = counted_once(records.take([0, 2, 1]))
     assert kept.row.tolist() == [2, 4]
     assert "rows 3" in notes[0]
