@@ -23,6 +23,8 @@ WRONG_SIZE = 1e-3
 """No arm measures a sphere so much too large, or too small [m]."""
 BESIDE = 5e-5
 """A touch nearer to its sphere than this is none that is beside it [m]."""
+TIMES_SMALLER = 50.0
+"""Touches of a position that scatter so much less than those of the others may be coordinates in another unit."""
 CHANCE = 1e-4
 """Chance that one of the touches of a sphere is as far off as one that is named."""
 TIMES_ITS_LIKE = 10.0
@@ -58,8 +60,22 @@ def doubts(source: str, touches: pd.DataFrame) -> Iterator[str]:
         extent = float(np.ptp(of_test[["x", "y", "z"]].to_numpy(), axis=0).max())
         if extent < CLOSE and (of_test["position"].nunique() > 1 or test != "single-point"):
             yield f"{source}: all touches of {test} are within {extent / MM:.3g} mm; are the coordinates in mm?"
+        if test == "single-point":
+            yield from (f"{source}: {text}" for text in _too_small(of_test))
         found = [*_spheres(of_test)]
         yield from (f"{source}: {text}" for text in (*_beside(found), *_wrong_sizes(found)))
+
+
+def _too_small(touches: pd.DataFrame) -> Iterator[str]:
+    """Positions whose touches scatter far less than those of the others."""
+    extents = touches.groupby("position", sort=False)[["x", "y", "z"]].agg(np.ptp).max(axis=1)
+    for position, extent in extents.items():
+        others = float(extents.drop(position).median()) if len(extents) > 1 else 0.0
+        if 0.0 < extent * TIMES_SMALLER < others:  # of copies there is a note
+            yield (
+                f"position {position}: all touches are within {extent / MM:.3g} mm, those of the others within "
+                f"{others / MM:.3g} mm; are its coordinates in mm?"
+            )
 
 
 def _spheres(touches: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, FittedSphere]]:

@@ -194,6 +194,22 @@ def test_too_few_touches_give_no_value(tmp_path: Path, test: str, left_out: slic
     found = [f for f in accept(tmp_path / "few.csv", mpe={"E_Uni": 1e-3}).figures if f.definition.test == test]
     assert {f.evaluated.missing for f in found} == {missing}
     assert all(np.isnan(f.evaluated.value) and f.verdict is None for f in found)
+    begun = {
+        "sphere": "feature S, position 0",
+        "length-uni": "length L0, position 0, repeat 0",
+        "single-point": "position 0",
+    }
+    assert {f.evaluated.lacking for f in found} == {(begun[test],) if test in begun else ()}
+
+
+def test_an_end_has_one_touch_or_a_sphere(data: Path) -> None:
+    table = everything()
+    row = table.index[table["test"] == "volumetric"][0]
+    for touches, refused in ((1, False), (3, True), (4, False)):
+        end = pd.concat([table.loc[[row]]] * touches)
+        end[["x_mm", "y_mm", "z_mm"]] += 15.0 * np.vstack([np.zeros(3), np.eye(3)])[:touches]
+        pd.concat([table.drop(row), end]).to_csv(data, index=False)
+        assert any("expected two features" in note for note in accept(data).notes) == refused
 
 
 def test_part_that_was_predicted_to_be_accurate(tmp_path: Path) -> None:
@@ -451,6 +467,9 @@ def test_single_points_in_another_unit_are_noted(data: Path) -> None:
             data, index=False
         )
         assert any("single-point" in note for note in accept(data).notes) == noted
+    one = at & (table["position"] == 1)
+    table.assign(**{c: table[c].where(~one, table[c] * 1e-3) for c in ("x_mm", "y_mm", "z_mm")}).to_csv(data, index=False)
+    assert any("position 1: all touches" in note for note in accept(data).notes)
 
 
 def test_an_mpe_in_another_unit_is_noted(data: Path) -> None:

@@ -166,6 +166,13 @@ def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -
         History.read(path)
 
 
+def test_times_are_of_one_zone(tmp_path: Path) -> None:
+    history(tmp_path, SIZES).save(path := tmp_path / "checks.csv")
+    times = pd.read_csv(path)["time"]
+    path.write_text(path.read_text().replace("2026-01-31T00:00:00+00:00", "2026-01-31T02:00:00+02:00"))
+    assert History.read(path).checks["time"].tolist() == pd.to_datetime(times, utc=True).tolist()
+
+
 def test_a_pipe_is_no_history(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "h")  # reading it would wait for ever, and it cannot be replaced
     with pytest.raises(MeasurementFileError, match="regular file"):
