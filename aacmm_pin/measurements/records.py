@@ -220,7 +220,7 @@ class Measurements(Shown):
         if alone.all():
             return np.arange(self.n)
         table = self.to_frame().drop(columns=["time_s", "record", "operator", *self.extra.columns], errors="ignore")
-        table = table.drop(columns=[name for name in table if name.startswith(("temperature", "torque", "u_"))])
+        table = table.drop(columns=table.filter(regex="^(temperature|torque|u_)").columns)
         same = _numbered(table)
         if self.known.any():
             same = _joined(same, _numbered(table.drop(columns=list(names.REFERENCE))), self.reference / UM)
