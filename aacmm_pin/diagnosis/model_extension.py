@@ -337,7 +337,10 @@ def _refined(choice: Choice, block: int) -> Effect:
 
 
 def _rivals(choice: Choice, block: int) -> list[Effect]:
-    """The likeliest others in the place of a block, refined as it is: where they were tried they are worse than need be."""
+    """The likeliest others in the place of a block, refined as it is: where they were tried they are worse than need be.
+
+    But for those with inner values that machines are made with, such as orders: these are the values that are tried.
+    """
     question, records = choice.question, choice.fit.problem.measurements
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
     struck_out = question.struck_out(choice.admitted)
@@ -348,8 +351,8 @@ def _rivals(choice: Choice, block: int) -> list[Effect]:
         if candidate not in best or not np.isfinite(odds[candidate]) or len(found) == RIVALS:
             break
         effect = choice.variant(best[int(candidate)])
-        if effect.inner_widths() and not is_change(effect):
-            tried = effect.at(()).refined(records)
+        tried = effect.at(()).refined(records) if effect.inner_widths() and not is_change(effect) else []
+        if tried and not any(each.exceptional for each in tried):
             found.append(_likeliest(tried, _beside(choice.fit, tuple(tried), rest)))
     return found
 
