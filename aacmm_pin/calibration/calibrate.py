@@ -111,6 +111,8 @@ def calibrate(
             f"too few records to find the noise: {3 * int(after.used.sum())} coordinates for {after.problem.scales.size} "
             "parameters and the seats' own; state the noise, measure more, or estimate less"
         )
+    if len(measurements.extra.columns):
+        repeated.append(f"columns that no calibration uses: {', '.join(map(str, measurements.extra))}")
     found = Calibration(after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated))
     held = left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
     return replace(found, held_out=tuple(held))

@@ -88,7 +88,7 @@ def run(
             raise MeasurementFileError(path, 1, name, "is there already; expected readings that were not corrected yet")
         of_readings = ~table.columns.isin(OF_REFERENCES)
         readings = Measurements.from_frame(table.loc[:, of_readings], model.arm.nq, path)
-        for line in (*read_as, *model.odd_readings(readings.q, readings.conditions)):
+        for line in (*read_as, *readings.read_as, *model.odd_readings(readings.q, readings.conditions)):
             note(f"note: {line}")
         rows = _known_rows(model, readings, path)
         known = readings.take(rows)

@@ -83,6 +83,8 @@ ALIKE = 0.9
 OTHER_UNITS = frozenset(["m", "cm", "um", "µm", "in", "inch", "k", "f", "ms", "min", "nmm", "mrad", "gon", "arcsec"])
 ENOUGH_RECORDS = 5
 """So many records tell degrees from radians."""
+MOSTLY = 0.75
+"""Part of the angles that are within ±2π where degrees may be radians."""
 MOST_PROBLEMS = 10
 LONGEST_NAME = 100
 """Characters of a column's name, or of a cell, that a message has."""
@@ -380,6 +382,14 @@ def looks_like_radians(degrees: Array) -> bool:
     records than 5, get the benefit of the doubt.
     """
     return len(degrees) >= ENOUGH_RECORDS and bool(1.0 < np.abs(degrees).max() <= 2.0 * np.pi)
+
+
+def mostly_like_radians(degrees: Array) -> bool:
+    """Whether most of ``degrees`` (n, nq) would be less than a turn if they were radians: of few records, or with an endless
+    wrist.
+    """
+    turned = np.abs(degrees[degrees != 0.0])
+    return bool(turned.size and turned.max() > 1.0 and np.mean(turned <= 2.0 * np.pi) >= MOSTLY)
 
 
 def _angles(columns: Columns, problems: Problems) -> None:

@@ -49,7 +49,11 @@ FINGERPRINT_DIGITS = 12
 UNKNOWN = -(2.0**62)
 """Stands for coordinates that are not known."""
 ROUNDED_TO = (1e-3, 1e-4, 1e-5, 1e-6)
-"""What angles of another export may be rounded to, the coarsest first [degree]."""
+"""What angles of another export may be rounded to, the coarsest first [degree] …"""
+REFERENCE_ROUNDED_TO = (10 * UM, UM, UM / 10, UM / 100)
+"""… and its references [m]."""
+COPIED = (*names.REFERENCE, *names.ORIENTATION, "seat", "marker", "bar", "bar_end")
+"""Columns in which copies agree, beside the angles and the directions of approach."""
 
 
 class Bar(NamedTuple):
@@ -211,27 +215,26 @@ class Measurements(Shown):
     def copies(self) -> Index:
         """Number of the first record (n,) that each says the same as; its own where it is the first.
 
-        Copies agree in the readings, the reference, the labels and the directions of approach, to the last digit, but for a
-        reference that one of them states rounded to a micrometre, angles that it states rounded to 1e-3 to 1e-6 degrees, or
-        both: no second measurement does, while a file that was appended to itself, or to another export of the same
-        measurement, does. Times, temperatures, torques and uncertainties may be rounded in any way.
+        Copies agree in the readings, but for whole turns, in the reference, the labels of what was touched and the
+        directions of approach, to the last digit, but for a reference that one of them states rounded to 1e-2 to 1e-5 mm,
+        angles that it states rounded to 1e-3 to 1e-6 degrees, or both: no second measurement does, while a file that was
+        appended to itself, or to another export of the same measurement, does. All else may be rounded or named in any way.
         """
         alone = self._nearest > DEG * ROUNDED_TO[0]
         if alone.all():
             return np.arange(self.n)
-        table = self.to_frame().drop(columns=["time_s", "record", "operator", *self.extra.columns], errors="ignore")
-        table = table.drop(columns=table.filter(regex="^(temperature|torque|u_)").columns)
-        same = _numbered(table)
-        if self.known.any():
-            same = _joined(same, _numbered(table.drop(columns=list(names.REFERENCE))), self.reference / UM)
-        own = np.where(alone, np.arange(self.n), -1)
-        others = table.drop(columns=named(names.THETA["deg"], self.nq)).assign(alone=own)
-        but_for_angles = _numbered(others)
-        but_for_both = _numbered(others.drop(columns=list(names.REFERENCE), errors="ignore"))
+        angles, within = named(names.THETA["deg"], self.nq), np.asarray(np.round(np.mod(self.q / DEG, 360.0), 9) % 360.0)
+        table = self.to_frame().reindex(columns=[*COPIED, *named(names.APPROACH, self.nq)])
+        table.loc[self.known, list(names.ORIENTATION)] = np.nan
+        table = table.assign(alone=np.where(alone, np.arange(self.n), -1), **dict(zip(angles, within.T, strict=True)))
+        same, but_for_angles = _numbered(table), _numbered(table.drop(columns=angles))
+        but_for_reference, but_for_both = (_numbered(table.drop(columns=[*names.REFERENCE, *more])) for more in ([], angles))
         for step in ROUNDED_TO:
-            angles = self.q / DEG / step
-            same = _joined(same, but_for_angles, angles)
-            same = _joined(same, but_for_both, np.hstack([angles, self.reference / UM]))
+            same = _joined(same, but_for_angles, within / step)
+        for size in REFERENCE_ROUNDED_TO if self.known.any() else ():
+            same = _joined(same, but_for_reference, self.reference / size)
+            for step in ROUNDED_TO:
+                same = _joined(same, but_for_both, np.hstack([within / step, self.reference / size]))
         _, first, number = np.unique(same, return_index=True, return_inverse=True)
         return np.asarray(first[number], dtype=np.intp)
 
@@ -246,9 +249,10 @@ class Measurements(Shown):
 
     @cached_property
     def _nearest(self) -> Array:
-        """Largest difference of each record's readings from those of the record nearest to it (n,), infinite where far."""
-        tree = scipy.spatial.KDTree(self.q)
-        return np.asarray(tree.query(self.q, 2, p=np.inf, distance_upper_bound=2.0 * REPEATED)[0][:, 1])
+        """Largest difference of each record's readings, but for whole turns, from the nearest's (n,), infinite where far."""
+        within = np.mod(np.mod(self.q, 2 * np.pi), 2 * np.pi)  # of what is below zero by next to nothing the first gives 2π
+        tree = scipy.spatial.KDTree(within, boxsize=2 * np.pi)
+        return np.asarray(tree.query(within, 2, p=np.inf, distance_upper_bound=2.0 * REPEATED)[0][:, 1])
 
     @cached_property
     def postures(self) -> Index:
@@ -400,6 +404,10 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
     else:
         del found["orientation_u"]
     q = columns.block(columns.header.theta) * (DEG if columns.header.unit == "deg" else 1.0)
+    if columns.header.unit == "deg" and names.mostly_like_radians(q / DEG):
+        read_as += (
+            f"most angles lie within ±{2 * np.pi:.4g}° of zero; are they in radians? Then name the columns theta1_rad …",
+        )
     extra = table[list(columns.header.extra)].reset_index(drop=True)
     return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **found)
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
+import scipy
 from scipy.special import stdtr
 
 from aacmm_pin._support.units import MM
@@ -13,6 +14,8 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.verification.figures import LENGTH, Place, measured_lengths, points_of, size_error
 from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere
 
+ROUNDED = 5e-7
+"""Coordinates that differ by no more are those of a copy that is rounded to a micrometre, or more finely [m]."""
 CLOSE = 3e-3
 """Touches of a test that are all closer together than this may be coordinates in another unit [m]."""
 OTHER_UNIT = 2.0
@@ -54,8 +57,9 @@ def check_unit(touches: pd.DataFrame) -> None:
 def doubts(source: str, touches: pd.DataFrame) -> Iterator[str]:
     """Notes on the touches of one set of coordinates."""
     at = touches[["x", "y", "z"]]
-    if copies := int(at.duplicated().sum()):
-        yield f"{source}: {copies} of {len(at)} touches have the very coordinates of another; a copy says nothing of the arm"
+    nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=ROUNDED)[0][:, 1]  # inf where farther
+    if alike := int(np.isfinite(nearest).sum()):
+        yield f"{source}: {alike} of {len(at)} touches have the coordinates of another one; a copy says nothing of the arm"
     for test, of_test in touches.groupby("test", sort=False):
         extent = float(np.ptp(of_test[["x", "y", "z"]].to_numpy(), axis=0).max())
         if extent < CLOSE and (of_test["position"].nunique() > 1 or test != "single-point"):

@@ -51,6 +51,8 @@ def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Gene
     assert again.held_out is not None
     assert found.held_out.gain == pytest.approx(again.held_out.gain)
     assert any("240 records" in note for note in again.notes)
+    other = calibrate(sino6, Measurements.from_frame(table.assign(x_ref_mm=0.0)), hold_out=False, progress=False)
+    assert "columns that no calibration uses: x_ref_mm" in other.notes
 
 
 def test_what_makes_a_copy() -> None:
@@ -69,6 +71,10 @@ def test_what_makes_a_copy() -> None:
     assert Measurements.from_frame(both).copies().tolist() == [0, 0, 2]
     warm = table.assign(z_mm=[3.0, 3.0, 3.0, 3.01], temperature_c=[20.04, 20.0, 20.1, 20.0])
     assert Measurements.from_frame(warm).copies().tolist() == [0, 0, 0, 3]
+    for size, there in ((1e-2, 0), (1e-4, 0), (1e-5, 0), (2e-3, 1)):  # the last is no power of ten
+        twice = table.iloc[:2].assign(x_mm=[1.2345678, round(1.2345678 / size) * size], y_mm=2.0, session=["a", "b"])
+        twice = twice.assign(theta1_deg=[10.0, -350.0], u_x_mm=[0.01, 0.012], u_y_mm=0.01, u_z_mm=0.01)
+        assert Measurements.from_frame(twice).copies().tolist() == [0, there], size
     kept, notes = counted_once(records.take([0, 2, 1]))
     assert kept.row.tolist() == [2, 4]
     assert "rows 3" in notes[0]

@@ -391,6 +391,9 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
         Measurements.from_frame(angles("deg", q))
     assert (caught.value.row, caught.value.column) == (None, "theta1_deg … theta6_deg")
     np.testing.assert_array_equal(Measurements.from_frame(angles("rad", q)).q, q)
+    wrist = np.vstack([q, [1.0, 1.0, 1.0, 1.0, 1.0, 40.0]])
+    for degrees, noted in ((q[:2], True), (wrist, True), (rng.uniform(-180, 180, (2, 6)), False), (np.zeros((9, 6)), False)):
+        assert any("radians?" in note for note in Measurements.from_frame(angles("deg", degrees)).read_as) == noted
     still = np.full((50, 6), 3.0)
     still[-1, 2] = 6.3  # one angle beyond 2π is enough
     for degrees in (rng.uniform(-3, 3, size=(4, 6)), still, rng.uniform(-1, 1, size=(50, 6)), np.zeros((9, 6))):

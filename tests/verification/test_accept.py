@@ -472,6 +472,14 @@ def test_single_points_in_another_unit_are_noted(data: Path) -> None:
     assert any("position 1: all touches" in note for note in accept(data).notes)
 
 
+def test_touches_that_are_there_twice_are_noted(data: Path) -> None:
+    table = everything()
+    table = table[table["test"] == "sphere"]
+    for twice, noted in ((table.iloc[:0], False), (table.iloc[:5].round(3), True)):
+        pd.concat([table, twice]).to_csv(data, index=False)
+        assert any(f"10 of {len(table) + 5} touches" in note for note in accept(data).notes) == noted
+
+
 def test_an_mpe_in_another_unit_is_noted(data: Path) -> None:
     for mpe, noted in ((6e-5, False), (6e-2, True)):
         assert any("SPAT.Max" in note and "in mm" in note for note in accept(data, mpe={"SPAT.Max": mpe}).notes) == noted
