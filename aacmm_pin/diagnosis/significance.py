@@ -97,10 +97,15 @@ class Place:
 
     @staticmethod
     def of(choice: Choice, whole: Conditional, block: int) -> Place:
-        """The place of one of the blocks that were admitted in ``whole``, by the scatter that is left beside all of them."""
-        rest = tuple(other for other in whole.projection.admitted if other != block)
+        """The place of one of the blocks that were admitted in ``whole``, by the scatter that is left beside all of them.
+
+        More of an admitted cause competes too, under another load or by another measure of it: noise of a measured torque
+        leaves a part of what it does, in proportion to the weights.
+        """
+        question, rest = choice.question, tuple(other for other in whole.projection.admitted if other != block)
         left = Conditional(Projection(choice.gram, rest), whole.variance, whole.dof)
-        return Place._of(choice.question, left, choice.question.owner(block), choice.question.struck_out(rest))
+        more = {question.owner(k) for k in rest if question.owner(k) < choice.design.causes and not choice.variant(k).inner}
+        return Place._of(question, left, question.owner(block), question.struck_out(rest) - more)
 
     @staticmethod
     def beside(choice: Choice, own: int) -> Place:
