@@ -33,6 +33,8 @@ OTHER_UNIT = 100.0
 """An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but there are other parts."""
 BEST_REFERENCE = 2e-7
 """No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m]."""
+ODD_BAR = 5.0
+"""A bar that is off its length by so many times what the others are may have another length."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -154,6 +156,22 @@ def _references_in_other_unit(after: Fit) -> list[str]:
     ]
 
 
+def _of_bars(after: Fit) -> list[str]:
+    """A bar that is measured far longer or shorter than the others."""
+    measurements, tips = after.problem.measurements, after.solution.point.prediction.poses[:, :3]
+    errors = measurements.bar_length_errors(tips)
+    if errors.size < 3:
+        return []
+    worst = int(np.abs(errors).argmax())
+    others = float(np.median(np.abs(np.delete(errors, worst))))
+    if abs(errors[worst]) < max(ODD_BAR * others, LENGTH):
+        return []
+    return [
+        f"bar {measurements.bars()[worst].bar} measures {errors[worst] / MM:+.3g} mm off its length, the others "
+        f"{others / MM:.2g} mm: is that length right?"
+    ]
+
+
 def _counted_before(after: Fit) -> list[str]:
     """Records that the stated uncertainties of the parameters come from already (JCGM 100, F.1.2.3: correlated inputs)."""
     problem = after.problem
@@ -237,7 +255,13 @@ def notes_of(after: Fit) -> list[str]:
             f"the records scatter more than stated: {_scatter(after)} per coordinate were added, "
             "so the uncertainties hold for this arm with what is still wrong in it"
         )
-    found += [*_references_in_other_unit(after), *_of_conditions(after), *_of_target(after), *_of_temperature(after)]
+    found += [
+        *_of_bars(after),
+        *_references_in_other_unit(after),
+        *_of_conditions(after),
+        *_of_target(after),
+        *_of_temperature(after),
+    ]
     if after.unmodelled > FAR:
         found.append(
             f"{after.unmodelled / MM:.1f} mm of scatter is far more than an arm has: are the columns, their units and the "

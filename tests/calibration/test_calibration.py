@@ -610,3 +610,13 @@ def test_an_arm_that_drifts_can_be_set_tasks_without_a_clock(sino6: Arm, rng: np
     np.testing.assert_allclose(steady.covariance(), model.covariance()[:-1, :-1], rtol=0, atol=1e-22)
     pool = Pool.draw(model, None, 2, rng)
     np.testing.assert_allclose(pool.state_of(data.q, data.conditions).position, steady.predict(data.q), rtol=0, atol=1e-15)
+
+
+def test_a_bar_of_another_length_is_noted(sino6: Arm) -> None:
+    data = simulate_measurements(
+        sino6, "ball-bar", 160, bar_length=0.6, rng=np.random.default_rng(3), encoder_noise=8e-6
+    ).to_frame()
+    for off, said in ((0.0, False), (0.3, True), (-3.0, True)):
+        table = data.assign(bar_length_mm=data["bar_length_mm"] + off * (data["bar"] == "B4"))
+        found = calibrate(sino6, Measurements.from_frame(table), hold_out=False, progress=False)
+        assert any(note.startswith("bar B4 measures ") for note in found.notes) == said
