@@ -10,7 +10,7 @@ import difflib
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -222,6 +222,14 @@ def near_miss(name: str, present: Sequence[str], known: Sequence[str]) -> str | 
                 return k
     close = difflib.get_close_matches(_letters(name), missing, n=1, cutoff=ALIKE)
     return missing[close[0]] if close else None
+
+
+def alike(labels: Iterable[str]) -> list[str]:
+    """Pairs of labels that differ only in letter case, blanks, dashes, leading zeros, or in a ``.0`` of a spreadsheet."""
+    of_text: dict[str, list[str]] = {}
+    for label in filter(None, labels):
+        of_text.setdefault(re.sub(r"[\s_-]|\.0$|(?<!\d)0+(?=\d)", "", label.casefold()), []).append(label)
+    return [f"{first!r} and {second!r}" for first, second, *_ in (same for same in of_text.values() if len(same) > 1)]
 
 
 def _stem(name: str) -> str:

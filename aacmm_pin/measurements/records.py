@@ -408,6 +408,10 @@ def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) 
         read_as += (
             f"most angles lie within ±{2 * np.pi:.4g}° of zero; are they in radians? Then name the columns theta1_rad …",
         )
+    for name in ("seat", "marker", "bar", "session"):
+        labels = getattr(conditions, name, found.get(name))
+        if pairs := names.alike([] if labels is None else dict.fromkeys(labels.tolist())):
+            read_as += (f"labels in the column {name} that are nearly the same count as different ones: {', '.join(pairs)}",)
     extra = table[list(columns.header.extra)].reset_index(drop=True)
     return Measurements(q=q, conditions=conditions, extra=extra, row=lines, source=source, read_as=read_as, **found)
 

@@ -400,6 +400,15 @@ def test_degrees_that_look_like_radians(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(Measurements.from_frame(angles("deg", degrees)).q, degrees * DEG, rtol=1e-15)
 
 
+def test_labels_that_are_nearly_the_same() -> None:
+    table = angles("deg", np.full((8, 2), 40.0))
+    table = table.assign(seat=2 * ["P1", "p 01", "P10", "1"], session=2 * ["1", "1.0", "2", "10"])
+    (seats, sessions) = Measurements.from_frame(table).read_as
+    assert "seat that" in seats
+    assert seats.endswith(": 'P1' and 'p 01'")
+    assert sessions.endswith(": '1' and '1.0'")
+
+
 def test_radians_that_look_like_degrees() -> None:
     q = np.array([[0.1, 0.2], [0.3, -31.5], [1.0, 90.0]])
     with pytest.raises(MeasurementFileError) as caught:
