@@ -34,6 +34,8 @@ NO_SCATTER = 5e-8
 """Scatter below this is none: the search for it ends just above zero, and nobody measures so well [m]."""
 ONE_DIRECTION = 1e-2
 """Directions that records do not tell, found at tips and at targets, are one if the sine of their angle is less."""
+STAYED = 1e-6
+"""What moved by less than this part of its width along a direction that nothing tells has stayed."""
 FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
 
@@ -356,8 +358,19 @@ class _Estimation:
         return self.fit(solution, used, solution.chi2), judged
 
     def fit(self, solution: Solution, used: Mask, judged: Chi2 | None) -> Fit:
-        """The result."""
-        return Fit(solution, self.stated, used, self.observations.says & ~used, judged, solution.chi2.dof)
+        """The result, what nothing tells left where it was.
+
+        Noise that is not the same in all directions would turn the arm as a whole where nothing else holds it.
+        """
+        found = Fit(solution, self.stated, used, self.observations.says & ~used, judged, solution.chi2.dof)
+        free = found.unknown[: self.problem.widths.size].T
+        if np.abs(free @ ((solution.point.x - self.problem.start) / self.problem.widths)).max(initial=0.0) < STAYED:
+            return found
+        end = solve(replace(self.problem, held=free), solution.noise, solution.point, solution.weights)
+        back = standing(self.problem, solution.noise, end.point, solution.weights)
+        return replace(
+            found, solution=replace(back, steps=solution.steps + end.steps, held_up=solution.held_up or end.held_up)
+        )
 
 
 def _variance_component(solution: Solution, used: Mask, turns: bool = False) -> float:

@@ -24,6 +24,8 @@ OF_WIDTH = 1e-3
 """Step of a difference, as a part of the parameter's width."""
 UNTOLD_VARIANCE = 1e-9
 """A combination of correlated parameters with less variance than this, each of unit variance, was not told."""
+HELD = 1e4
+"""A parameter that is held may move by this part, inverted, of its width where the records pull it by as much as u."""
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
 
@@ -101,6 +103,7 @@ class Problem:
         known_from: fingerprints of the records that the arm's file knows its parameters from.
         targets: labels of the targets whose orientation on the tip is unknown; their turns are the last columns.
         candidates: how many of the effects, the last ones, are those of a search that may choose again without them.
+        held: directions in which the parameters stay where the search starts, in units of the widths (k, p).
     """
 
     model: ErrorModel
@@ -113,6 +116,7 @@ class Problem:
     known_from: tuple[str, ...] = ()
     targets: tuple[str, ...] = ()
     candidates: int = 0
+    held: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def turns(self) -> bool:
@@ -142,12 +146,13 @@ class Problem:
 
     @cached_property
     def prior(self) -> Array:
-        """Rows that say what is known of the parameters beforehand, in units of the widths (p, p); none for the frame.
+        """Rows that say what is known of the parameters beforehand, in units of the widths (p + k, p); none for the frame.
 
         A combination without variance is one that earlier records did not tell: it is known as its parameters are.
         """
         variances, combinations = np.linalg.eigh(self.correlation)
-        return np.asarray(combinations.T / np.sqrt(np.where(variances > UNTOLD_VARIANCE, variances, 1.0))[:, None])
+        rows = combinations.T / np.sqrt(np.where(variances > UNTOLD_VARIANCE, variances, 1.0))[:, None]
+        return np.concatenate([rows, HELD * self.held]) if self.held.size else rows
 
     def beside_prior(self, x: Array) -> Array:
         """Residuals of those rows at ``x`` (p,)."""

@@ -387,8 +387,8 @@ def deviations(observations: Observations, point: Point) -> Array:
 
 
 def _triangle(problem: Problem, system: System, x: Array) -> Array:
-    """R of the scaled system with its prior rows and, last, its residual (at most p + 1 rows, p + 1)."""
-    triangle = np.zeros((x.size, problem.scales.size + 1))
+    """R of the scaled system with its prior rows and, last, its residual (p + 1 columns)."""
+    triangle = np.zeros((len(problem.prior), problem.scales.size + 1))
     triangle[:, : x.size], triangle[:, -1] = problem.prior, problem.beside_prior(x)
     for first in range(0, len(system.residual), AT_ONCE):
         some, above = slice(first, first + AT_ONCE), len(triangle)
