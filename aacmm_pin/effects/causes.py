@@ -142,7 +142,8 @@ def raised(error: BaseException, file: str) -> str:
     """An exception in one line, with the last line of ``file`` on its way, if it came by there."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     where = f" ({Path(file).name}, line {lines[-1]})" if lines else ""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}{where}"
+    text = str(traceback.TracebackException.from_exception(error))  # whatever its own __str__ does
+    return f"{type(error).__name__}: {' '.join(text.split())}{where}"
 
 
 def cause_named(name: str) -> type[Effect]:

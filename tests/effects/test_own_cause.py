@@ -158,7 +158,9 @@ def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytes
     os.mkfifo("pipe.py")
     Path("folder.py").mkdir()
     Path("numpy.py").write_text("")
-    for name, text in {"leaves.py": "import sys\nsys.exit(0)", "syntax.py": "def f(:", "fails.py": "\n\n1 / 0"}.items():
+    mute = "class Mute(Exception):\n    def __str__(self):\n        raise ValueError\n\nraise Mute"
+    texts = {"leaves.py": "import sys\nsys.exit(0)", "syntax.py": "def f(:", "fails.py": "\n\n1 / 0", "mute.py": mute}
+    for name, text in texts.items():
         Path(name).write_text(text)
     for name, said in {
         "nothere.py": "FileNotFoundError",
@@ -168,6 +170,7 @@ def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytes
         "numpy.py": "AacmmError: numpy is the name of another module",
         "leaves.py": "SystemExit: 0 (leaves.py, line 2)",
         "syntax.py": "SyntaxError: invalid syntax",
+        "mute.py": "Mute: <exception str() failed> (mute.py, line 5)",
         "fails.py": "ZeroDivisionError: division by zero (fails.py, line 3)",
     }.items():
         assert f"--plugin {name}: {said}" in refusal("--plugin", name, "causes")
