@@ -32,6 +32,7 @@ from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.gravity import LoadedEffect
 from aacmm_pin.effects.labels import listed, values_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
@@ -268,7 +269,8 @@ def _below_zero(findings: Sequence[Finding]) -> list[str]:
 
 def _of_masses(findings: Sequence[Finding]) -> list[str]:
     """What gives way under weights that nobody measured."""
-    names = [finding.label for finding in findings if finding.effect.elastic and "torque" not in finding.effect.needs]
+    loaded = (finding for finding in findings if isinstance(finding.effect, LoadedEffect))
+    names = [finding.label for finding in loaded if "torque" not in finding.effect.needs]
     if any(getattr(finding.effect, "bodies", ()) for finding in findings):
         return [
             f"{', '.join(names)}: the arm's file states no masses, so that no bending, no bearing and no stand was tried, "
