@@ -170,7 +170,7 @@ def _concluded(
     structure = bool(unexplained.depends_on) or _excess(extended) > 0.0
     shown = visible(choice)
     return Diagnosis(
-        verdict=verdict_of(findings, structure, unexplained.p_value, shown, (recalibrated, extended)),
+        verdict=verdict_of(findings, structure, unexplained.p_value, shown, (recalibrated, extended), choice.otherwise),
         findings=tuple(findings),
         model=_as_found(calibrated_model(extended), findings),
         before=before,
@@ -184,6 +184,7 @@ def _concluded(
         visible=shown,
         notes=(
             *notes_of(extended),
+            *_otherwise(choice),
             *_below_zero(findings),
             *_alone(choice),
             *_of_masses(findings),
@@ -197,6 +198,16 @@ def _concluded(
             *notes,
         ),
     )
+
+
+def _otherwise(choice: Choice) -> list[str]:
+    """What the records show that were excluded, if these are no gross errors."""
+    if not choice.otherwise:
+        return []
+    named = listed(choice.otherwise)
+    return [
+        f"unless what was excluded are gross errors, all records together show {named}: take more records where those were"
+    ]
 
 
 def _as_found(model: ErrorModel, findings: Sequence[Finding]) -> ErrorModel:

@@ -64,6 +64,7 @@ class Choice:
         library, others: the candidates.
         parts: part of each record for leaving out (n,).
         held: inner products from which parts can be left out.
+        otherwise: labels of causes that would be found if excluded records counted, where without these there is none.
     """
 
     fit: Fit
@@ -75,6 +76,7 @@ class Choice:
     others: tuple[Covariate, ...]
     parts: Index
     held: Gram
+    otherwise: tuple[str, ...] = ()
 
     @cached_property
     def left(self) -> Conditional:
@@ -131,16 +133,20 @@ def choose(
 
     A strong cause in few records (a moved seat, a place in the room) makes these look like gross errors, which hides it.
     So where records were excluded, the search is tried with the nearer of them put back too; what it finds is taken if it
-    makes sense of them.
+    makes sense of them, of one or two only where there is nothing else, and then not as found.
     """
     nearer = _put_back(first)
     found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
-    if nearer.sum() - first.used.sum() >= max(FEWEST_BACK, A_FEW * len(nearer)):
+    back = int(nearer.sum() - first.used.sum())
+    if back >= max(1 if not found.causes else FEWEST_BACK, A_FEW * len(nearer)):
         found.gram.products.release()  # there is room for one of them
         wider = fit(problem_of([]), used=nearer)
         again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress)
-        if _doubtful(again, first) <= _doubtful(found, first) - FEWEST_BACK:
+        fewer = _doubtful(found, first) - _doubtful(again, first)
+        if fewer >= FEWEST_BACK:
             found, again = again, found
+        elif fewer > 0 and not found.causes:
+            found = replace(found, otherwise=tuple(effect.label for effect in again.effects))
         again.gram.products.release()
     if not _torn(found.design.fit, parts):
         return found

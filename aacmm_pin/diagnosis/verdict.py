@@ -18,7 +18,12 @@ LEFT_ALONE = 1e-6
 
 
 def verdict_of(
-    findings: Sequence[Finding], structure: bool, p_left: float, visible: tuple[int, int], fits: Sequence[Fit]
+    findings: Sequence[Finding],
+    structure: bool,
+    p_left: float,
+    visible: tuple[int, int],
+    fits: Sequence[Fit],
+    otherwise: Sequence[str] = (),
 ) -> Verdict:
     """The verdict.
 
@@ -28,12 +33,13 @@ def verdict_of(
         p_left: chance of as much structure over any covariate as is left, where there is none.
         visible: how many causes of usual size these records would have shown, and of how many.
         fits: the searches on which all that rests, that of the extended arm last.
+        otherwise: what would be found if excluded records counted.
 
     Returns:
         ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the noise cannot be told; nothing
-        was found, and these records would not have shown most causes; held-out groups do not bear a name out; a value is
-        below zero that nature has above it; so many records were excluded that they are no gross errors; or something may
-        be left that nothing was found for.
+        was found, and these records would not have shown most causes, or excluded ones would show one; held-out groups do
+        not bear a name out; a value is below zero that nature has above it; so many records were excluded that they are no
+        gross errors; or something may be left that nothing was found for.
         ``ambiguous``: a name has a look-alike that these records cannot exclude. ``explained``, ``no-discrepancy``: else.
     """
     if not all(fit.solution.converged and fit.tells_noise for fit in fits):
@@ -43,7 +49,8 @@ def verdict_of(
     if fits[-1].thinned:
         return "inconclusive"
     if not findings:
-        return "no-discrepancy" if visible[0] > SHOWN * visible[1] and p_left >= LEFT_ALONE else "inconclusive"
+        sound = visible[0] > SHOWN * visible[1] and p_left >= LEFT_ALONE and not otherwise
+        return "no-discrepancy" if sound else "inconclusive"
     if any(finding.below_zero for finding in findings):
         return "inconclusive"
     doubtful = [finding for finding in findings if finding.probability < SETTLED]

@@ -141,6 +141,9 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
     if result.extended.thinned:
         out, all_of = int(result.extended.excluded.sum()), int((result.extended.used | result.extended.excluded).sum())
         return f"{out} of {all_of} records do not agree with the others, too many for gross errors; of the others: {wrong}"
+    if result.choice.otherwise:
+        out = int(result.extended.excluded.sum())
+        return f"no cause was found without {count(out, 'excluded record')}, and one with: {listed(result.choice.otherwise)}"
     if not result.findings:
         seen, of = result.visible
         return f"no cause was found; of {count(of, 'cause')} of usual size these records would show {seen}, and {left}"

@@ -611,3 +611,16 @@ def test_a_drift_over_a_long_pause_is_no_slip(sino6: Arm, seed: int) -> None:
     (finding,) = found.findings
     assert finding.probability < SETTLED, str(found)
     assert hidden.label in {finding.label, *(alias.label for alias in finding.aliases)}
+
+
+@pytest.mark.parametrize("seed", [10, 15, 22])
+def test_a_cause_that_excluded_records_show_is_not_denied(sino6: Arm, seed: int) -> None:
+    """One of few records shows the fault most, and so seems to be a gross error."""
+    rng = np.random.default_rng(seed)
+    hidden = EncoderEccentricity(3, values=tuple(rng.normal(0.0, 8e-5, 2)))
+    data = simulate_measurements(ErrorModel(sino6, (hidden,)), "free", 16, rng=rng, **NOISE)
+    found = diagnose(sino6, data, **NOISE, progress=False)
+    assert (found.verdict, found.findings) == ("inconclusive", ())
+    named = ", ".join(found.choice.otherwise)
+    assert any(f"all records together show {named}" in note for note in found.notes)
+    assert named in verdict_in_words(found)
