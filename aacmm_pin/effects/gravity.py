@@ -15,8 +15,10 @@ from aacmm_pin.effects.state import State
 from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError
 
-TYPICAL_SAG = 1e-4
-"""Usual turn under a moment that nobody knows [rad]."""
+TYPICAL_SAG = 5e-4
+"""Usual turn under a moment that nobody knows [rad]: measuring arms have 1e-4, the joints of robots up to 5e-3."""
+TYPICAL_LOAD = 1e-4
+"""Usual turn under a load of one metre's lever [rad/m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +35,7 @@ class LoadedEffect(Effect):
     load_at: int | None = None
     flexibility: ClassVar[Term]
     """The parameter where the masses are known."""
-    of_load: ClassVar[Term] = Term("", "rad/m", TYPICAL_SAG, "load_rad_per_m")
+    of_load: ClassVar[Term] = Term("", "rad/m", TYPICAL_LOAD, "load_rad_per_m")
     """The parameter under a load."""
     elastic: ClassVar[bool] = True
 

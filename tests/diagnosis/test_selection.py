@@ -20,7 +20,7 @@ from aacmm_pin.diagnosis.forward_backward_selection import EQUAL, SURE, WEAKEST,
 from aacmm_pin.diagnosis.gram_matrix import Gram, Part, Products
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.significance import Place
-from aacmm_pin.effects import JointPeriodicError
+from aacmm_pin.effects import EncoderGain, JointPeriodicError
 
 Array = NDArray[np.float64]
 Blocks = tuple[int, ...]
@@ -372,6 +372,9 @@ def at_once(**fields: Any) -> Choice:
         (100, 3, (9, 7), "first"),
         (1000, 4, None, "first"),  # too small a part of the records
         (1000, 5, (9, 6), "wider"),
+        (100, 1, (9, 8), "nothing, else gain"),
+        (100, 1, (9, 9), "nothing"),
+        (1000, 4, None, "nothing"),
     ],
 )
 def test_excluded_records_are_tried_with_the_others(
@@ -381,6 +384,7 @@ def test_excluded_records_are_tried_with_the_others(
     excluded = np.arange(records) < near + 20
     far = np.where(np.arange(records) < near, 4.9, 5.1)  # among the others are such that say nothing
     first: Any = SimpleNamespace(used=~excluded & (np.arange(records) < records - 2), excluded=excluded, name="first")
+    nothing = taken.startswith("nothing")  # is found in the first
     first.solution = SimpleNamespace(point=SimpleNamespace(prediction=SimpleNamespace(poses=None)))
     tried, put_back = [], np.flatnonzero(first.used | (np.arange(records) < near)).tolist()
 
@@ -396,12 +400,15 @@ def test_excluded_records_are_tried_with_the_others(
     gram: Any = SimpleNamespace(products=SimpleNamespace(release=lambda: None))
     monkeypatch.setattr(model_extension, "_standing", lambda _, at, *rest: at_once(fit=at, design=design, gram=gram))
     monkeypatch.setattr(model_extension, "products_of", lambda *_: "in parts")
+    monkeypatch.setattr(Choice, "causes", property(lambda choice: () if nothing and choice.fit is first else (0,)))
+    monkeypatch.setattr(Choice, "effects", [EncoderGain(3)])
     for torn in (False, True):
         tried.clear()
         monkeypatch.setattr(model_extension, "_torn", lambda *_, torn=torn: torn)
         parts = np.zeros(records, dtype=np.intp)
         found = model_extension.choose(lambda _: first, first, [], [], parts)
-        assert found.fit.name == taken  # type: ignore[attr-defined]
+        assert found.fit.name == ("first" if nothing else taken)  # type: ignore[attr-defined]
+        assert (found.otherwise == ("encoder_gain:3",)) == taken.endswith("gain")
         assert tried == ([put_back] if doubtful else [])
         assert (found.held is not None) == torn
 
