@@ -393,7 +393,7 @@ def test_the_geometric_refit_ends_at_one_minimum_from_wherever_it_starts(sino6: 
         prediction = problem.predict(x, fit.solution.point.frame)
         start = solver.Point(x, fit.solution.point.frame, fit.observations.start(prediction.tips), prediction)
         found = solver.solve(problem, fit.noise, start, weights)
-        assert found.fit.solution.converged
+        assert found.converged
         costs.append(found.cost)
     np.testing.assert_allclose(costs, fit.solution.cost, rtol=1e-6)
 
