@@ -188,11 +188,13 @@ def _counted_before(after: Fit) -> list[str]:
 
 def _of_conditions(after: Fit) -> list[str]:
     """Angles counted otherwise, temperatures that look like Fahrenheit, and joints whose column of angles holds a length."""
-    arm, conditions = after.problem.model.arm, after.problem.measurements.conditions
-    turns = other_turns(after.problem.measurements.q, arm.limits, arm.chain.prismatic)
+    arm, records = after.problem.model.arm, after.problem.measurements
+    conditions, turns = records.conditions, other_turns(records.q, arm.limits, arm.chain.prismatic)
     found = [*turns, *conditions.odd_temperatures(arm.reference_temperature), *_of_torques(after)]
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         found.append(f"joint {j} slides: theta{j}_rad holds metres, theta{j}_deg metres times 180/π")
+        if not (records.known.any() or records.bars()):
+            found.append(f"the scale of joint {j} is taken as exact: no coordinates and no bar of known length tell of it")
     return found
 
 

@@ -31,6 +31,7 @@ from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs,
 from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Effect
+from aacmm_pin.effects.drift_and_hysteresis import ZeroDrift
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import LoadedEffect
 from aacmm_pin.effects.labels import listed, values_in_words
@@ -188,6 +189,7 @@ def _concluded(
             *_below_zero(findings),
             *_alone(choice),
             *_of_masses(findings),
+            *_slopes(findings),
             *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
             *_changed(findings, model.effects, choice),
             *(text for effect in model.effects for text in effect.to_be_told(choice.fit.problem.measurements.conditions)),
@@ -208,6 +210,16 @@ def _otherwise(choice: Choice) -> list[str]:
     return [
         f"unless what was excluded are gross errors, all records together show {named}: take more records where those were"
     ]
+
+
+def _slopes(findings: Sequence[Finding]) -> Iterator[str]:
+    """Drifts of which the records show hardly more than that they go on."""
+    for effect in (finding.effect for finding in findings):
+        if isinstance(effect, ZeroDrift) and effect.until_s is not None:
+            yield (
+                f"{effect.label}: these records hardly tell its time constant; after {effect.until_s:.4g} s, when they "
+                "end, it may stop or go on, which is in u then: take records later, too"
+            )
 
 
 def _as_found(model: ErrorModel, findings: Sequence[Finding]) -> ErrorModel:

@@ -47,7 +47,7 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
         steps = {name: step_of(choice, strength.block, name) for name in stepping}
         replaced = [old for old in known if old.identity == effect.identity or old.identity not in every]
         yield Finding(
-            effect if is_change(chosen) else _stepped(choice, effect, steps),
+            effect if is_change(chosen) else _told(choice, effect, steps),
             described(effect, covariance),
             strength.probability,
             strength.p_value,
@@ -61,10 +61,11 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
         )
 
 
-def _stepped(choice: Choice, effect: Effect, steps: Mapping[str, Step]) -> Effect:
-    """The effect with what the records tell of where it steps."""
-    for step in steps.values():
-        effect = effect.stepped_between(step.low, step.high, choice.fit.problem.measurements)
+def _told(choice: Choice, effect: Effect, steps: Mapping[str, Step]) -> Effect:
+    """The effect with what the records tell of where it steps, or of how far off its inner values may be."""
+    intervals = {name: (value - 2.0 * u, value + 2.0 * u) for name, (value, u) in _inner_values(choice, effect, {}).items()}
+    for low, high in (intervals | {name: (step.low, step.high) for name, step in steps.items()}).values():
+        effect = effect.told_between(low, high, choice.fit.problem.measurements)
     return effect
 
 

@@ -118,6 +118,11 @@ class Question:
         owners, which = np.unique(self.owners[reached], return_index=True)
         return dict(zip(owners.tolist(), reached[which].tolist(), strict=True))
 
+    def ranked(self, evidences: Array, struck_out: frozenset[int]) -> tuple[Array, dict[int, int]]:
+        """Log odds of each candidate (candidates,), minus infinity where struck out; the best variant of each of the others."""
+        evidences = self.without(struck_out, evidences)
+        return self.odds(evidences), self.best_blocks(evidences)
+
 
 def search(question: Question, gram: Gram, start: tuple[int, ...] = ()) -> tuple[int, ...]:
     """Blocks of the causes that are there, strongest first."""
@@ -206,7 +211,7 @@ class _Search:
 
     def odds(self, admitted: tuple[int, ...], barred: frozenset[int] = frozenset()) -> tuple[Array, dict[int, int]]:
         """Log odds of each candidate beside the admitted, these and the barred struck out, and the best variant of each."""
-        return self._odds(admitted, self.left(admitted).evidences, barred)
+        return self.question.ranked(self.left(admitted).evidences, self.question.struck_out(admitted) | barred)
 
     def odds_instead(self, whole: tuple[int, ...], block: int) -> tuple[Array, dict[int, int]]:
         """The same of all in the place of one of the admitted.
@@ -214,13 +219,8 @@ class _Search:
         With the variance that is left beside all of them: by what is unexplained without the one that is looked back at all
         others would look alike.
         """
-        return self._odds(_without(whole, block), self.left(whole).evidences_without(block))
-
-    def _odds(
-        self, admitted: tuple[int, ...], evidences: Array, barred: frozenset[int] = frozenset()
-    ) -> tuple[Array, dict[int, int]]:
-        evidences = self.question.without(self.question.struck_out(admitted) | barred, evidences)
-        return self.question.odds(evidences), self.question.best_blocks(evidences)
+        struck_out = self.question.struck_out(_without(whole, block))
+        return self.question.ranked(self.left(whole).evidences_without(block), struck_out)
 
     def settled(self, admitted: tuple[int, ...]) -> tuple[int, ...]:
         """Each admitted cause against all others in its place, and against nothing, until none changes."""

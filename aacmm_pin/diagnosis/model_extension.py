@@ -349,9 +349,7 @@ def _rivals(choice: Choice, block: int) -> list[Effect]:
     """
     question, records = choice.question, choice.fit.problem.measurements
     rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
-    struck_out = question.struck_out(choice.admitted)
-    evidences = question.without(struck_out, choice.left.evidences_without(block))
-    odds, best = question.odds(evidences), question.best_blocks(evidences)
+    odds, best = question.ranked(choice.left.evidences_without(block), question.struck_out(choice.admitted))
     found: list[Effect] = []
     for candidate in np.argsort(-odds[: choice.design.causes]):
         if candidate not in best or not np.isfinite(odds[candidate]) or len(found) == RIVALS:

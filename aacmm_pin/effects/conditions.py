@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,11 @@ class Conditions(Shown):
             chosen[field.name] = None if values is None else values[rows]
         count = len(range(self.n)[rows]) if isinstance(rows, slice) else len(np.arange(self.n)[rows])
         return Conditions(count, **chosen)
+
+    @cached_property
+    def times(self) -> Array:
+        """The different times in their order; without any where none is known [s]."""
+        return np.unique(np.zeros(0) if self.time is None else self.time)
 
     @property
     def present(self) -> tuple[str, ...]:

@@ -333,8 +333,8 @@ class Effect(Shown, ABC):
         """Causes with fewer values that it is where its values are those, to be tried in its place; here: none."""
         return ()
 
-    def stepped_between(self, low: float, high: float, records: Records) -> Self:
-        """The same, where the inner value at which it steps is known to be from ``low`` to ``high``; here: itself."""
+    def told_between(self, low: float, high: float, records: Records) -> Self:
+        """The same, of whose inner value ``records`` tell that it is from ``low`` to ``high`` (95 %); here: itself."""
         return self
 
     def share(self, records: Records) -> float:

@@ -383,10 +383,9 @@ class EncoderSlip(Effect):
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
         """Times between records, and in every pause, when arms are handled."""
-        time = None if records is None else records.conditions.time
-        if time is None or np.ptp(time) == 0.0:
+        taken = np.zeros(0) if records is None else records.conditions.times
+        if taken.size < 2:
             return
-        taken = np.unique(time)
         between, gaps = (taken[1:] + taken[:-1]) / 2, np.diff(taken)
         pauses = between[gaps > PAUSE * np.median(gaps)][:SLIPS]
         spread = between[np.unique(np.linspace(0.04, 0.96, SLIPS) * (len(between) - 1)).astype(int)]
@@ -395,15 +394,14 @@ class EncoderSlip(Effect):
 
     def refined(self, records: Records) -> list[Self]:
         """Every gap between records near it."""
-        time = records.conditions.time
-        times = np.unique(time) if time is not None else np.array([self.time_s])
-        between = np.concatenate([[times[0]], (times[1:] + times[:-1]) / 2])
+        times = records.conditions.times
+        between = np.array([*times[:1], *(times[1:] + times[:-1]) / 2])
         first = max(int(np.searchsorted(between, self.time_s)) - NEAR // 2, 0)  # by their number: a pause is far in time
         return [replace(self, time_s=float(t), between_s=(), sessions=()) for t in between[first : first + NEAR]]
 
-    def stepped_between(self, low: float, high: float, records: Records) -> Self:
+    def told_between(self, low: float, high: float, records: Records) -> Self:
         """From the last record that is surely before it to the first that is surely behind it."""
-        times, labels = np.unique(records.conditions.require("time", self.label)), records.conditions.session
+        times, labels = records.conditions.times, records.conditions.session
         low, high = min(low, self.time_s), max(high, self.time_s)  # other causes may have moved the likeliest gap since
         before, behind = times[times < low].max(initial=-LATEST), times[times > high].min(initial=LATEST)
         sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
@@ -411,12 +409,12 @@ class EncoderSlip(Effect):
 
     def share(self, records: Records) -> float:
         """Half by the records, as when it is knocked in use, half by the time of the gap, as when it is carried around."""
-        times = np.unique(records.conditions.require("time", self.label))
+        times = records.conditions.times
         return 1.0 / min(times.size - 1, SLIPS) + self.step_width(records) / float(np.ptp(times))
 
     def step_width(self, records: Records) -> float:
         """Width of the gap between two times of records in which it is [s]."""
-        times = np.unique(records.conditions.require("time", self.label))
+        times = records.conditions.times
         behind = int(np.searchsorted(times, self.time_s))
         return float(times[behind] - times[behind - 1]) if 0 < behind < times.size else 0.0
 

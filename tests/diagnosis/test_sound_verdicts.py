@@ -17,6 +17,7 @@ from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis
 from aacmm_pin.arm.file import ArmFile
+from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis import diagnose
@@ -386,6 +387,32 @@ def test_a_known_slip_that_has_grown_is_no_second_one(sino6: Arm) -> None:
     (finding,) = found.findings
     assert (found.verdict, finding.was, finding.effect.identity) == ("explained", known, known.identity)
     assert abs(finding.effect.values[0] - 4.8e-4) < 3.3 * finding.effect.u[0] < 1e-4
+
+
+@pytest.mark.parametrize(("constant", "amplitude"), [(1500.0, 2.5e-4), (5e4, 1.2e-3), (2e4, 4e-3)])
+def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
+    sino6: Arm, constant: float, amplitude: float, tmp_path: Path
+) -> None:
+    """Records of an hour: what comes later is told where they last for longer than the time constant, and open elsewhere."""
+    truth = ErrorModel(sino6, (ZeroDrift(joint=3, time_constant_s=constant, values=(amplitude,)),))
+    rng = np.random.default_rng(7)
+    q = random_postures(sino6, 200, rng)
+    conditions = Conditions(200, time=np.sort(rng.uniform(0.0, 3600.0, 200)))
+    measured = truth.predict(q, conditions) + rng.normal(0.0, 5e-6, (200, 3))
+    data = Measurements.of(q + rng.normal(0.0, 3e-6, q.shape), measured, conditions=conditions)
+    found = diagnose(ErrorModel(sino6), data, encoder_noise=3e-6, reference_noise=5e-6, progress=False)
+    found.model.save(tmp_path / "extended.toml")
+    model = ErrorModel.load(tmp_path / "extended.toml")
+    (drift,) = (effect for effect in model.effects if isinstance(effect, ZeroDrift))
+    told = constant < 3600.0
+    assert (drift.until_s is None) == told
+    assert told == (not any("it may stop or go on" in note for note in found.notes))
+    for later in (2e4, 8e4):
+        conditions = Conditions(50, time=np.full(50, later))
+        off = np.linalg.norm(model.correct(q[:50], conditions) - truth.correct(q[:50], conditions), axis=1)
+        u = accuracy_volume(model, q[:50], conditions=conditions, method="ellipsoid", encoder_noise=0.0).u
+        assert np.sqrt(np.mean((off / u) ** 2)) < 2.0
+        assert bool(model.odd_readings(q[:50], conditions)) != told
 
 
 @pytest.mark.parametrize(("seed", "step"), [(0, 2.5e-4), (2, 4e-5)])
