@@ -119,7 +119,7 @@ class Question:
         return dict(zip(owners.tolist(), reached[which].tolist(), strict=True))
 
     def ranked(self, evidences: Array, struck_out: frozenset[int]) -> tuple[Array, dict[int, int]]:
-        """Log odds of each candidate (candidates,), minus infinity where struck out; the best variant of each of the others."""
+        """Log odds of each candidate (candidates,), minus infinity where struck out; the best variant of each other one."""
         evidences = self.without(struck_out, evidences)
         return self.odds(evidences), self.best_blocks(evidences)
 
