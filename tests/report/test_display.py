@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
+from uuid import UUID, getnode
 
 import numpy as np
 import pandas as pd
@@ -425,6 +426,14 @@ def test_a_file_and_a_notebook_have_the_same_page(tmp_path: Path) -> None:
     inner = re.search(r'srcdoc="([^"]*)"', scene._repr_html_())
     assert inner is not None
     assert markup.unescape(inner[1]) == scene.html()
+
+
+def test_the_same_scene_is_the_same_page_whatever_the_computer_and_the_time(sino6: Arm) -> None:
+    first, again = (scenes.arm_scene(sino6, np.zeros((1, 6))) for _ in range(2))
+    assert first.html() == again.html()
+    ids = [part["uuid"] for sent in commands(first, "set_object").values() for part in sent["object"]["geometries"]]
+    assert len(ids) == len(set(ids)) > 5
+    assert {UUID(own).node for own in ids}.isdisjoint({getnode()})
 
 
 def test_a_page_stands_alone_and_several_scenes_hold_the_viewer_once() -> None:

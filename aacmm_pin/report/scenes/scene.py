@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from uuid import UUID
 
 import numpy as np
 import umsgpack
@@ -23,6 +25,8 @@ from aacmm_pin.report.scenes.server import Server
 
 NOTEBOOK_HEIGHT = 560
 """Height of a scene in a notebook [px]."""
+AN_ID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+"""How meshcat writes the id of a geometry, a material or an object."""
 OUTERMOST = 60
 """Directions in which the points that have to be seen are looked for."""
 
@@ -108,10 +112,13 @@ class _Window:
     def __init__(self) -> None:
         self.kept: dict[tuple[str, ...], bytes] = {}
         self.listeners: list[Callable[[bytes], None]] = []
+        self.ids: dict[str, str] = {}
 
     def send(self, command: Any) -> None:
         """Called by meshcat."""
         lowered = command.lower()
+        if "object" in lowered:
+            lowered["object"] = self._numbered(lowered["object"])
         path, kind, packed = lowered["path"].rstrip("/"), lowered["type"], umsgpack.packb(lowered)
         if kind == "delete":
             self.kept = {key: data for key, data in self.kept.items() if not f"{key[0]}/".startswith(f"{path}/")}
@@ -119,6 +126,14 @@ class _Window:
             self.kept[path, kind, lowered.get("property", "")] = packed
         for listener in self.listeners:
             listener(packed)
+
+    def _numbered(self, part: Any) -> Any:
+        """The same with numbers for meshcat's ids, which hold the time and the network address of the computer."""
+        if isinstance(part, str) and AN_ID.fullmatch(part):
+            return self.ids.setdefault(part, str(UUID(int=len(self.ids) + 1)))
+        if isinstance(part, dict):
+            return {key: self._numbered(value) for key, value in part.items()}
+        return [self._numbered(value) for value in part] if isinstance(part, list) else part
 
 
 class Scene:
