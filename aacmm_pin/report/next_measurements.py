@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding
 from aacmm_pin.diagnosis.result import SETTLED, too_good
+from aacmm_pin.effects import ZeroDrift
 from aacmm_pin.planning import advice
 
 PLACE, SCALE = ("x", "y", "z"), "scale"
@@ -53,6 +54,9 @@ def next_measurements(result: Diagnosis) -> str:
         )
     if verdict == "inconclusive":
         return "more records, at other postures: something is left in the residuals that may be another cause"
+    drifts = [finding.effect for finding in findings if isinstance(finding.effect, ZeroDrift)]
+    if ends := [drift.until_s for drift in drifts if drift.until_s is not None]:
+        return f"records after {max(ends):.4g} s, by the same clock: whether the drift stops or goes on is open"
     return "nothing is open; check the extended arm on new records, over all ranges of its joints, with aacmm-pin correct"
 
 

@@ -407,6 +407,7 @@ def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
     told = constant < 3600.0
     assert (drift.until_s is None) == told
     assert told == (not any("it may stop or go on" in note for note in found.notes))
+    assert told == ("nothing is open" in found.next_measurements)
     for later in (2e4, 8e4):
         conditions = Conditions(50, time=np.full(50, later))
         off = np.linalg.norm(model.correct(q[:50], conditions) - truth.correct(q[:50], conditions), axis=1)
