@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """How a cell begins that a spreadsheet would compute, perhaps quoted already."""
+_SEPARATED, _SEPARATED_QUOTED = (re.compile(rf"([;\t]){quote}(?='*[=+\-@])") for quote in ("", "'"))
+"""The same within a cell."""
 
 _NOTHING = ("nan", "None", "<NA>", "NaT")
 """What NumPy and pandas call a value that is not there."""
@@ -68,12 +70,17 @@ def note(text: str) -> None:
 
 
 def csv_quoted(text: str) -> str:
-    """A cell of text as it stands in a CSV file: an apostrophe in front where a spreadsheet would compute it."""
+    """A cell of text as it stands in a CSV file: an apostrophe in front where a spreadsheet would compute it.
+
+    Also behind a semicolon or tab, where one that separates at these has a cell of its own.
+    """
+    text = _SEPARATED.sub(r"\1'", text)
     return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
 
 
 def csv_unquoted(cell: str) -> str:
     """The text that :func:`csv_quoted` wrote."""
+    cell = _SEPARATED_QUOTED.sub(r"\1", cell)
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 

@@ -35,6 +35,8 @@ BEST_REFERENCE = 2e-7
 """No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m]."""
 ODD_BAR = 5.0
 """A bar that is off its length by so many times what the others are may have another length."""
+OFTEN = 2
+"""More records of a posture than this, on the average, are repeated readings."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -131,8 +133,13 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     notes = list(measurements.read_as)
     if copies.size:
         notes.append(f"{copies.size} records are copies of others and count once: rows {listed(measurements.row[copies])}")
+    count = np.unique(kept.postures).size
+    if kept.n > OFTEN * count > 0:
+        notes.append(
+            f"{kept.n} records are of {count} postures: readings of one contact share its error, and count here as if they "
+            "did not; keep one of each contact, or the mean"
+        )
     if not enough_postures(kept):
-        count = np.unique(kept.postures).size
         notes.append(
             f"only {count} posture{'s' * (count != 1)} in {kept.n} record{'s' * (kept.n != 1)}: nothing can be said of what "
             "depends on posture, and no held-out validation is possible"
@@ -255,7 +262,7 @@ def notes_of(after: Fit) -> list[str]:
     elif after.unmodelled > 0:
         found.append(
             f"the records scatter more than stated: {_scatter(after)} per coordinate were added, "
-            "so the uncertainties hold for this arm with what is still wrong in it"
+            "so the uncertainties have what is still wrong in the arm as it shows in these records; elsewhere it may be more"
         )
     found += [
         *_of_bars(after),

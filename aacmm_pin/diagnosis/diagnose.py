@@ -27,7 +27,8 @@ from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.findings import UNLIKELY, estimated, findings_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, in_its_place, refitted
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, too_good
-from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, known_alone, look_alikes, strengths, visible
+from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, look_alikes, strengths, visible
+from aacmm_pin.diagnosis.undetected import Others, known_alone, others_beside
 from aacmm_pin.diagnosis.unexplained import unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Effect
@@ -169,9 +170,10 @@ def _concluded(
     unexplained = unexplained_by(choice, strong, held)
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
     structure = bool(unexplained.depends_on) or _excess(extended) > 0.0
-    shown = visible(choice)
+    shown, others = visible(choice), others_beside(choice, [finding.label for finding in findings])
+    fits = (recalibrated, extended)
     return Diagnosis(
-        verdict=verdict_of(findings, structure, unexplained.p_value, shown, (recalibrated, extended), choice.otherwise),
+        verdict=verdict_of(findings, structure, unexplained.p_value, others.probability, shown, fits, choice.otherwise),
         findings=tuple(findings),
         model=_as_found(calibrated_model(extended), findings),
         before=before,
@@ -187,6 +189,7 @@ def _concluded(
             *notes_of(extended),
             *_otherwise(choice),
             *_below_zero(findings),
+            *_beside(others),
             *_alone(choice),
             *_of_masses(findings),
             *_slopes(findings),
@@ -227,6 +230,19 @@ def _as_found(model: ErrorModel, findings: Sequence[Finding]) -> ErrorModel:
     found = {finding.effect.identity: finding.effect for finding in findings}
     each = ((e, found.get(e.identity, e)) for e in model.effects)
     return replace(model, effects=tuple(replace(f, values=e.values, u=e.u, inner_u=e.inner_u) for e, f in each))
+
+
+def _beside(others: Others) -> list[str]:
+    """What acts beside the causes that were found, if that is likelier than not."""
+    if others.probability < 0.5:
+        return []
+    each = [
+        f"{other.label} ({other.probability:.2g}"
+        + f"; {other.changed} would change by {other.change:.2g} u)" * (other.change > 0)
+        for other in others.likeliest
+    ]
+    such = f", such as {listed(each, 'or')}" if each else ""
+    return [f"with probability {others.probability:.2g} something acts that was not surely enough found to be named{such}"]
 
 
 def _alone(choice: Choice) -> Iterator[str]:

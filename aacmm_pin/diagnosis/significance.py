@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from scipy.special import expit, logsumexp
 
 from aacmm_pin._support.checks import Array
@@ -36,9 +35,6 @@ UNSEEN = 10.0
 """Structure of which only the scatter is seen counts as spread over so many directions, as many as a smooth function has."""
 TOLD = 0.95
 """Causes of usual size are told apart where the true one is expected to be at least this probable beside the other."""
-
-ALONE = 3.0
-"""Values whose u is more than so many times as large beside another cause of usual size are told to rest on its absence."""
 
 
 @dataclass(frozen=True)
@@ -309,25 +305,6 @@ def look_alikes(choice: Choice) -> list[tuple[str, str]]:
     alike = np.triu(0.5 * np.minimum(apart, apart.T) < np.log(TOLD / (1.0 - TOLD)), 1)
     owners = [names[question.owner(k)] for k in shown]
     return [(owners[i], owners[j]) for i, j in np.argwhere(alike)]
-
-
-def known_alone(choice: Choice) -> Iterator[tuple[Effect, Effect, float]]:
-    """Causes whose values are known by far better than if another of usual size acted at the same angle too, that other, and
-    by how much: the largest ratio of u (JCGM 101, with the other as one more input).
-    """
-    left, question = choice.left, choice.question
-    by_angle = [k for k in choice.causes if choice.variant(k).contained_in]
-    for k, other in product(by_angle, range(len(question.owners))):
-        variants = choice.library[question.owner(other)] if question.owner(other) < choice.design.causes else ()
-        one = choice.variant(k)
-        if other in choice.admitted or len(variants) != 1 or not variants[0].contained_in or variants[0].place != one.place:
-            continue
-        block, own = question.blocks[other], left.projection.places[k]
-        along = left.projection.along(block.columns)[own]
-        more = along @ np.linalg.solve(left.information(block) + np.eye(block.size), along.T)
-        ratio = float(np.sqrt(1.0 + scipy.linalg.eigh(more, left.covariance[own, own], eigvals_only=True).max()))
-        if ratio > ALONE:
-            yield one, variants[0], ratio
 
 
 def visible(choice: Choice) -> tuple[int, int]:

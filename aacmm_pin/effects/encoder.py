@@ -410,6 +410,8 @@ class EncoderSlip(Effect):
     def share(self, records: Records) -> float:
         """Half by the records, as when it is knocked in use, half by the time of the gap, as when it is carried around."""
         times = records.conditions.times
+        if times.size < 2:  # of one that is known
+            return 1.0
         return 1.0 / min(times.size - 1, SLIPS) + self.step_width(records) / float(np.ptp(times))
 
     def step_width(self, records: Records) -> float:

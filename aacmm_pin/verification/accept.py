@@ -247,7 +247,7 @@ def accept(
         check_unit(sets[first])
     except AacmmError as error:
         raise AacmmError(f"{path}: {first}: {error}") from None
-    found = [*doubts(first, sets[first])]
+    found = [*doubts(first, sets[first], measuring_range)]
     for source, touches in sets.items():
         for definition in wanted:
             of_test = touches[touches["test"] == definition.test]

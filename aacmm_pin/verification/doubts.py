@@ -16,6 +16,8 @@ from aacmm_pin.verification.spheres import LEAST, FittedSphere, fitted_sphere
 
 ROUNDED = 5e-7
 """Coordinates that differ by no more are those of a copy that is rounded to a micrometre, or more finely [m]."""
+PART_OF_RANGE = 0.1
+"""Positions of a test are spread over more of the measuring range than this."""
 CLOSE = 3e-3
 """Touches of a test that are all closer together than this may be coordinates in another unit [m]."""
 OTHER_UNIT = 2.0
@@ -54,16 +56,22 @@ def check_unit(touches: pd.DataFrame) -> None:
             )
 
 
-def doubts(source: str, touches: pd.DataFrame) -> Iterator[str]:
-    """Notes on the touches of one set of coordinates."""
+def doubts(source: str, touches: pd.DataFrame, measuring_range: float | None = None) -> Iterator[str]:
+    """Notes on the touches of one set of coordinates; ``measuring_range`` of the arm [m], None where not given."""
     at = touches[["x", "y", "z"]]
     nearest = scipy.spatial.KDTree(at).query(at, 2, p=np.inf, distance_upper_bound=ROUNDED)[0][:, 1]  # inf where farther
     if alike := int(np.isfinite(nearest).sum()):
         yield f"{source}: {alike} of {len(at)} touches have the coordinates of another one; a copy says nothing of the arm"
     for test, of_test in touches.groupby("test", sort=False):
         extent = float(np.ptp(of_test[["x", "y", "z"]].to_numpy(), axis=0).max())
-        if extent < CLOSE and (of_test["position"].nunique() > 1 or test != "single-point"):
+        several = of_test["position"].nunique() > 1
+        if extent < CLOSE and (several or test != "single-point"):
             yield f"{source}: all touches of {test} are within {extent / MM:.3g} mm; are the coordinates in mm?"
+        elif several and measuring_range is not None and extent < PART_OF_RANGE * measuring_range:
+            yield (
+                f"{source}: all touches of {test} are within {extent / MM:.3g} mm, the measuring range is "
+                f"{measuring_range / MM:.4g} mm; are the coordinates in mm, and the positions spread over the range?"
+            )
         if test == "single-point":
             yield from (f"{source}: {text}" for text in _too_small(of_test))
         found = [*_spheres(of_test)]

@@ -23,8 +23,10 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
 from aacmm_pin.diagnosis.evidence import LARGE, MAGNITUDES, Scatter, evidence_of
+from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, _finding
 from aacmm_pin.diagnosis.significance import Alias
+from aacmm_pin.diagnosis.undetected import _change, others_beside
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import (
     BaseCompliance,
@@ -236,6 +238,8 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
         ("inconclusive", [finding(0.99)], False, 90, fit, 1e-5),
         ("no-discrepancy", [], False, 90, fit, 1e-5),
         ("inconclusive", [], False, 90, fit, 1e-9),
+        ("inconclusive", [finding(0.99)], False, 90, fit, 0.5, 0.9),
+        ("inconclusive", [], False, 90, fit, 0.5, 0.9),
         ("explained", [finding(0.99, None)], False, 90, fit),
         ("inconclusive", [finding(0.99, -0.01)], False, 90, fit),
         ("explained", [finding(0.99, effect=JointCompliance(2, values=(-1e-6,), u=(1e-6,)))], False, 90, fit),
@@ -252,8 +256,9 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
         ("unexplained", [], True, 90, seven),
         ("explained", [finding(0.99)], False, 90, six),
     ]
-    for verdict, findings, structure, seen, at, *p_left in cases:
-        assert verdict_of(findings, structure, (p_left or [0.5])[0], (seen, 100), (fit, at)) == verdict
+    for verdict, findings, structure, seen, at, *given in cases:
+        p_left, p_more = [*given, *(0.5, 0.7)[len(given) :]]
+        assert verdict_of(findings, structure, p_left, p_more, (seen, 100), (fit, at)) == verdict
 
 
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6: Arm) -> None:
@@ -414,6 +419,44 @@ def test_a_drift_that_records_show_as_a_slope_may_stop_or_go_on(
         u = accuracy_volume(model, q[:50], conditions=conditions, method="ellipsoid", encoder_noise=0.0).u
         assert np.sqrt(np.mean((off / u) ** 2)) < 2.0
         assert bool(model.odd_readings(q[:50], conditions)) != told
+
+
+def test_a_known_slip_beside_a_clock_that_stands(sino6: Arm) -> None:
+    """All records are of one time, behind the slip."""
+    known = ErrorModel(sino6, (EncoderSlip(joint=4, time_s=3000.0, values=(3e-4,), u=(5e-6,)),))
+    rng, conditions = np.random.default_rng(5), Conditions(60, time=np.full(60, 5000.0))
+    q = random_postures(sino6, 60, rng)
+    data = Measurements.of(q, known.predict(q, conditions) + rng.normal(0.0, 1.2e-5, (60, 3)), conditions=conditions)
+    found = diagnose(known, data, **NOISE, progress=False)
+    assert not found.findings
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_what_may_act_beside_a_cause_is_told_with_what_it_would_change(sino6: Arm, seed: int) -> None:
+    """A compliance and an eccentricity of one joint, at four places: by a refit with the other admitted too."""
+    rng = np.random.default_rng(seed)
+    truth = ErrorModel(
+        sino6, (JointCompliance(2, values=(2.5e-5,)), EncoderEccentricity(2, values=tuple(3e-5 * rng.standard_normal(2))))
+    )
+    data = simulate_measurements(truth, "seats", 120, rng=rng, **NOISE)
+    found = diagnose(ErrorModel(sino6), data, **NOISE, progress=False)
+    choice, named = found.choice, [finding.label for finding in found.findings]
+    others = others_beside(choice, named)
+    odds = choice.question.odds(choice.question.without(choice.question.struck_out(choice.admitted), choice.left.evidences))
+    assert others.probability == pytest.approx(1.0 / (1.0 + np.exp(-np.logaddexp.reduce(odds))))
+    block = choice.question.best_blocks(choice.left.evidences)[choice.design.names.index("encoder_gain:2")]
+    size = choice.question.blocks[block].size
+    own = choice.causes[0]
+    both = Projection(choice.gram, (*choice.admitted, block))
+    bare = choice.left.projection
+    # The other one with its usual size as one more observation of zero, as a least squares problem of its own.
+    normal = np.linalg.inv(both.covariance) / choice.left.variance
+    right = normal @ both.solution()
+    where = both.places[block]
+    normal[where, where] += np.eye(size)
+    step = np.linalg.solve(normal, right)[both.places[own]] - bare.solution()[bare.places[own]]
+    u = np.sqrt(np.diag(choice.left.covariance)[bare.places[own]])
+    assert _change(choice, own, block) == pytest.approx(np.abs(step / u).max(), rel=1e-3)
 
 
 @pytest.mark.parametrize(("seed", "step"), [(0, 2.5e-4), (2, 4e-5)])

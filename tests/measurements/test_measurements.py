@@ -685,14 +685,15 @@ def test_what_people_see(full: Measurements) -> None:
 def test_cells_that_a_spreadsheet_would_compute_are_quoted_and_read_back(tmp_path: Path) -> None:
     """Labels, unknown columns and their names; what is a number stays one."""
     labels = ["=1+1", "+cmd", "-x", "@sum", "\tt", "'=q", "''-q", "'plain", "-", "-1.5", "+2", "1e3", "plain"]
-    extra = pd.DataFrame({"=name": labels, "self": labels, "number": np.arange(13) - 6.5})
-    data = Measurements.of(np.arange(26.0).reshape(13, 2) / 10, operator=labels, extra=extra)
+    labels += ["S3;=1+1", "a\t'@b;'c", "; ;-1"]
+    extra = pd.DataFrame({"=name": labels, "self": labels, "number": np.arange(16) - 6.5})
+    data = Measurements.of(np.arange(32.0).reshape(16, 2) / 10, operator=labels, extra=extra)
     data.save(tmp_path / "a.csv")
     with open(tmp_path / "a.csv", encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     cells = {cell for row in rows for cell in row} | set(header)
     assert {"'=1+1", "'+cmd", "'-x", "'@sum", "''=q", "'''-q", "'plain", "'-", "'=name", "-1.5", "+2", "-6.5"} <= cells
-    assert not [cell for cell in cells if re.match(r"[=+@\t-](?![\d.])", cell)]
+    assert not [part for cell in cells for part in re.split("[;\t]", cell) if re.match(r"[=+@\t-](?![\d.])", part)]
     read = Measurements.read(tmp_path / "a.csv")
     assert read.operator is not None
     assert list(read.operator) == labels == list(read.extra["=name"]) == list(read.extra["self"])

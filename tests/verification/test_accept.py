@@ -467,6 +467,10 @@ def test_single_points_in_another_unit_are_noted(data: Path) -> None:
             data, index=False
         )
         assert any("single-point" in note for note in accept(data).notes) == noted
+    inches = {c: table[c].where(~at, table[c] / 25.4) for c in ("x_mm", "y_mm", "z_mm")}
+    for assigned, noted in (({}, False), (inches, True)):
+        table.assign(**assigned).to_csv(data, index=False)
+        assert any("the measuring range is" in note for note in accept(data, measuring_range=2.0).notes) == noted
     one = at & (table["position"] == 1)
     table.assign(**{c: table[c].where(~one, table[c] * 1e-3) for c in ("x_mm", "y_mm", "z_mm")}).to_csv(data, index=False)
     assert any("position 1: all touches" in note for note in accept(data).notes)
