@@ -36,7 +36,7 @@ BEST_REFERENCE = 2e-7
 ODD_BAR = 5.0
 """A bar that is off its length by so many times what the others are may have another length."""
 OFTEN = 2
-"""More records of a posture than this, on the average, are repeated readings."""
+"""More records of a posture, one after the other, than this on the average are readings of one contact."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -133,13 +133,14 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     notes = list(measurements.read_as)
     if copies.size:
         notes.append(f"{copies.size} records are copies of others and count once: rows {listed(measurements.row[copies])}")
-    count = np.unique(kept.postures).size
-    if kept.n > OFTEN * count > 0:
+    held = 1 + np.count_nonzero(np.diff(kept.postures))
+    if kept.n > OFTEN * held:
         notes.append(
-            f"{kept.n} records are of {count} postures: readings of one contact share its error, and count here as if they "
-            "did not; keep one of each contact, or the mean"
+            f"{kept.n} records are of {held} postures that were held: readings of one contact share its error, and count "
+            "here as if they did not; keep one of each contact, or the mean"
         )
     if not enough_postures(kept):
+        count = np.unique(kept.postures).size
         notes.append(
             f"only {count} posture{'s' * (count != 1)} in {kept.n} record{'s' * (kept.n != 1)}: nothing can be said of what "
             "depends on posture, and no held-out validation is possible"

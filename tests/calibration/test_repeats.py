@@ -90,6 +90,8 @@ def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.G
         again[xyz] += rng.normal(0.0, 0.01, (40, 3))
         repeats.append(again)
     records = Measurements.from_frame(pd.concat(repeats, ignore_index=True))
+    held = records.take(np.argsort(records.postures, kind="stable"))
+    assert [any("that were held" in note for note in counted_once(each)[1]) for each in (records, held)] == [False, True]
     postures = records.postures
     assert postures.tolist() == list(range(40)) * 4
     result = calibrate(sino6, records, hold_out=False, progress=False)
