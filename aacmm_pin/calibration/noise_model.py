@@ -200,11 +200,16 @@ def _of_seats(
 
 
 def _bars(measurements: Measurements, setup: Setup, number: dict[str, int]) -> tuple[Index, Array, Array]:
-    """Numbers of the seats at both ends of each bar (b, 2), the lengths and their standard uncertainties (b,) [m]."""
+    """Numbers of the seats at both ends of each bar (b, 2), the lengths and their standard uncertainties (b,) [m].
+
+    Bars that state the very same are one bar at n places, which have its error in common: with √n times u each, their mean
+    has u, whether that is so or not.
+    """
     bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
     ends = np.array([(number[b.seat_a], number[b.seat_b]) for b in bars], dtype=np.intp).reshape(-1, 2)
-    length = np.array([b.length for b in bars])
-    return ends, length, np.array([max(_length_u(b, setup), LEAST) for b in bars])
+    stated = np.array([(b.length, max(_length_u(b, setup), LEAST)) for b in bars]).reshape(-1, 2)
+    _, alike, count = np.unique(stated, axis=0, return_inverse=True, return_counts=True)
+    return ends, stated[:, 0], stated[:, 1] * np.sqrt(count[alike.ravel()])
 
 
 def _length_u(bar: Bar, setup: Setup) -> float:

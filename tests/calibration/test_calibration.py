@@ -196,6 +196,18 @@ def test_seats_and_bars(sino6: Arm, rng: np.random.Generator, plan: str) -> None
     assert result.p_value > 1e-4
 
 
+def test_the_error_of_a_bar_is_common_to_all_its_places(sino6: Arm, rng: np.random.Generator) -> None:
+    """No length of the arm is known better than the one bar that tells its size."""
+    data = simulate_measurements(sino6, "ball-bar", 300, rng=rng, reference_noise=0.0, probe_noise=5e-6, bar_length=0.5)
+    data = replace(data, bar_length_u=np.where(np.isnan(data.bar_length), np.nan, 3e-5))
+    assert len(data.bars()) > 3
+    model = quick(sino6, data, prior=False, probe_noise=5e-6).model
+    one, other = (data.q[data.conditions.seat == seat][:1] for seat in data.bars()[0][1:3])
+    along = (model.predict(one) - model.predict(other))[0] / 0.5
+    by = along @ (model.sensitivity(one) - model.sensitivity(other))[0]
+    assert 3e-5 < np.sqrt(by @ model.covariance() @ by) < 4.5e-5
+
+
 def test_an_unknown_frame_and_what_it_hides(sino6: Arm, rng: np.random.Generator) -> None:
     data, errors = free_points(sino6, rng)
     turn = Rotation.from_rotvec([0.4, -0.2, 1.1]).as_matrix()
