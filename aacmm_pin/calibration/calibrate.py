@@ -6,8 +6,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support.checks import Index
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import DEG, MM, UM
@@ -19,10 +21,10 @@ from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
-from aacmm_pin.calibration.parameters import ASSEMBLED, found_anew, lengths_untold, problem_of
+from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
-from aacmm_pin.effects import Effect
+from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.effects.conditions import WARMER
 from aacmm_pin.effects.error_model import ErrorModel, require_shown
 from aacmm_pin.effects.state import State
@@ -125,7 +127,8 @@ def calibrate(
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     """The records without copies of others, and words for which these were, how the file was read, and too few postures.
 
-    See :meth:`Measurements.copies`; ``row`` still has the line of each record in the file.
+    See :meth:`Measurements.copies`; ``row`` still has the line of each record in the file. Records without a seat that state
+    the very same coordinates are of one measurement of one place, and get a seat.
     """
     of = measurements.copies()
     copies = np.flatnonzero(of != np.arange(measurements.n))
@@ -133,6 +136,12 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     notes = list(measurements.read_as)
     if copies.size:
         notes.append(f"{copies.size} records are copies of others and count once: rows {listed(measurements.row[copies])}")
+    kept, seated = _seated(kept)
+    if seated.size:
+        notes.append(
+            f"{seated.size} records without a seat have the very same coordinates as others, and count as touches of one "
+            f"seat with these: rows {listed(kept.row[seated])}"
+        )
     held = 1 + np.count_nonzero(np.diff(kept.postures))
     if kept.n > OFTEN * held:
         notes.append(
@@ -153,7 +162,7 @@ def _references_in_other_unit(after: Fit) -> list[str]:
     known = after.used & after.problem.measurements.known
     if not known.any():
         return []
-    u = float(np.median(reference_u(after.problem.measurements, after.problem.setup, after.unmodelled)[known]))
+    u = float(np.median(reference_u(after.problem.measurements, after.problem.setup, np.nan)[known]))  # nan: not stated
     off = float(np.sqrt(np.mean(np.square(after.solution.system.deviation[known]))))
     small, large = u < BEST_REFERENCE and u < off / OTHER_UNIT, off < u / OTHER_UNIT
     if not (small or large):
@@ -162,6 +171,25 @@ def _references_in_other_unit(after: Fit) -> list[str]:
         f"the uncertainty of the references is stated as {u / MM:.2g} mm, {off / u if small else u / off:.0f} times "
         f"{'less' if small else 'more'} than their residuals, {off / MM:.2g} mm: is it in another unit?"
     ]
+
+
+def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
+    """The same, with a seat for the records without one that repeat the coordinates of others; and which these are."""
+    n, labels = measurements.n, measurements.conditions.seat
+    seat = np.full(n, "", dtype=object) if labels is None else labels.copy()
+    places = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known].groupby([0, 1, 2], sort=False)
+    found = []
+    for _, of_place in places:
+        alone = of_place.index[of_place["seat"] == ""].to_numpy()
+        # Of two without a seat, one may have the coordinates of the other by mistake.
+        if alone.size and len(of_place) >= (SEVERAL if alone.size == len(of_place) else 2):
+            at = ", ".join(f"{x / MM:.6g}" for x in measurements.reference[alone[0]])
+            own = next(filter(None, of_place["seat"]), f"at {at} mm")
+            seat[alone] = own
+            found += alone.tolist()
+    if not found:
+        return measurements, np.zeros(0, dtype=np.intp)
+    return replace(measurements, conditions=replace(measurements.conditions, seat=seat)), np.sort(found)
 
 
 def _of_bars(after: Fit) -> list[str]:
@@ -208,7 +236,9 @@ def _of_conditions(after: Fit) -> list[str]:
 
 def _of_target(after: Fit) -> list[str]:
     """That an unknown target without a label becomes the tip of the arm."""
-    offsets = [effect for effect in after.solution.effects if found_anew(effect, after.problem.setup)]
+    if after.problem.setup.target != "unknown":
+        return []
+    offsets = [effect for effect in after.solution.effects if isinstance(effect, StylusOffset) and effect.marker is None]
     return [
         f"the target is {np.linalg.norm(offset.values) / MM:.4g} mm from the tip of {after.problem.model.arm.name}, and is "
         "the tip of the calibrated arm; with a label in the column marker the tip stays where it was"
@@ -260,6 +290,11 @@ def notes_of(after: Fit) -> list[str]:
         scatter = f"{_scatter(after)} of scatter per coordinate were found beside what is stated"
         enough = "what is stated of it is enough for these records, and none was added"
         found.append(f"noise {what} not given: {scatter if after.scatters else enough}")
+        if setup.reference_noise is None and np.isfinite(after.observations.stated).any():
+            found.append(
+                "what the touches of a seat share, such as an error of its coordinates, does not show in their scatter, and "
+                "is not in U unless it is stated (--reference-noise-mm, u_x_mm …)"
+            )
     elif after.unmodelled > 0:
         found.append(
             f"the records scatter more than stated: {_scatter(after)} per coordinate were added, "

@@ -22,7 +22,11 @@ LEAST = 1e-12
 """A standard uncertainty of zero counts as this, so that it can be divided by [m]."""
 SAME = 1e-9
 """Coordinates that differ by less are the same whatever their uncertainty [m]."""
-
+MEASURED, ROUNDED = 1 / 3, 2.0
+"""Coordinates of a seat that differ by less than so many standard uncertainties are the same: where each may be a record's
+own; where records repeat them."""
+REPEATED = 2
+"""As many records of a seat as this for each of its coordinates, on the average, repeat them."""
 CONTRADICTING = 10.0
 """Coordinates of one seat that are so many standard uncertainties apart are not of one point; the noise of 100 gives 6."""
 
@@ -95,12 +99,16 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
 
     A seat whose records state the same coordinates, if they state any, was measured once, and a record of it without
     coordinates was there too; a seat without coordinates is an unknown point. A record whose coordinates are its own stands
-    for itself, even at a seat. Coordinates that differ by less than a third of their uncertainty are the same. The scatter
-    of each coordinate that the stated noise does not explain stands in for a noise that is not stated [m].
+    for itself, even at a seat: where the records of a seat repeat its coordinates, those that are off by more than twice the
+    uncertainty, for less may be rounding; elsewhere all, unless they differ by less than a third of it. The scatter of each
+    coordinate that the stated noise does not explain stands in for a noise that is not stated [m].
     """
     known, contact = measurements.known, setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)
+    repeated, loose = _repeated(measurements, setup)
+    seat = np.where(loose, -1, seat)
     at, at_u, mixed = _of_seats(measurements, setup, reference_u(measurements, setup, scatter), seat, len(labels))
+    mixed &= ~repeated
     # A seat whose records state coordinates of their own is none.
     number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
     seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
@@ -136,7 +144,8 @@ def contradictions(measurements: Measurements, setup: Setup, scatter: float) -> 
     for label, records in stating.items():
         at = measurements.reference[records]
         over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME)
-        if over_u.max() > CONTRADICTING:
+        repeated = len(at) >= REPEATED * len(np.unique(at, axis=0))
+        if over_u.max() > (ROUNDED if repeated else CONTRADICTING):
             ends = records[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
             rows = " and ".join(str(row) for row in np.sort(measurements.row[ends]))
             apart = np.linalg.norm(np.diff(measurements.reference[ends], axis=0)) / MM
@@ -194,22 +203,38 @@ def _of_seats(
     mean, high, low = (of_each(measurements.reference, what) for what in ("mean", "max", "min"))
     least = of_each(np.where(np.isfinite(measurements.reference_u), measurements.reference_u, np.inf), "min").min(axis=1)
     least = np.where(np.isfinite(least), least, setup.reference_noise or 0.0)
-    mixed = np.asarray((high - low).max(axis=1) > np.maximum(SAME, least / 3))
-    stated = np.where(mixed, np.nan, 1.0)[:, None]
-    return mean * stated, of_each(u, "max") * stated, mixed
+    mixed = np.asarray((high - low).max(axis=1) > np.maximum(SAME, MEASURED * least))
+    return mean, of_each(u, "max"), mixed
+
+
+def _repeated(measurements: Measurements, setup: Setup) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Seats whose records, on the average, repeat each of their coordinates (s,); records of these that have others (n,)."""
+    seats = [of_seat[measurements.known[of_seat]] for of_seat in measurements.seats().values()]
+    repeated, loose = np.zeros(len(seats), dtype=bool), np.zeros(measurements.n, dtype=bool)
+    for number, rows in enumerate(seats):
+        at = measurements.reference[rows]
+        kinds, times = np.unique(at, axis=0, return_counts=True)
+        if 0 < REPEATED * len(kinds) <= len(at):
+            repeated[number] = True
+            stated = measurements.reference_u[rows]
+            least = float(np.min(stated[np.isfinite(stated)], initial=np.inf))
+            u = least if np.isfinite(least) else setup.reference_noise or 0.0
+            loose[rows] = np.abs(at - kinds[times.argmax()]).max(axis=1) > max(SAME, ROUNDED * u)
+    return repeated, loose
 
 
 def _bars(measurements: Measurements, setup: Setup, number: dict[str, int]) -> tuple[Index, Array, Array]:
     """Numbers of the seats at both ends of each bar (b, 2), the lengths and their standard uncertainties (b,) [m].
 
     Bars that state the very same are one bar at n places, which have its error in common: with √n times u each, their mean
-    has u, whether that is so or not.
+    has u, whether that is so or not. A u that is not stated is a guess, large enough for each.
     """
     bars = [b for b in measurements.bars() if b.seat_a in number and b.seat_b in number]
     ends = np.array([(number[b.seat_a], number[b.seat_b]) for b in bars], dtype=np.intp).reshape(-1, 2)
     stated = np.array([(b.length, max(_length_u(b, setup), LEAST)) for b in bars]).reshape(-1, 2)
     _, alike, count = np.unique(stated, axis=0, return_inverse=True, return_counts=True)
-    return ends, stated[:, 0], stated[:, 1] * np.sqrt(count[alike.ravel()])
+    guessed = np.array([setup.length_noise is None and not np.isfinite(b.u) for b in bars], dtype=bool)
+    return ends, stated[:, 0], stated[:, 1] * np.where(guessed, 1.0, np.sqrt(count[alike.ravel()]))
 
 
 def _length_u(bar: Bar, setup: Setup) -> float:

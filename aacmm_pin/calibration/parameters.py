@@ -48,16 +48,16 @@ def problem_of(
         UnknownNameError: no such set of parameters.
         AacmmError: nothing to estimate, or the same twice.
     """
-    chosen: list[_Unknown] = _of_target(measurements, setup.target)
     items = [parameters] if isinstance(parameters, str) else list(parameters)
+    # A value that is asked for by itself, with a width of its own, stands in its own place.
     asked = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
+    chosen = [unknown for unknown in _of_target(measurements, setup.target) if unknown[0].label not in asked]
     for item in items:
         if isinstance(item, Effect):
             chosen.append(_of_effect(item))
         elif item == "zero-offsets":
             chosen += [_geometric(model.arm, JointZeroOffset(row), setup.prior) for row in _moving_rows(model.arm)]
         elif item == "geometry":
-            # A value that is asked for by itself, with a width of its own, stands in its own place.
             chosen += [unknown for unknown in _geometry(model.arm, setup) if unknown[0].label not in asked]
         else:
             raise UnknownNameError("set of parameters", str(item), [*get_args(ParameterSet), "an Effect"])
@@ -176,9 +176,10 @@ def _turned_targets(measurements: Measurements) -> tuple[str, ...]:
     return tuple(dict.fromkeys((np.full(measurements.n, "") if marker is None else marker)[oriented].tolist()))
 
 
-def found_anew(effect: Effect, setup: Setup) -> bool:
-    """Whether it is where the target sits, which is unknown."""
-    return setup.target == "unknown" and isinstance(effect, StylusOffset) and effect.marker is None
+def found_anew(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
+    """Whether it is where a target of the records sits, and that is unknown: no u is stated that counts."""
+    told = isinstance(effect, StylusOffset) and effect.marker is not None and setup.prior and any(effect.u)
+    return not told and effect.label in {unknown.label for unknown, _, _ in _of_target(measurements, setup.target)}
 
 
 def _of_target(measurements: Measurements, target: Target) -> list[_Unknown]:

@@ -158,8 +158,8 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
         return
     if elsewhere := _other_targets(model, records.conditions):
         of_tip = ~np.isin(records.conditions.require("marker", "correct").astype(str), elsewhere)
-        left = f"their {len(of_tip) - of_tip.sum()} references, bar ends and seats are not compared"
-        note(f"note: the coordinates are of the tip; the targets {', '.join(elsewhere)} are elsewhere, so {left}")
+        left = f"{len(of_tip) - of_tip.sum()} references, bar ends and seats of the targets {', '.join(elsewhere)}"
+        note(f"note: {left} are not compared, for these are not at the tip")
         records, tips = records.take(of_tip), tips[of_tip]
     # Geometry alone, where nobody says what was before: the file may know the effects together with it.
     if before is not None:

@@ -50,7 +50,7 @@ def candidates(
         label = require_row(effect, arm).label
         of_label[label] = tuple(dict.fromkeys((*of_label.get(label, ()), effect.at(()))))
     changes, taken = [], {effect.identity for effect in model.effects}
-    for effect in known_causes(model, problem.setup):
+    for effect in known_causes(model, measurements, problem.setup):
         others = (*(of_label.get(effect.label, ()) if effect.inner else ()), *effect.other_loads(arm))
         new = [other for other in others if other.identity not in taken]  # of several known ones, with the first
         taken.update(other.identity for other in new)
@@ -58,9 +58,10 @@ def candidates(
     return [*changes, *(variants for label, variants in of_label.items() if label not in known)]
 
 
-def known_causes(model: ErrorModel, setup: Setup) -> list[Effect]:
+def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
     """The causes that the arm is known to have, with a stated uncertainty that counts."""
-    return [effect for effect in model.effects if setup.prior and any(effect.u) and not found_anew(effect, setup)]
+    stated = (effect for effect in model.effects if setup.prior and any(effect.u))
+    return [effect for effect in stated if not found_anew(effect, setup, measurements)]
 
 
 def _of_set_up(arm: Arm, measurements: Measurements, problem: Problem) -> Iterator[Effect]:

@@ -134,8 +134,10 @@ def _extensible(model: ErrorModel, measurements: Measurements, setup: Setup) -> 
     """The calibration problem with some causes estimated too. What the arm is known to have is refitted with the geometry,
     within what is stated of it; freely where nothing is, or where it is itself among the causes, for it may have changed.
     """
-    known = {effect.identity: effect for effect in known_causes(model, setup)}
-    others = (effect for effect in model.effects if effect.identity not in known and not found_anew(effect, setup))
+    known = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
+    others = (
+        effect for effect in model.effects if effect.identity not in known and not found_anew(effect, setup, measurements)
+    )
     untold = [effect.at(effect.values, free(effect).u) for effect in others]
     held = length_held(problem_of(model, measurements, ["geometry", *untold, *known.values()], setup))
     setup = replace(setup, held=held)

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.plausible import LARGEST_ANGLE, LATEST
@@ -421,13 +422,17 @@ class EncoderSlip(Effect):
         return float(times[behind] - times[behind - 1]) if 0 < behind < times.size else 0.0
 
     def to_be_told(self, conditions: Conditions) -> list[str]:
-        """That it had not slipped yet by the time of some records, which may be that of another clock."""
-        if not (before := int((self.part(conditions) == 0.0).sum())) or not self.sessions:
-            return []
-        return [
-            f"{before} of {conditions.n} records are before {self.label} by the clock of the session in which it slipped "
-            f"({self.time_s:.4g} s); a later session needs a label of its own in the column session"
-        ]
+        """That records are before it, by a clock that may be another; and that some count as later by their session."""
+        found = []
+        if self.sessions and (before := int((self.part(conditions) == 0.0).sum())):
+            found.append(
+                f"{before} of {conditions.n} records are before {self.label} by the clock of the session in which it "
+                f"slipped ({self.time_s:.4g} s); a later session needs a label of its own in the column session"
+            )
+        if (later := self._of_later_session(conditions)).any():
+            own = ", ".join(map(repr, dict.fromkeys(conditions.require("session", self.label)[later])))
+            found.append(f"{later.sum()} of {conditions.n} records are later than {self.label} by their session, {own}")
+        return found
 
     @property
     def open_questions(self) -> tuple[Effect, ...]:
@@ -439,13 +444,19 @@ class EncoderSlip(Effect):
 
     def part(self, conditions: Conditions) -> Array:
         """(n,) 0 before it, 1 after it, a half where nobody knows."""
-        labels = conditions.session if self.sessions else None
-        later = np.zeros(conditions.n, dtype=bool) if labels is None else ~np.isin(labels.astype(str), self.sessions)
+        later = self._of_later_session(conditions)
         if conditions.n and later.all():
             return np.ones(conditions.n)
         or_else = " (or, in a later session, a label of its own in the column session)" if self.sessions else ""
         time, (low, high) = conditions.require("time", self.label + or_else), self.between_s or (self.time_s, self.time_s)
         return np.where(later | (time >= high), 1.0, np.where((low < time) & (time < high), 0.5, time >= self.time_s))
+
+    def _of_later_session(self, conditions: Conditions) -> NDArray[np.bool_]:
+        """(n,) True where the label of the session is none of its own; a record without a label goes by the clock."""
+        labels = conditions.session if self.sessions else None
+        if labels is None:
+            return np.zeros(conditions.n, dtype=bool)
+        return np.asarray((labels != "") & ~np.isin(labels.astype(str), self.sessions))
 
     def displacements(self, state: State) -> list[Displacement]:
         """One from the time on; a half where it is not known."""

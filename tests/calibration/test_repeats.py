@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -78,6 +79,20 @@ def test_what_makes_a_copy() -> None:
     kept, notes = counted_once(records.take([0, 2, 1]))
     assert kept.row.tolist() == [2, 4]
     assert "rows 3" in notes[0]
+
+
+def test_places_that_several_records_state_to_the_last_digit_are_seats(sino6: Arm, rng: np.random.Generator) -> None:
+    """Without the column ``seat``, or where one of its cells is empty, all is as with it."""
+    data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
+    seat = data.conditions.seat
+    assert seat is not None
+    wanted = calibrate(sino6, data, hold_out=False, progress=False)
+    for labels in (None, np.where(np.arange(60) % 7, seat, "")):
+        file = replace(data, conditions=replace(data.conditions, seat=labels))
+        found = calibrate(sino6, file, hold_out=False, progress=False)
+        np.testing.assert_allclose(found.parameters["u"], wanted.parameters["u"], rtol=1e-6)
+        assert any("without a seat have the very same coordinates" in note for note in found.notes)
+    assert counted_once(data) == (data, [])
 
 
 def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.Generator) -> None:

@@ -17,7 +17,7 @@ from aacmm_pin.calibration import solver
 from aacmm_pin.calibration.cross_validation import distances
 from aacmm_pin.calibration.fit import _variance_component, deleted_distances
 from aacmm_pin.calibration.identifiability import Observability
-from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
+from aacmm_pin.calibration.noise_model import NoiseModel, contradictions, observations_of
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
@@ -176,6 +176,23 @@ def test_coordinates_of_a_seat_that_hardly_differ_are_the_same(sino6: Arm) -> No
         points = np.array([[0.5, 0.0, 0.0], [0.5 + apart * 1e-5, 0.0, 0.0]])
         records = Measurements.of(np.zeros((2, 6)), points, np.full((2, 3), u), conditions=seats)
         assert observations_of(records, Setup.of(sino6, reference_noise=noise), 0.0).labels == labels
+
+
+@pytest.mark.parametrize(("apart", "loose"), [(3e-6, False), (1.9e-5, False), (2.1e-5, True), (3e-3, True)])
+def test_a_seat_of_which_some_records_are_rounded_or_wrong_was_measured_once(sino6: Arm, apart: float, loose: bool) -> None:
+    """Coordinates that records repeat are of one measurement, beside those of a record that are far from them; where each
+    has its own, these are of many."""
+    seats, noise = Conditions(8, seat=np.full(8, "A", dtype=object)), Setup.of(sino6, reference_noise=1e-5)
+    points = np.tile([0.5, 0.0, 0.0], (8, 1))
+    points[5, 0] += apart
+    own = points.copy()
+    own[:, 0] = 0.5 + np.linspace(0.0, apart, 8)
+    records = Measurements.of(np.zeros((8, 6)), points, conditions=seats)
+    found = observations_of(records, noise, 0.0)
+    assert found.seat.tolist() == np.where(loose & (np.arange(8) == 5), -1, 0).tolist()
+    assert abs(found.stated[0, 0] - 0.5 - (not loose) * apart / 8) < 1e-12
+    assert len(contradictions(records, noise, 0.0)) == loose
+    assert observations_of(replace(records, reference=own), noise, 0.0).labels == (("A",) if apart == 3e-6 else ())
 
 
 def test_distances_at_unknown_seats() -> None:

@@ -436,7 +436,7 @@ def test_references_of_targets_beside_the_tip_are_not_compared_with_it(sino6: Ar
     table = pd.DataFrame(q, columns=[f"theta{j}_rad" for j in range(1, 7)]).assign(marker=["", "A", "A"])
     table.assign(**dict(zip(REFERENCE, tips.T, strict=True))).to_csv(tmp_path / "r.csv", index=False)
     _, err = done("correct", "sino6", tmp_path / "r.csv", "-o", tmp_path / "c.csv")
-    assert "the targets A are elsewhere" in err
+    assert "of the targets A are not compared" in err
     assert "1 reference: RMS 0.1000 mm" in err
     assert len(pd.read_csv(tmp_path / "c.csv").dropna(subset="corrected_x_mm")) == 3
 

@@ -14,10 +14,12 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.effects import EncoderGain, JointCompliance, JointHysteresis
+from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointCompliance, JointHysteresis, StylusOffset
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
@@ -241,3 +243,17 @@ def test_an_arm_that_states_all_its_values_to_be_exact(sino6: Arm) -> None:
     model = ErrorModel(exact, (JointCompliance(2, values=(2e-5,)),))
     found = diagnose(exact, simulate_measurements(model, "free", 60, rng=np.random.default_rng(3)), encoder_noise=8e-6)
     assert (found.verdict, [f.label for f in found.findings]) == ("explained", ["joint_compliance:2"])
+
+
+@pytest.mark.parametrize("u", [(2e-5, 2e-5, 2e-5), ()])
+def test_a_known_target_is_refitted_once(sino6: Arm, rng: np.random.Generator, u: tuple[float, ...]) -> None:
+    """The place of a target that the arm's file has, with or without u; and one that it does not have."""
+    known = ErrorModel(sino6, (StylusOffset("B", values=(5e-3, 1e-2, -3e-3), u=u),))
+    truth = known.with_effects(StylusOffset("C", values=(1e-3, 2e-3, 0.0)), EncoderEccentricity(3, values=(1.5e-4, 5e-5)))
+    q, conditions = random_postures(sino6, 80, rng), Conditions(80, marker=np.array(["B", "C"] * 40, dtype=object))
+    measured = truth.predict(q, conditions) + rng.normal(0.0, 1e-5, (80, 3))
+    data = Measurements.of(q, measured, conditions=conditions)
+    found = diagnose(known, data, encoder_noise=1e-6, reference_noise=1e-5, progress=False)
+    assert (found.verdict, [finding.label for finding in found.findings]) == ("explained", ["encoder_eccentricity:3"])
+    (other,) = known.odd_readings(q, conditions)
+    assert "knows no target with the markers 'C'" in other

@@ -485,7 +485,9 @@ def test_readings_between_the_records_around_a_slip_have_its_step_in_their_u(
     later = Conditions(time.size, time=time - low, session=np.full(time.size, "next day", dtype=object))
     off = np.linalg.norm(model.correct(q, later) - truth.correct(q, replace(later, time=time + 1e4)), axis=1)
     assert np.all(off < 3.0 * accuracy_volume(model, q, conditions=later, method="ellipsoid", encoder_noise=0.0).u)
-    assert model.odd_readings(q, later) == []
+    assert model.odd_readings(q, later) == ["301 of 301 records are later than encoder_slip:3 by their session, 'next day'"]
+    unlabelled = replace(conditions, session=np.full(time.size, "", dtype=object))
+    np.testing.assert_array_equal(model.correct(q, unlabelled), model.correct(q, conditions))
     one: dict[str, Any] = {"conditions": conditions.take([150]), "encoder_noise": 0.0, "rng": rng}
     assert accuracy_volume(model, q[150:151], method="monte-carlo", **one).u == pytest.approx(judged.u[150], rel=0.1)
 
