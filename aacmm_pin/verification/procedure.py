@@ -316,7 +316,8 @@ class _Layout:
         points = np.array(self.points)
         q, arrived = brought_to(self.pool.state_of, np.array(self.q), points, joint_bounds(arm))
         if not arrived.all():
-            raise AacmmError(f"{arm.name}: {(~arrived).sum()} of {len(q)} touches are beyond the limits of the joints")
+            beyond = f"{(~arrived).sum()} of {len(q)} touches are beyond the limits of the joints"
+            raise AacmmError(f"{arm.name}: {beyond}; another seed draws other postures")
         table = pd.DataFrame(self.rows).reindex(columns=[*LABELS, *NUMBERS])
         table["repeat"] = table["repeat"].astype("Int64")
         return Procedure(arm, table.assign(articulation=articulations(arm, np.array(self.q))), q, points, seed)
