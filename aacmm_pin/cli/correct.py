@@ -156,7 +156,7 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
     except MeasurementFileError as error:
         note(f"note: references, bars and seats are not compared: {str(error).splitlines()[0]}")
         return
-    if elsewhere := _other_targets(model, records.conditions):
+    if elsewhere := model.other_targets(records.conditions):
         of_tip = ~np.isin(records.conditions.require("marker", "correct").astype(str), elsewhere)
         left = f"{len(of_tip) - of_tip.sum()} references, bar ends and seats of the targets {', '.join(elsewhere)}"
         note(f"note: {left} are not compared, for these are not at the tip")
@@ -191,13 +191,6 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
             f"distance from the mean of the touches of {count(len(unknown), 'seat')} without coordinates",
             [np.linalg.norm(off, axis=1) for off in of_seats],
         )
-
-
-def _other_targets(model: ErrorModel, conditions: Conditions) -> list[str]:
-    """Labels of the markers whose place on the last body the arm does not know: calibrating found it for itself alone."""
-    known = {effect.marker for effect in model.effects if isinstance(effect, StylusOffset)}
-    labels = [] if conditions.marker is None else conditions.marker.tolist()
-    return [label for label in dict.fromkeys(labels) if label and label not in known]
 
 
 def _tell(what: str, errors: list[Array]) -> None:

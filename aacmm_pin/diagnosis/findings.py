@@ -45,25 +45,26 @@ def _admitted(model: ErrorModel, choice: Choice, strong: list[Strength]) -> Iter
         known = [old for old in model.effects if old.label == effect.label]
         stepping = (name for name in effect.inner if name not in effect.inner_widths())
         steps = {name: step_of(choice, strength.block, name) for name in stepping}
+        inner = _inner_values(choice, effect, steps)
         replaced = [old for old in known if old.identity == effect.identity or old.identity not in every]
         yield Finding(
-            effect if is_change(chosen) else _told(choice, effect, steps),
+            effect if is_change(chosen) else _told(choice, effect, inner, steps),
             described(effect, covariance),
             strength.probability,
             strength.p_value,
             strength.retained,
             strength.aliases,
             None if geometric_parameters(model.arm, effect) else brought(choice, choice.admitted, strength.block),
-            _inner_values(choice, effect, steps),
+            inner,
             effect.slides(choice.fit.problem.model.arm),
             None if effect.place is None else latest.get(effect.cause, (None,))[0],
             next(iter(replaced), None),
         )
 
 
-def _told(choice: Choice, effect: Effect, steps: Mapping[str, Step]) -> Effect:
+def _told(choice: Choice, effect: Effect, inner: Mapping[str, tuple[float, float]], steps: Mapping[str, Step]) -> Effect:
     """The effect with what the records tell of where it steps, or of how far off its inner values may be."""
-    intervals = {name: (value - 2.0 * u, value + 2.0 * u) for name, (value, u) in _inner_values(choice, effect, {}).items()}
+    intervals = {name: (value - 2.0 * u, value + 2.0 * u) for name, (value, u) in inner.items()}
     for low, high in (intervals | {name: (step.low, step.high) for name, step in steps.items()}).values():
         effect = effect.told_between(low, high, choice.fit.problem.measurements)
     return effect

@@ -124,6 +124,11 @@ class Question:
         return self.odds(evidences), self.best_blocks(evidences)
 
 
+def shares(odds: Array) -> Array:
+    """Probability of each candidate (candidates,) by its log odds, where one of them is there or none."""
+    return np.asarray(np.exp(odds - logsumexp([*odds, 0.0])))
+
+
 def search(question: Question, gram: Gram, start: tuple[int, ...] = ()) -> tuple[int, ...]:
     """Blocks of the causes that are there, strongest first."""
     return _Search(question, gram).run(start)

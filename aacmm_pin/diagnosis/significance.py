@@ -16,7 +16,7 @@ from aacmm_pin._support.distributions import chi2_sf, f_sf
 from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import MAGNITUDES, Conditional, evidence_of
-from aacmm_pin.diagnosis.forward_backward_selection import Question, one_gone, rival_pairs
+from aacmm_pin.diagnosis.forward_backward_selection import Question, one_gone, rival_pairs, shares
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.effects import Effect
@@ -112,7 +112,7 @@ class Place:
     @staticmethod
     def _of(question: Question, left: Conditional, own: int, struck_out: frozenset[int]) -> Place:
         odds = question.odds(question.without(struck_out, left.evidences))
-        return Place(left, odds, np.exp(odds - logsumexp([*odds, 0.0])), own)
+        return Place(left, odds, shares(odds), own)
 
     @property
     def probability(self) -> float:

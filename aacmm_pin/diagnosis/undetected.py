@@ -8,10 +8,10 @@ from itertools import product
 
 import numpy as np
 import scipy
-from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
+from aacmm_pin.diagnosis.forward_backward_selection import shares
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.effects import Effect
 
@@ -56,23 +56,23 @@ class Others(Shown):
 def others_beside(choice: Choice, named: Collection[str]) -> Others:
     """What may act beside all that was admitted and the geometry that is ``named``."""
     question, names = choice.question, choice.design.names
-    odds, best = question.ranked(choice.left.evidences, question.struck_out(choice.admitted))
-    odds = np.where(np.isin(names, list(named)), -np.inf, odds)
-    shares = np.exp(odds - logsumexp([*odds, 0.0]))
+    struck_out = question.struck_out(choice.admitted).union(k for k, name in enumerate(names) if name in named)
+    odds, best = question.ranked(choice.left.evidences, struck_out)
+    probable = shares(odds)
     found = []
-    for k in np.argsort(-shares)[:MOST]:
-        if shares[k] >= PROBABLE:
+    for k in np.argsort(-probable)[:MOST]:
+        if probable[k] >= PROBABLE:
             changes = [(_change(choice, own, best[int(k)]), choice.variant(own).label) for own in choice.causes]
-            found.append(Other(names[k], float(shares[k]), *max(changes, default=(0.0, ""))))
-    return Others(float(shares.sum()), tuple(found))
+            found.append(Other(names[k], float(probable[k]), *max(changes, default=(0.0, ""))))
+    return Others(float(probable.sum()), tuple(found))
 
 
 def _change(choice: Choice, block: int, other: int) -> float:
     """By how many u another block would change the values of an admitted one."""
-    left, beside = choice.left, choice.question.blocks[other]
-    own = left.projection.places[block]
-    step = -np.linalg.solve(left.information(beside) + np.eye(beside.size), left.gradient[beside.columns])
-    return float(np.max(np.abs(_along(choice, block, other) @ step) / np.sqrt(np.diag(left.covariance)[own])))
+    left = choice.left
+    along, cover = _beside(choice, block, other)
+    step = along @ cover @ left.gradient[choice.question.blocks[other].columns]
+    return float(np.max(np.abs(step) / np.sqrt(np.diag(left.covariance)[left.projection.places[block]])))
 
 
 def known_alone(choice: Choice) -> Iterator[tuple[Effect, Effect, float]]:
@@ -93,13 +93,16 @@ def known_alone(choice: Choice) -> Iterator[tuple[Effect, Effect, float]]:
 
 def _ratio(choice: Choice, block: int, other: int) -> float:
     """Largest ratio of u of the values of an admitted block, with another block of usual size beside it and without."""
+    left, (along, cover) = choice.left, _beside(choice, block, other)
+    own = left.projection.places[block]
+    more = scipy.linalg.eigh(along @ cover @ along.T, left.covariance[own, own], eigvals_only=True)
+    return float(np.sqrt(1.0 + more.max()))
+
+
+def _beside(choice: Choice, block: int, other: int) -> tuple[Array, Array]:
+    """By how much the values of an admitted block give way per unit of another (q, q'), and the covariance of the other, if
+    it is of usual size (q', q').
+    """
     left, beside = choice.left, choice.question.blocks[other]
-    own, along = left.projection.places[block], _along(choice, block, other)
-    more = along @ np.linalg.solve(left.information(beside) + np.eye(beside.size), along.T)
-    return float(np.sqrt(1.0 + scipy.linalg.eigh(more, left.covariance[own, own], eigvals_only=True).max()))
-
-
-def _along(choice: Choice, block: int, other: int) -> Array:
-    """By how much the values of an admitted block give way per unit of another (q, q')."""
-    projection = choice.left.projection
-    return projection.along(choice.question.blocks[other].columns)[projection.places[block]]
+    along = left.projection.along(beside.columns)[left.projection.places[block]]
+    return along, np.linalg.inv(left.information(beside) + np.eye(beside.size))

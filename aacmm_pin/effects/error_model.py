@@ -193,16 +193,15 @@ class ErrorModel(Shown):
         warm = conditions.odd_temperatures(reference) if by_warmth else conditions.other_temperatures(reference)
         turns = other_turns(q, self.arm.limits, self.arm.chain.prismatic)
         of_effects = (text for effect in self.effects for text in effect.to_be_told(conditions))
-        return [*turns, *clock, *warm, *self._other_targets(conditions), *of_effects]
+        others = ", ".join(map(repr, self.other_targets(conditions)))
+        such = f"{self.arm.name} knows no target with the markers {others}: coordinates of such records are of the tip"
+        return [*turns, *clock, *warm, *([such] if others else []), *of_effects]
 
-    def _other_targets(self, conditions: Conditions) -> list[str]:
-        """That records have targets of which the arm knows nothing."""
+    def other_targets(self, conditions: Conditions) -> list[str]:
+        """Labels of the markers whose place on the last body the arm does not know: the coordinates are of the tip there."""
         known = {effect.place for effect in self.effects if effect.site() == "marker"}
         labels = [] if conditions.marker is None else conditions.marker.tolist()
-        if not (others := [label for label in dict.fromkeys(labels) if label and label not in known]):
-            return []
-        such = f"markers {', '.join(map(repr, others))}"
-        return [f"{self.arm.name} knows no target with the {such}: coordinates of such records are of the tip"]
+        return [label for label in dict.fromkeys(labels) if label and label not in known]
 
     def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:
         """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error curve has a range.
