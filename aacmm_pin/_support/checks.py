@@ -13,7 +13,13 @@ from aacmm_pin.errors import AacmmError, ShapeError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-RANGES = {"m": plausible.COORDINATE, "rad": plausible.READING}
+RANGES = {
+    "m": plausible.COORDINATE,
+    "rad": plausible.READING,
+    "s": plausible.TIME,
+    "°C": plausible.TEMPERATURE,
+    "N·m": plausible.TORQUE,
+}
 """What numbers of a unit can be."""
 
 
@@ -46,6 +52,12 @@ def vector(values: ArrayLike, length: int, name: str, unit: str) -> Array:
         raise ShapeError(f"{name} has shape {array.shape}, expected ({length},) [{unit}]")
     _finite(array, name, unit)
     return array
+
+
+def width_of(values: ArrayLike) -> int:
+    """Number of columns of ``values``, whatever they are."""
+    shape = values.shape if isinstance(values, np.ndarray) else np.asarray(values, dtype=object).shape
+    return int(shape[-1]) if shape else 1
 
 
 def unit_vector(values: ArrayLike, name: str) -> Array:

@@ -10,6 +10,7 @@ jumps. The covariance does not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -131,6 +132,11 @@ class ErrorSources(Shown):
         variance = dict(zip(names, np.diag(self.model.covariance()), strict=True))
         of_effects = [p.name for effect in self.effects for p in effect.parameters()]
         return (*self.arm.without_uncertainty, *(name for name in of_effects if variance[name] == 0))
+
+    @property
+    def of_exact(self) -> str:
+        """In words, what is taken as exact; "" where nothing is."""
+        return exact_in_words(self.taken_as_exact)
 
     @cached_property
     def axes(self) -> Array | None:
@@ -284,3 +290,8 @@ def _correlation(covariance: Array, columns: Index) -> Array | None:
     correlation[np.ix_(inside, inside)] = block / np.outer(u, u)
     np.fill_diagonal(correlation, 1.0)
     return correlation
+
+
+def exact_in_words(names: Sequence[str]) -> str:
+    """That parameters have no stated uncertainty; "" where there are none."""
+    return f"no uncertainty is stated for, and so taken as exact: {', '.join(names)}" if names else ""

@@ -22,6 +22,7 @@ from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.map_checkpoint import MapCheckpoint, digits
+from aacmm_pin.accuracy.tip_sensitivity import exact_in_words
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
@@ -313,7 +314,7 @@ def _question(arm: Arm, probe: AccuracyVolume, box: Array, cells: tuple[int, int
 
 
 def map_caveats(arm: Arm) -> tuple[str, ...]:
-    """Why the half-plane y = 0 does not stand for all of space with this arm; empty where it does."""
+    """Why the half-plane y = 0 does not stand for all of space with this arm, and what of the arm is taken as exact."""
     caveats = []
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
@@ -324,6 +325,7 @@ def map_caveats(arm: Arm) -> tuple[str, ...]:
     if rest.any():
         held = " and ".join(f"joint {WRIST_ROW + k} at {angle:.4g}°" for k, angle in enumerate(rest) if angle)
         caveats.append(f"held where the limits are nearest to 0: {held}")
+    caveats += [exact] if (exact := exact_in_words(arm.without_uncertainty)) else []
     return tuple(caveats)
 
 

@@ -18,7 +18,7 @@ from aacmm_pin.arm.limits import other_turns
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
 from aacmm_pin.calibration.cross_validation import held_out as left_out
-from aacmm_pin.calibration.fit import Fit, redundant
+from aacmm_pin.calibration.fit import Fit, fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
 from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
@@ -39,6 +39,14 @@ ODD_BAR = 5.0
 """A bar that is off its length by so many times what the others are may have another length."""
 OFTEN = 2
 """More records of a posture, one after the other, than this on the average are readings of one contact."""
+HELD_IN = 0.5
+"""Stated uncertainties hold parameters in where, without them, the scatter is smaller than this part of it …"""
+FAR_OFF = 4.0
+"""… and some are farther off than so many standard uncertainties; …"""
+MOST_NAMED = 3
+"""… so many of them are named at most."""
+FEW_SEATS = 5
+"""Fewer seats than this hardly tell how well their coordinates are known."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -127,8 +135,8 @@ def calibrate(
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     """The records without copies of others, and words for which these were, how the file was read, and too few postures.
 
-    See :meth:`Measurements.copies`; ``row`` still has the line of each record in the file. Records without a seat that state
-    the very same coordinates are of one measurement of one place, and get a seat.
+    See :meth:`Measurements.copies` and :meth:`Measurements.means_of_contacts`; ``row`` still has the line of each record in
+    the file. Records without a seat that state the very same coordinates are of one place, measured once, and get a seat.
     """
     of = measurements.copies()
     copies = np.flatnonzero(of != np.arange(measurements.n))
@@ -142,11 +150,18 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
             f"{seated.size} records without a seat have the very same coordinates as others, and count as touches of one "
             f"seat with these: rows {listed(kept.row[seated])}"
         )
-    held = 1 + np.count_nonzero(np.diff(kept.postures))
-    if kept.n > OFTEN * held:
+    means, held = kept.means_of_contacts()
+    if held.size:
+        contacts = f"{held.size - kept.n + means.n} contacts that were held"
         notes.append(
-            f"{kept.n} records are of {held} postures that were held: readings of one contact share its error, and count "
-            "here as if they did not; keep one of each contact, or the mean"
+            f"{held.size} records are readings of {contacts}, and count as their means: rows {listed(kept.row[held])}"
+        )
+        kept = means
+    postures = 1 + np.count_nonzero(np.diff(kept.postures))
+    if kept.n > OFTEN * postures:
+        notes.append(
+            f"{kept.n} records are of {postures} postures that were held, with references of their own: errors that they "
+            "share, such as the contact's, count as if they did not; keep one of each posture, or the mean"
         )
     if not enough_postures(kept):
         count = np.unique(kept.postures).size
@@ -177,9 +192,9 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
     """The same, with a seat for the records without one that repeat the coordinates of others; and which these are."""
     n, labels = measurements.n, measurements.conditions.seat
     seat = np.full(n, "", dtype=object) if labels is None else labels.copy()
-    places = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known].groupby([0, 1, 2], sort=False)
-    found = []
-    for _, of_place in places:
+    table = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known]
+    again, found = table[table.duplicated([0, 1, 2], keep=False)], []
+    for _, of_place in again.groupby([0, 1, 2], sort=False):
         alone = of_place.index[of_place["seat"] == ""].to_numpy()
         # Of two without a seat, one may have the coordinates of the other by mistake.
         if alone.size and len(of_place) >= (SEVERAL if alone.size == len(of_place) else 2):
@@ -274,32 +289,63 @@ def _of_torques(after: Fit) -> list[str]:
     return [f"torques are up to {measured:.4g} N·m, where the masses of the arm give {weight:.3g} N·m: are they in N·mm?"]
 
 
-def _scatter(after: Fit) -> str:
-    turns = f" and {after.noise.turn_scatter / UM:.3g} µrad" if after.problem.turns else ""
-    return f"{after.unmodelled / MM:.4f} mm{turns}"
+def _of_noise(after: Fit) -> list[str]:
+    """Noise that was found instead of stated, or beside what is stated."""
+    problem, setup, scatters, found = after.problem, after.problem.setup, after.noise.scatters, []
+    turns = f" and {scatters.turn / UM:.3g} µrad" if problem.turns else ""
+    scatter = f"{scatters.tip / MM:.4f} mm{turns}"
+    if setup.encoder_noise is None:
+        found.append("encoder noise not given; estimated with the scatter")
+    if not after.stated:
+        what = " and ".join(setup.unstated(problem.measurements))
+        of_seats = f", and {scatters.seat / MM:.4f} mm per coordinate of the seats" if scatters.seat else ""
+        found.append(
+            f"noise {what} not given: {scatter} of scatter per coordinate{of_seats} were found beside what is stated"
+            if after.scatters
+            else f"noise {what} not given: what is stated of it is enough for these records, and none was added"
+        )
+        if scatters.seat and (count := int(after.observations.known.sum())) < FEW_SEATS:
+            found.append(
+                f"{count} seat{'s' * (count != 1)} hardly tell how well their coordinates are known, and U rests on it: "
+                "state it (--reference-noise-mm, u_x_mm …)"
+            )
+    elif after.unmodelled > 0:
+        found.append(
+            f"the records scatter more than stated: {scatter} per coordinate were added; what the arm lacks moves its tips "
+            "by about as much, and is not in their U"
+        )
+        found += _farther_off(after)
+    return found
+
+
+def _farther_off(after: Fit) -> list[str]:
+    """Parameters that are farther off than the arm states, if they are what makes the records scatter: their stated
+    uncertainties then hold them in.
+    """
+    problem = after.problem
+    mine = problem.stated & np.array([parameter is not None for parameter in problem.vector.of_arm], dtype=bool)
+    if not mine.any():
+        return []
+    assembled = np.array([ASSEMBLED[parameter.unit] for parameter in problem.vector.parameters])
+    free = replace(problem, widths=np.where(mine, assembled, problem.widths), stated=problem.stated & ~mine)
+    without = fit(
+        replace(free, correlation=np.where(np.outer(mine, mine), np.eye(mine.size), free.correlation)), used=after.used
+    )
+    off = np.where(mine, np.abs(without.solution.point.x - problem.start) / problem.widths, 0.0)
+    if without.unmodelled > HELD_IN * after.unmodelled or off.max() < FAR_OFF:
+        return []
+    farthest = [k for k in np.argsort(-off)[:MOST_NAMED] if off[k] > FAR_OFF]
+    names = ", ".join(f"{problem.vector.names[k]} by {off[k]:.2g} u" for k in farthest)
+    return [
+        f"without what the arm states of its parameters, the scatter is {without.unmodelled / MM:.4f} mm: {names} from the "
+        "value in the file; if a part was exchanged, or half-widths are too small, estimate without them (--no-prior)"
+    ]
 
 
 def notes_of(after: Fit) -> list[str]:
     """What was assumed, or found instead of stated."""
     problem, setup = after.problem, after.problem.setup
-    found = _counted_before(after)
-    if setup.encoder_noise is None:
-        found.append("encoder noise not given; estimated with the scatter")
-    if not after.stated:
-        what = " and ".join(setup.unstated(problem.measurements))
-        scatter = f"{_scatter(after)} of scatter per coordinate were found beside what is stated"
-        enough = "what is stated of it is enough for these records, and none was added"
-        found.append(f"noise {what} not given: {scatter if after.scatters else enough}")
-        if setup.reference_noise is None and np.isfinite(after.observations.stated).any():
-            found.append(
-                "what the touches of a seat share, such as an error of its coordinates, does not show in their scatter, and "
-                "is not in U unless it is stated (--reference-noise-mm, u_x_mm …)"
-            )
-    elif after.unmodelled > 0:
-        found.append(
-            f"the records scatter more than stated: {_scatter(after)} per coordinate were added, "
-            "so the uncertainties have what is still wrong in the arm as it shows in these records; elsewhere it may be more"
-        )
+    found = [*_counted_before(after), *_of_noise(after)]
     found += [
         *_of_bars(after),
         *_references_in_other_unit(after),
@@ -339,7 +385,7 @@ def notes_of(after: Fit) -> list[str]:
     at = set() if seats is None else set(seats[after.excluded])
     if len(at) == 1 and after.excluded.sum() >= SEVERAL and "" not in at:
         found.append(f"all {after.excluded.sum()} excluded records touch seat {at.pop()}: did it move?")
-    found += contradictions(problem.measurements, setup, after.unmodelled)
+    found += contradictions(problem.measurements, setup, after.noise.scatters)
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
         found.append(f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place")

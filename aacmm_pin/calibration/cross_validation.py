@@ -216,7 +216,7 @@ def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
 def _predicted_by(fit: Fit, kept: Mask, out: Mask) -> tuple[Array, Array]:
     records, start = fit.problem.measurements, fit.solution.point
     problem = fit.problem.of(records.take(kept))
-    noise = NoiseModel.of(problem, start.frame, fit.unmodelled, turn_scatter=fit.noise.turn_scatter)
+    noise = NoiseModel.of(problem, start.frame, fit.noise.scatters)
     prediction = problem.predict(start.x, start.frame)
     point = Point(start.x, start.frame, noise.observations.start(prediction.tips), prediction)
     end = solve(problem, noise, point, np.ones(problem.measurements.n)).point

@@ -14,7 +14,7 @@ from scipy.linalg import null_space, orth
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_isf, f_isf
 from aacmm_pin.calibration.linear_system import assemble
-from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
+from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.problem import OF_WIDTH, Problem
 from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Chi2, Point, Solution, begin, deviations, solve, standing
 from aacmm_pin.effects import Effect
@@ -36,6 +36,10 @@ ONE_DIRECTION = 1e-2
 """Directions that records do not tell, found at tips and at targets, are one if the sine of their angle is less."""
 STAYED = 1e-6
 """What moved by less than this part of its width along a direction that nothing tells has stayed."""
+ALIKE = 1e-3
+"""Scatters that change by less than this part of them are found."""
+LEAST_TOLD = 1e-3
+"""A seat of whose coordinates refitting leaves less than this tells nothing of their scatter."""
 FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
 
@@ -84,7 +88,7 @@ class Fit:
     @property
     def unmodelled(self) -> float:
         """Scatter of each coordinate beyond the stated noise; 0 where the stated noise suffices [m]."""
-        return self.noise.scatter
+        return self.noise.scatters.tip
 
     @property
     def turns(self) -> Array:
@@ -111,7 +115,7 @@ class Fit:
     @property
     def scatters(self) -> bool:
         """Whether there is scatter beyond the stated noise that is worth a word."""
-        return max(self.unmodelled, self.noise.turn_scatter) > NO_SCATTER
+        return max(self.noise.scatters) > NO_SCATTER
 
     @property
     def residual_noise(self) -> Array:
@@ -121,8 +125,7 @@ class Fit:
     @property
     def stated_noise(self) -> Array:
         """The same without the scatter that was found beside a noise that is stated in full."""
-        found = np.repeat([self.noise.scatter**2, self.noise.turn_scatter**2], 3)[: self.residual_noise.shape[1]]
-        return np.asarray(self.residual_noise - np.diag(self.stated * found))
+        return self.noise.without_scatter if self.stated else self.residual_noise
 
     def distance_of(self, covariance: Array) -> float:
         """RMS distance of the used records' tips and targets that residuals of such covariances (n, 3, 3) [m²] give [m].
@@ -242,11 +245,11 @@ class _Estimation:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.stated = not problem.setup.unstated(problem.measurements)
-        self.observations = observations_of(problem.measurements, problem.setup, FIRST_SCATTER)
+        self.observations = observations_of(problem.measurements, problem.setup)
 
-    def noise(self, point: Point, scatter: float, turn_scatter: float = 0.0) -> NoiseModel:
+    def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
         """The noise with scatters that stand in for what is not stated."""
-        return NoiseModel.of(self.problem, point.frame, scatter, self.observations if self.stated else None, turn_scatter)
+        return NoiseModel.of(self.problem, point.frame, scatters, self.observations)
 
     def approached(self, point: Point, used: Mask, *, robust: bool) -> Solution:
         """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.
@@ -256,16 +259,16 @@ class _Estimation:
         """
         tips, turns = (np.square(part).sum(axis=1) for part in np.split(deviations(self.observations, point), [3], axis=1))
         turned = turns[used & self.observations.oriented]
-        scatter = float(np.sqrt(np.median(tips[used]) / MEDIAN))
-        turn_scatter = float(np.sqrt(np.median(turned) / MEDIAN)) if turned.size else 0.0
+        tip = float(np.sqrt(np.median(tips[used]) / MEDIAN))
+        scatters = Scatters(tip, float(np.sqrt(np.median(turned) / MEDIAN)) if turned.size else 0.0, tip)
         for _ in range(MOST_ROUNDS):
-            noise = self.noise(point, scatter, turn_scatter)
+            noise = self.noise(point, scatters)
             solution = solve(self.problem, noise, point, used.astype(np.float64), robust=robust, roughly=True)
             if not robust:
                 break
             point = solution.point
-            before, (scatter, turn_scatter) = scatter, self.scatters_of_median(noise, point, used)
-            if scatter == 0.0 or scatter > 0.8 * before:
+            before, scatters = scatters.tip, self.scatters_of_median(noise, point, used)
+            if scatters.tip == 0.0 or scatters.tip > 0.8 * before:
                 break
         return solution
 
@@ -274,11 +277,11 @@ class _Estimation:
         says = self.observations.says
         count, dof, of_each = int(says.sum()), max(near.chi2.dof, 1.0), np.maximum(self.observations.counts, 3)
         share = min(1.0, dof / int(self.observations.counts.sum()))
-        scatter, turn_scatter = self.scatters_of_median(near.noise, near.point, says, share)
-        noise = self.noise(near.point, scatter, turn_scatter)
+        scatters = self.scatters_of_median(near.noise, near.point, says, share)
+        noise = self.noise(near.point, scatters)
         # A scatter that the records themselves tell is uncertain, and more records may seem far off beside it.
         chance = FALSE_EXCLUSION / count
-        limit = of_each * f_isf(chance, of_each, EFFICIENCY * dof) if scatter > 0 else chi2_isf(chance, of_each)
+        limit = of_each * f_isf(chance, of_each, EFFICIENCY * dof) if scatters.tip > 0 else chi2_isf(chance, of_each)
         limit = limit * (1.0 if self.stated else UNEQUAL**2)
         used = says.copy()
         solution = standing(self.problem, noise, near.point, near.weights)
@@ -303,14 +306,15 @@ class _Estimation:
         farthest = np.maximum(deleted_distances(found.solution), studentised_distances(found.solution))
         return found if (farthest <= limit)[says].all() else None
 
-    def scatters_of_median(self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0) -> tuple[float, float]:
+    def scatters_of_median(self, noise: NoiseModel, point: Point, used: Mask, share: float = 1.0) -> Scatters:
         """Scatters of tips and turns that bring their median squared distances to that of χ² with three degrees.
 
-        They are beyond the stated noise. What was fitted to the records has taken some away: ``share`` is what it left.
+        Seats have that of tips. They are beyond the stated noise. What was fitted to the records has taken some away:
+        ``share`` is what it left.
         """
         off, own, turned = deviations(noise.observations, point), noise.without_scatter, used & noise.observations.oriented
         tip = self._of_median(off[used, :3], own[used, :3, :3], share)
-        return tip, self._of_median(off[turned, 3:], own[turned, 3:, 3:], share) if turned.any() else 0.0
+        return Scatters(tip, self._of_median(off[turned, 3:], own[turned, 3:, 3:], share) if turned.any() else 0.0, tip)
 
     def _of_median(self, deviation: Array, own: Array, share: float) -> float:
         def excess(variance: float) -> float:
@@ -328,27 +332,34 @@ class _Estimation:
             found, judged = self.by_stated_noise(point, used)
             if found:
                 return found
-            first, turned = self.scatters_of_median(self.noise(point, 0.0), point, used)
-            noise = self.noise(point, first or FIRST_SCATTER, turned)
+            first = self.scatters_of_median(self.noise(point, Scatters()), point, used)
+            noise = self.noise(point, first._replace(tip=first.tip or FIRST_SCATTER))
         solution = solve(self.problem, noise, point, weights)
         for _ in range(MOST_ROUNDS):
-            before = np.array([noise.scatter, noise.turn_scatter])
-            scatters = [_variance_component(solution, used, turns) for turns in (False, True)]
-            noise = self.noise(solution.point, *scatters)
+            before = np.array(noise.scatters)
+            noise = self.noise(solution.point, self.variance_components(solution, used))
             solution = solve(self.problem, noise, solution.point, weights)
-            if (np.abs(scatters - before) <= 1e-3 * np.array(scatters)).all():
+            after = np.array(noise.scatters)
+            if (np.abs(after - before) <= ALIKE * after).all():
                 break
         if self.stated:
             # From afar one step promises too little: judged again where the search came to rest.
             found, judged = self.by_stated_noise(solution.point, used)
             if found:
                 return found
-            solution = replace(solution, noise=self.noise(solution.point, noise.scatter, noise.turn_scatter))
+            solution = replace(solution, noise=self.noise(solution.point, noise.scatters))
         return self.fit(solution, used, judged)
+
+    def variance_components(self, solution: Solution, used: Mask) -> Scatters:
+        """Scatters beyond the stated noise with which χ² of tips, of turns and of seats meet their degrees of freedom."""
+        open_ = self.observations.unstated
+        seat, dof = _of_seats(solution, open_) if open_.any() else (0.0, 0.0)
+        tip, turn = (_variance_component(solution, used, turns, open_, dof) for turns in (False, True))
+        return Scatters(tip, turn, seat)
 
     def by_stated_noise(self, point: Point, used: Mask) -> tuple[Fit | None, Chi2]:
         """The fit with the stated noise alone, if that may be right: by χ² after one more step, which spares the search."""
-        alone, weights = self.noise(point, 0.0), used.astype(np.float64)
+        alone, weights = self.noise(point, Scatters()), used.astype(np.float64)
         here = standing(self.problem, alone, point, weights)
         total, dof = here.chi2
         judged = Chi2(total - here.spectrum.promise(), dof)
@@ -373,21 +384,23 @@ class _Estimation:
         )
 
 
-def _variance_component(solution: Solution, used: Mask, turns: bool = False) -> float:
+def _variance_component(solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float) -> float:
     """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none [m].
 
-    That of tips; or of turns [rad], which are looked at beside what the tips say already.
+    That of tips, beside the coordinates of seats (s, 3) that are ``open_`` and have degrees of freedom of their own; or of
+    turns [rad], which are looked at beside what the tips say already.
     """
     noise, own, of_turns = solution.noise, solution.noise.without_scatter[used], solution.turn_dof
-    dof = of_turns if turns else solution.chi2.dof - of_turns
+    scatters = noise.scatters
+    dof = of_turns if turns else solution.chi2.dof - of_turns - dof_of_seats
     if dof < LEAST_DOF:
-        return noise.turn_scatter if turns else noise.scatter
+        return scatters.turn if turns else scatters.tip
     deviation, seats = solution.system.off[used], solution.point.seats
-    ties = (noise.observations.of_seats(seats), noise.observations.of_bars(seats)[0])
+    ties = (np.where(open_, 0.0, noise.observations.of_seats(seats)), noise.observations.of_bars(seats)[0])
     rest = sum(float(np.square(tie).sum()) for tie in ties)
     varied = np.eye(3)
     if turns:
-        own[:, :3, :3] += noise.scatter**2 * np.eye(3)
+        own[:, :3, :3] += scatters.tip**2 * np.eye(3)
         rest, varied = -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum()), np.diag([0.0, 0, 0, 1, 1, 1])
     else:
         deviation, own = deviation[:, :3], own[:, :3, :3]
@@ -396,6 +409,42 @@ def _variance_component(solution: Solution, used: Mask, turns: bool = False) -> 
         return float(squared_distances(deviation, own + variance * varied).sum()) + rest - dof
 
     return float(np.sqrt(_root(excess, deviation[:, -3:])))
+
+
+def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
+    """Scatter of the coordinates of seats (s, 3) that are ``open_`` [m], and degrees of freedom of all of them.
+
+    Their residuals over what refitting leaves of them, the almost unbiased estimate of a variance component (Horn, Horn and
+    Duncan 1975, J. Am. Stat. Assoc. 70). Few seats tell it poorly: as one number more the scatter of the tips counts. Seats
+    that are outliers beside the better half, such as one that was moved, have no part in it.
+    """
+    noise, system, known = solution.noise, solution.system, solution.noise.observations.known
+    ties, bars = 3 * int(known.sum()), len(noise.observations.ends)
+    rows = system.jacobian[len(system.residual) - ties - bars :][:ties] @ solution.scaled
+    whole, tie, _ = _information_of_seats(solution)
+    of_seats = tie[known] * np.diagonal(np.linalg.inv(whole[known]), axis1=1, axis2=2)
+    left = np.where(open_[known], 1.0 - of_seats - np.square(rows).sum(axis=1).reshape(-1, 3), 0.0).sum(axis=1)
+    off = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)[known]
+    square, told = np.square(off).sum(axis=1), left > LEAST_TOLD
+    each, own = square[told] / left[told], noise.scatters.tip**2
+    limit = f_isf(FALSE_EXCLUSION / max(each.size, 1), 3, max(EFFICIENCY * left.sum(), 1.0))
+    belongs = each <= limit * (3.0 / MEDIAN) * max(float(np.median(each)) if each.size else 0.0, own)
+    variance = (square[told][belongs].sum() + own) / (left[told][belongs].sum() + 1.0)
+    return float(np.sqrt(variance)), float(left.sum())
+
+
+def _information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
+    """Of where each seat is (s, 3, 3) [1/m²], without bars; its coordinates' part of it, the diagonal (s, 3); that of
+    each record that touches one (records, 3, 3).
+    """
+    observations = solution.noise.observations
+    touched = np.flatnonzero(observations.seat >= 0)
+    of_records = np.linalg.inv(solution.noise.of_residuals[touched, :3, :3])
+    of_records = solution.weights[touched, None, None] * of_records
+    tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
+    whole = tie[:, :, None] * np.eye(3)
+    np.add.at(whole, observations.seat[touched], of_records)
+    return whole, tie, np.asarray(of_records)
 
 
 def _covariance(values: Array, directions: Array, scales: Array, unknown: Array) -> Array:
@@ -421,11 +470,7 @@ def deleted_distances(solution: Solution) -> Array:
     touched = np.flatnonzero(observations.seat >= 0)
     if touched.size:
         seat = observations.seat[touched]
-        weighted = solution.weights[touched, None, None] * np.linalg.inv(covariance[touched])
-        tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
-        whole = np.zeros((len(observations.labels), 3, 3))
-        np.add.at(whole, seat, weighted)
-        whole += tie[:, :, None] * np.eye(3)
+        whole, _, weighted = _information_of_seats(solution)
         rest = np.linalg.inv(whole[seat] - weighted + NOTHING_KNOWN * np.eye(3))
         off[touched] += np.einsum("nij,njk,nk->ni", rest, weighted, off[touched])
         covariance[touched] += rest

@@ -19,7 +19,7 @@ import pandas as pd
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.fit import FIRST_SCATTER, Fit, fit
-from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
+from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import KIND_OF
 from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Problem
@@ -245,11 +245,11 @@ def _misfit(problem: Problem) -> tuple[float, float]:
     """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same over the tips' travel."""
     bare = _of_targets(problem)
     records = bare.measurements
-    observations = observations_of(records, bare.setup, FIRST_SCATTER)
+    observations = observations_of(records, bare.setup)
     try:
         point = begin(bare, observations)
         if bare.vector.effects:
-            noise = NoiseModel(FAR, observations, np.broadcast_to(FAR**2 * np.eye(3), (records.n, 3, 3)))
+            noise = NoiseModel.of(bare, point.frame, Scatters(FAR, 0.0, FIRST_SCATTER), observations)
             point = solve(bare, noise, point, np.ones(records.n), robust=True, roughly=True).point
     except AacmmError:
         return np.inf, np.inf

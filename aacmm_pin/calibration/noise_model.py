@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,40 +32,56 @@ CONTRADICTING = 10.0
 """Coordinates of one seat that are so many standard uncertainties apart are not of one point; the noise of 100 gives 6."""
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseModel:
-    """What records say, and how uncertain it is, with a certain scatter beyond the stated noise.
+class Scatters(NamedTuple):
+    """Standard deviations that the stated noise does not explain, and which stand in for noise that is not stated.
 
     Attributes:
-        scatter: of each coordinate, which the stated noise does not explain; stands in for a noise that is not stated [m].
+        tip: of each coordinate of a tip beside its target [m].
+        turn: of each component of the turn behind it [rad].
+        seat: of each coordinate of a seat, where its uncertainty is not stated: what all touches of it share [m].
+    """
+
+    tip: float = 0.0
+    turn: float = 0.0
+    seat: float = 0.0
+
+    def covariance(self, width: int) -> Array:
+        """Of a residual, by tip and turn alone (width, width), ``width`` being 3 or 6 [m², rad²]."""
+        return np.diag(np.repeat([max(self.tip, LEAST) ** 2, max(self.turn, LEAST) ** 2], 3)[:width])
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """What records say, and how uncertain it is.
+
+    Attributes:
+        scatters: beyond the stated noise.
         observations: targets of the tips.
         tips: covariance of each tip in the frame of the references, by its reading and the scatter (n, 3, 3) [m²]; with
             orientations (n, 6, 6), the turn behind it [rad²].
-        turn_scatter: the scatter of each component of a turn [rad].
     """
 
-    scatter: float
+    scatters: Scatters
     observations: Observations
     tips: Array
-    turn_scatter: float = 0.0
 
     @staticmethod
-    def of(
-        problem: Problem, frame: Frame, scatter: float, known: Observations | None = None, turn_scatter: float = 0.0
-    ) -> NoiseModel:
+    def of(problem: Problem, frame: Frame, scatters: Scatters, known: Observations | None = None) -> NoiseModel:
         """The noise of a problem's records, the base being at ``frame`` in that of the references.
 
-        ``known`` are the observations, where they are worked out already and do not depend on the scatter.
+        ``known`` are the observations, where they are worked out already.
         """
         setup, n = problem.setup, problem.measurements.n
-        observations = known or observations_of(problem.measurements, setup, scatter)
-        scatters = _scatters(scatter, turn_scatter, observations)
-        tips = np.broadcast_to(scatters, (n, *scatters.shape))
+        observations = known or observations_of(problem.measurements, setup)
+        u = np.where(observations.unstated, max(scatters.seat, LEAST), observations.stated_u)
+        observations = replace(observations, stated_u=u)
+        each = scatters.covariance(observations.covariance.shape[1])
+        tips = np.broadcast_to(each, (n, *each.shape))
         if setup.encoder_noise is not None and setup.encoder_noise.any():
             readings = np.einsum("j,njik->nik", setup.encoder_noise**2, problem.reading_covariance)
-            turn = np.kron(np.eye(len(scatters) // 3), frame.rotation)
+            turn = np.kron(np.eye(len(each) // 3), frame.rotation)
             tips = tips + turn @ readings @ turn.T
-        return NoiseModel(scatter, observations, tips, turn_scatter)
+        return NoiseModel(scatters, observations, tips)
 
     @property
     def of_residuals(self) -> Array:
@@ -84,31 +101,28 @@ class NoiseModel:
     @property
     def without_scatter(self) -> Array:
         """Covariance of each residual by the stated noise alone (n, 3, 3) [m²], or (n, 6, 6)."""
-        scatters = _scatters(self.scatter, self.turn_scatter, self.observations)
-        return np.asarray(self.tips - scatters + self.observations.covariance)
+        return self.of_residuals - self.scatters.covariance(self.tips.shape[1])
 
 
-def _scatters(scatter: float, turn_scatter: float, observations: Observations) -> Array:
-    """Covariance of a residual by the two scatters alone (3, 3), or (6, 6)."""
-    variances = np.repeat([max(scatter, LEAST) ** 2, max(turn_scatter, LEAST) ** 2], 3)
-    return np.diag(variances[: observations.covariance.shape[1]])
-
-
-def observations_of(measurements: Measurements, setup: Setup, scatter: float) -> Observations:
+def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     """What the records say.
 
     A seat whose records state the same coordinates, if they state any, was measured once, and a record of it without
     coordinates was there too; a seat without coordinates is an unknown point. A record whose coordinates are its own stands
     for itself, even at a seat: where the records of a seat repeat its coordinates, those that are off by more than twice the
-    uncertainty, for less may be rounding; elsewhere all, unless they differ by less than a third of it. The scatter of each
-    coordinate that the stated noise does not explain stands in for a noise that is not stated [m].
+    uncertainty, for less may be rounding; elsewhere all, unless they differ by less than a third of it.
     """
     known, contact = measurements.known, setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)
-    repeated, loose = _repeated(measurements, setup)
-    seat = np.where(loose, -1, seat)
-    at, at_u, mixed = _of_seats(measurements, setup, reference_u(measurements, setup, scatter), seat, len(labels))
-    mixed &= ~repeated
+    u = reference_u(measurements, setup, np.nan)
+    least = np.nan_to_num(np.fmin.reduce(_of_each(u, "min", known, seat, len(labels)), axis=1))
+    repeated, most = _repeated(measurements, seat, len(labels))
+    if repeated.any():
+        far = np.abs(measurements.reference - most[seat]).max(axis=1) > np.maximum(SAME, ROUNDED * least)[seat]
+        seat = np.where(known & (seat >= 0) & repeated[seat] & far, -1, seat)
+    at, high, low = (_of_each(measurements.reference, what, known, seat, len(labels)) for what in ("mean", "max", "min"))
+    at_u = _of_each(u, "max", known, seat, len(labels))
+    mixed = ~repeated & ((high - low).max(axis=1) > np.maximum(SAME, MEASURED * least))
     # A seat whose records state coordinates of their own is none.
     number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
     seat = np.where(seat >= 0, number[seat] if len(labels) else -1, -1)
@@ -116,8 +130,8 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
     # What is not stated is in the covariance of the tips already.
     own = np.where(alone[:, None], np.hypot(reference_u(measurements, setup, 0.0), contact), contact)
     if measurements.orientation is not None:
-        u = np.zeros(measurements.n) if measurements.orientation_u is None else np.nan_to_num(measurements.orientation_u)
-        own = np.hstack([own, np.repeat(u[:, None], 3, axis=1)])
+        turn = np.zeros(measurements.n) if measurements.orientation_u is None else np.nan_to_num(measurements.orientation_u)
+        own = np.hstack([own, np.repeat(turn[:, None], 3, axis=1)])
     chosen = [label for label, none in zip(labels, mixed, strict=True) if not none]
     ends, length, length_u = _bars(measurements, setup, {label: k for k, label in enumerate(chosen)})
     return Observations(
@@ -134,18 +148,19 @@ def observations_of(measurements: Measurements, setup: Setup, scatter: float) ->
     )
 
 
-def contradictions(measurements: Measurements, setup: Setup, scatter: float) -> list[str]:
+def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> list[str]:
     """Seats whose records state coordinates farther apart than their noise allows, and bars that do not fit between the
     coordinates of their ends, in words.
     """
-    u, known = reference_u(measurements, setup, scatter), measurements.known
+    u, known = reference_u(measurements, setup, max(scatters.tip, scatters.seat)), measurements.known
+    seat, labels = _numbered(measurements)
+    repeated = dict(zip(labels, _repeated(measurements, seat, len(labels))[0], strict=True))
     stating = {label: records[known[records]] for label, records in measurements.seats().items() if known[records].any()}
     found = _bars_between(measurements, setup, stating, u)
     for label, records in stating.items():
         at = measurements.reference[records]
         over_u = np.ptp(at, axis=0) / np.maximum(u[records].max(axis=0), SAME)
-        repeated = len(at) >= REPEATED * len(np.unique(at, axis=0))
-        if over_u.max() > (ROUNDED if repeated else CONTRADICTING):
+        if over_u.max() > (ROUNDED if repeated[label] else CONTRADICTING):
             ends = records[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
             rows = " and ".join(str(row) for row in np.sort(measurements.row[ends]))
             apart = np.linalg.norm(np.diff(measurements.reference[ends], axis=0)) / MM
@@ -188,39 +203,24 @@ def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
     return np.asarray(numbers, dtype=np.intp), [str(label) for label in found]
 
 
-def _of_seats(
-    measurements: Measurements, setup: Setup, u: Array, seat: Index, count: int
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Coordinates that the records of each seat state and their u (s, 3) [m], NaN where none; where they differ (s,)."""
+def _of_each(values: Array, what: str, known: NDArray[np.bool_], seat: Index, count: int) -> Array:
+    """Mean, least or largest of the values (n, 3) over the records of each seat that state coordinates (s, 3)."""
+    stating = known & (seat >= 0)
+    grouped = pd.DataFrame(values[stating]).groupby(seat[stating]).agg(what)
+    return grouped.reindex(range(count)).to_numpy(dtype=np.float64)
+
+
+def _repeated(measurements: Measurements, seat: Index, count: int) -> tuple[NDArray[np.bool_], Array]:
+    """Seats whose records, on the average, repeat each of their coordinates (s,); those that most records have (s, 3)."""
+    repeated, most = np.zeros(count, dtype=bool), np.full((count, 3), np.nan)
     stating = measurements.known & (seat >= 0)
-    if not stating.any():
-        return np.full((count, 3), np.nan), np.full((count, 3), np.nan), np.zeros(count, dtype=bool)
-
-    def of_each(values: Array, what: str) -> Array:
-        grouped = pd.DataFrame(values[stating]).groupby(seat[stating]).agg(what)
-        return grouped.reindex(range(count)).to_numpy(dtype=np.float64)
-
-    mean, high, low = (of_each(measurements.reference, what) for what in ("mean", "max", "min"))
-    least = of_each(np.where(np.isfinite(measurements.reference_u), measurements.reference_u, np.inf), "min").min(axis=1)
-    least = np.where(np.isfinite(least), least, setup.reference_noise or 0.0)
-    mixed = np.asarray((high - low).max(axis=1) > np.maximum(SAME, MEASURED * least))
-    return mean, of_each(u, "max"), mixed
-
-
-def _repeated(measurements: Measurements, setup: Setup) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Seats whose records, on the average, repeat each of their coordinates (s,); records of these that have others (n,)."""
-    seats = [of_seat[measurements.known[of_seat]] for of_seat in measurements.seats().values()]
-    repeated, loose = np.zeros(len(seats), dtype=bool), np.zeros(measurements.n, dtype=bool)
-    for number, rows in enumerate(seats):
-        at = measurements.reference[rows]
-        kinds, times = np.unique(at, axis=0, return_counts=True)
-        if 0 < REPEATED * len(kinds) <= len(at):
-            repeated[number] = True
-            stated = measurements.reference_u[rows]
-            least = float(np.min(stated[np.isfinite(stated)], initial=np.inf))
-            u = least if np.isfinite(least) else setup.reference_noise or 0.0
-            loose[rows] = np.abs(at - kinds[times.argmax()]).max(axis=1) > max(SAME, ROUNDED * u)
-    return repeated, loose
+    if stating.any():
+        table = pd.DataFrame(measurements.reference[stating]).assign(seat=seat[stating])
+        times = table.groupby(["seat", 0, 1, 2]).size().groupby(level="seat")
+        found = times.sum().index.to_numpy()
+        repeated[found] = times.sum() >= REPEATED * times.size()
+        most[found] = [at for _, *at in times.idxmax()]
+    return repeated, most
 
 
 def _bars(measurements: Measurements, setup: Setup, number: dict[str, int]) -> tuple[Index, Array, Array]:

@@ -166,7 +166,7 @@ class Solution:
         """χ² and its degrees of freedom: rows that count, less what the data determine of the parameters."""
         system = self.system
         # A parameter that its prior determines costs nothing: trace of (data's information) (whole information)⁻¹.
-        determined = float(np.linalg.norm(system.jacobian @ self._scaled)) ** 2
+        determined = float(np.linalg.norm(system.jacobian @ self.scaled)) ** 2
         left_out = int(self.noise.observations.counts[self.weights == 0.0].sum())
         return Chi2(float(system.residual @ system.residual), system.free - left_out - determined)
 
@@ -177,11 +177,12 @@ class Solution:
         if not self.problem.turns:
             return 0.0
         known = int((counts > 0).sum())
-        rows = (self.system.jacobian[: 6 * known] @ self._scaled).reshape(known, 6, self._scaled.shape[1])
+        rows = (self.system.jacobian[: 6 * known] @ self.scaled).reshape(known, 6, self.scaled.shape[1])
         return 3.0 * int(((counts == 6) & (self.weights > 0.0)).sum()) - float(np.square(rows[:, 3:]).sum())
 
     @property
-    def _scaled(self) -> Array:
+    def scaled(self) -> Array:
+        """From directions of which something is known to steps of the parameters (p, k), each of unit variance."""
         spectrum, movable = self.spectrum, self.spectrum.movable
         return spectrum.directions[:, movable] / spectrum.values[movable] * self.problem.scales[:, None]
 

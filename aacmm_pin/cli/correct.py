@@ -16,8 +16,6 @@ from aacmm_pin.arm.limits import broken_limits
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
 from aacmm_pin.cli.common import Force, Output, Results, command, note
-from aacmm_pin.effects import StylusOffset
-from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
@@ -228,6 +226,9 @@ def _u(model: ErrorModel, readings: Measurements, encoder_noise: float | None) -
         return np.full(readings.n, np.nan)
     if noise is None:
         note("note: u_mm is of the parameters alone; --encoder-noise-rad adds the noise of the readings")
-    return accuracy_volume(
+    found = accuracy_volume(
         model, readings.q, conditions=readings.conditions, method="ellipsoid", encoder_noise=encoder_noise
-    ).u
+    )
+    if exact := found.sources.of_exact:
+        note(f"note: {exact}")
+    return found.u

@@ -367,7 +367,7 @@ def _excess(extended: Fit) -> float:
 
     Of shifts or of turns. Where the noise of the encoders is not stated, they may have as much as plain ones.
     """
-    if extended.chi2_stated is None or max(extended.unmodelled, extended.noise.turn_scatter) == 0.0:
+    if extended.chi2_stated is None or max(extended.unmodelled, extended.noise.scatters.turn) == 0.0:
         return 0.0
     off, explained = extended.solution.system.off, np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:

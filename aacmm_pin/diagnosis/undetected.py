@@ -105,4 +105,4 @@ def _beside(choice: Choice, block: int, other: int) -> tuple[Array, Array]:
     """
     left, beside = choice.left, choice.question.blocks[other]
     along = left.projection.along(beside.columns)[left.projection.places[block]]
-    return along, np.linalg.inv(left.information(beside) + np.eye(beside.size))
+    return along, np.asarray(np.linalg.inv(left.information(beside) + np.eye(beside.size)))

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Array, Index, batch, vector, width_of
 from aacmm_pin._support.display import Shown
-from aacmm_pin.errors import MissingConditionError
+from aacmm_pin.errors import MissingConditionError, ShapeError
 
 Labels = NDArray[np.object_]
 """(n,) of str; "" where a record has none."""
@@ -27,6 +28,8 @@ COLUMNS = {
     "session": "session",
 }
 """The column of a measurement file behind each condition."""
+UNITS = {"time": "s", "temperature": "°C", "link_temperature": "°C", "approach": "1", "torque": "N·m"}
+"""What the numbers of a condition are."""
 COLD_WORKSHOP, HOT_WORKSHOP = 5.0, 50.0
 """No record is taken where it is always colder, or always warmer; 50 °F are 10 °C [°C]."""
 WARMER = 2.0
@@ -49,6 +52,9 @@ class Conditions(Shown):
         seat: label of the seat touched (n,), "" where none.
         marker: label of the target on the flange (n,), "" where none.
         session: label of the session (n,), "" where none.
+
+    Raises:
+        ShapeError: another shape, or numbers or labels that cannot be.
     """
 
     n: int
@@ -60,6 +66,25 @@ class Conditions(Shown):
     seat: Labels | None = None
     marker: Labels | None = None
     session: Labels | None = None
+
+    def __post_init__(self) -> None:
+        """What is given, as arrays of its own."""
+        if self.n < 0:
+            raise ShapeError(f"conditions are of {self.n} records, expected 0 or more")
+        for name in self.present:
+            values = getattr(self, name)
+            given: NDArray[Any]
+            if name not in UNITS:
+                given = labels_of(name, values, self.n)
+            elif name in ("time", "temperature"):
+                given = vector(values, self.n, name, UNITS[name])
+            else:
+                given = batch(values, width_of(values), name, UNITS[name])
+            if len(given) != self.n:
+                raise ShapeError(f"{name} has {len(given)} rows, expected {self.n}: one a record")
+            if name == "approach" and not np.isin(given, (-1.0, 0.0, 1.0)).all():
+                raise ShapeError("approach holds other numbers than -1, 0 and 1")
+            object.__setattr__(self, name, given)
 
     def take(self, rows: Index | slice | NDArray[np.bool_] | Sequence[int]) -> Conditions:
         """The same of some of the records."""
@@ -118,3 +143,18 @@ class Conditions(Shown):
         if values is None:
             raise MissingConditionError(purpose, COLUMNS[name])
         return np.asarray(values)
+
+
+def labels_of(name: str, values: ArrayLike, n: int) -> Labels:
+    """Labels of n records, as an array of its own.
+
+    Raises:
+        ShapeError: another shape, or something else than text.
+    """
+    labels = np.array(values, dtype=object)
+    if labels.shape != (n,):
+        raise ShapeError(f"{name} has shape {labels.shape}, expected ({n},) labels")
+    for i, label in enumerate(labels):
+        if not isinstance(label, str):
+            raise ShapeError(f"{name}[{i}] is {label!r}, expected text, '' where there is none")
+    return labels

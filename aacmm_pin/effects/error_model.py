@@ -248,6 +248,10 @@ class ErrorModel(Shown):
         conditions = Conditions(len(q)) if conditions is None else conditions
         if conditions.n != len(q):
             raise ShapeError(f"conditions are of {conditions.n} records, expected {len(q)} as q has")
+        for name in ("approach", "torque"):
+            values = getattr(conditions, name)
+            if values is not None and values.shape[1] != self.arm.nq:
+                raise ShapeError(f"{name} has {values.shape[1]} columns, expected {self.arm.nq}, one of each joint")
         return displaced(self.arm, self.effects, q, conditions, self.arm.place(at), as_referenced)
 
 

@@ -32,7 +32,7 @@ class Observations:
         covariance: of each record's own target, apart from the arm (n, 3, 3) [m²].
         labels: of the seats (s,).
         stated: stated coordinates of the seats (s, 3) [m]; NaN where there are none.
-        stated_u: their standard uncertainty (s, 3) [m].
+        stated_u: their standard uncertainty (s, 3) [m]; NaN where none is stated.
         ends: seats at the two ends of each bar (b, 2).
         length: calibrated lengths of the bars (b,) [m].
         length_u: their standard uncertainties (b,) [m].
@@ -65,6 +65,11 @@ class Observations:
     def known(self) -> NDArray[np.bool_]:
         """(s,) True for seats whose coordinates are stated."""
         return np.asarray(np.isfinite(self.stated).all(axis=1))
+
+    @property
+    def unstated(self) -> NDArray[np.bool_]:
+        """(s, 3) True for coordinates of seats that are stated without an uncertainty."""
+        return np.asarray(self.known[:, None] & np.isnan(self.stated_u))
 
     @cached_property
     def clusters(self) -> Index:

@@ -21,11 +21,11 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, batch, vector
+from aacmm_pin._support.checks import Array, Index, batch, vector, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM, UM
-from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels
+from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels, labels_of
 from aacmm_pin.errors import ShapeError, UnknownNameError
 from aacmm_pin.measurements import csv_columns as names
 from aacmm_pin.measurements.csv_columns import Problems, checked_columns, named, read_header
@@ -160,8 +160,7 @@ class Measurements(Shown):
             MeasurementFileError: the columns of a file with these data would contradict each other, such as an
                 unknown column named like a known one, a bar without seat, or another number of approaches than joints.
         """
-        q = batch(q, _width(q), "q", "rad")
-        plausible.READING.check(q, "q", ShapeError)
+        q = batch(q, width_of(q), "q", "rad")
         n = len(q)
         extra = pd.DataFrame(index=range(n)) if extra is None else extra.reset_index(drop=True)
         if len(extra) != n:
@@ -175,9 +174,8 @@ class Measurements(Shown):
         given |= {"reference": nothing if reference is None else reference}
         given |= {"reference_u": nothing if reference_u is None else reference_u}
         checked = {name: _checked(name, values, n) for name, values in given.items()}
-        conditions = Conditions(n, **{name: _checked(name, getattr(known, name), n) for name in known.present})
         row = np.arange(n) + FIRST_RECORD
-        measurements = Measurements(q=q, conditions=conditions, extra=extra, row=row, source=source, **checked)
+        measurements = Measurements(q=q, conditions=known, extra=extra, row=row, source=source, **checked)
         header = read_header(list(measurements.to_frame().columns), None, Problems(source, measurements.row))
         if list(header.extra) != list(extra.columns):
             known_names = [name for name in extra.columns if name not in header.extra]
@@ -269,6 +267,22 @@ class Measurements(Shown):
                 found[near[found[near] < 0]] = number
                 number += 1
         return found
+
+    def means_of_contacts(self) -> tuple[Measurements, Index]:
+        """One record of each contact, with the mean of its readings, for these share its error; and the records that are one
+        of several readings.
+
+        Records that follow one another in one posture, with the same reference, labels and directions of approach, are
+        readings of one contact, which was held. All but the angles is that of its first record.
+        """
+        columns = [*COPIED, "session", *named(names.APPROACH, self.nq)]
+        same = _numbered(self.to_frame().reindex(columns=columns).assign(posture=self.postures))
+        contact = np.cumsum(np.diff(same, prepend=-1) != 0) - 1
+        _, first, number, count = np.unique(contact, return_index=True, return_inverse=True, return_counts=True)
+        if count.max(initial=1) == 1:
+            return self, np.zeros(0, dtype=np.intp)
+        means = pd.DataFrame(self.q).groupby(number).mean().to_numpy()
+        return replace(self.take(first), q=means), np.flatnonzero(count[number] > 1)
 
     def seats(self) -> dict[str, Index]:
         """The records of each seat, by its label, in the order of their first records."""
@@ -435,19 +449,15 @@ def _checked(name: str, values: ArrayLike | None, n: int) -> Any:
     if values is None:
         return None
     if name in names.LABELS:
-        return _labels(name, values, n)
+        return labels_of(name, values, n)
     if name in ("reference", "reference_u", "orientation"):
         width, unit = (4, "1") if name == "orientation" else (3, "m")
         array = _with_gaps(values, lambda filled: batch(filled, width, name, unit))
         partly = np.flatnonzero(np.isnan(array).any(axis=1) & ~np.isnan(array).all(axis=1))
         if partly.size:
             raise ShapeError(f"{name}[{partly[0]}] is {array[partly[0]]}, expected numbers, or NaN for all where not known")
-    elif name in ("bar_length", "bar_length_u", "orientation_u"):
-        array = _with_gaps(values, lambda filled: vector(filled, n, name, "rad" if name == "orientation_u" else "m"))
-    elif name in ("time", "temperature"):
-        array = vector(values, n, name, COLUMNS[name])
     else:
-        array = batch(values, _width(values), name, COLUMNS[name])
+        array = _with_gaps(values, lambda filled: vector(filled, n, name, "rad" if name == "orientation_u" else "m"))
     if len(array) != n:
         raise ShapeError(f"{name} has {len(array)} rows, expected {n}: one a record")
     if name in names.PLAUSIBLE:
@@ -462,19 +472,7 @@ def _checked(name: str, values: ArrayLike | None, n: int) -> Any:
                 f"orientation has norms of {np.nanmin(norm):g} to {np.nanmax(norm):g}, expected unit quaternions"
             )
         return _unit(array)
-    if name == "approach" and not np.isin(array, (-1.0, 0.0, 1.0)).all():
-        raise ShapeError("approach holds other numbers than -1, 0 and 1")
     return array
-
-
-def _labels(name: str, values: ArrayLike, n: int) -> Labels:
-    labels = np.array(values, dtype=object)
-    if labels.shape != (n,):
-        raise ShapeError(f"{name} has shape {labels.shape}, expected ({n},) labels")
-    for i, label in enumerate(labels):
-        if not isinstance(label, str):
-            raise ShapeError(f"{name}[{i}] is {label!r}, expected text, '' where there is none")
-    return labels
 
 
 def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
@@ -485,8 +483,3 @@ def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
     array = check(np.where(unknown, 0.0, values) if np.any(unknown) else values)
     array[unknown] = np.nan
     return array
-
-
-def _width(values: ArrayLike) -> int:
-    shape = values.shape if isinstance(values, np.ndarray) else np.asarray(values, dtype=object).shape
-    return int(shape[-1]) if shape else 1

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
+from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.effects import Effect
@@ -92,8 +92,8 @@ class Situation:
         """The rows of everything in this set-up; another arm file is measured and judged by itself."""
         existing = None if set_up.changes_arm else task.existing
         pool = candidates(task, set_up, postures, rng)
-        old = () if existing is None else observations_of(existing, task.setup, 0.0).labels
-        seats = {*old, *observations_of(pool, task.setup, 0.0).labels}
+        old = () if existing is None else observations_of(existing, task.setup).labels
+        seats = {*old, *observations_of(pool, task.setup).labels}
         problem = task.problem(set_up.model, pool if existing is None else existing)
         layout = Layout.of(problem, task.causes, tuple(sorted(seats)))
         known = [np.eye(layout.nuisances, layout.width)]  # of what is refitted, its prior
@@ -132,7 +132,7 @@ def rows_of(problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, .
     """Whitened derivatives of each of the problem's records (n, 3, width), zero where it says nothing; and of what is stated
     of seats and bars (t, width), but for seats whose coordinates are ``stated`` elsewhere; ``frame`` is the base's.
     """
-    prediction, noise = problem.predict(problem.start, frame), NoiseModel.of(problem, frame, 0.0)
+    prediction, noise = problem.predict(problem.start, frame), NoiseModel.of(problem, frame, Scatters())
     known, count = noise.observations, len(layout.seats)
     number = np.array([layout.seats.index(label) for label in known.labels], dtype=np.intp)
     touched = np.flatnonzero(known.seat >= 0)

@@ -45,7 +45,7 @@ def postures_at_seats(task: Task, count: int, above: float | None, rng: np.rando
     pool = Pool.draw(task.model, above, EACH, rng)
     existing, labels = task.existing, []
     if existing is not None:
-        observed = observations_of(existing, task.setup, 0.0)
+        observed = observations_of(existing, task.setup)
         labels = list(observed.labels)
         tips = task.frame.apply(task.model.predict(existing.q, existing.conditions))
         points = task.frame.back(observed.start(tips))

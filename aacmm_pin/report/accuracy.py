@@ -63,14 +63,13 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     budget = accuracy.budget()[["parameter", "u_mm", "share"]]
     postures, over, budget = in_one_unit(postures, spread(values, "over the configurations"), budget)
     comprehensive = None if summary is None else summary["volume_mm3"]["comprehensive"]
-    exact = accuracy.sources.taken_as_exact
     blocks: list[Block] = [
         str(accuracy),
         "" if comprehensive is None else f"comprehensive accuracy {comprehensive:.4g} mm³",
         Table(postures, f"Postures{', swivel 0 where the elbow is highest' if 'swivel [°]' in postures else ''}"),
         Table(over),
         _budget(budget),
-        f"no uncertainty is stated for, and so taken as exact: {', '.join(exact)}" if exact else "",
+        accuracy.sources.of_exact,
     ]
     return Document("Accuracy", blocks)
 
@@ -93,12 +92,11 @@ def length_document(length: LengthUncertainty) -> Document:
         degrees = {f"theta {end}_deg": " ".join(f"{theta:.0f}" for theta in q / DEG) for end, q in angles.items()}
         rows.append({"postures": words, EXPANDED: COVERAGE_FACTOR * length.u[a, b] / MM, **degrees})
     ends, budget = in_one_unit(pd.DataFrame(rows), length.budget()[["parameter", "u_mm", "share"]])
-    exact = length.sources.taken_as_exact
     blocks: list[Block] = [
         str(length),
         Table(ends, "Postures for this length"),
         _budget(budget),
-        f"no uncertainty is stated for, and so taken as exact: {', '.join(exact)}" if exact else "",
+        length.sources.of_exact,
     ]
     return Document("Length", blocks)
 

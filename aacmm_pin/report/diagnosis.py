@@ -161,7 +161,7 @@ def _not_explained(result: Diagnosis) -> str:
         more = f"the residuals stay {left / result.noise:.1f} times the noise"
     else:
         more = f"the residuals stay at {length(left)}, where the stated noise is none"
-    if result.extended.stated and (turned := result.extended.noise.turn_scatter):
+    if result.extended.stated and (turned := result.extended.noise.scatters.turn):
         more += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
     depends = listed(result.unexplained.depends_on)
     return f"{more} and depend on {depends} in a way that no known cause has" if depends else more

@@ -156,6 +156,22 @@ def test_more_scatter_than_stated_is_found_and_said(sino6: Arm, rng: np.random.G
     assert result.p_value < 1e-6
     assert result.fit.unmodelled == pytest.approx(50e-6, rel=0.1)
     assert any("scatter more than stated" in note for note in result.notes)
+    assert not any("--no-prior" in note for note in result.notes)
+
+
+def test_a_part_that_was_exchanged_is_told(sino6: Arm, rng: np.random.Generator) -> None:
+    """Another stylus, 1 mm longer: by its half-width of 2.9 µm, which would hold its length where it was."""
+    file = load_arm_file("sino6")
+    longer = [*file.joints[:-1], file.joints[-1].model_copy(update={"d_mm": file.joints[-1].d_mm + 1.0})]
+    true = Arm.from_file(file.model_copy(update={"joints": longer}))
+    data = simulate_measurements(true, "free", 60, rng=rng, encoder_noise=READING, reference_noise=REFERENCE)
+    result = quick(sino6, data)
+    assert result.fit.unmodelled > 1e-4
+    (note,) = (note for note in result.notes if "--no-prior" in note)
+    assert re.search(r"the scatter is 0.0000 mm: d6 by [67]\S*e\+02 u", note)
+    assert quick(sino6, data, prior=False).parameters.set_index("parameter").loc["d6", "change"] == pytest.approx(
+        1e-3, rel=0.05
+    )
 
 
 def test_noise_that_nobody_stated_is_estimated(sino6: Arm, rng: np.random.Generator) -> None:
@@ -647,3 +663,26 @@ def test_what_nothing_tells_stays_where_it_was(zero6: Arm, plan: Any) -> None:
     turned = found.parameters.set_index("parameter").loc["theta_offset1"]
     assert abs(turned["change"]) < 1e-6
     assert found.fit.solution.converged
+
+
+def test_coordinates_of_seats_of_unstated_uncertainty(sino6: Arm) -> None:
+    """Seats off by 50 µm, touches by 15: both are found, and u of tips is right."""
+    z, seats = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        true = perturbed_model(ErrorModel(sino6), rng)
+        noise = {"encoder_noise": 2e-5, "probe_noise": 5e-6, "reference_noise": 5e-5}
+        data = simulate_measurements(true, "seats", 200, rng=rng, **noise)
+        data = replace(data, reference_u=np.full((data.n, 3), np.nan))
+        found = calibrate(sino6, data, prior=False, hold_out=False)
+        seats.append(found.fit.noise.scatters.seat)
+        assert found.fit.unmodelled == pytest.approx(1.5e-5, rel=0.15)
+        q = within(sino6, rng, 40)
+        model = found.model
+        sensitivity = model.sensitivity(q)
+        u = np.sqrt(np.diagonal(sensitivity @ model.covariance() @ sensitivity.transpose(0, 2, 1), axis1=1, axis2=2))
+        z.append((model.predict(q) - true.predict(q)) / u)
+    assert np.mean(seats) == pytest.approx(5e-5, rel=0.2)
+    moved = replace(data, reference=data.reference + 1e-3 * np.isin(data.conditions.require("seat", "it"), "S4")[:, None])
+    assert calibrate(sino6, moved, prior=False, hold_out=False).fit.noise.scatters.seat < 1e-4
+    assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.3  # 2.5 where one scatter stands for both

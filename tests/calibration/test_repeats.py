@@ -106,7 +106,8 @@ def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.G
         repeats.append(again)
     records = Measurements.from_frame(pd.concat(repeats, ignore_index=True))
     held = records.take(np.argsort(records.postures, kind="stable"))
-    assert [any("that were held" in note for note in counted_once(each)[1]) for each in (records, held)] == [False, True]
+    told = [any("that were held, with" in note for note in counted_once(each)[1]) for each in (records, held)]
+    assert told == [False, True]
     postures = records.postures
     assert postures.tolist() == list(range(40)) * 4
     result = calibrate(sino6, records, hold_out=False, progress=False)
@@ -115,6 +116,22 @@ def test_repeats_of_a_posture_are_held_out_together(sino6: Arm, rng: np.random.G
     for labels in (groups, parts_of(result.fit, np.random.default_rng(1))[1]):
         assert len(np.unique(labels)) > 2
         assert len(np.unique(np.column_stack([postures, labels]), axis=0)) == 40
+
+
+def test_readings_of_one_contact_count_as_their_mean(sino6: Arm, rng: np.random.Generator) -> None:
+    """Contacts of 20 µm, five readings of each: u is as of one reading of each contact, and right."""
+    noise = {"encoder_noise": 2e-6, "probe_noise": 2e-5, "reference_noise": 1e-6}
+    once = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6, **noise)
+    table = pd.concat([once.to_frame()] * 5).sort_index(kind="stable").reset_index(drop=True)
+    angles = [f"theta{j}_deg" for j in range(1, 7)]
+    table[angles] += np.degrees(rng.normal(0.0, 2e-6, (300, 6)))
+    again = Measurements.from_frame(table)
+    kept, notes = counted_once(again)
+    assert kept.q == pytest.approx(again.q.reshape(60, 5, 6).mean(axis=1))
+    assert kept.row.tolist() == list(range(2, 302, 5))
+    assert "300 records are readings of 60 contacts" in notes[0]
+    wanted, found = (calibrate(sino6, each, hold_out=False, **noise).parameters["u"] for each in (once, again))
+    np.testing.assert_allclose(found, wanted, rtol=0.01)
 
 
 def test_labels_that_share_a_posture_are_one() -> None:

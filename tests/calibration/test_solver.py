@@ -17,7 +17,7 @@ from aacmm_pin.calibration import solver
 from aacmm_pin.calibration.cross_validation import distances
 from aacmm_pin.calibration.fit import _variance_component, deleted_distances
 from aacmm_pin.calibration.identifiability import Observability
-from aacmm_pin.calibration.noise_model import NoiseModel, contradictions, observations_of
+from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, contradictions, observations_of
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
@@ -40,7 +40,7 @@ def external(arm: Arm, rng: np.random.Generator, off: float = 0.0, n: int = 12) 
 
 def test_noise_of_readings_in_a_turned_frame(sino6: Arm, rng: np.random.Generator) -> None:
     problem = external(sino6, rng)
-    found = NoiseModel.of(problem, FRAME, 3e-6)
+    found = NoiseModel.of(problem, FRAME, Scatters(3e-6))
     by_reading = FRAME.rotation @ sino6.jacobian(problem.measurements.q) * NOISE
     wanted = by_reading @ by_reading.transpose(0, 2, 1) + 9e-12 * np.eye(3)
     np.testing.assert_allclose(found.tips, wanted, rtol=1e-9, atol=1e-19)
@@ -54,7 +54,7 @@ def system_of(problem: Problem, off: float = 0.0) -> solver.Solution:
     """The system where the search begins, or so many widths away from it, the frame known."""
     x = problem.start + off * problem.widths
     point = solver.Point(x, FRAME, np.zeros((0, 3)), problem.predict(x, FRAME))
-    return solver.standing(problem, NoiseModel.of(problem, FRAME, 0.0), point, np.ones(problem.measurements.n))
+    return solver.standing(problem, NoiseModel.of(problem, FRAME, Scatters()), point, np.ones(problem.measurements.n))
 
 
 def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +93,7 @@ def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generat
     data = simulate_measurements(sino6, "ball-bar", 60, rng=rng, known=False, bar_length=0.5, **noise)
     setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
-    model = NoiseModel.of(problem, Frame.identity(), 0.0)
+    model = NoiseModel.of(problem, Frame.identity(), Scatters())
     search = solver._Search(problem, model, np.ones(60), False, solver.SETTLED)
     begun = solver.begin(problem, model.observations)
     start = replace(begun, seats=begun.seats + rng.normal(scale=2e-3, size=begun.seats.shape))
@@ -121,7 +121,7 @@ def test_distance_from_where_the_others_put_a_seat(sino6: Arm, rng: np.random.Ge
     data = simulate_measurements(sino6, "seats", 24, rng=rng, seats=3, known=known, **noise)
     setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
-    model = NoiseModel.of(problem, Frame.identity(), 0.0)
+    model = NoiseModel.of(problem, Frame.identity(), Scatters())
     begun, weights, observations = solver.begin(problem, model.observations), np.ones(24), model.observations
     step = solver.standing(problem, model, begun, weights).system.seats(np.zeros(problem.scales.size))
     best = solver.standing(problem, model, replace(begun, seats=begun.seats + step), weights)
@@ -175,7 +175,7 @@ def test_coordinates_of_a_seat_that_hardly_differ_are_the_same(sino6: Arm) -> No
     ):
         points = np.array([[0.5, 0.0, 0.0], [0.5 + apart * 1e-5, 0.0, 0.0]])
         records = Measurements.of(np.zeros((2, 6)), points, np.full((2, 3), u), conditions=seats)
-        assert observations_of(records, Setup.of(sino6, reference_noise=noise), 0.0).labels == labels
+        assert observations_of(records, Setup.of(sino6, reference_noise=noise)).labels == labels
 
 
 @pytest.mark.parametrize(("apart", "loose"), [(3e-6, False), (1.9e-5, False), (2.1e-5, True), (3e-3, True)])
@@ -188,11 +188,11 @@ def test_a_seat_of_which_some_records_are_rounded_or_wrong_was_measured_once(sin
     own = points.copy()
     own[:, 0] = 0.5 + np.linspace(0.0, apart, 8)
     records = Measurements.of(np.zeros((8, 6)), points, conditions=seats)
-    found = observations_of(records, noise, 0.0)
+    found = observations_of(records, noise)
     assert found.seat.tolist() == np.where(loose & (np.arange(8) == 5), -1, 0).tolist()
     assert abs(found.stated[0, 0] - 0.5 - (not loose) * apart / 8) < 1e-12
-    assert len(contradictions(records, noise, 0.0)) == loose
-    assert observations_of(replace(records, reference=own), noise, 0.0).labels == (("A",) if apart == 3e-6 else ())
+    assert len(contradictions(records, noise, Scatters())) == loose
+    assert observations_of(replace(records, reference=own), noise).labels == (("A",) if apart == 3e-6 else ())
 
 
 def test_distances_at_unknown_seats() -> None:
@@ -217,13 +217,22 @@ def test_chi2_that_the_noise_does_not_explain() -> None:
 
 
 def test_the_scatter_with_which_chi2_meets_its_degrees_of_freedom() -> None:
-    """Ties of seats and bars have a part of them; records that do not count have none; too few tell nothing."""
+    """Ties of seats and bars have a part of them, or, not stated, one of their own; records that do not count have none; too
+    few tell nothing.
+    """
     deviation = np.array([[3.0, 0, 0], [0, 4.0, 0], [0, 0, 12.0], [900.0, 0, 0]]) * 1e-5
     ties: Any = SimpleNamespace(
         of_seats=lambda seats: np.array([[0.0, seats, 0.0]]), of_bars=lambda seats: (np.array([seats / 2]), None)
     )
-    noise = SimpleNamespace(scatter=7e-5, observations=ties, without_scatter=np.broadcast_to(9e-10 * np.eye(3), (4, 3, 3)))
-    for dof, seats, wanted in ((8.0, 0.0, 169 / 8.0), (8.0, 2.0, 169 / 3.0), (0.4, 2.0, None)):
+    own = np.broadcast_to(9e-10 * np.eye(3), (4, 3, 3))
+    noise = SimpleNamespace(scatters=Scatters(7e-5), observations=ties, without_scatter=own)
+    closed, open_ = np.zeros((1, 3), dtype=bool), np.array([[False, True, False]])
+    for dof, seats, apart, wanted in (
+        (8.0, 0.0, (closed, 0.0), 169 / 8.0),
+        (8.0, 2.0, (closed, 0.0), 169 / 3.0),
+        (8.0, 2.0, (open_, 1.5), 169 / 5.5),
+        (0.4, 2.0, (closed, 0.0), None),
+    ):
         found: Any = SimpleNamespace(
             noise=noise,
             chi2=SimpleNamespace(dof=dof),
@@ -232,7 +241,7 @@ def test_the_scatter_with_which_chi2_meets_its_degrees_of_freedom() -> None:
             point=SimpleNamespace(seats=seats),
         )
         scatter = 7e-5 if wanted is None else 1e-5 * np.sqrt(wanted - 9.0)
-        assert _variance_component(found, np.arange(4) < 3) == pytest.approx(scatter, rel=1e-6)
+        assert _variance_component(found, np.arange(4) < 3, False, *apart) == pytest.approx(scatter, rel=1e-6)
 
 
 def test_weights_of_gross_errors() -> None:

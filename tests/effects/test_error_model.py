@@ -120,6 +120,8 @@ def test_what_cannot_be_asked_for(sino6: Arm) -> None:
                 ask(q)
     with pytest.raises(ShapeError, match="conditions are of 3 records, expected 2 as q has"):
         model.predict(np.zeros((2, 6)), Conditions(3))
+    with pytest.raises(ShapeError, match="approach has 5 columns, expected 6"):
+        model.predict(np.zeros((2, 6)), Conditions(2, approach=np.ones((2, 5))))
     with pytest.raises(UnknownNameError, match="frame9"):
         model.predict(np.zeros((1, 6)), at="frame9")
     with pytest.raises(UnsupportedArmError, match="base_link"):

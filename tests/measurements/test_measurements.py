@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -491,21 +492,31 @@ ARRAYS: list[tuple[dict[str, object], str]] = [
     ({"q": ONE, "reference": [[1, 2, 1e3]]}, r"reference\[0, 2\] is 1000 m, expected -100 to 100"),
     ({"q": ONE, "reference": [[1, 2, 3]], "reference_u": [[1, 1, 1]]}, r"reference_u\[0, 0\] is 1 m, expected 0 to 0.01"),
     ({"q": ONE, "bar_length": [500.0]}, r"bar_length\[0\] is 500 m, expected"),
-    ({"q": ONE, "conditions": Conditions(1, temperature=np.array([-273.15]))}, r"temperature\[0\] is -273.15 °C"),
     ({"q": ONE, "operator": ["a", "b"]}, r"operator has shape \(2,\), expected \(1,\)"),
     ({"q": ONE, "record": [3]}, r"record\[0\] is 3, expected text"),
     ({"q": ONE, "bar_length": [[1.0]]}, r"bar_length has shape \(1, 1\), expected \(1,\)"),
     ({"q": ONE, "conditions": Conditions(2)}, "conditions are of 2 records, expected 1"),
-    ({"q": ONE, "conditions": Conditions(1, time=np.array([np.nan]))}, r"time\[0\] is nan"),
-    ({"q": ONE, "conditions": Conditions(1, torque=np.zeros((2, 2)))}, "torque has 2 rows, expected 1"),
-    ({"q": ONE, "conditions": Conditions(1, approach=np.array([[0.5, 1]]))}, "approach holds other numbers"),
-    ({"q": ONE, "conditions": Conditions(1, seat=np.array([None]))}, r"seat\[0\] is None, expected text"),
     ({"q": ONE, "extra": pd.DataFrame({"a": [1, 2]})}, "extra has 2 rows, expected 1"),
     ({"q": ONE, "extra": pd.DataFrame({"seat": ["a"]})}, "extra has columns of known names: seat"),
 ]
 
 
+OF_CONDITIONS: list[tuple[dict[str, Any], str]] = [
+    ({"temperature": np.array([-273.15])}, r"temperature\[0\] is -273.15 °C"),
+    ({"time": np.array([np.nan])}, r"time\[0\] is nan"),
+    ({"torque": np.zeros((2, 2))}, "torque has 2 rows, expected 1"),
+    ({"approach": np.array([[0.5, 1]])}, "approach holds other numbers"),
+    ({"seat": np.array([None])}, r"seat\[0\] is None, expected text"),
+    ({"n": -1}, "conditions are of -1 records"),
+    ({"temperature": [298.15]}, r"temperature\[0\] is 298.15 °C, expected -100 to 200 °C"),
+    ({"temperature": [20.0, 21.0]}, r"temperature has shape \(2,\), expected \(1,\)"),
+]
+
+
 def test_arrays_with_a_mistake() -> None:
+    for given, words in OF_CONDITIONS:
+        with pytest.raises(ShapeError, match=words):
+            Conditions(**{"n": 1} | given)
     for arguments, words in ARRAYS:
         with pytest.raises(ShapeError, match=words):
             Measurements.of(**arguments)  # type: ignore[arg-type]
