@@ -326,8 +326,9 @@ def _farther_off(after: Fit) -> list[str]:
     mine = problem.stated & np.array([parameter is not None for parameter in problem.vector.of_arm], dtype=bool)
     if not mine.any():
         return []
-    assembled = np.array([ASSEMBLED[parameter.unit] for parameter in problem.vector.parameters])
-    free = replace(problem, widths=np.where(mine, assembled, problem.widths), stated=problem.stated & ~mine)
+    widths = problem.widths.copy()
+    widths[mine] = [ASSEMBLED[parameter.unit] for parameter, own in zip(problem.vector.parameters, mine, strict=True) if own]
+    free = replace(problem, widths=widths, stated=problem.stated & ~mine)
     without = fit(
         replace(free, correlation=np.where(np.outer(mine, mine), np.eye(mine.size), free.correlation)), used=after.used
     )

@@ -24,6 +24,7 @@ from aacmm_pin.diagnosis.evidence import Conditional, evidence_of
 from aacmm_pin.diagnosis.forward_backward_selection import SURE, Question, search
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.nuisance_projection import Projection, freedom
+from aacmm_pin.diagnosis.shared_exclusions import together
 from aacmm_pin.effects import Effect
 from aacmm_pin.measurements.records import Measurements
 
@@ -132,8 +133,8 @@ def choose(
     """Search at the recalibrated arm, refit with what was found, search again there, until the choice stays.
 
     A strong cause in few records (a moved seat, a place in the room) makes these look like gross errors, which hides it.
-    So where records were excluded, the search is tried with the nearer of them put back too; what it finds is taken if it
-    makes sense of them, of one or two only where there is nothing else, and then not as found.
+    So where records were excluded, the search is tried with the nearer of them, and those of one time, put back too; what it
+    finds is taken if it makes sense of them, of one or two only where there is nothing else, and then not as found.
     """
     nearer = _put_back(first)
     found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
@@ -160,9 +161,10 @@ def _doubtful(choice: Choice, first: Fit) -> int:
 
 
 def _put_back(first: Fit) -> NDArray[np.bool_]:
-    """The records that count, and those that were excluded but not by far (n,)."""
+    """The records that count, and those that were excluded but not by far, or all at one time (n,)."""
     far = _times_the_limit(first, first.solution.point.prediction.poses, first)
-    return np.asarray(first.used | (first.excluded & (far < NOT_FAR)))
+    stretch, _ = together(first.excluded, first.used, first.problem.measurements)
+    return np.asarray(first.used | (first.excluded & ((far < NOT_FAR) | stretch)))
 
 
 def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:

@@ -9,11 +9,16 @@ import numpy as np
 import pandas as pd
 import scipy
 from numpy.typing import NDArray
+from scipy.special import gammaln
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.measurements.records import Measurements
 
+TOGETHER = 1e-3
+"""Chance, over all stretches of time, below which excluded records that follow one another are no gross errors."""
+FEWEST_TOGETHER = 3
+"""Fewer of them than this may be one mishap."""
 FEWEST = 5
 """Fewer excluded records than this share many things by chance."""
 SURELY = 1e-6
@@ -55,9 +60,16 @@ class Shared:
 def shared_by(excluded: Mask, used: Mask, others: Sequence[Covariate], measurements: Measurements) -> Shared | None:
     """What the ``excluded`` records (n,) share that the ``used`` ones (n,) do not, by the smallest chance; None if nothing.
 
-    Numbers by Kuiper's statistic (Kuiper 1960), labels by the binomial chance of so many excluded ones with one of them;
-    Bonferroni's bound over all that were looked at.
+    The stretch of time first, see :func:`together`. Then numbers by Kuiper's statistic (Kuiper 1960), labels by the binomial
+    chance of so many excluded ones with one of them; Bonferroni's bound over all that were looked at.
     """
+    stretch, chance = together(excluded, used, measurements)
+    if stretch.any():
+        time = measurements.conditions.time
+        values = (measurements.row if time is None else time)[stretch]
+        words = f"{'rows' if time is None else 'time_s from'} {values.min():.6g} to {values.max():.6g}"
+        there = int((stretch & excluded).sum()), int((stretch & (excluded | used)).sum())
+        return Shared("record" if time is None else "time", chance, words, *there, int(excluded.sum()))
     if excluded.sum() < FEWEST:
         return None
     columns = [*_columns(others, measurements), *_nearness(others, excluded)]
@@ -67,6 +79,40 @@ def shared_by(excluded: Mask, used: Mask, others: Sequence[Covariate], measureme
     if best is None or best.p_value * len(each) >= SURELY:
         return None
     return replace(best, p_value=best.p_value * len(each))
+
+
+def together(excluded: Mask, used: Mask, measurements: Measurements) -> tuple[Mask, float]:
+    """The stretch of time, else of the file, in which the ``excluded`` records (n,) are, and few of the ``used`` ones: its
+    records (n,), and the chance of any such; no records where that is not less than :data:`TOGETHER`.
+
+    Where k of N are drawn at random, m of them are among w that follow one another with a chance of no more than
+    ``C(w, m) C(N - m, k - m) / C(N, k)``; Bonferroni's bound over all stretches, half of it for those that begin or end with
+    the file.
+    """
+    time = measurements.conditions.time
+    order = np.argsort(np.arange(measurements.n) if time is None else time, kind="stable")
+    order = order[(excluded | used)[order]]
+    places, count, k = np.flatnonzero(excluded[order]), order.size, int(excluded.sum())
+    nothing = np.zeros(excluded.size, dtype=bool)
+    if k < FEWEST_TOGETHER:
+        return nothing, 1.0
+    first, last = np.triu_indices(k, FEWEST_TOGETHER - 1)
+    number = np.arange(FEWEST_TOGETHER, k + 1)
+    of_file = np.concatenate([0 * number, places[k - number]]), np.concatenate([places[number - 1], 0 * number + count - 1])
+    low, high = (np.concatenate(ends) for ends in ((places[first], of_file[0]), (places[last], of_file[1])))
+    m, w = np.concatenate([last - first + 1, number, number]), high - low + 1
+    tried = np.where(np.arange(m.size) < first.size, count * (count + 1.0), 4.0 * count)
+    chances = np.log(tried) + _log_binomial(w, m) + _log_binomial(count - m, k - m) - _log_binomial(count, k)
+    best = int(np.argmin(chances))
+    if chances[best] >= np.log(TOGETHER):
+        return nothing, 1.0
+    nothing[order[low[best] : high[best] + 1]] = True
+    return nothing, float(np.exp(chances[best]))
+
+
+def _log_binomial(n: Array | int, k: Array | int) -> Array:
+    """``log C(n, k)``."""
+    return np.asarray(gammaln(np.add(n, 1)) - gammaln(np.add(k, 1)) - gammaln(np.subtract(n, k) + 1))
 
 
 def _columns(others: Sequence[Covariate], measurements: Measurements) -> Iterator[tuple[str, pd.Series]]:

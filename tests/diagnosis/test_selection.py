@@ -394,6 +394,8 @@ def test_excluded_records_are_tried_with_the_others(
 
     judged = dict(zip(("first", "wider"), doubtful or (), strict=False))
     monkeypatch.setattr(model_extension, "fit", fit)
+    first.problem = SimpleNamespace(measurements=None)
+    monkeypatch.setattr(model_extension, "together", lambda *_: (np.zeros(records, dtype=bool), 1.0))
     monkeypatch.setattr(model_extension, "_times_the_limit", lambda *_: far)
     monkeypatch.setattr(model_extension, "_doubtful", lambda choice, _: judged[choice.fit.name])
     design: Any = SimpleNamespace(fit=None)
