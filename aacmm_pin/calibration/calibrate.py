@@ -144,12 +144,6 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
     notes = list(measurements.read_as)
     if copies.size:
         notes.append(f"{copies.size} records are copies of others and count once: rows {listed(measurements.row[copies])}")
-    kept, seated = _seated(kept)
-    if seated.size:
-        notes.append(
-            f"{seated.size} records without a seat have the very same coordinates as others, and count as touches of one "
-            f"seat with these: rows {listed(kept.row[seated])}"
-        )
     means, held = kept.means_of_contacts()
     if held.size:
         contacts = f"{held.size - kept.n + means.n} contacts that were held"
@@ -157,6 +151,12 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
             f"{held.size} records are readings of {contacts}, and count as their means: rows {listed(kept.row[held])}"
         )
         kept = means
+    kept, seated = _seated(kept)
+    if seated.size:
+        notes.append(
+            f"{seated.size} records without a seat have the very same coordinates as others, and count as touches of one "
+            f"seat with these: rows {listed(kept.row[seated])}"
+        )
     postures = 1 + np.count_nonzero(np.diff(kept.postures))
     if kept.n > OFTEN * postures:
         notes.append(

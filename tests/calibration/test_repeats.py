@@ -132,6 +132,9 @@ def test_readings_of_one_contact_count_as_their_mean(sino6: Arm, rng: np.random.
     assert "300 records are readings of 60 contacts" in notes[0]
     wanted, found = (calibrate(sino6, each, hold_out=False, **noise).parameters["u"] for each in (once, again))
     np.testing.assert_allclose(found, wanted, rtol=0.01)
+    free = table.drop(columns="seat").assign(x_mm=table["x_mm"] + np.repeat(rng.normal(0.0, 0.01, 60), 5))
+    kept, notes = counted_once(Measurements.from_frame(free))
+    assert (kept.n, len(notes)) == (60, 1)  # and no seats
 
 
 def test_labels_that_share_a_posture_are_one() -> None:
