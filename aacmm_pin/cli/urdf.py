@@ -33,7 +33,7 @@ def run(
         if to_dh:
             if model.effects:
                 note(f"note: left out: {', '.join(effect.label for effect in model.effects)}")
-            if np.diag(ErrorModel(model.arm).covariance()).any():
+            if np.diag(model.covariance()).any():
                 note("note: the table states no uncertainties; those of the arm are left out")
             results.text(arm_text(dh_file(model.arm)), output)
         else:

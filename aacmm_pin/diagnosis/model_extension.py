@@ -357,7 +357,7 @@ def _rivals(choice: Choice, block: int) -> list[Effect]:
         if candidate not in best or not np.isfinite(odds[candidate]) or len(found) == RIVALS:
             break
         effect = choice.variant(best[int(candidate)])
-        tried = effect.at(()).refined(records) if effect.inner_widths() and not is_change(effect) else []
+        tried = effect.at(()).refined(records) if effect.inner and not is_change(effect) else []
         if tried and not any(each.exceptional for each in tried):
             found.append(_likeliest(tried, _beside(choice.fit, tuple(tried), rest)))
     return found

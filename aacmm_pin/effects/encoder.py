@@ -34,6 +34,8 @@ FINE = 15
 """Steps in half an order in which an order is refined around the one that was tried."""
 SLIPS = 40
 """Times of a slip that are tried, in quantiles of the records' times, besides the middle of every pause."""
+AT_ENDS = 3
+"""Fewer records before or behind a slip than this are not asked whether it was there: they may be gross errors."""
 NEAR = 60
 """Gaps between records around a time of a slip to which it is refined."""
 PAUSE = 5.0
@@ -389,7 +391,8 @@ class EncoderSlip(Effect):
             return
         between, gaps = (taken[1:] + taken[:-1]) / 2, np.diff(taken)
         pauses = between[gaps > PAUSE * np.median(gaps)][:SLIPS]
-        spread = between[np.unique(np.linspace(0.04, 0.96, SLIPS) * (len(between) - 1)).astype(int)]
+        first = min(AT_ENDS, (len(between) + 1) // 2) - 1
+        spread = between[np.unique(np.linspace(first, len(between) - 1 - first, SLIPS).astype(int))]
         times = np.union1d(spread, pauses)
         yield from (tuple(cls(row, float(t)) for t in times) for row in arm.chain.moving_rows())
 

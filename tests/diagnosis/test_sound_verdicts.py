@@ -552,17 +552,29 @@ def test_a_known_cause_that_has_changed(sino6: Arm) -> None:
     assert (same.verdict, same.findings) == ("no-discrepancy", ())
 
 
-@pytest.mark.parametrize("count", [4, 8])
-@pytest.mark.parametrize("size", [1e-3, 5e-3])
-def test_a_slip_near_the_end_is_no_gross_errors(sino6: Arm, count: int, size: float) -> None:
-    """The few records after it are far off, and all that are."""
-    rng = np.random.default_rng(count)
-    drawn = simulate_measurements(sino6, "free", 120, rng=rng, **NOISE)
+def slipped(arm: Arm, joint: int, before: int, size: float, records: int, seed: int) -> Diagnosis:
+    """Of records of which so many, or all but so many, are before a slip."""
+    drawn = simulate_measurements(arm, "free", records, rng=np.random.default_rng(seed), **NOISE)
     time = np.sort(drawn.conditions.require("time", "the test"))
-    slipped = ErrorModel(sino6, (EncoderSlip(2, float(time[-count - 1 : -count + 1].mean()), values=(size,)),))
-    data = simulate_measurements(slipped, "free", 120, rng=np.random.default_rng(count), **NOISE)
-    found = diagnose(sino6, data, **NOISE, hold_out=False, progress=False)
+    slip = EncoderSlip(joint, float((time[before - 1] + time[before]) / 2), values=(size,))
+    data = simulate_measurements(ErrorModel(arm, (slip,)), "free", records, rng=np.random.default_rng(seed), **NOISE)
+    return diagnose(arm, data, **NOISE, hold_out=False, progress=False)
+
+
+@pytest.mark.parametrize(("last", "size"), [(4, 1e-3), (4, 5e-3), (8, 1e-3)])
+def test_a_slip_near_the_end_is_no_gross_errors(sino6: Arm, last: int, size: float) -> None:
+    """The few records after it are far off, and all that are."""
+    found = slipped(sino6, 2, -last, size, 120, last)
     assert (found.verdict, [finding.label for finding in found.findings]) == ("explained", ["encoder_slip:2"])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_early_slip_is_no_drift(sino6: Arm, seed: int) -> None:
+    """A drift that is soon over looks like it, and is not to be compared with a slip at a time of which few were tried."""
+    found = slipped(sino6, 5, 5, 3e-4, 200, seed)
+    labels = {finding.label: finding.probability for finding in found.findings}
+    assert labels.get("zero_drift:5", 0.0) < 0.95
+    assert "encoder_slip:5" in {*labels, *(alias.label for finding in found.findings for alias in finding.aliases)}
 
 
 def test_excluded_records_of_one_time(sino6: Arm, rng: np.random.Generator) -> None:
