@@ -198,6 +198,7 @@ def test_a_calibrated_and_an_extended_robot_are_files(robot: tuple[Path, Path, P
         assert "joint_compliance:2" in [effect.key for effect in model.effects]
         np.testing.assert_allclose(model.predict(q), places, rtol=0, atol=2e-5)
         assert found("accuracy", path, *POSE, "--count", "6")["u_mm"]["max"] < 0.05
+        assert "states no uncertainties" in done("urdf", path, "--to-dh", "-o", tmp_path / f"{path.stem}.dh.toml")[1]
     (tmp_path / "far" / "away").mkdir(parents=True)
     (tmp_path / "link").symlink_to(tmp_path / "far" / "away")
     (tmp_path / "there.toml").symlink_to(tmp_path / "far" / "away" / "there.toml")
