@@ -52,6 +52,8 @@ ROUNDED_TO = (1e-3, 1e-4, 1e-5, 1e-6)
 """What angles of another export may be rounded to, the coarsest first [degree] …"""
 REFERENCE_ROUNDED_TO = (10 * UM, UM, UM / 10, UM / 100)
 """… and its references [m]."""
+MOST_VALUES = 12
+"""An unknown column with more values than this is of single records, such as their numbers."""
 COPIED = (*names.REFERENCE, *names.ORIENTATION, "seat", "marker", "bar", "bar_end")
 """Columns in which copies agree, beside the angles and the directions of approach."""
 
@@ -272,10 +274,12 @@ class Measurements(Shown):
         """One record of each contact, with the mean of its readings, for these share its error; and the records that are one
         of several readings.
 
-        Records that follow one another in one posture, with the same reference, labels and directions of approach, are
-        readings of one contact, which was held. All but the angles is that of its first record.
+        Records that follow one another in one posture, with the same reference, labels and directions of approach, and the
+        same of what else has a few values, such as a load, are readings of one contact, which was held. All but the angles
+        is that of its first record.
         """
-        columns = [*COPIED, "session", *named(names.APPROACH, self.nq)]
+        few = [name for name in self.extra if self.extra[name].nunique() <= MOST_VALUES]
+        columns = [*COPIED, "session", "operator", *named(names.APPROACH, self.nq), *few]
         same = _numbered(self.to_frame().reindex(columns=columns).assign(posture=self.postures))
         contact = np.cumsum(np.diff(same, prepend=-1) != 0) - 1
         _, first, number, count = np.unique(contact, return_index=True, return_inverse=True, return_counts=True)

@@ -135,6 +135,8 @@ def test_readings_of_one_contact_count_as_their_mean(sino6: Arm, rng: np.random.
     free = table.drop(columns="seat").assign(x_mm=table["x_mm"] + np.repeat(rng.normal(0.0, 0.01, 60), 5))
     kept, notes = counted_once(Measurements.from_frame(free))
     assert (kept.n, len(notes)) == (60, 1)  # and no seats
+    loaded = free.assign(number=np.arange(300), load=np.arange(300) % 5 // 4)
+    assert counted_once(Measurements.from_frame(loaded))[0].n == 120
 
 
 def test_labels_that_share_a_posture_are_one() -> None:
