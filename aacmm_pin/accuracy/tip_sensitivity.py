@@ -134,9 +134,9 @@ class ErrorSources(Shown):
         return (*self.arm.without_uncertainty, *(name for name in of_effects if variance[name] == 0))
 
     @property
-    def of_exact(self) -> str:
-        """In words, what is taken as exact; "" where nothing is."""
-        return exact_in_words(self.taken_as_exact)
+    def caveats(self) -> tuple[str, ...]:
+        """What is not in the uncertainties, in words."""
+        return caveats(self.arm, self.taken_as_exact)
 
     @cached_property
     def axes(self) -> Array | None:
@@ -292,6 +292,9 @@ def _correlation(covariance: Array, columns: Index) -> Array | None:
     return correlation
 
 
-def exact_in_words(names: Sequence[str]) -> str:
-    """That parameters have no stated uncertainty; "" where there are none."""
-    return f"no uncertainty is stated for, and so taken as exact: {', '.join(names)}" if names else ""
+def caveats(arm: Arm, exact: Sequence[str]) -> tuple[str, ...]:
+    """What is not in the uncertainties of an arm: parameters that are taken as exact, and what was left unexplained."""
+    words = [f"no uncertainty is stated for, and so taken as exact: {', '.join(exact)}"] if exact else []
+    if arm.unexplained:
+        words.append(f"not in u, for nothing explained it when {arm.name} was calibrated: {arm.unexplained}")
+    return tuple(words)

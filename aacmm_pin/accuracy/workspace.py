@@ -22,7 +22,7 @@ from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.map_checkpoint import MapCheckpoint, digits
-from aacmm_pin.accuracy.tip_sensitivity import exact_in_words
+from aacmm_pin.accuracy.tip_sensitivity import caveats
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
@@ -314,19 +314,18 @@ def _question(arm: Arm, probe: AccuracyVolume, box: Array, cells: tuple[int, int
 
 
 def map_caveats(arm: Arm) -> tuple[str, ...]:
-    """Why the half-plane y = 0 does not stand for all of space with this arm, and what of the arm is taken as exact."""
-    caveats = []
+    """Why the half-plane y = 0 does not stand for all of space with this arm, and what is not in its uncertainties."""
+    found = []
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
-        caveats.append("joint 1 does not turn all the way round: the map holds for the half-plane y = 0 alone")
+        found.append("joint 1 does not turn all the way round: the map holds for the half-plane y = 0 alone")
     if abs(arm.up[2]) < 1 - 1e-12:
-        caveats.append("gravity is not along joint axis 1: swivel angles count from another place in other half-planes")
+        found.append("gravity is not along joint axis 1: swivel angles count from another place in other half-planes")
     rest = Wrist.of(arm.require_dh("a map of the workspace", WRIST_ROW), limits=arm.limits).rest / DEG
     if rest.any():
         held = " and ".join(f"joint {WRIST_ROW + k} at {angle:.4g}°" for k, angle in enumerate(rest) if angle)
-        caveats.append(f"held where the limits are nearest to 0: {held}")
-    caveats += [exact] if (exact := exact_in_words(arm.without_uncertainty)) else []
-    return tuple(caveats)
+        found.append(f"held where the limits are nearest to 0: {held}")
+    return (*found, *caveats(arm, arm.without_uncertainty))
 
 
 def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array, Array]:

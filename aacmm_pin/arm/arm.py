@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +26,9 @@ from aacmm_pin.errors import AacmmError, ArmFileError, ShapeError, UnknownNameEr
 
 if TYPE_CHECKING:
     from aacmm_pin.arm.poses import Poses
+
+MOST_UNEXPLAINED = 1000
+"""Characters of what was left unexplained: groups of records may be many, and have long labels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +73,11 @@ class Arm(Shown):
     def without_uncertainty(self) -> tuple[str, ...]:
         """Names of the geometric parameters for which no uncertainty was stated; they count as exact."""
         return tuple(p.name for p in self.parameters if p.half_width is None and p.u == 0)
+
+    @property
+    def unexplained(self) -> str:
+        """What its last calibration or diagnosis saw in the records and could not explain, in words; "" where nothing."""
+        return "" if self.file is None else self.file.unexplained
 
     @staticmethod
     def load(name_or_path: str | Path) -> Arm:
@@ -212,6 +221,11 @@ class Arm(Shown):
             moves = not getattr(row, "fixed", False)
             rows.append(row.model_copy(update={"encoder_noise_rad": next(of_joint)}) if moves else row)
         return replace(self, encoder_noise=noise, file=self.file.model_copy(update={"joints": rows}))
+
+    def with_unexplained(self, text: str) -> Arm:
+        """The arm in whose file is what was left unexplained, shortened to what a file has."""
+        short = textwrap.shorten(text, MOST_UNEXPLAINED, placeholder=" …")
+        return replace(self, file=None if self.file is None else self.file.model_copy(update={"unexplained": short}))
 
     @property
     def nq(self) -> int:

@@ -230,6 +230,7 @@ class AnyArmFile(_Part):
     reference_temperature_c: TemperatureC = 20.0
     gravity_m_s2: Annotated[tuple[Acceleration, Acceleration, Acceleration], _FROM_ARRAY] = (0.0, 0.0, -9.81)
     stylus: Stylus | None = None
+    unexplained: Text = ""
     effects: Annotated[list[EffectEntry], Field(max_length=MOST_EFFECTS)] = Field(default_factory=list)
     covariance: Covariance | None = None
 

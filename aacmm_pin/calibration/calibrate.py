@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import Index
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
-from aacmm_pin._support.units import DEG, MM, UM
+from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import other_turns
 from aacmm_pin.calibration.calibrated_arm import temperature_of
@@ -291,28 +291,27 @@ def _of_torques(after: Fit) -> list[str]:
 
 def _of_noise(after: Fit) -> list[str]:
     """Noise that was found instead of stated, or beside what is stated."""
-    problem, setup, scatters, found = after.problem, after.problem.setup, after.noise.scatters, []
-    turns = f" and {scatters.turn / UM:.3g} µrad" if problem.turns else ""
-    scatter = f"{scatters.tip / MM:.4f} mm{turns}"
+    problem, setup, seats, found = after.problem, after.problem.setup, after.noise.scatters.seat, []
     if setup.encoder_noise is None:
         found.append("encoder noise not given; estimated with the scatter")
     if not after.stated:
         what = " and ".join(setup.unstated(problem.measurements))
-        of_seats = f", and {scatters.seat / MM:.4f} mm per coordinate of the seats" if scatters.seat else ""
+        of_seats = f", and {seats / MM:.4f} mm per coordinate of the seats" if seats else ""
         found.append(
-            f"noise {what} not given: {scatter} of scatter per coordinate{of_seats} were found beside what is stated"
+            f"noise {what} not given: {after.scatter_in_words} of scatter per coordinate{of_seats} were found beside what "
+            "is stated"
             if after.scatters
             else f"noise {what} not given: what is stated of it is enough for these records, and none was added"
         )
-        if scatters.seat and (count := int(after.observations.known.sum())) < FEW_SEATS:
+        if seats and (count := int(after.observations.known.sum())) < FEW_SEATS:
             found.append(
                 f"{count} seat{'s' * (count != 1)} hardly tell how well their coordinates are known, and U rests on it: "
                 "state it (--reference-noise-mm, u_x_mm …)"
             )
     elif after.unmodelled > 0:
         found.append(
-            f"the records scatter more than stated: {scatter} per coordinate were added; what the arm lacks moves its tips "
-            "by about as much, and is not in their U"
+            f"the records scatter more than stated: {after.scatter_in_words} per coordinate were added; what the arm lacks "
+            "moves its tips by about as much, and is not in their U"
         )
         found += _farther_off(after)
     return found

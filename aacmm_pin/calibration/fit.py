@@ -13,6 +13,7 @@ from scipy.linalg import null_space, orth
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_isf, f_isf
+from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.linear_system import assemble
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.problem import OF_WIDTH, Problem
@@ -116,6 +117,12 @@ class Fit:
     def scatters(self) -> bool:
         """Whether there is scatter beyond the stated noise that is worth a word."""
         return max(self.noise.scatters) > NO_SCATTER
+
+    @property
+    def scatter_in_words(self) -> str:
+        """Scatter of tips beyond the stated noise, and of turns where orientations are stated."""
+        turns = f" and {self.noise.scatters.turn / UM:.3g} µrad" if self.problem.turns else ""
+        return f"{self.unmodelled / MM:.4f} mm{turns}"
 
     @property
     def residual_noise(self) -> Array:

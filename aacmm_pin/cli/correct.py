@@ -229,6 +229,6 @@ def _u(model: ErrorModel, readings: Measurements, encoder_noise: float | None) -
     found = accuracy_volume(
         model, readings.q, conditions=readings.conditions, method="ellipsoid", encoder_noise=encoder_noise
     )
-    if exact := found.sources.of_exact:
-        note(f"note: {exact}")
+    for caveat in found.sources.caveats:
+        note(f"note: {caveat}")
     return found.u

@@ -29,7 +29,7 @@ from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free,
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, too_good
 from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.undetected import Others, known_alone, others_beside
-from aacmm_pin.diagnosis.unexplained import unexplained_by
+from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.drift_and_hysteresis import ZeroDrift
@@ -177,7 +177,7 @@ def _concluded(
     return Diagnosis(
         verdict=verdict_of(findings, structure, unexplained.p_value, others.probability, shown, fits, choice.otherwise),
         findings=tuple(findings),
-        model=_as_found(calibrated_model(extended), findings),
+        model=_as_found(calibrated_model(extended), findings, unexplained),
         before=before,
         recalibrated=recalibrated,
         extended=extended,
@@ -227,11 +227,12 @@ def _slopes(findings: Sequence[Finding]) -> Iterator[str]:
             )
 
 
-def _as_found(model: ErrorModel, findings: Sequence[Finding]) -> ErrorModel:
-    """The model, whose effects have the fields that were found, such as between which times a slip was."""
+def _as_found(model: ErrorModel, findings: Sequence[Finding], left: Unexplained) -> ErrorModel:
+    """The model, whose effects have the fields that were found, such as between which times a slip was; and what is left."""
     found = {finding.effect.identity: finding.effect for finding in findings}
     each = ((e, found.get(e.identity, e)) for e in model.effects)
-    return replace(model, effects=tuple(replace(f, values=e.values, u=e.u, inner_u=e.inner_u) for e, f in each))
+    arm = model.arm.with_unexplained("; ".join([*left.in_words, *filter(None, [model.arm.unexplained])]))
+    return ErrorModel(arm, tuple(replace(f, values=e.values, u=e.u, inner_u=e.inner_u) for e, f in each))
 
 
 def _beside(others: Others) -> list[str]:

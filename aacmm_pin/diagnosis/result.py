@@ -204,13 +204,7 @@ class Diagnosis(Shown):
             f"{self.verdict}: RMS {sizes['simulation'] / MM:.4f} mm simulated, {sizes['recalibrated'] / MM:.4f} mm "
             f"recalibrated, {sizes['extended'] / MM:.4f} mm extended, {sizes['noise'] / MM:.4f} mm by noise alone"
         )
-        if self.findings:
-            text += "; " + "; ".join(str(f) for f in self.findings)
-        odd = {group.name: group for group in self.unexplained.groups}
-        if covariates := [name for name in self.unexplained.depends_on if name not in odd]:
-            text += f"; something that no cause explains depends on {', '.join(covariates)}"
-        for group in odd.values():
-            text += f"; {group.name} does not agree with the other records: {group.times:.1f} times as far off"
+        text = "; ".join([text, *map(str, self.findings), *self.unexplained.in_words])
         if self.held_out is not None:
             low, high = self.held_out.interval
             text += f"; gain on held-out {self.held_out.kind} {self.held_out.gain:.2f} ({low:.2f} to {high:.2f})"

@@ -42,6 +42,16 @@ class Unexplained(Shown):
     groups: tuple[OddGroup, ...] = ()
     excluded: Shared | None = None
 
+    @property
+    def in_words(self) -> tuple[str, ...]:
+        """What it depends on, and which groups do not fit in."""
+        odd = {group.name: group for group in self.groups}
+        covariates = [name for name in self.depends_on if name not in odd]
+        return (
+            *([f"something that no cause explains depends on {', '.join(covariates)}"] if covariates else []),
+            *(f"{g.name} does not agree with the other records: {g.times:.1f} times as far off" for g in self.groups),
+        )
+
 
 def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None) -> Unexplained:
     """What was admitted that is no cause, or else whether anything seems left."""

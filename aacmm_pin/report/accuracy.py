@@ -69,7 +69,7 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
         Table(postures, f"Postures{', swivel 0 where the elbow is highest' if 'swivel [°]' in postures else ''}"),
         Table(over),
         _budget(budget),
-        accuracy.sources.of_exact,
+        *accuracy.sources.caveats,
     ]
     return Document("Accuracy", blocks)
 
@@ -96,7 +96,7 @@ def length_document(length: LengthUncertainty) -> Document:
         str(length),
         Table(ends, "Postures for this length"),
         _budget(budget),
-        length.sources.of_exact,
+        *length.sources.caveats,
     ]
     return Document("Length", blocks)
 

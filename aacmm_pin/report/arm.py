@@ -41,6 +41,7 @@ def arm_document(arm: Arm) -> Document:
             f"Source: {arm.source}" if arm.source else "",
             Table(_rows(arm, arm.dh) if arm.dh is not None else _joints(arm)),
             _uncertainty_in_words(arm),
+            f"Its calibration left unexplained: {arm.unexplained}." if arm.unexplained else "",
         ],
     )
 

@@ -29,7 +29,8 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
 
     ``best`` and ``worst`` are by accuracy volume, ``smallest_u`` and ``largest_u`` by standard uncertainty; the budget is
     the mean over the configurations; ``taken_as_exact`` names the parameters for which no uncertainty is stated,
-    ``not_included`` the causes of error that are left out, see :class:`aacmm_pin.accuracy.tip_sensitivity.ErrorSources`.
+    ``not_included`` the causes of error that are left out, see :class:`aacmm_pin.accuracy.tip_sensitivity.ErrorSources`,
+    ``unexplained`` what the arm's calibration left, "" where nothing.
     Numbers that do not exist are None: without a configuration all of them, and ``reason`` says why; for an arm that came
     as URDF swivel angles, sectors (an empty list) and the comprehensive accuracy, whose weights are those of SINO6.
     ``arc_fraction`` of :func:`aacmm_pin.postures.general_ik` is of the way along the curves, and None for single postures;
@@ -64,6 +65,7 @@ def accuracy_summary(circle: PosturesAtPoint, accuracy: AccuracyVolume, sectors:
         "budget": _budget(accuracy) if len(inside) else [],
         "taken_as_exact": list(accuracy.sources.taken_as_exact),
         "not_included": list(accuracy.not_included),
+        "unexplained": accuracy.sources.arm.unexplained,
     }
     summary |= {"complete": circle.complete, "notes": list(circle.notes)}
     if isinstance(circle, ReachingPostures):
@@ -93,6 +95,7 @@ def length_summary(a: PosturesAtPoint, b: PosturesAtPoint, length: LengthUncerta
         "budget": _budget(length),
         "taken_as_exact": list(length.sources.taken_as_exact),
         "not_included": list(length.sources.not_included),
+        "unexplained": length.sources.arm.unexplained,
     }
 
 

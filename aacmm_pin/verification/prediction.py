@@ -200,7 +200,7 @@ def predict_acceptance(
             noise = ENCODER
             notes += (f"{name}: encoder noise not given; {ENCODER:g} rad assumed",)
         test = _Test.of(model, procedure, noise, probe_noise, max(runs // ALONE, 1))
-        notes += (f"{name}: {test.sources.of_exact}",) if test.sources.of_exact else ()
+        notes += tuple(f"{name}: {caveat}" for caveat in test.sources.caveats)
         notes += tuple(f"{name}: not predicted, as no conditions are planned: {left}" for left in test.sources.not_included)
         wanted = [
             d for d in of_standard if d.name in limits or touches.loc[touches["test"] == d.test, d.column or "test"].any()

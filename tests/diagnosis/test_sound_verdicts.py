@@ -197,12 +197,22 @@ class SquareTilt(Effect):
         return [Displacement(place, columns)]
 
 
-def test_what_no_cause_has_lends_its_strength_to_no_name(sino6: Arm) -> None:
+def test_what_no_cause_has_lends_its_strength_to_no_name_and_stays_with_the_arm(sino6: Arm, tmp_path: Path) -> None:
     model = ErrorModel(sino6, (SquareTilt(3, values=(3e-6,)),))
     data = simulate_measurements(model, "free", 150, rng=np.random.default_rng(3))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
     assert found.verdict == "unexplained"
     assert all(finding.probability < 0.95 for finding in found.findings)
+    saved = tmp_path / "extended.toml"
+    found.model.save(saved)
+    q = data.q[:1]
+    assert "depends on" in Arm.load(saved).unexplained
+    assert any("depends on" in caveat for caveat in accuracy_volume(ErrorModel.load(saved), q).sources.caveats)
+    # New records that the arm explains take it back; records that scatter beyond their noise do not.
+    for noise, left in ((1e-6, False), (2e-4, True)):
+        again = simulate_measurements(found.model, "free", 60, rng=np.random.default_rng(4), encoder_noise=noise)
+        done = calibrate(found.model, again, hold_out=False, encoder_noise=1e-6)
+        assert ("scatter by" in done.model.arm.unexplained, "depends" in done.model.arm.unexplained) == (left, False)
 
 
 def test_pairs_that_cannot_be_told_apart_leave_out_what_was_told(sino6: Arm) -> None:
