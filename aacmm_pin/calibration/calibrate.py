@@ -21,7 +21,7 @@ from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
-from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of
+from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of, unstated
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
 from aacmm_pin.effects import Effect, StylusOffset
@@ -325,12 +325,7 @@ def _farther_off(after: Fit) -> list[str]:
     mine = problem.stated & np.array([parameter is not None for parameter in problem.vector.of_arm], dtype=bool)
     if not mine.any():
         return []
-    widths = problem.widths.copy()
-    widths[mine] = [ASSEMBLED[parameter.unit] for parameter, own in zip(problem.vector.parameters, mine, strict=True) if own]
-    free = replace(problem, widths=widths, stated=problem.stated & ~mine)
-    without = fit(
-        replace(free, correlation=np.where(np.outer(mine, mine), np.eye(mine.size), free.correlation)), used=after.used
-    )
+    without = fit(unstated(problem, mine), used=after.used)
     off = np.where(mine, np.abs(without.solution.point.x - problem.start) / problem.widths, 0.0)
     if without.unmodelled > HELD_IN * after.unmodelled or off.max() < FAR_OFF:
         return []

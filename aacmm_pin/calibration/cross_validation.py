@@ -16,8 +16,9 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.noise_model import NoiseModel
+from aacmm_pin.calibration.noise_model import NoiseModel, observations_of
 from aacmm_pin.calibration.solver import Point, solve
+from aacmm_pin.measurements.observations import Observations
 from aacmm_pin.measurements.records import Measurements
 
 FOLDS = 10
@@ -209,18 +210,19 @@ def held_out(before: Fit, after: Fit, rng: np.random.Generator, progress: Progre
 
 def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
     """Distances of the records ``out`` from where fits of the records ``kept`` put them; then their turns."""
-    distance, turn = zip(*(_predicted_by(fit, kept, out) for fit in fits), strict=True)
+    records = fits[0].problem.measurements
+    left, others = records.take(out), records.take(kept)
+    observations = observations_of(others, fits[0].problem.setup)
+    distance, turn = zip(*(_predicted_by(fit, others, observations, left) for fit in fits), strict=True)
     return [*distance, *turn]
 
 
-def _predicted_by(fit: Fit, kept: Mask, out: Mask) -> tuple[Array, Array]:
-    records, start = fit.problem.measurements, fit.solution.point
-    problem = fit.problem.of(records.take(kept))
-    noise = NoiseModel.of(problem, start.frame, fit.noise.scatters)
+def _predicted_by(fit: Fit, others: Measurements, observations: Observations, left: Measurements) -> tuple[Array, Array]:
+    problem, start = fit.problem.of(others), fit.solution.point
+    noise = NoiseModel.of(problem, start.frame, fit.noise.scatters, observations)
     prediction = problem.predict(start.x, start.frame)
     point = Point(start.x, start.frame, noise.observations.start(prediction.tips), prediction)
-    end = solve(problem, noise, point, np.ones(problem.measurements.n)).point
-    left = records.take(out)
+    end = solve(problem, noise, point, np.ones(others.n)).point
     poses = fit.problem.of(left).poses(end.x, end.frame)
     turn = np.where(left.oriented, np.linalg.norm(poses[:, 3:], axis=1), np.nan)
     return distances(left, poses, dict(zip(noise.observations.labels, end.seats, strict=True))), turn

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth
 
@@ -18,16 +17,20 @@ from aacmm_pin.calibration.linear_system import assemble
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.problem import OF_WIDTH, Problem
 from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Chi2, Point, Solution, begin, deviations, solve, standing
+from aacmm_pin.calibration.variance_components import (
+    EFFICIENCY,
+    FALSE_EXCLUSION,
+    information_of_seats,
+    root,
+    squared_distances,
+    variance_components,
+)
 from aacmm_pin.effects import Effect
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
 
-FALSE_EXCLUSION = 0.01
-"""Chance that any good record is excluded, over the whole file."""
 MOST_EXCLUDED = 0.15
 """Where more than this part of the records is excluded, they are no gross errors of single records."""
-EFFICIENCY = 0.53
-"""A scatter taken from the median of χ² with three degrees is as certain as from this part of all the records' numbers."""
 UNEQUAL = 1.5
 """Records far out scatter more, by their readings; where the noise is not stated, they are believed this much farther."""
 MOST_ROUNDS = 12
@@ -39,8 +42,6 @@ STAYED = 1e-6
 """What moved by less than this part of its width along a direction that nothing tells has stayed."""
 ALIKE = 1e-3
 """Scatters that change by less than this part of them are found."""
-LEAST_TOLD = 1e-3
-"""A seat of whose coordinates refitting leaves less than this tells nothing of their scatter."""
 FIRST_SCATTER = 1e-4
 """What nobody stated counts as this until the records show what it is [m]."""
 
@@ -330,7 +331,7 @@ class _Estimation:
         slack = MEDIAN * 6.0 / np.sqrt(len(own))  # the median of a few records scatters by itself
         if self.stated and excess(0.0) < slack:
             return 0.0
-        return float(np.sqrt(_root(excess, deviation)))
+        return float(np.sqrt(root(excess, deviation)))
 
     def final(self, near: Solution, used: Mask) -> Fit:
         """The final fit, with the stated noise alone or with the scatter with which χ² meets its degrees of freedom."""
@@ -344,7 +345,7 @@ class _Estimation:
         solution = solve(self.problem, noise, point, weights)
         for _ in range(MOST_ROUNDS):
             before = np.array(noise.scatters)
-            noise = self.noise(solution.point, self.variance_components(solution, used))
+            noise = self.noise(solution.point, variance_components(solution, used, self.observations.unstated))
             solution = solve(self.problem, noise, solution.point, weights)
             after = np.array(noise.scatters)
             if (np.abs(after - before) <= ALIKE * after).all():
@@ -356,13 +357,6 @@ class _Estimation:
                 return found
             solution = replace(solution, noise=self.noise(solution.point, noise.scatters))
         return self.fit(solution, used, judged)
-
-    def variance_components(self, solution: Solution, used: Mask) -> Scatters:
-        """Scatters beyond the stated noise with which χ² of tips, of turns and of seats meet their degrees of freedom."""
-        open_ = self.observations.unstated
-        seat, dof = _of_seats(solution, open_) if open_.any() else (0.0, 0.0)
-        tip, turn = (_variance_component(solution, used, turns, open_, dof) for turns in (False, True))
-        return Scatters(tip, turn, seat)
 
     def by_stated_noise(self, point: Point, used: Mask) -> tuple[Fit | None, Chi2]:
         """The fit with the stated noise alone, if that may be right: by χ² after one more step, which spares the search."""
@@ -391,69 +385,6 @@ class _Estimation:
         )
 
 
-def _variance_component(solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float) -> float:
-    """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none [m].
-
-    That of tips, beside the coordinates of seats (s, 3) that are ``open_`` and have degrees of freedom of their own; or of
-    turns [rad], which are looked at beside what the tips say already.
-    """
-    noise, own, of_turns = solution.noise, solution.noise.without_scatter[used], solution.turn_dof
-    scatters = noise.scatters
-    dof = of_turns if turns else solution.chi2.dof - of_turns - dof_of_seats
-    if dof < LEAST_DOF:
-        return scatters.turn if turns else scatters.tip
-    deviation, seats = solution.system.off[used], solution.point.seats
-    ties = (np.where(open_, 0.0, noise.observations.of_seats(seats)), noise.observations.of_bars(seats)[0])
-    rest = sum(float(np.square(tie).sum()) for tie in ties)
-    varied = np.eye(3)
-    if turns:
-        own[:, :3, :3] += scatters.tip**2 * np.eye(3)
-        rest, varied = -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum()), np.diag([0.0, 0, 0, 1, 1, 1])
-    else:
-        deviation, own = deviation[:, :3], own[:, :3, :3]
-
-    def excess(variance: float) -> float:
-        return float(squared_distances(deviation, own + variance * varied).sum()) + rest - dof
-
-    return float(np.sqrt(_root(excess, deviation[:, -3:])))
-
-
-def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
-    """Scatter of the coordinates of seats (s, 3) that are ``open_`` [m], and degrees of freedom of all of them.
-
-    Their residuals over what refitting leaves of them, the almost unbiased estimate of a variance component (Horn, Horn and
-    Duncan 1975, J. Am. Stat. Assoc. 70). Few seats tell it poorly: as one number more the scatter of the tips counts. Seats
-    that are outliers beside the better half, such as one that was moved, have no part in it.
-    """
-    noise, system, known = solution.noise, solution.system, solution.noise.observations.known
-    ties, bars = 3 * int(known.sum()), len(noise.observations.ends)
-    rows = system.jacobian[len(system.residual) - ties - bars :][:ties] @ solution.scaled
-    whole, tie, _ = _information_of_seats(solution)
-    of_seats = tie[known] * np.diagonal(np.linalg.inv(whole[known]), axis1=1, axis2=2)
-    left = np.where(open_[known], 1.0 - of_seats - np.square(rows).sum(axis=1).reshape(-1, 3), 0.0).sum(axis=1)
-    off = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)[known]
-    square, told = np.square(off).sum(axis=1), left > LEAST_TOLD
-    each, own = square[told] / left[told], noise.scatters.tip**2
-    limit = f_isf(FALSE_EXCLUSION / max(each.size, 1), 3, max(EFFICIENCY * left.sum(), 1.0))
-    belongs = each <= limit * (3.0 / MEDIAN) * max(float(np.median(each)) if each.size else 0.0, own)
-    variance = (square[told][belongs].sum() + own) / (left[told][belongs].sum() + 1.0)
-    return float(np.sqrt(variance)), float(left.sum())
-
-
-def _information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
-    """Of where each seat is (s, 3, 3) [1/m²], without bars; its coordinates' part of it, the diagonal (s, 3); that of
-    each record that touches one (records, 3, 3).
-    """
-    observations = solution.noise.observations
-    touched = np.flatnonzero(observations.seat >= 0)
-    of_records = np.linalg.inv(solution.noise.of_residuals[touched, :3, :3])
-    of_records = solution.weights[touched, None, None] * of_records
-    tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
-    whole = tie[:, :, None] * np.eye(3)
-    np.add.at(whole, observations.seat[touched], of_records)
-    return whole, tie, np.asarray(of_records)
-
-
 def _covariance(values: Array, directions: Array, scales: Array, unknown: Array) -> Array:
     """Covariance of the columns (p, p): inverse of the information across the unknown directions (p, k), zero along them.
 
@@ -477,7 +408,7 @@ def deleted_distances(solution: Solution) -> Array:
     touched = np.flatnonzero(observations.seat >= 0)
     if touched.size:
         seat = observations.seat[touched]
-        whole, _, weighted = _information_of_seats(solution)
+        whole, _, weighted = information_of_seats(solution)
         rest = np.linalg.inv(whole[seat] - weighted + NOTHING_KNOWN * np.eye(3))
         off[touched] += np.einsum("nij,njk,nk->ni", rest, weighted, off[touched])
         covariance[touched] += rest
@@ -507,22 +438,3 @@ def studentised_distances(solution: Solution) -> Array:
 def redundant(solution: Solution) -> bool:
     """Whether the records are enough to tell which of them are wrong: half of them cannot be fitted whatever they say."""
     return solution.chi2.dof >= 0.5 * solution.system.free
-
-
-def squared_distances(deviation: Array, covariance: Array) -> Array:
-    """``dᵀ C⁻¹ d`` of each deviation (n, k) by its covariance (n, k, k)."""
-    # Stated noise may be nothing at all, of an exact contact with exact readings.
-    covariance = covariance + LEAST_SCATTER**2 * np.eye(deviation.shape[1])
-    return np.asarray(np.einsum("ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]))
-
-
-def _root(excess: Callable[[float], float], deviation: Array) -> float:
-    """Variance at which ``excess``, which falls with it, vanishes; the largest that can be where it does not."""
-    low, high = LEAST_SCATTER**2, 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
-    if excess(low) <= 0:
-        return low
-    return high if excess(high) > 0 else float(scipy.optimize.brentq(excess, low, high, xtol=1e-24, rtol=1e-10))
-
-
-LEAST_SCATTER = 1e-10
-"""Data from a computer may fit without any residual; the scatter then counts as this [m]."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -77,6 +78,14 @@ def problem_of(
     )
     targets = () if setup.target == "frame" else _turned_targets(measurements)
     return Problem(base, vector, widths, stated, correlation, measurements, setup, tuple(known_from.split()), targets)
+
+
+def unstated(problem: Problem, mine: NDArray[np.bool_]) -> Problem:
+    """The problem as if nothing were stated of some geometric parameters, ``mine`` (p,)."""
+    assembled = np.array([ASSEMBLED.get(parameter.unit, np.nan) for parameter in problem.vector.parameters])
+    correlation = np.where(mine[:, None] | mine, np.eye(mine.size), problem.correlation)
+    widths = np.where(mine, assembled, problem.widths)
+    return replace(problem, widths=widths, stated=problem.stated & ~mine, correlation=correlation)
 
 
 def lengths_untold(problem: Problem) -> list[str]:

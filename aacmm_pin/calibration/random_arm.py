@@ -13,7 +13,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 
 
-def perturbed_model(model: ErrorModel, rng: np.random.Generator) -> ErrorModel:
+def perturbed_model(model: Arm | ErrorModel, rng: np.random.Generator) -> ErrorModel:
     """The model with all parameters drawn: uniform within half-widths, normal and together where a calibration says so.
 
     Its values are the truth of a virtual arm, so it states no uncertainty of them.
@@ -25,6 +25,7 @@ def perturbed_model(model: ErrorModel, rng: np.random.Generator) -> ErrorModel:
     Raises:
         AacmmError: no parameter has an uncertainty, or an arm with a DH table was not made from a file.
     """
+    model = ErrorModel.of(model)
     errors = parameter_errors(model, rng, 1)[0]
     if not errors.any():
         raise AacmmError(

@@ -71,9 +71,6 @@ def run(
     with Results(force, output) as results:
         model, path = arm.model_and_data()
         before = _nominal(nominal, model)
-        if before is not None and before.arm.nq != model.arm.nq:
-            expected = f"expected {model.arm.nq} as {model.arm.name} has"
-            raise AacmmError(f"--nominal {nominal}: {before.arm.name} has {before.arm.nq} joints, {expected}")
         if commands and before is None:
             raise typer.BadParameter("--commands goes with --nominal ARM, the arm as its controller believes it to be")
         if commands and orientation:
@@ -109,14 +106,22 @@ def run(
 
 
 def _nominal(name: str | None, model: ErrorModel) -> ErrorModel | None:
+    """The arm of ``--nominal``, by default that of the URDF that ``model`` names.
+
+    Raises:
+        AacmmError: it is none, or has other joints.
+    """
     if name is None:
         return None if model.arm.nominal is None else ErrorModel(Arm.from_model(model.arm.nominal, model.arm.tip))
-    if name.lower().endswith(".urdf"):
-        try:
-            return ErrorModel(Arm.from_urdf(name, model.arm.tip))
-        except UnknownNameError as error:
-            raise AacmmError(f"--nominal {name}: {error}") from None
-    return ErrorModel.load(name)
+    try:
+        of_urdf = name.lower().endswith(".urdf")
+        before = ErrorModel(Arm.from_urdf(name, model.arm.tip)) if of_urdf else ErrorModel.load(name)
+    except UnknownNameError as error:
+        raise AacmmError(f"--nominal {name}: {error}") from None
+    if before.arm.nq != model.arm.nq:
+        expected = f"expected {model.arm.nq} as {model.arm.name} has"
+        raise AacmmError(f"--nominal {name}: {before.arm.name} has {before.arm.nq} joints, {expected}")
+    return before
 
 
 def _commands(model: ErrorModel, nominal: ErrorModel, known: Measurements, path: str) -> Array:

@@ -15,8 +15,9 @@ from scipy.special import logsumexp
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
-from aacmm_pin.calibration.fit import FALSE_EXCLUSION, Fit, fit, squared_distances
+from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, design_of

@@ -19,11 +19,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import RANGES, Array, Index
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.file import MOST_TURNS
-from aacmm_pin.effects.conditions import Labels
+from aacmm_pin.effects.conditions import UNITS, Labels
 from aacmm_pin.errors import MeasurementFileError
 
 AngleUnit = Literal["deg", "rad"]
@@ -65,10 +65,7 @@ PLAUSIBLE: dict[str, Range] = {
     "orientation_u": plausible.TURN_NOISE,
     "bar_length": plausible.BAR_LENGTH,
     "bar_length_u": plausible.LENGTH_NOISE,
-    "time": plausible.TIME,
-    "temperature": plausible.TEMPERATURE,
-    "link_temperature": plausible.TEMPERATURE,
-    "torque": plausible.TORQUE,
+    **{condition: RANGES[unit] for condition, unit in UNITS.items() if unit in RANGES},
 }
 """What the numbers behind an attribute can be, in SI."""
 LABELS = ("seat", "marker", "bar", "bar_end", "session", "operator", "record")

@@ -15,12 +15,13 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import solver
 from aacmm_pin.calibration.cross_validation import distances
-from aacmm_pin.calibration.fit import _variance_component, deleted_distances
+from aacmm_pin.calibration.fit import deleted_distances
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, contradictions, observations_of
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.calibration.variance_components import _variance_component
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements

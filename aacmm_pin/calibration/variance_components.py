@@ -1,0 +1,112 @@
+"""Scatter of tips, of turns and of seats beyond the stated noise: variance components by which χ² meets its freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.distributions import f_isf
+from aacmm_pin.calibration.noise_model import Scatters
+from aacmm_pin.calibration.solver import LEAST_DOF, MEDIAN, Solution
+
+FALSE_EXCLUSION = 0.01
+"""Chance that any good record is excluded, over the whole file."""
+EFFICIENCY = 0.53
+"""A scatter taken from the median of χ² with three degrees is as certain as from this part of all the records' numbers."""
+LEAST_TOLD = 1e-3
+"""A seat of whose coordinates refitting leaves less than this tells nothing of their scatter."""
+LEAST_SCATTER = 1e-10
+"""Data from a computer may fit without any residual; the scatter then counts as this [m]."""
+
+Mask = NDArray[np.bool_]
+
+
+def variance_components(solution: Solution, used: Mask, open_: Mask) -> Scatters:
+    """Scatters beyond the stated noise with which χ² of tips, of turns and of the coordinates of seats (s, 3) that are
+    ``open_``, for nobody stated their uncertainty, meet their degrees of freedom.
+    """
+    seat, dof = _of_seats(solution, open_) if open_.any() else (0.0, 0.0)
+    tip, turn = (_variance_component(solution, used, turns, open_, dof) for turns in (False, True))
+    return Scatters(tip, turn, seat)
+
+
+def _variance_component(solution: Solution, used: Mask, turns: bool, open_: Mask, dof_of_seats: float) -> float:
+    """Scatter beyond the stated noise with which χ² meets its degrees of freedom; as it was where there are none [m].
+
+    That of tips, beside the coordinates of seats (s, 3) that are ``open_`` and have degrees of freedom of their own; or of
+    turns [rad], which are looked at beside what the tips say already.
+    """
+    noise, own, of_turns = solution.noise, solution.noise.without_scatter[used], solution.turn_dof
+    scatters = noise.scatters
+    dof = of_turns if turns else solution.chi2.dof - of_turns - dof_of_seats
+    if dof < LEAST_DOF:
+        return scatters.turn if turns else scatters.tip
+    deviation, seats = solution.system.off[used], solution.point.seats
+    ties = (np.where(open_, 0.0, noise.observations.of_seats(seats)), noise.observations.of_bars(seats)[0])
+    rest = sum(float(np.square(tie).sum()) for tie in ties)
+    varied = np.eye(3)
+    if turns:
+        own[:, :3, :3] += scatters.tip**2 * np.eye(3)
+        rest, varied = -float(squared_distances(deviation[:, :3], own[:, :3, :3]).sum()), np.diag([0.0, 0, 0, 1, 1, 1])
+    else:
+        deviation, own = deviation[:, :3], own[:, :3, :3]
+
+    def excess(variance: float) -> float:
+        return float(squared_distances(deviation, own + variance * varied).sum()) + rest - dof
+
+    return float(np.sqrt(root(excess, deviation[:, -3:])))
+
+
+def _of_seats(solution: Solution, open_: Mask) -> tuple[float, float]:
+    """Scatter of the coordinates of seats (s, 3) that are ``open_`` [m], and degrees of freedom of all of them.
+
+    Their residuals over what refitting leaves of them, the almost unbiased estimate of a variance component (Horn, Horn and
+    Duncan 1975, J. Am. Stat. Assoc. 70). Few seats tell it poorly: as one number more the scatter of the tips counts. Seats
+    that are outliers beside the better half, such as one that was moved, have no part in it.
+    """
+    noise, system, known = solution.noise, solution.system, solution.noise.observations.known
+    ties, bars = 3 * int(known.sum()), len(noise.observations.ends)
+    rows = system.jacobian[len(system.residual) - ties - bars :][:ties] @ solution.scaled
+    whole, tie, _ = information_of_seats(solution)
+    of_seats = tie[known] * np.diagonal(np.linalg.inv(whole[known]), axis1=1, axis2=2)
+    left = np.where(open_[known], 1.0 - of_seats - np.square(rows).sum(axis=1).reshape(-1, 3), 0.0).sum(axis=1)
+    off = np.where(open_, solution.point.seats - noise.observations.stated, 0.0)[known]
+    square, told = np.square(off).sum(axis=1), left > LEAST_TOLD
+    each, own = square[told] / left[told], noise.scatters.tip**2
+    limit = f_isf(FALSE_EXCLUSION / max(each.size, 1), 3, max(EFFICIENCY * left.sum(), 1.0))
+    belongs = each <= limit * (3.0 / MEDIAN) * max(float(np.median(each)) if each.size else 0.0, own)
+    variance = (square[told][belongs].sum() + own) / (left[told][belongs].sum() + 1.0)
+    return float(np.sqrt(variance)), float(left.sum())
+
+
+def information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
+    """Of where each seat is (s, 3, 3) [1/m²], without bars; its coordinates' part of it, the diagonal (s, 3); that of
+    each record that touches one (records, 3, 3).
+    """
+    observations = solution.noise.observations
+    touched = np.flatnonzero(observations.seat >= 0)
+    of_records = np.linalg.inv(solution.noise.of_residuals[touched, :3, :3])
+    of_records = solution.weights[touched, None, None] * of_records
+    tie = np.where(observations.known[:, None], observations.stated_u, np.inf) ** -2.0
+    whole = tie[:, :, None] * np.eye(3)
+    np.add.at(whole, observations.seat[touched], of_records)
+    return whole, tie, np.asarray(of_records)
+
+
+def squared_distances(deviation: Array, covariance: Array) -> Array:
+    """``dᵀ C⁻¹ d`` of each deviation (n, k) by its covariance (n, k, k)."""
+    # Stated noise may be nothing at all, of an exact contact with exact readings.
+    covariance = covariance + LEAST_SCATTER**2 * np.eye(deviation.shape[1])
+    return np.asarray(np.einsum("ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]))
+
+
+def root(excess: Callable[[float], float], deviation: Array) -> float:
+    """Variance at which ``excess``, which falls with it, vanishes; the largest that can be where it does not."""
+    low, high = LEAST_SCATTER**2, 10 * (float(np.square(deviation).sum()) + LEAST_SCATTER**2)
+    if excess(low) <= 0:
+        return low
+    return high if excess(high) > 0 else float(scipy.optimize.brentq(excess, low, high, xtol=1e-24, rtol=1e-10))
