@@ -237,6 +237,17 @@ def _counted_before(after: Fit) -> list[str]:
     ]
 
 
+def _left_before(after: Fit) -> list[str]:
+    """What the calibration that states the parameters left unexplained: some of that is in the parameters."""
+    problem, arm = after.problem, after.problem.model.arm
+    if not (problem.known_from and problem.setup.prior and problem.stated.any() and arm.unexplained):
+        return []
+    return [
+        f"what {arm.name} states of its parameters is of a calibration that left something unexplained ({arm.unexplained}), "
+        "which may have moved them by more than their U, and so these: diagnose says what it is, --no-prior does without"
+    ]
+
+
 def _of_conditions(after: Fit) -> list[str]:
     """Angles counted otherwise, temperatures that look like Fahrenheit, and joints whose column of angles holds a length."""
     arm, records = after.problem.model.arm, after.problem.measurements
@@ -340,7 +351,7 @@ def _farther_off(after: Fit) -> list[str]:
 def notes_of(after: Fit) -> list[str]:
     """What was assumed, or found instead of stated."""
     problem, setup = after.problem, after.problem.setup
-    found = [*_counted_before(after), *_of_noise(after)]
+    found = [*_counted_before(after), *_left_before(after), *_of_noise(after)]
     found += [
         *_of_bars(after),
         *_references_in_other_unit(after),

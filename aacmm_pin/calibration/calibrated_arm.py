@@ -31,7 +31,7 @@ def calibrated_model(fit: Fit) -> ErrorModel:
 
     A noise of the encoders that was stated stays with the arm. Its lengths hold at :func:`temperature_of` the records. The u
     of an effect has in it the width within which it was looked for, as far as the records do not tell it by itself; the
-    covariance is that of what they tell. Scatter beyond a noise that is stated goes along as what is left unexplained.
+    covariance is that of what they tell. Scatter beyond the noise that is stated goes along as what is left unexplained.
     """
     problem, vector = fit.problem, fit.problem.vector
     arm, u, x = problem.model.arm, np.sqrt(np.diag(fit.covariance)), fit.solution.point.x
@@ -53,8 +53,8 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     known = _covariance(arm, names, fit.with_inner[np.ix_(columns, columns)], " ".join(records))
     every = (*problem.model.effects, *effects)
     entries, warm = [entry_of(effect) for effect in every], temperature_of(fit)
-    scatters = fit.stated and fit.unmodelled > 0
-    left = f"the records scatter by {fit.scatter_in_words} per coordinate beyond their noise" if scatters else ""
+    of_noise = "beyond their noise" if fit.stated else "and their noise was not stated"
+    left = f"the records scatter by {fit.scatter_in_words} per coordinate {of_noise}" if fit.scatters else ""
     update: dict[str, Any] = {"reference_temperature_c": warm, "unexplained": left, "effects": entries}
     if arm.dh is None:
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)

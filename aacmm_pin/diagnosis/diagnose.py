@@ -95,6 +95,13 @@ def diagnose(
     model, measurements = checked_input(model, measurements)
     setup = Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise)
     measurements, repeated = counted_once(measurements)
+    if prior and model.arm.unexplained and model.arm.covariance is not None:
+        # What was not explained then is partly in the parameters, and would be missing from the cause that is found now.
+        model = model.without_covariance
+        repeated.append(
+            f"the calibration of {model.arm.name} left something unexplained ({model.arm.unexplained}): what it states of "
+            "the parameters is not used"
+        )
     rng = rng or np.random.default_rng(1)
     problem = _extensible(model, measurements, setup)
     recalibrated = first_fit(problem([]))
@@ -177,7 +184,7 @@ def _concluded(
     return Diagnosis(
         verdict=verdict_of(findings, structure, unexplained.p_value, others.probability, shown, fits, choice.otherwise),
         findings=tuple(findings),
-        model=_as_found(calibrated_model(extended), findings, unexplained),
+        model=_as_found(extended, findings, unexplained),
         before=before,
         recalibrated=recalibrated,
         extended=extended,
@@ -193,6 +200,7 @@ def _concluded(
             *_below_zero(findings),
             *_beside(others),
             *_alone(choice),
+            *_since(findings, recalibrated),
             *_of_masses(findings),
             *_slopes(findings),
             *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
@@ -227,11 +235,15 @@ def _slopes(findings: Sequence[Finding]) -> Iterator[str]:
             )
 
 
-def _as_found(model: ErrorModel, findings: Sequence[Finding], left: Unexplained) -> ErrorModel:
-    """The model, whose effects have the fields that were found, such as between which times a slip was; and what is left."""
-    found = {finding.effect.identity: finding.effect for finding in findings}
+def _as_found(extended: Fit, findings: Sequence[Finding], left: Unexplained) -> ErrorModel:
+    """The arm, whose effects have the fields that were found, such as between which times a slip was; and what is left.
+
+    Where the noise was not stated, and no structure was found, the scatter is the noise.
+    """
+    model, found = calibrated_model(extended), {finding.effect.identity: finding.effect for finding in findings}
     each = ((e, found.get(e.identity, e)) for e in model.effects)
-    arm = model.arm.with_unexplained("; ".join([*left.in_words, *filter(None, [model.arm.unexplained])]))
+    scatter = [model.arm.unexplained] if extended.stated and model.arm.unexplained else []
+    arm = model.arm.with_unexplained("; ".join([*left.in_words, *scatter]))
     return ErrorModel(arm, tuple(replace(f, values=e.values, u=e.u, inner_u=e.inner_u) for e, f in each))
 
 
@@ -306,6 +318,17 @@ def _below_zero(findings: Sequence[Finding]) -> list[str]:
         "like this cause, or the sign of what it rests on (gravity, torques, temperatures) is wrong"
         for finding in findings
         for key in finding.below_zero
+    ]
+
+
+def _since(findings: Sequence[Finding], recalibrated: Fit) -> list[str]:
+    """Causes of which a part would be in the values of an earlier calibration, if they acted then."""
+    lasting = [f.label for f in findings if f.was is None and "time" not in f.effect.needs]
+    if not (lasting and recalibrated.problem.known_from and recalibrated.problem.stated.any()):
+        return []
+    return [
+        f"{listed(lasting)}: the values hold if nothing of it acted when the arm was calibrated before, for part of it "
+        "would be in what that calibration states; --no-prior does without"
     ]
 
 

@@ -123,6 +123,15 @@ class ErrorModel(Shown):
         new = {effect.identity for effect in effects}
         return replace(self, effects=(*(e for e in self.effects if e.identity not in new), *effects))
 
+    @property
+    def without_covariance(self) -> ErrorModel:
+        """The model with nothing stated of the parameters that its covariance names, of the arm or of effects."""
+        known = set(() if self.arm.covariance is None else self.arm.covariance.parameters)
+        effects = (
+            replace(e, u=(), inner_u=()) if known.intersection(p.name for p in e.parameters()) else e for e in self.effects
+        )
+        return ErrorModel(self.arm.without_covariance, tuple(effects))
+
     def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
         """The arm with some of its effects alone, and what is known of their parameters and the arm's together."""
         if self.arm.covariance is None:
@@ -272,7 +281,7 @@ def settled(elastic: list[Effect], state: State) -> State:
     rigid = state.twists
     for _ in range(MOST_ROUNDS if elastic else 0):
         twists = _twists(elastic, state, rigid)
-        change = max(float(np.abs(twists[p] - state.twists.get(p, 0.0)).max(initial=0.0)) for p in twists)
+        change = max((float(np.abs(twists[p] - state.twists.get(p, 0.0)).max(initial=0.0)) for p in twists), default=0.0)
         state = replace(state, twists=twists)
         if change < SETTLED:
             return state
