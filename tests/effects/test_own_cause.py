@@ -217,9 +217,13 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose: Any, folder:
         CAUSES["hose_pull"] = hose
 
 
-def test_what_it_prints_is_no_result(hose: Any, folder: Path) -> None:
+@pytest.mark.parametrize("returned", ["", "[] and "])
+def test_what_it_prints_is_no_result(hose: Any, folder: Path, returned: str) -> None:
+    """Also of one that displaces nothing."""
     speaks = folder / "speaks.py"
-    speaks.write_text(HOSE.replace("        return [", "        print('here')\n        return ["), encoding="utf-8")
+    speaks.write_text(
+        HOSE.replace("        return [", f"        print('here')\n        return {returned}["), encoding="utf-8"
+    )
     del CAUSES["hose_pull"]
     words = ["simulate", "sino6", "--plan", "free", "--records", "3", "--effect", "hose_pull:3,turn_rad_per_m=1e-4"]
     done = CliRunner().invoke(app, ["--plugin", str(speaks), *words])
