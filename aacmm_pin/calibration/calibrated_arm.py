@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, Covariance
-from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel, entry_of
 from aacmm_pin.errors import AacmmError
@@ -54,7 +54,8 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     every = (*problem.model.effects, *effects)
     entries, warm = [entry_of(effect) for effect in every], temperature_of(fit)
     of_noise = "beyond their noise" if fit.stated else "and their noise was not stated"
-    left = f"the records scatter by {fit.scatter_in_words} per coordinate {of_noise}" if fit.scatters else ""
+    scatters = max(fit.noise.scatters.tip, fit.noise.scatters.turn) > NO_SCATTER
+    left = f"the records scatter by {fit.scatter_in_words} per coordinate {of_noise}" if scatters else ""
     update: dict[str, Any] = {"reference_temperature_c": warm, "unexplained": left, "effects": entries}
     if arm.dh is None:
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
