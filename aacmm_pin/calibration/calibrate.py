@@ -228,13 +228,18 @@ def _counted_before(after: Fit) -> list[str]:
     problem = after.problem
     if not problem.known_from or not problem.setup.prior or not problem.stated.any():
         return []
-    again = set(problem.known_from).intersection(problem.measurements.take(after.used).fingerprints())
-    if not again:
-        return []
-    return [
-        f"{len(again)} of these {int(after.used.sum())} records are in the calibration of {problem.model.arm.name} already "
-        "and count twice, so the uncertainties are too small: start from the arm as it was before, or without a prior"
-    ]
+    used, name, before = problem.measurements.take(after.used), problem.model.arm.name, set(problem.known_from)
+    if again := before.intersection(used.fingerprints()):
+        return [
+            f"{len(again)} of these {used.n} records are in the calibration of {name} already and count twice, so the "
+            "uncertainties are too small: start from the arm as it was before, or without a prior"
+        ]
+    if standards := before.intersection(used.fingerprints_of_standards()):
+        return [
+            f"the calibration of {name} has {len(standards)} of these seats' coordinates and bars' lengths already, and "
+            "their errors count as new: U is too small, by up to √n after n calibrations by the same, where they matter"
+        ]
+    return []
 
 
 def _left_before(after: Fit) -> list[str]:

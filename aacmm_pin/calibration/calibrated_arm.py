@@ -47,7 +47,8 @@ def calibrated_model(fit: Fit) -> ErrorModel:
             inner_u = tuple(fit.inner_u.get((effect.key, name), 0.0) for name in effect.inner)
             effects.append(replace(effect.at(x[own], alone[own]), inner_u=inner_u if any(inner_u) else ()))
     names = [name if tells else "" for name, tells in zip(vector.names, told, strict=True)]
-    records = dict.fromkeys((*problem.known_from, *problem.measurements.take(fit.used).fingerprints()))
+    used = problem.measurements.take(fit.used)
+    records = dict.fromkeys((*problem.known_from, *used.fingerprints(), *used.fingerprints_of_standards()))
     names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.inner]
     columns = [*range(vector.size), *range(problem.scales.size, len(fit.with_inner))]  # between them those of the frame
     known = _covariance(arm, names, fit.with_inner[np.ix_(columns, columns)], " ".join(records))

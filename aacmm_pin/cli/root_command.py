@@ -161,12 +161,15 @@ def _of_a_plugin(error: BaseException) -> str | None:
         return None
     from aacmm_pin.effects.causes import CAUSES, raised
 
-    passed = {frame.f_code.co_filename for frame, _ in traceback.walk_tb(error.__traceback__)}
-    for cause in CAUSES.values():
-        file = getattr(sys.modules.get(cause.__module__), "__file__", None)
-        if file in passed and not cause.__module__.startswith("aacmm_pin."):
-            return f"{cause.cause}: {raised(error, file)}"
-    return None
+    passed = [frame.f_code.co_filename for frame, _ in traceback.walk_tb(error.__traceback__)]
+    own = {name: cause.__module__ for name, cause in CAUSES.items() if not cause.__module__.startswith("aacmm_pin.")}
+    for name, module in own.items():
+        if (file := getattr(sys.modules.get(module), "__file__", None)) in passed:
+            return f"{name}: {raised(error, file)}"
+    # What it states of itself may be found wrong far from its lines.
+    return (
+        f"{', '.join(own)}, or what uses it: {raised(error, passed[-1])}" if own and isinstance(error, Exception) else None
+    )
 
 
 def _end(status: int, message: str) -> None:

@@ -68,6 +68,11 @@ class Term:
     positive: bool = False
     largest: float | None = None
 
+    def __post_init__(self) -> None:
+        for name, number in (("typical", self.typical), ("scale", self.scale)):
+            if not (isinstance(number, int | float) and 0.0 < number < math.inf):
+                raise AacmmError(f"Term {self.key!r}: {name} is {number!r}, expected a number above 0")
+
     @property
     def unit_read(self) -> tuple[str, float]:
         """The unit in which people read it, and one of it in SI."""

@@ -243,9 +243,15 @@ class Measurements(Shown):
 
         Readings are taken to 1e-9 rad and coordinates to a nanometre, so that a unit of angles makes no other record of it.
         """
-        numbers = np.nan_to_num(np.rint(np.column_stack([self.q, self.reference]) / FINGERPRINT_STEP), nan=UNKNOWN)
-        rows = numbers.astype("<i8")
-        return tuple(hashlib.sha256(row.tobytes()).hexdigest()[:FINGERPRINT_DIGITS] for row in rows)
+        return _fingerprints(np.column_stack([self.q, self.reference]))
+
+    def fingerprints_of_standards(self) -> tuple[str, ...]:
+        """The same of each seat's stated coordinates and of each bar's length with its u, in which several records share."""
+        labels = np.full(self.n, "", dtype=object) if self.conditions.seat is None else self.conditions.seat
+        places = np.unique(self.reference[self.known & (labels != "")], axis=0)
+        lengths = np.unique([(bar.length, bar.u) for bar in self.bars()], axis=0).reshape(-1, 2)
+        each = {"seat": _fingerprints(places), "bar": _fingerprints(lengths)}
+        return tuple(f"{what}-{of_it}" for what, found in each.items() for of_it in found)
 
     @cached_property
     def _nearest(self) -> Array:
@@ -487,3 +493,8 @@ def _with_gaps(values: ArrayLike, check: Callable[[ArrayLike], Array]) -> Array:
     array = check(np.where(unknown, 0.0, values) if np.any(unknown) else values)
     array[unknown] = np.nan
     return array
+
+
+def _fingerprints(rows: Array) -> tuple[str, ...]:
+    numbers = np.nan_to_num(np.rint(rows / FINGERPRINT_STEP), nan=UNKNOWN).astype("<i8")
+    return tuple(hashlib.sha256(row.tobytes()).hexdigest()[:FINGERPRINT_DIGITS] for row in numbers)

@@ -482,6 +482,21 @@ def test_records_that_the_arm_is_calibrated_with_already_are_said_to_count_twice
     assert (twice[once > 0] / once[once > 0]).min() < 0.75  # where the data tell all, the same twice looks like √2 less
 
 
+@pytest.mark.parametrize(("plan", "count"), [("seats", 6), ("ball-bar", 3)])
+def test_seats_and_bars_of_an_earlier_calibration_are_said_to_be(sino6: Arm, plan: str, count: int, tmp_path: Path) -> None:
+    bar: Any = {"bar_length": 0.5} if plan == "ball-bar" else {}
+    data = simulate_measurements(sino6, plan, 80, seats=6, rng=np.random.default_rng(2), **bar)  # type: ignore[arg-type]
+    first, second = (data.take(slice(start, None, 2)) for start in (0, 1))
+    quick(sino6, first).model.save(tmp_path / "once.toml")
+    once = ErrorModel.load(tmp_path / "once.toml")
+    for prior, said in ((None, True), (False, False)):
+        notes = quick(once, second, "geometry", prior=prior).notes
+        assert any(f"has {count} of these seats' coordinates and bars' lengths already" in note for note in notes) == said
+    moved = replace(second, reference=second.reference + 1e-6)
+    again = quick(once, moved if plan == "seats" else replace(second, bar_length=second.bar_length + 1e-6), "geometry")
+    assert not any("already" in note for note in again.notes)
+
+
 def test_a_seat_with_contradicting_coordinates_is_named(sino6: Arm, rng: np.random.Generator) -> None:
     data = simulate_measurements(sino6, "seats", 60, rng=rng, seats=6)
     label, records = next(iter(data.seats().items()))

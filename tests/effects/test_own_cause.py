@@ -209,6 +209,18 @@ def test_mistakes_of_a_class_are_told_with_its_name_and_place(hose: Any, folder:
         ("def displacements", "def displacement", ("causes",), ": HosePull lacks displacements"),
         (terms, "terms: ClassVar[Term] = None", ("causes",), ": terms is None"),
         (terms, "@property\n    def terms(self):\n        return 1 / 0", ("causes",), ": ZeroDivisionError"),
+        (terms, f"{terms}\n    needs = 'time'", ("causes",), ": needs is 'time', expected a tuple of some of time"),
+        (terms, f"{terms}\n    usual = float('nan')", ("causes",), ": usual is nan, expected a number above 0"),
+        (terms, f"{terms}\n    inner = ('order',)", ("causes",), ": inner is ('order',), expected a tuple of some of joint"),
+        (terms, f"{terms}\n    known_range = 'ab'", given, ", or what uses it: UFuncTypeError"),
+        (terms, f"{terms}\n    candidates = lambda *_: None", tried, ": candidates gives None, expected tuples of one"),
+        (
+            terms,
+            f"{terms}\n    exact = lambda self, state: [(1, np.full(6, np.nan))]",
+            given,
+            ":3: exact: twists have shape",
+        ),
+        (terms, f"{terms}\n    exact = lambda *_: [(1, np.full((1, 6), np.nan))]", given, ":3: exact: twists have numbers"),
     ):
         assert old in HOSE
         wrong.write_text(HOSE.replace(old, new), encoding="utf-8")
@@ -230,6 +242,13 @@ def test_what_it_prints_is_no_result(hose: Any, folder: Path, returned: str) -> 
     CAUSES["hose_pull"] = hose
     assert (done.exit_code, len(done.stdout.splitlines())) == (0, 4), done.output
     assert "here" in done.stderr.splitlines()
+
+
+@pytest.mark.parametrize("number", [0.0, -1.0, float("nan"), float("inf"), "1e-4"])
+@pytest.mark.parametrize("name", ["typical", "scale"])
+def test_sizes_of_terms_are_numbers_above_zero(name: str, number: Any) -> None:
+    with pytest.raises(AacmmError, match=f"{name} is .*, expected a number above 0"):
+        Term(**{"name": "", "unit": "rad", "typical": 1e-4, "key": "turn_rad", name: number})
 
 
 @dataclass(frozen=True)
