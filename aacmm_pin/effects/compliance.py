@@ -209,8 +209,9 @@ class Counterbalance(Effect):
 
     @classmethod
     def candidates(cls, arm: Arm, records: Records | None = None) -> Iterator[tuple[Self, ...]]:
-        """The second joint, which lifts the arm."""
-        yield from ((cls(row),) for row in arm.chain.moving_rows()[1:2])
+        """The second joint, which lifts the arm, where it has a body."""
+        second = map(cls, arm.chain.moving_rows()[1:2])
+        yield from ((effect,) for effect in second if effect._shows(arm, records))
 
     def displacements(self, state: State) -> list[Displacement]:
         """The horizontal part of the body across the axis."""

@@ -58,6 +58,7 @@ from aacmm_pin.effects import (
     TorsionalWindup,
     ZeroDrift,
 )
+from aacmm_pin.effects.causes import all_candidates
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import GravityEffect
@@ -750,6 +751,17 @@ def test_counterbalance_before_a_parallel_axis(arms: dict[str, Arm], rng: np.ran
     expected = turn[:, None] * arm.poses(q).jacobian[:, :3, 1]
     assert np.abs(expected).max() > 0.1
     close(columns(arm, Counterbalance(joint=2), q, Conditions(10))[:, :, 0], expected)
+
+
+def test_a_joint_without_a_body_of_its_own_is_no_candidate() -> None:
+    """Its tube is a rigid row of its own behind it, before a parallel axis."""
+    file = craig()
+    second = file.joints[1]
+    own = second.model_copy(update={"a_mm": 0.0, "d_mm": 0.0, "alpha_rad": 0.0})
+    tube = second.model_copy(update={"fixed": True, "limits_rad": None, "encoder_noise_rad": None, "alpha_rad": 0.0})
+    rows = [file.joints[0], own, tube.model_copy(update={"a_mm": 400.0}), *file.joints[2:]]
+    split = Arm.from_file(file.model_copy(update={"convention": "standard-dh", "joints": rows}))
+    assert "counterbalance:2" not in {effect.label for variants in all_candidates(split) for effect in variants}
 
 
 def test_counterbalance_of_a_body_whose_next_axis_runs_along(zero6: Arm, sino6: Arm, rng: np.random.Generator) -> None:
