@@ -129,9 +129,10 @@ class WorkspaceMap(Shown):
         unknown = f"; of {self.incomplete} cells not all configurations are known" if self.incomplete else ""
         if self.unreachable == x * z:
             return f"{where}, all of them out of reach{unknown}"
+        mean = float(self.data["flexibility"].mean())
         return (
-            f"{where}, {self.unreachable} cells out of reach, "
-            f"{full} cells with the full circle, mean flexibility {float(self.data['flexibility'].mean()):.3f}"
+            f"{where}, {self.unreachable} cells out of reach, {full} cells with the full circle"
+            + (f", mean flexibility {mean:.3f}" if np.isfinite(mean) else "")
             + unknown
             + (f"; not included: {', '.join(self.not_included)}" if self.not_included else "")
         )
