@@ -5,6 +5,7 @@ The arm turns about joint axis 1, so the half-plane y = 0, x ≥ 0 of the base s
 
 from __future__ import annotations
 
+import io
 import time
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -16,6 +17,8 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Index, vector, whole
 from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.input_files import content_of
+from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.plausible import COORDINATE, SMALLEST_ARM
 from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM, MM3
@@ -51,6 +54,9 @@ CELLS_AT_ONCE = 768
 PROBES = 64
 """Postures whose accuracy tells one model, with its causes and conditions, from another."""
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
+
+MOST_BYTES = 4_000_000_000
+"""Size of a file: a map of a million cells has a tenth of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,17 +103,30 @@ class WorkspaceMap(Shown):
         labels = str(self.data.attrs.get("not_included", ""))
         return tuple(labels.split("; ")) if labels else ()
 
-    def save(self, path: str | Path) -> None:
-        """Write the map as netCDF (classic format, 64-bit offsets), which xarray, MATLAB, R and ncdump read."""
-        self.data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+    def save(self, path: str | Path, force: bool = False) -> None:
+        """Write the map, whole or not at all, as netCDF (classic format, 64-bit offsets): for xarray, MATLAB, R and ncdump.
+
+        Raises:
+            OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
+        """
+        with whole_file(path, force) as temporary:
+            self.data.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
 
     @staticmethod
     def load(path: str | Path) -> WorkspaceMap:
-        """Read a map that :meth:`save` wrote."""
+        """Read a map that :meth:`save` wrote.
+
+        Raises:
+            AacmmError: it is no such file, or is not whole.
+        """
         import xarray as xr  # loaded where a map is made or read: commands without one start sooner
 
-        with xr.open_dataset(path, engine="scipy") as data:
-            return WorkspaceMap(data.load(), float(data.attrs["seconds"]))
+        content = content_of(path, MOST_BYTES, "a map", lambda message: AacmmError(f"{path}: {message}"))
+        try:
+            with xr.open_dataset(io.BytesIO(content), engine="scipy") as data:
+                return WorkspaceMap(data.load(), float(data.attrs["seconds"]))
+        except Exception:  # whatever the reader makes of the bytes
+            raise AacmmError(f"{path}: cannot be read as a map that was saved whole") from None
 
     def plot(self, quantity: str = "comprehensive_mm3", ax: Axes | None = None) -> Axes:
         """One quantity of the map over the half-plane through joint axis 1.

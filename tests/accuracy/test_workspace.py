@@ -20,7 +20,7 @@ from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.effects import EncoderEccentricity, LinkBending, SeatError, ThermalExpansion
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
+from aacmm_pin.errors import AacmmError, OutputError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves
 
@@ -199,6 +199,14 @@ def test_netcdf_returns_what_was_written(small: WorkspaceMap, tmp_path: Path) ->
     assert again.working_sectors() == small.working_sectors()
     assert again.data.attrs["schema"] == "aacmm-pin/map/1"
     again.save(tmp_path / "again.nc")  # what was loaded can be saved
+    with pytest.raises(OutputError, match="exists already"):
+        again.save(tmp_path / "again.nc")
+    again.save(tmp_path / "again.nc", force=True)
+    whole = (tmp_path / "again.nc").read_bytes()
+    for wrong in (whole[: len(whole) // 2], b"", b"CDF"):
+        (tmp_path / "half.nc").write_bytes(wrong)
+        with pytest.raises(AacmmError, match=r"half\.nc: cannot be read as a map"):
+            WorkspaceMap.load(tmp_path / "half.nc")
     (tmp_path / "map.nc").unlink()  # and nothing holds the file
     assert again.sectors == SECTORS
     units = {"mm": "mm", "mm3": "mm3", "deg": "degree"}
