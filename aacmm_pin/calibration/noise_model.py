@@ -115,13 +115,18 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     known, contact = measurements.known, setup.probe_noise or 0.0
     seat, labels = _numbered(measurements)
     u = reference_u(measurements, setup, np.nan)
-    least = np.nan_to_num(np.fmin.reduce(_of_each(u, "min", known, seat, len(labels)), axis=1))
+    stating = known & (seat >= 0)
+    of, count = seat[stating], len(labels)
+    least = np.nan_to_num(np.fmin.reduce(_of_each(np.fmin, u[stating], of, count), axis=1))
     repeated, most = _repeated(measurements, seat, len(labels))
     if repeated.any():
         far = np.abs(measurements.reference - most[seat]).max(axis=1) > np.maximum(SAME, ROUNDED * least)[seat]
         seat = np.where(known & (seat >= 0) & repeated[seat] & far, -1, seat)
-    at, high, low = (_of_each(measurements.reference, what, known, seat, len(labels)) for what in ("mean", "max", "min"))
-    at_u = _of_each(u, "max", known, seat, len(labels))
+    stating = known & (seat >= 0)
+    of, stated = seat[stating], measurements.reference[stating]
+    total, high, low = (_of_each(combine, stated, of, count) for combine in (np.add, np.fmax, np.fmin))
+    at = total / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
+    at_u = _of_each(np.fmax, u[stating], of, count)
     mixed = ~repeated & ((high - low).max(axis=1) > np.maximum(SAME, MEASURED * least))
     # A seat whose records state coordinates of their own is none.
     number = np.where(mixed, -1, np.cumsum(~mixed) - 1)
@@ -203,23 +208,25 @@ def _numbered(measurements: Measurements) -> tuple[Index, list[str]]:
     return np.asarray(numbers, dtype=np.intp), [str(label) for label in found]
 
 
-def _of_each(values: Array, what: str, known: NDArray[np.bool_], seat: Index, count: int) -> Array:
-    """Mean, least or largest of the values (n, 3) over the records of each seat that state coordinates (s, 3)."""
-    stating = known & (seat >= 0)
-    grouped = pd.DataFrame(values[stating]).groupby(seat[stating]).agg(what)
-    return grouped.reindex(range(count)).to_numpy(dtype=np.float64)
+def _of_each(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array:
+    """Sum, least or largest (``np.add``, ``np.fmin``, ``np.fmax``) of the values (n, 3) at each seat (s, 3); else NaN."""
+    found = np.full((count, 3), np.nan)
+    found[seat] = 0.0 if combine is np.add else np.nan
+    combine.at(found, seat, values)
+    return found
 
 
 def _repeated(measurements: Measurements, seat: Index, count: int) -> tuple[NDArray[np.bool_], Array]:
     """Seats whose records, on the average, repeat each of their coordinates (s,); those that most records have (s, 3)."""
-    repeated, most = np.zeros(count, dtype=bool), np.full((count, 3), np.nan)
     stating = measurements.known & (seat >= 0)
-    if stating.any():
-        table = pd.DataFrame(measurements.reference[stating]).assign(seat=seat[stating])
-        times = table.groupby(["seat", 0, 1, 2]).size().groupby(level="seat")
-        found = times.sum().index.to_numpy()
-        repeated[found] = times.sum() >= REPEATED * times.size()
-        most[found] = [at for _, *at in times.idxmax()]
+    rows = np.column_stack([seat[stating], measurements.reference[stating]])
+    different, times = np.unique(rows, axis=0, return_counts=True)
+    of = different[:, 0].astype(np.intp)
+    distinct = np.bincount(of, minlength=count)
+    repeated = (distinct > 0) & (np.bincount(of, times, minlength=count) >= REPEATED * distinct)
+    order, most = np.lexsort((-times, of)), np.full((count, 3), np.nan)
+    found, first = np.unique(of[order], return_index=True)
+    most[found] = different[order[first], 1:]
     return repeated, most
 
 
