@@ -89,7 +89,8 @@ class ErrorSources(Shown):
             every.append(replace(p, u=its_u, half_width=COVERAGE_FACTOR * its_u))
         for j, its_u in enumerate([] if noise is None else noise.tolist(), start=1):
             every.append(Parameter(f"encoder_noise{j}", "encoder", j, "rad", 0.0, None, its_u, "record"))
-        known = [(c, p) for c, p in enumerate(every) if p.u > 0 and p.name not in silent]
+        # The square of what no computer can square is no variance.
+        known = [(c, p) for c, p in enumerate(every) if p.u**2 > 0 and p.name not in silent]
         if not known:
             without = f"; without {', '.join(not_included)}" if not_included else ""
             raise AacmmError(

@@ -180,9 +180,10 @@ def _concluded(
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
     structure = bool(unexplained.depends_on) or _excess(extended) > 0.0
     shown, others = visible(choice), others_beside(choice, [finding.label for finding in findings])
-    fits = (recalibrated, extended)
+    fits, named = (recalibrated, extended), {finding.label for finding in findings}
+    untold = (*choice.otherwise, *(effect.label for effect in choice.effects if effect.label not in named))
     return Diagnosis(
-        verdict=verdict_of(findings, structure, unexplained.p_value, others.probability, shown, fits, choice.otherwise),
+        verdict=verdict_of(findings, structure, unexplained.p_value, others.probability, shown, fits, untold),
         findings=tuple(findings),
         model=_as_found(extended, findings, unexplained),
         before=before,

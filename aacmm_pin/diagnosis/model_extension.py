@@ -203,7 +203,8 @@ def _standing(
             rounds.update()
             if {e.identity for e in found.effects} == {e.identity for e in effects}:
                 return found
-        return found
+        # Two sets take turns, each the better one beside the other's values: what was admitted last is what is refitted.
+        return replace(found, fit=refitted(problem_of, found.effects)) if found.causes else replace(found, fit=first)
 
 
 def refitted(problem_of: ProblemOf, effects: Sequence[Effect]) -> Fit:

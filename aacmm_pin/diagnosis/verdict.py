@@ -38,7 +38,7 @@ def verdict_of(
         p_more: probability that a cause acts that was not named.
         visible: how many causes of usual size these records would have shown, and of how many.
         fits: the searches on which all that rests, that of the extended arm last.
-        otherwise: what would be found if excluded records counted.
+        otherwise: what would be found if excluded records counted, or was and is not told.
 
     Returns:
         ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the noise cannot be told; nothing

@@ -56,6 +56,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
+from tests.cli import shell
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 
@@ -236,6 +237,22 @@ def test_part_of_an_unknown_error_is_in_an_earlier_calibration(sino6: Arm, recor
         assert np.sqrt(np.mean(np.square(off))) < 1.5
         again = calibrate(calibrated.model, second, hold_out=False, encoder_noise=8e-6)
         assert any(note in line for line in again.notes)
+
+
+def test_two_names_that_take_turns_do_not_cancel(tmp_path: Path) -> None:
+    """Beside the values of a periodic error the records are for an error curve, and the other way round."""
+    waves = ("eccentricity", 4e-5, 1.0), ("ellipticity", 8e-5, 2.0), ("periodic_error", 3e-5, 0.5)
+    effects: list[str] = []
+    for (kind, size, phase), named in zip(waves, ("encoder_", "encoder_", "joint_"), strict=True):
+        order = ",order=3" if kind == "periodic_error" else ""
+        effects += ["--effect", f"{named}{kind}:4{order},amplitude_rad={size},phase_rad={phase}"]
+    noise = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.02"]
+    how = ["--plan", "free", "--records", "100", "--perturb", "--seed", "8", *noise, *effects]
+    shell.done("simulate", "sino6", *how, "-o", tmp_path / "data.csv")
+    found = shell.found("diagnose", "sino6", tmp_path / "data.csv", *noise, "--no-held-out")
+    assert found["verdict"] != "no-discrepancy"
+    assert [finding["joint"] for finding in found["findings"]] == [4]
+    assert found["rms_mm"]["extended"] < 1.05 * found["rms_mm"]["noise"]
 
 
 def test_pairs_that_cannot_be_told_apart_leave_out_what_was_told(sino6: Arm) -> None:
