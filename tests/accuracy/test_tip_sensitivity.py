@@ -494,7 +494,8 @@ def test_causes_of_the_whole_arm_have_no_joint(sino6: Arm) -> None:
 
 def test_an_uncertainty_that_cannot_be_squared_is_none() -> None:
     known = Covariance(parameters=("d1", "d3"), standard_uncertainty_si=(1e-300, 1e-6), correlation=((), (0.5,)))
-    sources = ErrorSources.of(Arm.from_file(load_arm_file("sino6").model_copy(update={"covariance": known})))
+    arm = Arm.from_file(load_arm_file("sino6").model_copy(update={"covariance": known}))
+    sources = accuracy_volume(arm, np.zeros((1, 6))).sources
     names = [parameter.name for parameter in sources.parameters]
     assert "d3" in names
     assert "d1" not in names
