@@ -36,6 +36,10 @@ def json_text(content: dict[str, Any]) -> str:
     return encodable(json.dumps(content, allow_nan=False, ensure_ascii=False, indent=2) + "\n")
 
 
+_OURS: set[Path] = set()
+"""Hidden folders of this process: what is in them is temporary already."""
+
+
 class OutputFiles:
     """The files that one piece of work writes; a context, at whose end they take their places.
 
@@ -109,6 +113,8 @@ class OutputFiles:
         Raises:
             OutputError: see :meth:`check`; or ``path`` was given before.
         """
+        if Path(path).parent in _OURS:
+            return Path(path)
         target = self._target(path, replaces=instead_of is not None)
         if instead_of is not None:
             self._instead_of[target] = instead_of
@@ -283,6 +289,8 @@ def _locked_folder(parent: Path) -> Iterator[Path]:
             lock = os.open(folder, os.O_RDONLY)
             stack.callback(os.close, lock)
             stack.callback(_remove, folder)
+            stack.callback(_OURS.discard, folder)
+            _OURS.add(folder)
             fcntl.flock(lock, fcntl.LOCK_EX)
             (folder / MARK).touch()
         yield folder

@@ -110,11 +110,7 @@ class WorkspaceMap(Shown):
             OutputError: ``path`` exists and ``force`` is not given, or it cannot be written.
         """
         with whole_file(path, force) as temporary:
-            self.write(temporary)
-
-    def write(self, temporary: Path) -> None:
-        """The same to a name of :class:`aacmm_pin._support.output_files.OutputFiles`, which puts it in its place."""
-        self.data.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
+            self.data.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
 
     @staticmethod
     def load(path: str | Path) -> WorkspaceMap:

@@ -222,13 +222,6 @@ class Arm(Shown):
             rows.append(row.model_copy(update={"encoder_noise_rad": next(of_joint)}) if moves else row)
         return replace(self, encoder_noise=noise, file=self.file.model_copy(update={"joints": rows}))
 
-    @property
-    def without_covariance(self) -> Arm:
-        """The arm with nothing stated of the parameters that its covariance names."""
-        known = set(() if self.covariance is None else self.covariance.parameters)
-        parameters = tuple(replace(p, half_width=None, u=0.0) if p.name in known else p for p in self.parameters)
-        return replace(self, parameters=parameters, covariance=None)
-
     def with_unexplained(self, text: str) -> Arm:
         """The arm in whose file is what was left unexplained, shortened to what a file has."""
         short = textwrap.shorten(text, MOST_UNEXPLAINED, placeholder=" …")

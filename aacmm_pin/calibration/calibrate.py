@@ -226,7 +226,7 @@ def _of_bars(after: Fit) -> list[str]:
 def _counted_before(after: Fit) -> list[str]:
     """Records that the stated uncertainties of the parameters come from already (JCGM 100, F.1.2.3: correlated inputs)."""
     problem = after.problem
-    if not problem.known_from or not problem.setup.prior or not problem.stated.any():
+    if not problem.from_earlier:
         return []
     used, name, before = problem.measurements.take(after.used), problem.model.arm.name, set(problem.known_from)
     if again := before.intersection(used.fingerprints()):
@@ -244,8 +244,8 @@ def _counted_before(after: Fit) -> list[str]:
 
 def _left_before(after: Fit) -> list[str]:
     """What the calibration that states the parameters left unexplained: some of that is in the parameters."""
-    problem, arm = after.problem, after.problem.model.arm
-    if not (problem.known_from and problem.setup.prior and problem.stated.any() and arm.unexplained):
+    arm = after.problem.model.arm
+    if not (after.problem.from_earlier and arm.unexplained):
         return []
     return [
         f"what {arm.name} states of its parameters is of a calibration that left something unexplained ({arm.unexplained}), "

@@ -118,11 +118,11 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     stating = known & (seat >= 0)
     of, count = seat[stating], len(labels)
     least = np.nan_to_num(np.fmin.reduce(_of_each(np.fmin, u[stating], of, count), axis=1))
-    repeated, most = _repeated(measurements, seat, len(labels))
+    repeated, most = _repeated(of, measurements.reference[stating], count)
     if repeated.any():
         far = np.abs(measurements.reference - most[seat]).max(axis=1) > np.maximum(SAME, ROUNDED * least)[seat]
-        seat = np.where(known & (seat >= 0) & repeated[seat] & far, -1, seat)
-    stating = known & (seat >= 0)
+        seat = np.where(stating & repeated[seat] & far, -1, seat)
+        stating = known & (seat >= 0)
     of, stated = seat[stating], measurements.reference[stating]
     total, high, low = (_of_each(combine, stated, of, count) for combine in (np.add, np.fmax, np.fmin))
     at = total / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
@@ -159,7 +159,9 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
     """
     u, known = reference_u(measurements, setup, max(scatters.tip, scatters.seat)), measurements.known
     seat, labels = _numbered(measurements)
-    repeated = dict(zip(labels, _repeated(measurements, seat, len(labels))[0], strict=True))
+    at_seats = known & (seat >= 0)
+    repeats, _ = _repeated(seat[at_seats], measurements.reference[at_seats], len(labels))
+    repeated = dict(zip(labels, repeats, strict=True))
     stating = {label: records[known[records]] for label, records in measurements.seats().items() if known[records].any()}
     found = _bars_between(measurements, setup, stating, u)
     for label, records in stating.items():
@@ -216,10 +218,12 @@ def _of_each(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array
     return found
 
 
-def _repeated(measurements: Measurements, seat: Index, count: int) -> tuple[NDArray[np.bool_], Array]:
-    """Seats whose records, on the average, repeat each of their coordinates (s,); those that most records have (s, 3)."""
-    stating = measurements.known & (seat >= 0)
-    rows = np.column_stack([seat[stating], measurements.reference[stating]])
+def _repeated(seat: Index, stated: Array, count: int) -> tuple[NDArray[np.bool_], Array]:
+    """Seats whose records, on the average, repeat each of their coordinates (s,); those that most records have (s, 3).
+
+    Of the records that state coordinates (n, 3), each at a ``seat`` (n,).
+    """
+    rows = np.column_stack([seat, stated])
     different, times = np.unique(rows, axis=0, return_counts=True)
     of = different[:, 0].astype(np.intp)
     distinct = np.bincount(of, minlength=count)

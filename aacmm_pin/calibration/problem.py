@@ -124,6 +124,11 @@ class Problem:
         return self.measurements.orientation is not None
 
     @property
+    def from_earlier(self) -> bool:
+        """Whether the search starts within what an earlier calibration states."""
+        return bool(self.known_from and self.setup.prior and self.stated.any())
+
+    @property
     def external(self) -> bool:
         """Whether the references stand in an unknown frame, whose six columns come last."""
         return self.setup.external

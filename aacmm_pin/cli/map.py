@@ -51,7 +51,7 @@ def run(
         if result.unreachable == cells[0] * cells[1]:
             raise AacmmError(f"{result}; is --extent-mm in another unit?")
         if output is not None:
-            result.write(results.file(output))
+            result.save(results.file(output))
         results.picture(lambda: result.plot().figure, plot)
         results.json(map_summary(result), json_)
     terminal.show(map_document(result), json_ == "-")

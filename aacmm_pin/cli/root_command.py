@@ -286,9 +286,9 @@ def _import(name: str) -> ModuleType:
         raise AacmmError(f"{stem} is the name of another module, which programs import; expected another name of the file")
     spec = importlib.util.spec_from_file_location(stem, path)
     assert spec is not None
-    assert spec.loader is not None
     if str(path.parent) not in sys.path:  # worker processes have the same and import it by its name
         sys.path.append(str(path.parent))
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    # What it says now: bytecode that Python keeps is told by second and size, and may be of what the file was before.
+    exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), vars(module))
     return module

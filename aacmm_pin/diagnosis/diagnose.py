@@ -176,12 +176,13 @@ def _concluded(
     """What a choice of causes says, beside the arm as it was and recalibrated."""
     extended = choice.fit
     findings = findings_of(model, choice, strong)
+    named = [finding.label for finding in findings]
     unexplained = unexplained_by(choice, strong, held)
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
     structure = bool(unexplained.depends_on) or _excess(extended) > 0.0
-    shown, others = visible(choice), others_beside(choice, [finding.label for finding in findings])
-    fits, named = (recalibrated, extended), {finding.label for finding in findings}
+    shown, others = visible(choice), others_beside(choice, named)
     untold = (*choice.otherwise, *(effect.label for effect in choice.effects if effect.label not in named))
+    fits = (recalibrated, extended)
     return Diagnosis(
         verdict=verdict_of(findings, structure, unexplained.p_value, others.probability, shown, fits, untold),
         findings=tuple(findings),
@@ -325,7 +326,7 @@ def _below_zero(findings: Sequence[Finding]) -> list[str]:
 def _since(findings: Sequence[Finding], recalibrated: Fit) -> list[str]:
     """Causes of which a part would be in the values of an earlier calibration, if they acted then."""
     lasting = [f.label for f in findings if f.was is None and "time" not in f.effect.needs]
-    if not (lasting and recalibrated.problem.known_from and recalibrated.problem.stated.any()):
+    if not (lasting and recalibrated.problem.from_earlier):
         return []
     return [
         f"{listed(lasting)}: the values hold if nothing of it acted when the arm was calibrated before, for part of it "

@@ -127,10 +127,11 @@ class ErrorModel(Shown):
     def without_covariance(self) -> ErrorModel:
         """The model with nothing stated of the parameters that its covariance names, of the arm or of effects."""
         known = set(() if self.arm.covariance is None else self.arm.covariance.parameters)
+        untold = tuple(replace(p, half_width=None, u=0.0) if p.name in known else p for p in self.arm.parameters)
         effects = (
             replace(e, u=(), inner_u=()) if known.intersection(p.name for p in e.parameters()) else e for e in self.effects
         )
-        return ErrorModel(self.arm.without_covariance, tuple(effects))
+        return ErrorModel(replace(self.arm, parameters=untold, covariance=None), tuple(effects))
 
     def restricted(self, effects: tuple[Effect, ...]) -> ErrorModel:
         """The arm with some of its effects alone, and what is known of their parameters and the arm's together."""

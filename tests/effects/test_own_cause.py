@@ -174,6 +174,10 @@ def test_plugins_that_are_none_and_entry_points(folder: Path, monkeypatch: pytes
         "fails.py": "ZeroDivisionError: division by zero (fails.py, line 3)",
     }.items():
         assert f"--plugin {name}: {said}" in refusal("--plugin", name, "causes")
+    written = Path("fails.py").stat()
+    Path("fails.py").write_text("\n\nwrong")  # as long, in the same second
+    os.utime("fails.py", ns=(written.st_atime_ns, written.st_mtime_ns))
+    assert "--plugin fails.py: NameError" in refusal("--plugin", "fails.py", "causes")
     Path("nothing.py").write_text("print('no result')")
     done = CliRunner().invoke(app, ["--plugin", "nothing.py", "urdf", "sino6"])
     assert done.stdout.startswith("<?xml")

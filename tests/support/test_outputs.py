@@ -34,7 +34,7 @@ def test_files_and_a_folder_appear_together_when_all_went_well(tmp_path: Path, m
     with OutputFiles() as files:
         files.check("out.csv", tmp_path / "b.csv")
         temporary = files.file("out.csv")
-        temporary.write_text("all of it")
+        write(temporary, text="all of it")  # as a command does what Python saves
         assert temporary.name == "out.csv"  # the suffix decides the format for some writers
         (files.folder("report") / "index.html").write_text("page")
         assert not Path("out.csv").exists()
