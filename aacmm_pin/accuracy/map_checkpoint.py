@@ -56,9 +56,13 @@ class MapCheckpoint:
                 )
         except OSError as error:
             raise OutputError(f"{folder}: cannot be used for the parts of a map: {error.strerror}") from None
-        if not path.exists():
-            with whole_file(path) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+        try:
+            if not path.exists():
+                with whole_file(path) as temporary:
+                    temporary.write_text(text, encoding="utf-8")
+        except OutputError:
+            if not path.exists():  # or another process, whose question is looked at next, was faster
+                raise
         try:
             there = json.loads(_content(path))
         except (ValueError, RecursionError) as error:

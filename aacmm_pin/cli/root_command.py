@@ -150,7 +150,7 @@ def _told() -> Iterator[None]:
     except BaseException as error:
         if CAME and isinstance(error, Exception):
             _end(128 + CAME[0], INTERRUPTED)
-        if (said := _of_a_plugin(error)) is None:
+        if (said := _of_a_plugin(error) or _of_matplotlib(error)) is None:
             raise
         _end(1, said)
 
@@ -170,6 +170,15 @@ def _of_a_plugin(error: BaseException) -> str | None:
     return (
         f"{', '.join(own)}, or what uses it: {raised(error, passed[-1])}" if own and isinstance(error, Exception) else None
     )
+
+
+def _of_matplotlib(error: BaseException) -> str | None:
+    """What drawing has raised, in one line: what it is set to is the user's, and may be anything."""
+    passed = [frame.f_code.co_filename for frame, _ in traceback.walk_tb(error.__traceback__)]
+    if not isinstance(error, Exception) or not any("/matplotlib/" in file for file in passed):
+        return None
+    said = " ".join(str(error).split())
+    return f"matplotlib, set by matplotlibrc and SOURCE_DATE_EPOCH, raised {type(error).__name__}: {said}"
 
 
 def _end(status: int, message: str) -> None:

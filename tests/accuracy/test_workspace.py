@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,10 @@ import pytest
 import xarray as xr
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.accuracy import workspace
+from aacmm_pin._support.output_files import whole_file
+from aacmm_pin.accuracy import map_checkpoint, workspace
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
+from aacmm_pin.accuracy.map_checkpoint import MapCheckpoint
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
 from aacmm_pin.arm.arm import Arm
@@ -272,6 +275,17 @@ def test_two_processes_and_parts_of_a_map_do_not_show(extended: ErrorModel, monk
     two.data.attrs.pop("seconds")
     xr.testing.assert_identical(one.data, two.data)
     xr.testing.assert_allclose(one.data, whole.data, rtol=1e-6)
+
+
+def test_two_maps_may_begin_the_same_parts_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def after_another(path: Path) -> AbstractContextManager[Path]:
+        monkeypatch.undo()
+        MapCheckpoint.of(path.parent, {"sectors": 3})
+        return whole_file(path)
+
+    monkeypatch.setattr(map_checkpoint, "whole_file", after_another)
+    mine = MapCheckpoint.of(tmp_path / "parts", {"sectors": 3})
+    assert mine == MapCheckpoint.of(tmp_path / "parts", {"sectors": 3})
 
 
 def test_an_interrupted_map_goes_on_from_its_parts(
