@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations, permutations, product
 
 import numpy as np
@@ -27,6 +28,7 @@ from aacmm_pin.calibration.solver import begin, deviations, solve
 from aacmm_pin.effects import JointPlacement, StylusOffset
 from aacmm_pin.effects.labels import listed
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
+from aacmm_pin.measurements.observations import Observations
 from aacmm_pin.measurements.records import Measurements
 
 FAR = 2e-3
@@ -90,6 +92,11 @@ class _Mistake:
     scale: float | Array = 1.0
     bars: float = 1.0
     external: bool = False
+
+    @property
+    def of_angles(self) -> bool:
+        """Whether it changes nothing of what was touched."""
+        return self.turned is not None or self.added is not None
 
     def undone(self, problem: Problem) -> Problem:
         """The problem without the mistake."""
@@ -185,14 +192,21 @@ def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None
     if records.n < FEW:
         return
     few = problem.of(records.take(_few(records)))
-    before, as_given = _misfit(few)
+
+    @cache
+    def observed(*of_coordinates: _Mistake) -> Observations:
+        return _observed(_undone(few, of_coordinates))
+
+    before, as_given = _misfit(few, observed())
     if before == np.inf or (min(before / FAR, as_given / UNLIKE) < 1.0 and fitted < FAR):
         return
     taken_up = fitted < FAR or fitted == np.inf
     as_is = before if taken_up else fitted
     single = [(mistake,) for mistake in _mistakes(problem)]
     for mistakes in (single, *((_several_signs(records.nq), _pairs(single)) if thorough else ())):
-        misfits = np.array([_misfit(_undone(few, mistake))[1] for mistake in mistakes])
+        of_coordinates = ([one for one in several if not one.of_angles] for several in mistakes)
+        each = zip(mistakes, of_coordinates, strict=True)
+        misfits = np.array([_misfit(_undone(few, several), observed(*some))[1] for several, some in each])
         alike = np.flatnonzero(misfits <= ALIKE * misfits.min(initial=np.inf))  # one joint has no several signs
         best = [*alike, *(k for k in np.argsort(misfits) if k not in alike)]
         for number in best[:TRIED]:
@@ -241,11 +255,10 @@ def _median(deviation: Array) -> float:
     return float(np.median(distance)) if distance.size else np.inf
 
 
-def _misfit(problem: Problem) -> tuple[float, float]:
+def _misfit(problem: Problem, observations: Observations) -> tuple[float, float]:
     """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same over the tips' travel."""
     bare = _of_targets(problem)
     records = bare.measurements
-    observations = observations_of(records, bare.setup)
     try:
         point = begin(bare, observations)
         if bare.vector.effects:
@@ -263,6 +276,12 @@ def _misfit(problem: Problem) -> tuple[float, float]:
     median = _median(off)
     travel = float(np.median(np.linalg.norm(tips - np.median(tips, axis=0), axis=1)))
     return median, median / max(travel, 1e-9)
+
+
+def _observed(problem: Problem) -> Observations:
+    """What the records say of tips."""
+    bare = _of_targets(problem)
+    return observations_of(bare.measurements, bare.setup)
 
 
 def _of_targets(problem: Problem) -> Problem:

@@ -42,10 +42,9 @@ def test_lengths_are_as_uncertain_as_draws_say(kind: str, sino6: Arm, rng: np.ra
     model = sino6 if kind == "arm" else together()
     low, high = sino6.limits.T
     qa, qb = rng.uniform(low, high, (2, 2, 6))
-    for noise in (0.0, 5e-5):
+    for k, noise in enumerate((0.0, 5e-5)):
         u = length_uncertainty(model, qa, qb, encoder_noise=noise)
-        for k, value in enumerate(u):
-            assert value == pytest.approx(drawn(model, (qa[[k]], qb[[k]]), noise, rng), rel=SAME)
+        assert u[k] == pytest.approx(drawn(model, (qa[[k]], qb[[k]]), noise, rng), rel=SAME)
 
 
 def test_what_turns_both_ends_leaves_their_distance(sino6: Arm, rng: np.random.Generator) -> None:

@@ -194,6 +194,7 @@ class Named:
 
     name: str
     kind: str
+    of_angles = True
 
     def undone(self, problem: object) -> str:
         return (f"{problem}+" if isinstance(problem, str) else "") + self.name
@@ -256,12 +257,17 @@ def test_when_a_mistake_is_named(
         system = SimpleNamespace(deviation=off.get(without, (1.0, 1.0))[1])
         return SimpleNamespace(problem=without, solution=SimpleNamespace(system=system))
 
-    def misfit(of: object) -> tuple[float, float]:
+    def misfit(of: object, _: object) -> tuple[float, float]:
         return (0.0, off.get(of, (1.0, 1.0))[0]) if isinstance(of, str) else (case["before"], case["as_given"])
 
     single = [Named(name, name.lower()) for name in off if "+" not in name]
     fakes = {"fit": fitted, "_misfit": misfit, "_mistakes": lambda _: single, "_few": lambda _: None}
-    fakes |= {"_median": float, "_travel": lambda _: 1.0, "_absorbs": lambda after: after.problem == case["absorbed"]}
+    fakes |= {
+        "_observed": lambda _: None,
+        "_median": float,
+        "_travel": lambda _: 1.0,
+        "_absorbs": lambda after: after.problem == case["absorbed"],
+    }
     for name, fake in fakes.items():
         monkeypatch.setattr(input_mistakes, name, fake)
     if not named:
