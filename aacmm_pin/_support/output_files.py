@@ -50,7 +50,7 @@ class OutputFiles:
 
     def __init__(self, force: bool = False, inputs: Iterable[str | Path] = ()) -> None:
         self._force = force
-        self._inputs = tuple(inputs)
+        self._inputs = list(inputs)
         self._checked: list[Path] = []
         self._stack = ExitStack()
         self._hidden: dict[Path, Path] = {}  # the hidden folder in each folder that is written to
@@ -76,7 +76,7 @@ class OutputFiles:
         self._checked += map(Path, paths)
 
     def refuse_to_read(self, path: str | Path) -> None:
-        """Refuse a file that is about to be read, and that :meth:`check` was told will be written.
+        """Refuse a file that is about to be read, and that :meth:`check` was told will be written; then it is an input.
 
         Raises:
             OutputError: it is such a file, by whatever name.
@@ -84,6 +84,7 @@ class OutputFiles:
         for output in self._checked:
             if not _is_stream(output) and _are_same(output, path):
                 raise _is_read(output)
+        self._inputs.append(path)  # a name of an output may lead to it only later
 
     def _target(self, path: str | Path, replaces: bool = False) -> Path:
         """The regular file that is meant, links followed; a pipe or device as it was named."""
@@ -95,7 +96,7 @@ class OutputFiles:
                 raise OutputError(f"{path}: is a folder, expected the name of a file")
             if path.exists() and not path.is_file():
                 raise OutputError(f"{path}: is not a regular file and is left as it is")
-            if any(_are_same(path, read) for read in self._inputs):
+            if not replaces and any(_are_same(path, read) for read in self._inputs):
                 raise _is_read(path)
             if path.exists() and not (self._force or replaces):
                 raise OutputError(f"{path}: exists already; --force, in Python force=True, replaces it")

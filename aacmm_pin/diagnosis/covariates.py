@@ -27,6 +27,8 @@ MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
 SMOOTH = (5, 20)
 """Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it may shift the tip."""
+LATER = 3
+"""Number of cosines over the ranks of the time with which an error of a joint changes."""
 SLOPES = 2
 """Powers of the time since the middle of a session with which the tip may shift inside it."""
 CENTRES = 24
@@ -108,6 +110,8 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     named += [(str(name), measurements.extra[name], ["room", *angles, "lengths"]) for name in measurements.extra]
     found += [_of(name, values, carriers) for name, values, carriers in named]
     products = [_product(measurements.q, one, other) for one, other in itertools.combinations(numbers, 2)]
+    if conditions.time is not None and np.ptp(conditions.time) > 0.0:
+        products += [_over_time(measurements.q[:, j], row, conditions.time) for j, row in numbers]
     single = [_with_time(c, conditions) for c in found if c is not None]
     sliding = [row for row, slides in zip(rows, arm.chain.prismatic, strict=True) if slides]
     of_joints = [_along(covariate, sliding) for covariate in (*single, *products)]
@@ -183,6 +187,14 @@ def _product(q: Array, one: tuple[int, int], other: tuple[int, int]) -> Covariat
         variants.append(Carried(_of_size_one(np.einsum("na,nb->nab", own, wave[turns]).reshape(len(q), -1)), f"angle {at}"))
     names = (f"joint {row}", f"joint {further}")
     return Covariate(" × ".join(names), names, tuple(variants), _table(names[0], q[:, j]).join(_table(names[1], q[:, k])))
+
+
+def _over_time(angle: Array, row: int, time: Array) -> Covariate:
+    """The angle of a joint is off by where it stands, and otherwise later: an encoder that was knocked midway."""
+    wave, later = np.stack([np.cos(angle), np.sin(angle)], axis=1), _cosines(pd.Series(time), LATER)
+    variant = Carried(_of_size_one(np.einsum("na,nb->nab", wave, later).reshape(len(angle), -1)), f"angle {row}")
+    values = _table(f"joint {row}", angle).join(_table("time", time))
+    return Covariate(f"joint {row} × time", (f"joint {row}", "time"), (variant,), values)
 
 
 def _place(arm: Arm, measurements: Measurements) -> Covariate:

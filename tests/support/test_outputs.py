@@ -217,6 +217,17 @@ def test_what_is_read_is_never_replaced(tmp_path: Path) -> None:
     assert data.read_text() == "old"
 
 
+def test_a_name_that_leads_to_what_was_read_meanwhile(tmp_path: Path) -> None:
+    data, output = tmp_path / "data.csv", tmp_path / "out.json"
+    data.write_text("measured")
+    files = OutputFiles(force=True)
+    files.check(output)
+    files.refuse_to_read(data)
+    output.symlink_to(data)
+    with pytest.raises(OutputError, match="is read by this command"), files:
+        files.file(output)
+
+
 def test_places_that_cannot_be_written_to(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("old")
     (tmp_path / "folder").mkdir()
