@@ -25,6 +25,8 @@ def content_of(path: str | Path, most: int, expected: str, refused: Callable[[st
     """
     to_be_read(path)
     try:
+        if "\0" in str(path):
+            raise refused("cannot be read: no file has a NUL in its name")
         if Path(path).is_fifo():
             from aacmm_pin._support.text_escaping import note  # few are
 
