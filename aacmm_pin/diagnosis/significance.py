@@ -31,6 +31,8 @@ SHOWS = 15.0
 """Noncentrality at which a cause is found more often than not among all others."""
 SAME = 0.95
 """Causes whose columns have a larger canonical correlation are listed as look-alikes whatever their probability."""
+WHOLLY = 0.9999
+"""Structure with a larger one contains the cause, and is no other: it is listed only where it is likely."""
 UNSEEN = 10.0
 """Structure of which only the scatter is seen counts as spread over so many directions, as many as a smooth function has."""
 TOLD = 0.95
@@ -257,7 +259,8 @@ def aliases_of(choice: Choice, place: Place, k: int) -> list[Alias]:
         if candidate == own or not np.isfinite(shares[candidate]):
             continue
         correlation = canonical(left, question.blocks[k], question.blocks[block])
-        if shares[candidate] > WORTH_LISTING or correlation > SAME:
+        alike = correlation > SAME and (candidate < len(library) or correlation < WHOLLY)
+        if alike or shares[candidate] > WORTH_LISTING:
             effect = library[candidate][0] if candidate < len(library) else None
             found.append(Alias(names[candidate], correlation, float(shares[candidate]), block, effect))
     found.sort(key=lambda alias: (-alias.probability, -alias.correlation))
