@@ -35,8 +35,10 @@ OTHER_UNIT = 100.0
 """An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but there are other parts."""
 BEST_REFERENCE = 2e-7
 """No coordinate is known better: a coordinate measuring machine has 5e-7, a laser tracker 1e-5 [m]."""
-ODD_BAR = 5.0
-"""A bar that is off its length by so many times what the others are may have another length."""
+ODD_BAR = 4.0
+"""A bar that is off by so many standard deviations may have another length: chance does that to 1 of 16 000."""
+TOLD = 1e-3
+"""Of a bar of which all else says less than this share, nobody can say how far it is off."""
 OFTEN = 2
 """More records of a posture, one after the other, than this on the average are readings of one contact."""
 HELD_IN = 0.5
@@ -208,18 +210,20 @@ def _seated(measurements: Measurements) -> tuple[Measurements, Index]:
 
 
 def _of_bars(after: Fit) -> list[str]:
-    """A bar that is measured far longer or shorter than the others."""
-    measurements, tips = after.problem.measurements, after.solution.point.prediction.poses[:, :3]
-    errors = measurements.bar_length_errors(tips)
-    if errors.size < 3:
+    """A bar that is longer or shorter than all else says: by its deletion residual (Belsley, Kuh, Welsch 1980, eq. 2.27)."""
+    solution, touched = after.solution, after.observations.labels
+    bars = [bar for bar in after.problem.measurements.bars() if {bar.seat_a, bar.seat_b}.issubset(touched)]
+    if len(bars) < 2:
         return []
-    worst = int(np.abs(errors).argmax())
-    others = float(np.median(np.abs(np.delete(errors, worst))))
-    if abs(errors[worst]) < max(ODD_BAR * others, LENGTH):
+    rows = slice(-len(bars), None)  # where no two bars have an end in common, each is one of the last rows
+    left = 1.0 - np.square(solution.system.jacobian[rows] @ solution.scaled).sum(axis=1)
+    off = np.abs(solution.system.residual[rows]) / np.sqrt(np.maximum(left, TOLD))
+    worst = int(off.argmax())
+    if off[worst] < ODD_BAR:
         return []
     return [
-        f"bar {measurements.bars()[worst].bar} measures {errors[worst] / MM:+.3g} mm off its length, the others "
-        f"{others / MM:.2g} mm: is that length right?"
+        f"bar {bars[worst].bar} is {off[worst]:.2g} standard deviations off the length that all else says it has: is its "
+        "stated length right?"
     ]
 
 

@@ -21,9 +21,9 @@ MOST_CAUSES = 24
 SURE = np.log(0.99 / 0.01)
 """Log odds that something is there at all which every admission needs, and every exchange of one cause for two."""
 # 19 blind files of tests/blind: with 0.9 in place of 0.99 one more was explained, with 0.999 all answers were the same.
-NEAR = 12
+NEAR = 16
 """So many of the best candidates are tried in pairs …"""
-INSTEAD = 6
+INSTEAD = 8
 """… and so many where a pair may stand in the place of one."""
 WEAKEST = 3
 """So many of the weakest admitted causes are tried against pairs."""

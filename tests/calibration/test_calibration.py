@@ -661,10 +661,10 @@ def test_a_bar_of_another_length_is_noted(sino6: Arm) -> None:
     data = simulate_measurements(
         sino6, "ball-bar", 160, bar_length=0.6, rng=np.random.default_rng(3), encoder_noise=8e-6
     ).to_frame()
-    for off, said in ((0.0, False), (0.3, True), (-3.0, True)):
+    for off, u, said in ((0.0, None, False), (0.3, None, True), (-3.0, None, True), (0.0, 5e-6, False), (0.1, 5e-6, True)):
         table = data.assign(bar_length_mm=data["bar_length_mm"] + off * (data["bar"] == "B4"))
-        found = calibrate(sino6, Measurements.from_frame(table), hold_out=False, progress=False)
-        assert any(note.startswith("bar B4 measures ") for note in found.notes) == said
+        found = calibrate(sino6, Measurements.from_frame(table), length_noise=u, hold_out=False, progress=False)
+        assert any(note.startswith("bar B4 is ") for note in found.notes) == said
 
 
 @pytest.mark.parametrize("plan", ["ball-bar", "seats"])
