@@ -134,11 +134,12 @@ def search(question: Question, gram: Gram, start: tuple[int, ...] = ()) -> tuple
     return _Search(question, gram).run(start)
 
 
-def rival_pairs(question: Question, gram: Gram, admitted: tuple[int, ...]) -> dict[tuple[int, int], list[Rival]]:
-    """Of two admitted blocks, the pairs that may be there in their place; only of those that have any."""
+def rival_pairs(question: Question, gram: Gram, admitted: tuple[int, ...]) -> dict[tuple[int, ...], list[Rival]]:
+    """Of one or two admitted blocks, the pairs that may be there in their place; only of those that have any."""
     tried = _Search(question, gram)
-    found = {two: tried.rivals(admitted, two) for two in tried.doubtful(admitted)}
-    return {two: rivals for two, rivals in found.items() if rivals}
+    weakest = [(k,) for k in tried.by_strength(admitted)[-WEAKEST:]]
+    found = {some: tried.rivals(admitted, some) for some in (*weakest, *tried.doubtful(admitted))}
+    return {some: rivals for some, rivals in found.items() if rivals}
 
 
 def one_gone(
@@ -288,10 +289,10 @@ class _Search:
         """The weakest of the admitted, two and two; all would cost more than everything else."""
         return [*combinations(sorted(self.by_strength(admitted)[-WEAKEST:]), 2)]
 
-    def rivals(self, admitted: tuple[int, ...], two: tuple[int, int]) -> list[Rival]:
-        """Pairs of other candidates that may be there in the place of two of the admitted."""
-        rest = _without(admitted, *two)
-        pairs = self.pairs(rest, WEAKEST, frozenset(map(self.question.owner, two)))
+    def rivals(self, admitted: tuple[int, ...], some: tuple[int, ...]) -> list[Rival]:
+        """Pairs of other candidates that may be there in the place of one or two of the admitted."""
+        rest = _without(admitted, *some)
+        pairs = self.pairs(rest, WEAKEST, frozenset(map(self.question.owner, some)))
         self.gram.prepare(k for pair in pairs for k in pair)
         value = self.log_evidence(admitted)
         return [Rival(self.log_evidence(_ordered((*rest, *pair))) - value, pair) for pair in pairs]

@@ -123,8 +123,8 @@ class Place:
 
 
 class InPairs(NamedTuple):
-    """Two admitted causes that two others together may look like, though none of these alone looks like one of them; or one
-    that another looks like where a known cause is gone.
+    """One or two admitted causes that two others together may look like, though none of these alone looks like one of them;
+    or one that another looks like where a known cause is gone.
 
     Attributes:
         blocks: numbers of the two, or of the one.
@@ -140,12 +140,12 @@ class InPairs(NamedTuple):
 def in_pairs(choice: Choice) -> list[InPairs]:
     """All of the admitted that have such rivals."""
     question, names, found = choice.question, choice.design.names, []
-    for two, rivals in rival_pairs(question, choice.gram, choice.admitted).items():
+    for some, rivals in rival_pairs(question, choice.gram, choice.admitted).items():
         log_odds = np.array([0.0, *(rival.more for rival in rivals)])
         own, *others = np.exp(log_odds - logsumexp(log_odds)).tolist()
         labels = [tuple(names[question.owner(k)] for k in rival.blocks) for rival in rivals]
         told = [(one, other, share) for (one, other), share in zip(labels, others, strict=True) if share > WORTH_LISTING]
-        found.append(InPairs(two, own, sorted(told, key=lambda rival: -rival[2])))
+        found.append(InPairs(some, own, sorted(told, key=lambda rival: -rival[2])))
     return [*found, *_where_one_is_gone(choice)]
 
 

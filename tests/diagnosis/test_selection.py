@@ -291,9 +291,12 @@ def test_two_that_two_others_look_like() -> None:
         less = small.of_set((2, 3)) - small.of_set((0, 1))
         assert less < -EQUAL
         assert (less > np.log(0.01)) == likely
-        (two, (rival,)) = next(iter(rival_pairs(small.question, small.gram, (0, 1)).items()))
-        assert (two, rival.blocks) == ((0, 1), (2, 3))
-        assert rival.more == pytest.approx(less, abs=1e-5)
+        found = rival_pairs(small.question, small.gram, (0, 1))
+        assert [*found] == [(0,), (1,), (0, 1)]
+        for some, rivals in found.items():
+            assert [rival.blocks for rival in rivals] == [(2, 3)]
+            instead = small.of_set((*{0, 1}.difference(some), 2, 3)) - small.of_set((0, 1))
+            assert rivals[0].more == pytest.approx(instead, abs=1e-5)
         assert small.steps.exchanged((0, 1)) == (0, 1)
         assert small.steps.exchanged((2, 3)) == ((0, 1) if likely else (0, 1, 2))
         assert small.found(2, 3) == [0, 1]
