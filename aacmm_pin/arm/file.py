@@ -393,8 +393,11 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
         resource = importlib.resources.files("aacmm_pin.arm") / "bundled" / f"{name}.toml"
         return parse_arm_file(resource.read_bytes(), f"{name}.toml")
     path = Path(name_or_path)
-    if path.suffix != ".toml" and not os.path.exists(path):
-        raise UnknownNameError("arm", name, bundled_arms(), "or the path of an arm file, *.toml")
+    try:
+        if path.suffix != ".toml" and not path.exists():
+            raise UnknownNameError("arm", name, bundled_arms(), "or the path of an arm file, *.toml")
+    except OSError as error:
+        raise ArmFileError(name, "", f"cannot be read: {error.strerror}") from None
     content = content_of(path, MOST_BYTES, "an arm file, *.toml,", lambda message: ArmFileError(name, "", message))
     return parse_arm_file(content, name)
 

@@ -290,11 +290,11 @@ class _Search:
         return [*combinations(sorted(self.by_strength(admitted)[-WEAKEST:]), 2)]
 
     def rivals(self, admitted: tuple[int, ...], some: tuple[int, ...]) -> list[Rival]:
-        """Pairs of other candidates that may be there in the place of one or two of the admitted."""
+        """Pairs of other candidates that may be there in the place of two of the admitted; of one, where they surely are."""
         rest = _without(admitted, *some)
         pairs = self.pairs(rest, WEAKEST, frozenset(map(self.question.owner, some)))
         self.gram.prepare(k for pair in pairs for k in pair)
-        value = self.log_evidence(admitted)
+        value = self.log_evidence(admitted) + SURE * (len(some) == 1)
         return [Rival(self.log_evidence(_ordered((*rest, *pair))) - value, pair) for pair in pairs]
 
     def pairs(self, rest: tuple[int, ...], count: int, barred: frozenset[int] = frozenset()) -> list[tuple[int, ...]]:

@@ -296,6 +296,7 @@ def test_two_that_two_others_look_like() -> None:
         for some, rivals in found.items():
             assert [rival.blocks for rival in rivals] == [(2, 3)]
             instead = small.of_set((*{0, 1}.difference(some), 2, 3)) - small.of_set((0, 1))
+            instead -= SURE * (len(some) == 1)  # as one gives way to two in the search
             assert rivals[0].more == pytest.approx(instead, abs=1e-5)
         assert small.steps.exchanged((0, 1)) == (0, 1)
         assert small.steps.exchanged((2, 3)) == ((0, 1) if likely else (0, 1, 2))
