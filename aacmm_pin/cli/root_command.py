@@ -177,8 +177,9 @@ def _of_matplotlib(error: BaseException) -> str | None:
     passed = [frame.f_code.co_filename for frame, _ in traceback.walk_tb(error.__traceback__)]
     if not isinstance(error, Exception) or not any("/matplotlib/" in file for file in passed):
         return None
-    said = " ".join(str(error).split())
-    return f"matplotlib, set by matplotlibrc and SOURCE_DATE_EPOCH, raised {type(error).__name__}: {said}"
+    from aacmm_pin.effects.causes import raised
+
+    return f"matplotlib, set by matplotlibrc and SOURCE_DATE_EPOCH, raised {raised(error, '')}"
 
 
 def _end(status: int, message: str) -> None:
