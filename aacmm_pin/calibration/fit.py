@@ -257,7 +257,7 @@ class _Estimation:
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
         """The noise with scatters that stand in for what is not stated."""
-        return NoiseModel.of(self.problem, point.frame, scatters, self.observations)
+        return NoiseModel.of(self.problem, point.frame, point.prediction.tips, scatters, self.observations)
 
     def approached(self, point: Point, used: Mask, *, robust: bool) -> Solution:
         """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.

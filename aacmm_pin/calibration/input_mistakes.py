@@ -262,7 +262,8 @@ def _misfit(problem: Problem, observations: Observations) -> tuple[float, float]
     try:
         point = begin(bare, observations)
         if bare.vector.effects:
-            noise = NoiseModel.of(bare, point.frame, Scatters(FAR, 0.0, FIRST_SCATTER), observations)
+            scatters = Scatters(FAR, 0.0, FIRST_SCATTER)
+            noise = NoiseModel.of(bare, point.frame, point.prediction.tips, scatters, observations)
             point = solve(bare, noise, point, np.ones(records.n), robust=True, roughly=True).point
     except AacmmError:
         return np.inf, np.inf

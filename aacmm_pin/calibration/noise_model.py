@@ -66,10 +66,17 @@ class NoiseModel:
     tips: Array
 
     @staticmethod
-    def of(problem: Problem, frame: Frame, scatters: Scatters, known: Observations | None = None) -> NoiseModel:
-        """The noise of a problem's records, the base being at ``frame`` in that of the references.
+    def of(
+        problem: Problem, frame: Frame, targets: Array, scatters: Scatters, known: Observations | None = None
+    ) -> NoiseModel:
+        """The noise of a problem's records.
 
-        ``known`` are the observations, where they are worked out already.
+        Args:
+            problem: the problem.
+            frame: where the base is in the frame of the references.
+            targets: where the readings put the records' targets there (n, 3) [m]; a reading's noise acts on its target.
+            scatters: beyond the stated noise.
+            known: the observations, where they are worked out already.
         """
         setup, n = problem.setup, problem.measurements.n
         observations = known or observations_of(problem.measurements, setup)
@@ -78,9 +85,8 @@ class NoiseModel:
         each = scatters.covariance(observations.covariance.shape[1])
         tips = np.broadcast_to(each, (n, *each.shape))
         if setup.encoder_noise is not None and setup.encoder_noise.any():
-            readings = np.einsum("j,njik->nik", setup.encoder_noise**2, problem.reading_covariance)
-            turn = np.kron(np.eye(len(each) // 3), frame.rotation)
-            tips = tips + turn @ readings @ turn.T
+            by_reading = problem.reading_jacobian(frame, targets) * setup.encoder_noise
+            tips = tips + by_reading @ by_reading.transpose(0, 2, 1)
         return NoiseModel(scatters, observations, tips)
 
     @property

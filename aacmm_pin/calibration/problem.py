@@ -175,18 +175,25 @@ class Problem:
         return Columns.of(drawn, (*self.model.effects, *self.vector.effects))
 
     @cached_property
-    def reading_covariance(self) -> Array:
-        """``J J^T`` per joint: the tip's covariance for one unit of variance in each reading (n, nq, 3, 3) [m²/rad²].
+    def _drawn_frames(self) -> tuple[Array, Array]:
+        """Axes and origins of all places of the arm as drawn; see :meth:`Chain.walk`."""
+        return self.model.arm.chain.walk(self.measurements.q)
 
-        With orientations (n, nq, 6, 6): one reading moves tip and orientation together.
+    def reading_jacobian(self, frame: Frame, targets: Array) -> Array:
+        """Derivative of each record's target by the readings (n, 3, nq) [m/rad], along the axes of the references.
+
+        With orientations (n, 6, nq): one reading moves target and orientation together.
+
+        Args:
+            frame: where the base is in the frame of the references.
+            targets: where the targets are there (n, 3) [m].
         """
-        arm, q = self.model.arm, self.measurements.q
-        jacobian = arm.jacobian(q)
-        if self.turns:
-            rotation, origin = arm.chain.walk(q)
-            turns = arm.chain.jacobian(rotation, origin, origin[-1])[1] * self.measurements.oriented[:, None, None]
-            jacobian = np.concatenate([jacobian, turns], axis=1)
-        return np.asarray(np.einsum("nij,nkj->njik", jacobian, jacobian))
+        shifts, turns = self.model.arm.chain.jacobian(*self._drawn_frames, frame.back(targets))
+        shifts = frame.rotation @ shifts
+        if not self.turns:
+            return shifts
+        turns = frame.rotation @ turns * self.measurements.oriented[:, None, None]
+        return np.concatenate([shifts, turns], axis=1)
 
     def predict(self, x: Array, frame: Frame, looked_at: Array | None = None) -> Prediction:
         """What the records should be with the parameters ``x``.

@@ -80,8 +80,8 @@ def _scatter(choice: Choice) -> Array:
     whiten = fit.noise.whitening[:, :3, :3]
     off = fit.observations.deviations(choice.tips, fit.solution.point.seats)[:, :3]
     left = np.einsum("nij,nj->ni", whiten, off)[used]
-    into = whiten @ fit.solution.point.frame.rotation  # of the base, where the readings' covariance is
-    readings = into @ fit.problem.reading_covariance.sum(axis=1)[:, :3, :3] @ into.transpose(0, 2, 1)
+    by_reading = whiten @ fit.problem.reading_jacobian(fit.solution.point.frame, choice.tips)[:, :3]
+    readings = by_reading @ by_reading.transpose(0, 2, 1)
     readings = readings * (3.0 / np.trace(readings[used], axis1=1, axis2=2).mean())
     likely = {}
     for share in BY_READINGS:

@@ -397,8 +397,9 @@ def _excess(extended: Fit) -> float:
         return 0.0
     off, explained = extended.solution.system.off, np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:
-        readings = np.diagonal(extended.problem.reading_covariance, axis1=2, axis2=3)
-        explained = explained + PLAIN_ENCODER**2 * readings.sum(axis=1)
+        point = extended.solution.point
+        by_reading = extended.problem.reading_jacobian(point.frame, point.prediction.tips)
+        explained = explained + PLAIN_ENCODER**2 * np.square(by_reading).sum(axis=2)
     kinds = [(slice(3), extended.used), (slice(3, 6), extended.used & extended.observations.oriented)]
     much = any(np.square(off[some, of]).sum() > MUCH_MORE**2 * explained[some, of].sum() for of, some in kinds)
     chi2, dof = extended.chi2_stated

@@ -132,7 +132,8 @@ def rows_of(problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, .
     """Whitened derivatives of each of the problem's records (n, 3, width), zero where it says nothing; and of what is stated
     of seats and bars (t, width), but for seats whose coordinates are ``stated`` elsewhere; ``frame`` is the base's.
     """
-    prediction, noise = problem.predict(problem.start, frame), NoiseModel.of(problem, frame, Scatters())
+    prediction = problem.predict(problem.start, frame)
+    noise = NoiseModel.of(problem, frame, prediction.tips, Scatters())
     known, count = noise.observations, len(layout.seats)
     number = np.array([layout.seats.index(label) for label in known.labels], dtype=np.intp)
     touched = np.flatnonzero(known.seat >= 0)

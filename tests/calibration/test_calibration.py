@@ -37,6 +37,7 @@ from aacmm_pin.effects import (
     JointHysteresis,
     JointPeriodicError,
     LinkBending,
+    StylusOffset,
     ThermalExpansion,
     ZeroDrift,
 )
@@ -84,6 +85,23 @@ def agreement(arm: Arm, result: Calibration, errors: Array) -> float:
     position = {p.name: i for i, p in enumerate(arm.parameters)}
     off = result.fit.solution.point.x - errors[[position[p.name] for p in result.fit.problem.vector.parameters]]
     return float(chi2.sf(off @ np.linalg.solve(result.covariance, off), off.size))
+
+
+@pytest.mark.parametrize("by_marker", [True, False])
+def test_noise_of_readings_reaches_a_target_beyond_the_tip(sino6: Arm, by_marker: bool) -> None:
+    """χ² of 12 files with noise as stated, the reading's the larger part, and a target 0.3 m beyond the tip."""
+    rng, n, noise = np.random.default_rng(5), 40, 5e-4
+    marker = Conditions(n, marker=np.full(n, "far", dtype=object))
+    model = ErrorModel(sino6, (StylusOffset("far", values=(0.1, -0.05, 0.3)),))
+    setup = {"target": "unknown", "encoder_noise": noise, "reference_noise": 1e-5, "hold_out": False}
+    judged = []
+    for _ in range(12):
+        q = within(sino6, rng, n)
+        points = model.predict(q + rng.normal(size=q.shape) * noise, marker) + rng.normal(size=(n, 3)) * 1e-5
+        data = Measurements.of(q, points, conditions=marker if by_marker else None)
+        judged.append(calibrate(sino6, data, "zero-offsets", **setup).fit.chi2_stated)  # type: ignore[arg-type]
+    total, dof = np.sum(judged, axis=0)
+    assert abs(total - dof) < 3.5 * np.sqrt(2 * dof)
 
 
 # --- the zero-offset paper

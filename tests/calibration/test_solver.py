@@ -22,8 +22,10 @@ from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.calibration.variance_components import _variance_component
+from aacmm_pin.effects import StylusOffset
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.orientation import quaternions
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 
@@ -41,7 +43,8 @@ def external(arm: Arm, rng: np.random.Generator, off: float = 0.0, n: int = 12) 
 
 def test_noise_of_readings_in_a_turned_frame(sino6: Arm, rng: np.random.Generator) -> None:
     problem = external(sino6, rng)
-    found = NoiseModel.of(problem, FRAME, Scatters(3e-6))
+    tips = FRAME.apply(sino6.positions(problem.measurements.q))
+    found = NoiseModel.of(problem, FRAME, tips, Scatters(3e-6))
     by_reading = FRAME.rotation @ sino6.jacobian(problem.measurements.q) * NOISE
     wanted = by_reading @ by_reading.transpose(0, 2, 1) + 9e-12 * np.eye(3)
     np.testing.assert_allclose(found.tips, wanted, rtol=1e-9, atol=1e-19)
@@ -51,11 +54,31 @@ def test_noise_of_readings_in_a_turned_frame(sino6: Arm, rng: np.random.Generato
     np.testing.assert_allclose(white, np.broadcast_to(np.eye(3), white.shape), atol=1e-9)
 
 
+def test_noise_of_readings_acts_on_the_target(sino6: Arm, rng: np.random.Generator) -> None:
+    """On one beyond the tip, by differences of what the readings predict; on its orientation too."""
+    n, step = 8, 1e-6
+    q = np.column_stack([rng.uniform(low, high, n) for low, high in sino6.limits])
+    model = ErrorModel(sino6, (StylusOffset("far", values=(0.05, -0.1, 0.3)),))
+    marker = Conditions(n, marker=np.full(n, "far", dtype=object))
+    orientation = quaternions(model.state(q, marker).rotation[-1])
+    points = model.predict(q, marker)
+    records = Measurements.of(q, points, conditions=marker, orientation=orientation)
+    problem = problem_of(model, records, [], Setup.of(sino6, target="frame"))
+    moved = []
+    for j in range(sino6.nq):
+        low, high = (model.state(q + sign * step * np.eye(sino6.nq)[j], marker) for sign in (-1, 1))
+        turn = Rotation.from_matrix(high.rotation[-1] @ low.rotation[-1].transpose(0, 2, 1)).as_rotvec()
+        moved.append(np.hstack([high.position - low.position, turn]) / (2 * step))
+    found = problem.reading_jacobian(Frame.identity(), points)
+    np.testing.assert_allclose(found, np.stack(moved, axis=2), atol=1e-7)
+
+
 def system_of(problem: Problem, off: float = 0.0) -> solver.Solution:
     """The system where the search begins, or so many widths away from it, the frame known."""
     x = problem.start + off * problem.widths
     point = solver.Point(x, FRAME, np.zeros((0, 3)), problem.predict(x, FRAME))
-    return solver.standing(problem, NoiseModel.of(problem, FRAME, Scatters()), point, np.ones(problem.measurements.n))
+    noise = NoiseModel.of(problem, FRAME, point.prediction.tips, Scatters())
+    return solver.standing(problem, noise, point, np.ones(problem.measurements.n))
 
 
 def test_what_a_step_promises(sino6: Arm, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,7 +117,7 @@ def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generat
     data = simulate_measurements(sino6, "ball-bar", 60, rng=rng, known=False, bar_length=0.5, **noise)
     setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
-    model = NoiseModel.of(problem, Frame.identity(), Scatters())
+    model = NoiseModel.of(problem, Frame.identity(), sino6.positions(data.q), Scatters())
     search = solver._Search(problem, model, np.ones(60), False, solver.SETTLED)
     begun = solver.begin(problem, model.observations)
     start = replace(begun, seats=begun.seats + rng.normal(scale=2e-3, size=begun.seats.shape))
@@ -122,7 +145,7 @@ def test_distance_from_where_the_others_put_a_seat(sino6: Arm, rng: np.random.Ge
     data = simulate_measurements(sino6, "seats", 24, rng=rng, seats=3, known=known, **noise)
     setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
-    model = NoiseModel.of(problem, Frame.identity(), Scatters())
+    model = NoiseModel.of(problem, Frame.identity(), sino6.positions(data.q), Scatters())
     begun, weights, observations = solver.begin(problem, model.observations), np.ones(24), model.observations
     step = solver.standing(problem, model, begun, weights).system.seats(np.zeros(problem.scales.size))
     best = solver.standing(problem, model, replace(begun, seats=begun.seats + step), weights)

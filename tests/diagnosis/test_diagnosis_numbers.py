@@ -642,7 +642,8 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
     drawn = (np.linalg.cholesky(wanted) @ rng.normal(size=(n, 3, 1))) * np.where(used, 1.0, 100.0)[:, None, None]
     tips = 1.0 + (np.linalg.inv(whitening) @ (5.0 * drawn))[:, :, 0]
     problem = SimpleNamespace(
-        setup=SimpleNamespace(encoder_noise=None), reading_covariance=np.einsum("nij,nkj->njik", levers, levers)
+        setup=SimpleNamespace(encoder_noise=None),
+        reading_jacobian=lambda placed, _: placed.rotation @ levers,
     )
     fit_ = SimpleNamespace(
         used=used,
