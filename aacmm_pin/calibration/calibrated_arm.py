@@ -14,6 +14,7 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
+from aacmm_pin.calibration.identifiability import NEGLIGIBLE
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel, entry_of
 from aacmm_pin.errors import AacmmError
@@ -30,15 +31,18 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     """The arm and effects with the estimated values; targets of single markers are part of the set-up.
 
     A noise of the encoders that was stated stays with the arm. Its lengths hold at :func:`temperature_of` the records. The u
-    of an effect has in it the width within which it was looked for, as far as the records do not tell it by itself; the
-    covariance is that of what they tell. Scatter beyond the noise that is stated goes along as what is left unexplained.
+    of an effect has in it the width within which it was looked for, as far as the records do not tell it by itself. The
+    covariance is that of what they tell, and of what they do not tell where that moves the tip: there the width within
+    which a parameter was looked for is its u. Scatter beyond the stated noise goes along as what is left unexplained.
     """
     problem, vector = fit.problem, fit.problem.vector
     arm, u, x = problem.model.arm, np.sqrt(np.diag(fit.covariance)), fit.solution.point.x
     steps = {p.name: float(step) for p, step in zip(vector.of_arm, x, strict=True) if p is not None}
-    # A parameter that the data tell nothing of has no u that means anything.
-    unknown = np.linalg.norm(fit.unknown[: vector.size], axis=1)
-    told, alone = unknown < UNTOLD, np.hypot(u[: vector.size], unknown * problem.widths)
+    spread, of_tip = fit.undetermined.spread, fit.undetermined.tip_spread
+    unknown = np.linalg.norm(spread, axis=1)
+    # A parameter that nothing determines has no u that means anything, unless it moves the tip.
+    told = (unknown < UNTOLD * problem.widths) | (np.linalg.norm(of_tip, axis=1) > NEGLIGIBLE * unknown)
+    alone = np.hypot(u[: vector.size], unknown)
     effects: list[Effect] = []
     for effect, own in vector:
         if isinstance(effect, StylusOffset) and effect.marker is not None:
@@ -51,7 +55,9 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     records = dict.fromkeys((*problem.known_from, *used.fingerprints(), *used.fingerprints_of_standards()))
     names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.inner]
     columns = [*range(vector.size), *range(problem.scales.size, len(fit.with_inner))]  # between them those of the frame
-    known = _covariance(arm, names, fit.with_inner[np.ix_(columns, columns)], " ".join(records))
+    matrix = fit.with_inner[np.ix_(columns, columns)]
+    matrix[: vector.size, : vector.size] += of_tip @ of_tip.T
+    known = _covariance(arm, names, matrix, " ".join(records))
     every = (*problem.model.effects, *effects)
     entries, warm = [entry_of(effect) for effect in every], temperature_of(fit)
     of_noise = "beyond their noise" if fit.stated else "and their noise was not stated"

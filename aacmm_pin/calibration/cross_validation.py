@@ -219,8 +219,8 @@ def _predicted(fits: Sequence[Fit], kept: Mask, out: Mask) -> list[Array]:
 
 def _predicted_by(fit: Fit, others: Measurements, observations: Observations, left: Measurements) -> tuple[Array, Array]:
     problem, start = fit.problem.of(others), fit.solution.point
+    noise = NoiseModel.of(problem, start.x, start.frame, fit.noise.scatters, observations)
     prediction = problem.predict(start.x, start.frame)
-    noise = NoiseModel.of(problem, start.frame, prediction.tips, fit.noise.scatters, observations)
     point = Point(start.x, start.frame, noise.observations.start(prediction.tips), prediction)
     end = solve(problem, noise, point, np.ones(others.n)).point
     poses = fit.problem.of(left).poses(end.x, end.frame)

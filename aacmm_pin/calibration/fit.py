@@ -13,6 +13,7 @@ from scipy.linalg import null_space, orth
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.distributions import chi2_isf, f_isf
 from aacmm_pin._support.units import MM, UM
+from aacmm_pin.calibration.identifiability import Undetermined
 from aacmm_pin.calibration.linear_system import assemble
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.problem import OF_WIDTH, Problem
@@ -161,6 +162,11 @@ class Fit:
         spectra = (self.solution.spectrum, at_targets)
         return np.asarray(orth(np.hstack([s.directions[:, ~s.known] for s in spectra]), rcond=ONE_DIRECTION))
 
+    @cached_property
+    def undetermined(self) -> Undetermined:
+        """What these records leave open, and what that moves."""
+        return Undetermined(self.problem, self.solution.point, self.unknown)
+
     @property
     def covariance(self) -> Array:
         """Covariance of all columns, the frame's included (p, p) [units]; zero along what nothing determines."""
@@ -257,7 +263,7 @@ class _Estimation:
 
     def noise(self, point: Point, scatters: Scatters) -> NoiseModel:
         """The noise with scatters that stand in for what is not stated."""
-        return NoiseModel.of(self.problem, point.frame, point.prediction.tips, scatters, self.observations)
+        return NoiseModel.of(self.problem, point.x, point.frame, scatters, self.observations)
 
     def approached(self, point: Point, used: Mask, *, robust: bool) -> Solution:
         """A search with the scatter that the records have so far taken for noise; if robust, until it falls no more.

@@ -2,17 +2,119 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.stats.qmc import Halton
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.arm.chain import skew
+from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
+from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects.labels import listed
 
 NEGLIGIBLE = 0.02
 """Parts of a combination smaller than this, beside the largest, are not mentioned."""
+OTHER_POSTURES = 200
+"""Postures at which it is looked what an undetermined direction moves."""
+MOVES = 1e-6
+"""A direction moves a point if one width along it does so by more than this (RMS over postures) [m].
+
+Directions that only describe the same arm otherwise move it by 1e-9 m; what records leave open, by 1e-4 m and more.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Undetermined:
+    """Directions of which the records tell nothing, and what they move at postures between the joint limits.
+
+    Attributes:
+        problem: what is unknown.
+        point: where the search ended.
+        directions: in units of the scales, the frame's included (P, k), orthonormal.
+    """
+
+    problem: Problem
+    point: Point
+    directions: Array
+
+    @cached_property
+    def spread(self) -> Array:
+        """How far off the parameters may be along them, one column a standard deviation (p, k) [units]."""
+        widths = self.problem.widths
+        span, size, _ = np.linalg.svd(self.directions[: widths.size], full_matrices=False)
+        return np.asarray(widths[:, None] * span[:, size > NEGLIGIBLE])
+
+    @cached_property
+    def tip_spread(self) -> Array:
+        """The part of :attr:`spread` that moves the tip in the arm's own base (p, k) [units].
+
+        Where the references do not place the base, a motion of the whole arm is none.
+        """
+        if not self.spread.size:
+            return self.spread
+        prediction = self._elsewhere(on_tip=True)
+        jacobian = prediction.jacobian[:, :3, : self.problem.widths.size]
+        free = self.problem.external or not self.problem.measurements.known.any()
+        return _moving(self.spread, jacobian, prediction.tips if free else None)
+
+    @cached_property
+    def target_directions(self) -> Array:
+        """Those that move the targets, in the frame of the references, at other postures (P, k) [scales].
+
+        The others describe the same arm in other words.
+        """
+        if not self.directions.size:
+            return self.directions
+        prediction = self._elsewhere(on_tip=False)
+        jacobian = prediction.jacobian[:, :3] * self.problem.scales
+        free = not self.problem.measurements.known.any()
+        return _moving(self.directions, jacobian, prediction.tips if free else None)
+
+    @cached_property
+    def frame_is_open(self) -> bool:
+        """Whether the records leave the placement of the base open, beyond how the arm itself is described."""
+        if not self.problem.external:
+            return False
+        p = self.problem.widths.size
+        motion = self.target_directions[p : p + 6] * FRAME_WIDTHS[:, None]
+        return bool(np.abs(motion).max(initial=0.0) > MOVES)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Combinations of parameters that neither the records nor a stated uncertainty determine."""
+        return in_words(self.problem, self.directions)
+
+    def _elsewhere(self, *, on_tip: bool) -> Prediction:
+        """Targets, or tips, at other postures under the conditions of the records, in the frame of the references."""
+        records, limits = self.problem.measurements, self.problem.model.arm.limits
+        bounded = np.isfinite(limits).all(axis=1)
+        low = np.where(bounded, limits[:, 0], records.q.min(axis=0))
+        high = np.where(bounded, limits[:, 1], records.q.max(axis=0))
+        q = low + (high - low) * Halton(records.nq, scramble=False).random(OTHER_POSTURES)
+        drawn = records.take(np.arange(OTHER_POSTURES) % records.n)
+        conditions = drawn.conditions
+        if on_tip and conditions.marker is not None:
+            conditions = replace(conditions, marker=np.full(OTHER_POSTURES, "", dtype=object))
+        there = self.problem.of(replace(drawn, q=q, conditions=conditions))
+        return there.predict(self.point.x, self.point.frame)
+
+
+def _moving(directions: Array, jacobian: Array, free: Array | None) -> Array:
+    """The span of directions (p, k), each of unit variance, that moves points by their derivative (n, 3, p).
+
+    Motions of all points (n, 3) [m] as one rigid body do not count where these are given as ``free``.
+    """
+    motion = (jacobian @ directions).reshape(-1, directions.shape[1])
+    if free is not None:
+        turns = -skew(free)
+        rigid = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2).reshape(-1, 6)
+        basis = np.linalg.qr(rigid)[0]
+        motion = motion - basis @ (basis.T @ motion)
+    _, size, combined = np.linalg.svd(motion / np.sqrt(len(jacobian)), full_matrices=False)
+    return np.asarray(directions @ combined[size > MOVES].T)
 
 
 @dataclass(frozen=True)
@@ -42,15 +144,11 @@ class Observability(Shown):
         return Observability(o1, low / high, low, low**2 / high, float(1.0 / np.sum(1.0 / values)), values.size)
 
 
-def undetermined(problem: Problem, unknown: Array) -> list[str]:
-    """Combinations of parameters that neither the data nor a stated uncertainty determine, one sentence each.
-
-    They are of the ``unknown`` directions, in units of the scales (p, k).
-    """
-    if not unknown.size:
-        return []
-    combinations = _sparse((unknown * problem.scales[:, None] / _typical(problem)[:, None]).T)
-    return [_words(row * _typical(problem), problem.names) for row in combinations]
+def in_words(problem: Problem, directions: Array) -> tuple[str, ...]:
+    """Combinations of parameters that span ``directions``, in units of the scales (p, k), one sentence each."""
+    typical = _typical(problem)
+    combinations = _sparse((directions * problem.scales[:, None] / typical[:, None]).T)
+    return tuple(_words(row * typical, problem.names) for row in combinations)
 
 
 def _typical(problem: Problem) -> Array:

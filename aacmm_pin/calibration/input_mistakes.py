@@ -263,7 +263,7 @@ def _misfit(problem: Problem, observations: Observations) -> tuple[float, float]
         point = begin(bare, observations)
         if bare.vector.effects:
             scatters = Scatters(FAR, 0.0, FIRST_SCATTER)
-            noise = NoiseModel.of(bare, point.frame, point.prediction.tips, scatters, observations)
+            noise = NoiseModel.of(bare, point.x, point.frame, scatters, observations)
             point = solve(bare, noise, point, np.ones(records.n), robust=True, roughly=True).point
     except AacmmError:
         return np.inf, np.inf

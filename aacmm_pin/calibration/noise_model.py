@@ -66,15 +66,13 @@ class NoiseModel:
     tips: Array
 
     @staticmethod
-    def of(
-        problem: Problem, frame: Frame, targets: Array, scatters: Scatters, known: Observations | None = None
-    ) -> NoiseModel:
+    def of(problem: Problem, x: Array, frame: Frame, scatters: Scatters, known: Observations | None = None) -> NoiseModel:
         """The noise of a problem's records.
 
         Args:
             problem: the problem.
+            x: values of its parameters (p,): a reading's noise acts on the target, wherever that is on the last body.
             frame: where the base is in the frame of the references.
-            targets: where the readings put the records' targets there (n, 3) [m]; a reading's noise acts on its target.
             scatters: beyond the stated noise.
             known: the observations, where they are worked out already.
         """
@@ -85,7 +83,7 @@ class NoiseModel:
         each = scatters.covariance(observations.covariance.shape[1])
         tips = np.broadcast_to(each, (n, *each.shape))
         if setup.encoder_noise is not None and setup.encoder_noise.any():
-            by_reading = problem.reading_jacobian(frame, targets) * setup.encoder_noise
+            by_reading = problem.reading_jacobian(x, frame) * setup.encoder_noise
             tips = tips + by_reading @ by_reading.transpose(0, 2, 1)
         return NoiseModel(scatters, observations, tips)
 

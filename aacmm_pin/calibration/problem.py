@@ -13,6 +13,7 @@ from aacmm_pin.arm.chain import exp, skew
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.parameter_vector import ParameterVector
 from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.effects import StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.state import State
 from aacmm_pin.measurements import orientation
@@ -169,26 +170,29 @@ class Problem:
         return np.array([value for effect in self.model.effects for value in effect.values])
 
     @cached_property
+    def _of_targets(self) -> NDArray[np.bool_]:
+        """Which values, those of the fixed effects first, say where a target sits."""
+        effects = (*self.model.effects, *self.vector.effects)
+        return np.array([isinstance(effect, StylusOffset) for effect in effects for _ in effect.values], dtype=bool)
+
+    @cached_property
     def _columns(self) -> Columns:
         records, arm = self.measurements, self.model.arm
         drawn = State(arm, records.q, records.conditions, arm.chain.tip, turns=self.turns)
         return Columns.of(drawn, (*self.model.effects, *self.vector.effects))
 
-    @cached_property
-    def _drawn_frames(self) -> tuple[Array, Array]:
-        """Axes and origins of all places of the arm as drawn; see :meth:`Chain.walk`."""
-        return self.model.arm.chain.walk(self.measurements.q)
-
-    def reading_jacobian(self, frame: Frame, targets: Array) -> Array:
+    def reading_jacobian(self, x: Array, frame: Frame) -> Array:
         """Derivative of each record's target by the readings (n, 3, nq) [m/rad], along the axes of the references.
 
-        With orientations (n, 6, nq): one reading moves target and orientation together.
+        By the arm as drawn, with its targets where they sit. With orientations (n, 6, nq): one reading moves target and
+        orientation together.
 
         Args:
+            x: values of the parameters (p,); those of targets count.
             frame: where the base is in the frame of the references.
-            targets: where the targets are there (n, 3) [m].
         """
-        shifts, turns = self.model.arm.chain.jacobian(*self._drawn_frames, frame.back(targets))
+        state = self._columns.at(np.where(self._of_targets, np.concatenate([self._fixed, x]), 0.0))
+        shifts, turns = self.model.arm.chain.jacobian(state.rotation, state.origin, state.position)
         shifts = frame.rotation @ shifts
         if not self.turns:
             return shifts

@@ -19,7 +19,8 @@ from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import HeldOut, rms
 from aacmm_pin.calibration.fit import Fit, fit
-from aacmm_pin.calibration.identifiability import Observability, undetermined
+from aacmm_pin.calibration.identifiability import Observability
+from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.solver import LEAST_DOF
 from aacmm_pin.effects.conditions import COLUMNS
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 SCHEMA = "aacmm-pin/calibration/1"
 MENTIONED = 0.02
-"""A parameter with a larger part in what the data do not tell is known in combination with others."""
+"""A parameter of which more than this part of its width is open is known in combination with others."""
 HARDLY = 0.1
 """A parameter that nobody stated and whose u is more than this part of what it may be off is hardly known."""
 UNCHANGED = 0.95
@@ -114,10 +115,10 @@ class Calibration(Shown):
         judged = self.fit.chi2_stated
         return None if judged is None or judged[1] < LEAST_DOF else float(chi2_sf(*judged))
 
-    @cached_property
+    @property
     def undetermined(self) -> tuple[str, ...]:
         """Combinations of parameters that these data cannot tell, in words; such a combination stays as it was."""
-        return tuple(undetermined(self.fit.problem, self.fit.unknown))
+        return self.fit.undetermined.words
 
     @cached_property
     def observability(self) -> Observability:
@@ -125,6 +126,19 @@ class Calibration(Shown):
         typical = self.fit.problem.vector.typical
         jacobian = self.fit.solution.system.jacobian[:, : typical.size] * typical
         return Observability.of(jacobian, int(self.fit.used.sum()))
+
+    @property
+    def base_u(self) -> tuple[Array, Array] | None:
+        """Standard uncertainty of the base in an unknown frame of the references: origin (3,) [m] and turns (3,) [rad].
+
+        Both along the axes of the references; None where the two frames are one, or these records leave it open.
+        """
+        p = self.fit.problem.widths.size
+        if not self.fit.problem.external or self.fit.undetermined.frame_is_open:
+            return None
+        turned = np.kron(np.eye(2), self.fit.solution.point.frame.rotation)
+        u = np.sqrt(np.diag(turned @ self.fit.covariance[p : p + 6, p : p + 6] @ turned.T))
+        return u[:3], u[3:]
 
     @property
     def covariance(self) -> Array:
@@ -137,11 +151,14 @@ class Calibration(Shown):
         """One row a parameter: before, after, change, u, U (k = 2), in the unit of the row; and what the data say of it.
 
         ``known`` is ``measured``, ``hardly`` (the data say less than what was stated), ``as stated`` (they add nothing to
-        it) or ``in combination`` (part of a combination in :attr:`undetermined`, so that it has no u by itself).
+        it) or ``in combination``: it is part of one in :attr:`undetermined`, so that it has no u by itself.
         """
         problem, vector = self.fit.problem, self.fit.problem.vector
-        u = np.sqrt(np.diag(self.covariance))
-        u[np.linalg.norm(self.fit.unknown[: u.size], axis=1) > MENTIONED] = np.nan
+        spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
+        # A target may be a metre off, but is known from its place on the last body like any length of the arm.
+        assembled = np.array([ASSEMBLED.get(parameter.unit, np.inf) for parameter in vector.parameters])
+        open_ = spread > MENTIONED * np.minimum(problem.widths, assembled)
+        u = np.where(open_, np.nan, np.hypot(np.sqrt(np.diag(self.covariance)), spread))
         before, change = vector.origins + problem.start, self.fit.solution.point.x - problem.start
         lengths = np.array([parameter.unit == "m" for parameter in vector.parameters], dtype=bool)
         values = {"before": before, "after": before + change, "change": change, "u": u, "U": COVERAGE_FACTOR * u}

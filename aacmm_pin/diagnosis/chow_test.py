@@ -80,7 +80,8 @@ def _scatter(choice: Choice) -> Array:
     whiten = fit.noise.whitening[:, :3, :3]
     off = fit.observations.deviations(choice.tips, fit.solution.point.seats)[:, :3]
     left = np.einsum("nij,nj->ni", whiten, off)[used]
-    by_reading = whiten @ fit.problem.reading_jacobian(fit.solution.point.frame, choice.tips)[:, :3]
+    point = fit.solution.point
+    by_reading = whiten @ fit.problem.reading_jacobian(point.x, point.frame)[:, :3]
     readings = by_reading @ by_reading.transpose(0, 2, 1)
     readings = readings * (3.0 / np.trace(readings[used], axis1=1, axis2=2).mean())
     likely = {}

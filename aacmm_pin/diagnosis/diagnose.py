@@ -398,7 +398,7 @@ def _excess(extended: Fit) -> float:
     off, explained = extended.solution.system.off, np.diagonal(extended.stated_noise, axis1=1, axis2=2)
     if extended.problem.setup.encoder_noise is None:
         point = extended.solution.point
-        by_reading = extended.problem.reading_jacobian(point.frame, point.prediction.tips)
+        by_reading = extended.problem.reading_jacobian(point.x, point.frame)
         explained = explained + PLAIN_ENCODER**2 * np.square(by_reading).sum(axis=2)
     kinds = [(slice(3), extended.used), (slice(3, 6), extended.used & extended.observations.oriented)]
     much = any(np.square(off[some, of]).sum() > MUCH_MORE**2 * explained[some, of].sum() for of, some in kinds)

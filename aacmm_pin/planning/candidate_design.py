@@ -133,7 +133,7 @@ def rows_of(problem: Problem, layout: Layout, frame: Frame, stated: tuple[str, .
     of seats and bars (t, width), but for seats whose coordinates are ``stated`` elsewhere; ``frame`` is the base's.
     """
     prediction = problem.predict(problem.start, frame)
-    noise = NoiseModel.of(problem, frame, prediction.tips, Scatters())
+    noise = NoiseModel.of(problem, problem.start, frame, Scatters())
     known, count = noise.observations, len(layout.seats)
     number = np.array([layout.seats.index(label) for label in known.labels], dtype=np.intp)
     touched = np.flatnonzero(known.seat >= 0)

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import json_text
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM, UM
+from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.solver import MISFIT
@@ -36,6 +38,8 @@ from aacmm_pin.report.parameters import decimals, parameter_table, readable_para
 
 WORTH = 0.05
 """A calibration whose held-out residuals fall by less than this part has not helped."""
+COLLINEAR = 0.01
+"""Points whose distance from a straight line is less than this part of their extent along it are called collinear."""
 MOST_EXCLUDED = 10
 """Excluded records that are listed; the residuals' file has all."""
 KINDS = {"records": "records", "seats": "seats", "sessions": "sessions", "blocks": "blocks of joint space"}
@@ -105,16 +109,44 @@ def fit_in_words(result: Calibration) -> str:
 
 
 def frame_in_words(result: Calibration) -> str:
-    """Where the base is in the frame of the references; "" where the two are one."""
-    if not result.fit.problem.external:
+    """Where the base is in the frame of the references; "" where the two are one, or the records do not determine it."""
+    if result.base_u is None:
         return ""
-    frame = result.fit.solution.point.frame
+    frame, (shift, turn) = result.fit.solution.point.frame, result.base_u
     x, y, z = (vector(axis, ".6f") for axis in frame.rotation.T)
     angle = np.arccos(np.clip((np.trace(frame.rotation) - 1) / 2, -1, 1)) / DEG
+    expanded = f"{vector(COVERAGE_FACTOR * shift / MM, '.3g')} mm and {vector(COVERAGE_FACTOR * turn / UM, '.3g')} µrad"
     return (
-        f"The origin of the base is at {vector(frame.shift / MM, '.4f')} mm in the frame of the references; the axes of the "
-        f"base in that frame are x {x}, y {y}, z {z}, turned by {angle:.4f}°."
+        f"The origin of the base is at {vector(frame.shift / MM, '.4f')} mm in the frame of the references. The axes of the "
+        f"base in that frame are x {x}, y {y}, z {z}, rotated by {angle:.4f}°. U (k = 2) of origin and rotation along the "
+        f"axes of the references: {expanded}."
     )
+
+
+def open_in_words(result: Calibration) -> str:
+    """What these records leave open that matters at other postures; "" where they determine all of that."""
+    undetermined = result.fit.undetermined
+    combinations = undetermined.target_directions.shape[1]
+    if not combinations:
+        return ""
+    words = (
+        "These records do not determine where the base is in the frame of the references."
+        if undetermined.frame_is_open
+        else f"These records leave {count(combinations, 'combination')} of parameters open that other postures need."
+    )
+    records = result.fit.problem.measurements
+    across, along = _extents(records.reference[result.fit.used & records.known])
+    if undetermined.frame_is_open and across < COLLINEAR * along:
+        words += f" The references lie on one straight line of {length(along)}, to within {length(across)} (RMS)."
+    return words
+
+
+def _extents(points: Array) -> tuple[float, float]:
+    """RMS distance of points (n, 3) from the straight line that fits them best, and RMS extent along it [m]."""
+    if not len(points):
+        return 0.0, 0.0
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    return float(np.linalg.norm(sizes[1:])), float(sizes[0])
 
 
 def estimated_causes(result: Calibration) -> pd.DataFrame:
@@ -166,16 +198,29 @@ def calibration_summary(result: Calibration, data: str, seed: int) -> dict[str, 
     for row, width, beyond in zip(summary["parameters"], table["stated"], table["beyond"], strict=True):
         row |= {"stated": None if np.isnan(width) else float(width), "beyond_stated": bool(beyond)}
     frame = result.fit.solution.point.frame
-    placement = {"origin_mm": (frame.shift / MM).tolist(), "rotation": frame.rotation.tolist()}
     return summary | {
         "data": data,
         "seed": seed,
         "verdict": verdict(result),
-        "base_in_reference_frame": placement if result.fit.problem.external else None,
+        "base_in_reference_frame": _placement(result),
+        "left_open": open_in_words(result),
         "targets": [
             {"marker": label, "rotation": rotation.tolist()}
             for label, rotation in zip(result.fit.problem.targets, frame.targets, strict=True)
         ],
+    }
+
+
+def _placement(result: Calibration) -> dict[str, Any] | None:
+    """Where the base is, with u; None where that is known without, or not determined."""
+    if result.base_u is None:
+        return None
+    frame, (shift, turn) = result.fit.solution.point.frame, result.base_u
+    return {
+        "origin_mm": (frame.shift / MM).tolist(),
+        "rotation": frame.rotation.tolist(),
+        "u_origin_mm": (shift / MM).tolist(),
+        "u_rotation_rad": turn.tolist(),
     }
 
 
@@ -193,6 +238,7 @@ def _result(result: Calibration) -> list[Block]:
     return [
         Heading("Result"),
         Paragraph(verdict(result), finding=True),
+        Paragraph(open_in_words(result), finding=True),
         fit_in_words(result),
         frame_in_words(result),
         Table(estimated_causes(result), "Causes of error"),
@@ -260,7 +306,10 @@ def _parameters(result: Calibration) -> list[Block]:
         return [Heading("Parameters"), none]
     form = decimals(rows)
     tallest = number if rows["stated"].notna().any() else rows["in"].str[1:].value_counts().max()
-    rows["change"] = [f"{'* ' * b}{change:{form}}" for b, change in zip(rows["beyond"], rows["change"], strict=True)]
+    rows["change"] = [
+        "–" if np.isnan(change) else f"{'* ' * beyond}{change:{form}}"
+        for beyond, change in zip(rows["beyond"], rows["change"], strict=True)
+    ]
     beyond = ", ".join(rows["parameter"][rows["beyond"]])
     listed = rows.sort_values("known", key=lambda known: known == "in combination", kind="stable")
     return [
@@ -271,7 +320,8 @@ def _parameters(result: Calibration) -> list[Block]:
             dict.fromkeys(("stated", "U"), form),
             {"stated": "stated ±", "U": "U (k = 2)"},
             explained="Changes and uncertainties are in the unit of the column in. Known: measured by these data, as stated "
-            "(they add nothing to what was known), or in combination with others (next section).",
+            "(they add nothing to what was known), or in combination with others (next section). A parameter known in "
+            "combination has no value by itself; the arm file holds one that fits the others.",
         ),
         f"* moved farther than its stated and new uncertainties together allow: {beyond}" if beyond else "",
         Figure(

@@ -37,12 +37,15 @@ def readable_parameters(result: Calibration) -> pd.DataFrame:
     table = parameter_table(result)
     largest = table[["change", "stated", "U"]].abs().max(axis=1)
     small = [small_unit(unit, most) for unit, most in zip(table["unit"], largest, strict=True)]
+    together = table["known"] == "in combination"
+    values = [quantity(value, unit) for value, unit in zip(table["after"], table["unit"], strict=True)]
     readable = {
         "parameter": table["parameter"],
-        "value": [quantity(value, unit) for value, unit in zip(table["after"], table["unit"], strict=True)],
+        "value": np.where(together, "–", values),
         "in": [unit for unit, _ in small],
     }
-    readable |= {name: table[name] * [factor for _, factor in small] for name in ("change", "stated", "u", "U")}
+    shown = table.assign(change=table["change"].where(~together))
+    readable |= {name: shown[name] * [factor for _, factor in small] for name in ("change", "stated", "u", "U")}
     return pd.DataFrame(readable | {"known": table["known"], "beyond": table["beyond"]})
 
 

@@ -43,8 +43,7 @@ def external(arm: Arm, rng: np.random.Generator, off: float = 0.0, n: int = 12) 
 
 def test_noise_of_readings_in_a_turned_frame(sino6: Arm, rng: np.random.Generator) -> None:
     problem = external(sino6, rng)
-    tips = FRAME.apply(sino6.positions(problem.measurements.q))
-    found = NoiseModel.of(problem, FRAME, tips, Scatters(3e-6))
+    found = NoiseModel.of(problem, problem.start, FRAME, Scatters(3e-6))
     by_reading = FRAME.rotation @ sino6.jacobian(problem.measurements.q) * NOISE
     wanted = by_reading @ by_reading.transpose(0, 2, 1) + 9e-12 * np.eye(3)
     np.testing.assert_allclose(found.tips, wanted, rtol=1e-9, atol=1e-19)
@@ -69,7 +68,7 @@ def test_noise_of_readings_acts_on_the_target(sino6: Arm, rng: np.random.Generat
         low, high = (model.state(q + sign * step * np.eye(sino6.nq)[j], marker) for sign in (-1, 1))
         turn = Rotation.from_matrix(high.rotation[-1] @ low.rotation[-1].transpose(0, 2, 1)).as_rotvec()
         moved.append(np.hstack([high.position - low.position, turn]) / (2 * step))
-    found = problem.reading_jacobian(Frame.identity(), points)
+    found = problem.reading_jacobian(np.array([0.05, -0.1, 0.3]), Frame.identity())
     np.testing.assert_allclose(found, np.stack(moved, axis=2), atol=1e-7)
 
 
@@ -77,7 +76,7 @@ def system_of(problem: Problem, off: float = 0.0) -> solver.Solution:
     """The system where the search begins, or so many widths away from it, the frame known."""
     x = problem.start + off * problem.widths
     point = solver.Point(x, FRAME, np.zeros((0, 3)), problem.predict(x, FRAME))
-    noise = NoiseModel.of(problem, FRAME, point.prediction.tips, Scatters())
+    noise = NoiseModel.of(problem, x, FRAME, Scatters())
     return solver.standing(problem, noise, point, np.ones(problem.measurements.n))
 
 
@@ -117,7 +116,7 @@ def test_ends_of_bars_are_where_they_fit_best(sino6: Arm, rng: np.random.Generat
     data = simulate_measurements(sino6, "ball-bar", 60, rng=rng, known=False, bar_length=0.5, **noise)
     setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
-    model = NoiseModel.of(problem, Frame.identity(), sino6.positions(data.q), Scatters())
+    model = NoiseModel.of(problem, problem.start, Frame.identity(), Scatters())
     search = solver._Search(problem, model, np.ones(60), False, solver.SETTLED)
     begun = solver.begin(problem, model.observations)
     start = replace(begun, seats=begun.seats + rng.normal(scale=2e-3, size=begun.seats.shape))
@@ -145,7 +144,7 @@ def test_distance_from_where_the_others_put_a_seat(sino6: Arm, rng: np.random.Ge
     data = simulate_measurements(sino6, "seats", 24, rng=rng, seats=3, known=known, **noise)
     setup = Setup.of(sino6, **noise)
     problem = problem_of(ErrorModel(sino6), data, "geometry", setup)
-    model = NoiseModel.of(problem, Frame.identity(), sino6.positions(data.q), Scatters())
+    model = NoiseModel.of(problem, problem.start, Frame.identity(), Scatters())
     begun, weights, observations = solver.begin(problem, model.observations), np.ones(24), model.observations
     step = solver.standing(problem, model, begun, weights).system.seats(np.zeros(problem.scales.size))
     best = solver.standing(problem, model, replace(begun, seats=begun.seats + step), weights)

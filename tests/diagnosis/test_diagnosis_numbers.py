@@ -643,14 +643,14 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
     tips = 1.0 + (np.linalg.inv(whitening) @ (5.0 * drawn))[:, :, 0]
     problem = SimpleNamespace(
         setup=SimpleNamespace(encoder_noise=None),
-        reading_jacobian=lambda placed, _: placed.rotation @ levers,
+        reading_jacobian=lambda _, placed: placed.rotation @ levers,
     )
     fit_ = SimpleNamespace(
         used=used,
         problem=problem,
         observations=SimpleNamespace(says=np.ones(n, dtype=bool), deviations=lambda tips, _: tips - 1.0),
         noise=SimpleNamespace(whitening=whitening),
-        solution=SimpleNamespace(point=SimpleNamespace(seats=None, frame=SimpleNamespace(rotation=frame))),
+        solution=SimpleNamespace(point=SimpleNamespace(x=None, seats=None, frame=SimpleNamespace(rotation=frame))),
     )
     choice: Any = SimpleNamespace(fit=fit_, tips=tips)
     np.testing.assert_allclose(groups._scatter(choice), wanted, atol=1e-12)

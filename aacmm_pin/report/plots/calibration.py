@@ -58,7 +58,7 @@ def plot_residuals_over_joint(result: Calibration, joint: int, when: str = "afte
     if not 1 <= joint <= arm.nq:
         raise AacmmError(f"joint is {joint}, {arm.name} has 1 to {arm.nq}")
     q, point, slides = fit.problem.measurements.q, fit.solution.point, arm.chain.prismatic[joint - 1]
-    motion = fit.problem.reading_jacobian(point.frame, point.prediction.tips)[:, :3, joint - 1]
+    motion = fit.problem.reading_jacobian(point.x, point.frame)[:, :3, joint - 1]
     size = np.linalg.norm(motion, axis=1)
     moved = result.fit.used & (size > 1e-6)
     along = np.einsum("ni,ni->n", fit.solution.system.deviation[moved], motion[moved]) / size[moved] / UM

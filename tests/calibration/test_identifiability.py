@@ -1,0 +1,92 @@
+"""What records leave open: directions that move the tip, targets at other postures, or the base; and those that do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aacmm_pin.accuracy.volume import accuracy_volume
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.random_postures import random_postures
+from aacmm_pin.calibration import Calibration, calibrate
+from aacmm_pin.effects import JointPlacement, StylusOffset
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.postures.configurations import configuration_circle
+from aacmm_pin.report.calibration import frame_in_words, open_in_words
+
+FRAME = Rotation.from_rotvec([0.4, -0.9, 1.1]).as_matrix(), np.array([1.0, 2.0, -0.5])
+
+
+def by_tracker(arm: Arm, rng: np.random.Generator, *, marker: bool) -> tuple[Calibration, ErrorModel]:
+    """A robot with placements that are off, calibrated by a target 70 mm beyond its flange, and as it is."""
+    off = rng.normal(size=(6, 6)) * [2e-4, 2e-4, 2e-4, 3e-4, 3e-4, 3e-4]
+    true = ErrorModel(arm, tuple(JointPlacement(row, values=tuple(each)) for row, each in enumerate(off, start=1)))
+    n, noise = 80, 1e-5
+    q, seen = random_postures(arm, n, rng), Conditions(n, marker=np.full(n, "smr", dtype=object))
+    at_target = true.with_effects(StylusOffset("smr", values=(0.02, -0.03, 0.06)))
+    points = at_target.predict(q + noise * rng.normal(size=q.shape), seen) + noise * rng.normal(size=(n, 3))
+    data = Measurements.of(q, points, conditions=seen if marker else None)
+    target = "tip" if marker else "unknown"
+    return calibrate(arm, data, target=target, encoder_noise=noise, reference_noise=noise, hold_out=False), true
+
+
+@pytest.mark.parametrize("half_width", [None, 5e-4])
+def test_u_of_the_tip_has_what_a_marker_does_not_determine(
+    robot_file: Callable[[str], Path], rng: np.random.Generator, half_width: float | None
+) -> None:
+    """Beyond the last joint the flange may be anywhere within its stated half-width, or that of an assembled arm."""
+    stated = {} if half_width is None else {"translation_half_width": half_width, "rotation_half_width": 1e-3}
+    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0", **stated)
+    result, true = by_tracker(arm, rng, marker=True)
+    q = random_postures(arm, 100, rng)
+    off = np.linalg.norm(result.model.predict(q) - true.predict(q), axis=1)
+    u = accuracy_volume(result.model, q, method="ellipsoid").u
+    assert off.max() > 5e-5
+    assert off.max() < 3 * u.min()
+    known = result.parameters.set_index("parameter")["known"]
+    assert known["stylus_offset:smr.z"] == ("in combination" if half_width is None else "measured")
+    assert result.fit.undetermined.tip_spread.shape[1] == (1 if half_width is None else 0)
+    assert result.fit.undetermined.target_directions.size == 0
+
+
+def test_what_describes_the_same_arm_otherwise_moves_nothing(
+    robot_file: Callable[[str], Path], rng: np.random.Generator
+) -> None:
+    """A target that becomes the tip: how its place is shared out between joint and target does not matter there."""
+    arm = Arm.from_urdf(robot_file("ur5_robot.urdf"), "tool0")
+    undetermined = by_tracker(arm, rng, marker=False)[0].fit.undetermined
+    assert undetermined.directions.shape[1] >= 10
+    assert undetermined.tip_spread.size == undetermined.target_directions.size == 0
+
+
+@pytest.mark.parametrize("scattered", [False, True])
+def test_references_on_one_line_leave_the_base_open(sino6: Arm, rng: np.random.Generator, scattered: bool) -> None:
+    """The base may turn about the line; its u is there as soon as the references leave the line."""
+    points = np.array([0.5, -0.2, 0.1]) + rng.uniform(-0.2, 0.2, (12, 1)) * [0.1, 0.9, 0.3]
+    points += rng.normal(scale=0.05, size=points.shape) * scattered
+    circles = [configuration_circle(sino6, point, tip=True, axis=(0.0, 0.0, -1.0)) for point in points]
+    q = np.concatenate([circle.q[rng.choice(len(circle.q), 3)] for circle in circles])
+    references = sino6.positions(q) @ FRAME[0].T + FRAME[1] + 5e-6 * rng.normal(size=(len(q), 3))
+    noise = {"encoder_noise": 1e-6, "reference_noise": 5e-6}
+    result = calibrate(
+        sino6, Measurements.of(q, references), "zero-offsets", reference_frame="external", hold_out=False, **noise
+    )
+    assert result.fit.undetermined.frame_is_open is not scattered
+    words = open_in_words(result)
+    assert ("line" in words) is not scattered
+    if not scattered:
+        assert result.base_u is None
+        assert frame_in_words(result) == ""
+        return
+    assert words == ""
+    shift, turn = result.base_u or pytest.fail("the base is determined")
+    frame = result.fit.solution.point.frame
+    turned = Rotation.from_matrix(frame.rotation @ FRAME[0].T).as_rotvec()
+    assert np.abs((frame.shift - FRAME[1]) / shift).max() < 4
+    assert np.abs(turned / turn).max() < 4
