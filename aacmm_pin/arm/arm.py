@@ -79,6 +79,11 @@ class Arm(Shown):
         """What its last calibration or diagnosis saw in the records and could not explain, in words; "" where nothing."""
         return "" if self.file is None else self.file.unexplained
 
+    @property
+    def tip_on_target(self) -> bool:
+        """Whether a calibration placed the tip on a target whose place on the last body nobody had stated."""
+        return self.file is not None and self.file.tip_on_target
+
     @staticmethod
     def load(name_or_path: str | Path) -> Arm:
         """A bundled arm by name (``sino6``, ``zero6``) or an arm file by path.

@@ -231,6 +231,7 @@ class AnyArmFile(_Part):
     gravity_m_s2: Annotated[tuple[Acceleration, Acceleration, Acceleration], _FROM_ARRAY] = (0.0, 0.0, -9.81)
     stylus: Stylus | None = None
     unexplained: Text = ""
+    tip_on_target: bool = False
     effects: Annotated[list[EffectEntry], Field(max_length=MOST_EFFECTS)] = Field(default_factory=list)
     covariance: Covariance | None = None
 

@@ -11,7 +11,7 @@ from aacmm_pin._support.checks import Array, batch
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.errors import ShapeError
+from aacmm_pin.errors import AacmmError, ShapeError
 
 ARRIVED = 1e-9
 """A tip nearer to where it shall be than this is there [m; rad of its turn]."""
@@ -44,10 +44,17 @@ def joint_commands(
     Raises:
         ShapeError: ``q`` is not a finite (n, nq) array, or the arms have not as many joints as each other.
         MissingConditionError: an effect depends on a condition that is not there.
+        AacmmError: the tip of ``model`` is a target, and that of ``nominal`` is not: they are two points.
     """
     model, nominal = ErrorModel.of(model), ErrorModel.of(nominal)
     if nominal.arm.nq != model.arm.nq:
         raise ShapeError(f"{nominal.arm.name} has {nominal.arm.nq} joints, expected {model.arm.nq} as {model.arm.name} has")
+    if model.arm.tip_on_target and not nominal.arm.tip_on_target:
+        raise AacmmError(
+            f"{model.arm.name}: its tip is a target that a calibration with target unknown placed on the last body. "
+            f"Commands would bring that target where {nominal.arm.name} has its own tip. Calibrate with a label in the "
+            "column marker, or with the target as a frame of the URDF or a fixed last row of the table"
+        )
     q = batch(q, model.arm.nq, "q", "rad")
     wanted = nominal.state(q, conditions)
     position, axes = wanted.position, wanted.rotation[-1]

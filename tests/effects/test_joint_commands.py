@@ -10,9 +10,15 @@ import numpy as np
 import pytest
 
 from aacmm_pin import Arm, ErrorModel
+from aacmm_pin.arm.random_postures import random_postures
+from aacmm_pin.calibration import calibrate
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance
+from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.joint_commands import joint_commands
-from aacmm_pin.errors import ShapeError
+from aacmm_pin.errors import AacmmError, ShapeError
+from aacmm_pin.measurements.records import Measurements
+
+HALF_WIDTHS = {"translation_half_width": 5e-4, "rotation_half_width": 1e-3}
 
 
 @pytest.mark.parametrize(("name", "frame"), [("ur5_robot.urdf", "tool0"), ("panda.urdf", "panda_hand")])
@@ -56,3 +62,31 @@ def _five(arm: Arm) -> Arm:
         for k, row in enumerate(arm.file.joints)
     ]
     return Arm.from_file(arm.file.model_copy(update={"joints": rows}))
+
+
+def test_a_tip_that_is_a_target_gets_no_commands(robot_file: Callable[[str], Path], rng: np.random.Generator) -> None:
+    """The same records with the target as a frame give commands within 0.01 mm; with a marker, within the flange's own u."""
+    text = robot_file("ur5_robot.urdf").read_text(encoding="utf-8")
+    place = '<origin xyz="0.02 -0.03 0.06" rpy="0 0 0"/><parent link="tool0"/><child link="smr"/>'
+    joint = f'<link name="smr"/><joint name="to_smr" type="fixed">{place}</joint>'
+    with_target = robot_file("ur5_robot.urdf").with_name("with_target.urdf")
+    with_target.write_text(text.replace("</robot>", f"{joint}</robot>"), encoding="utf-8")
+    flange, target = (Arm.from_urdf(with_target, frame, **HALF_WIDTHS) for frame in ("tool0", "smr"))
+    off = rng.normal(scale=1e-4, size=(6, 6))
+    true, true_flange = (arm.with_placements(off, None) for arm in (target, flange))
+    q = random_postures(flange, 60, rng)
+    q = q[np.linalg.svd(flange.poses(q).jacobian, compute_uv=False)[:, -1] > 0.05]
+    points = true.positions(q) + 1e-6 * rng.normal(size=(len(q), 3))
+    marker = Conditions(len(q), marker=np.full(len(q), "smr", dtype=object))
+    noise = {"encoder_noise": 1e-7, "reference_noise": 1e-6, "hold_out": False}
+
+    unknown = calibrate(flange, Measurements.of(q, points), target="unknown", **noise).model  # type: ignore[arg-type]
+    with pytest.raises(AacmmError, match="marker"):
+        joint_commands(unknown, flange, q)
+    by_marker = calibrate(flange, Measurements.of(q, points, conditions=marker), **noise).model  # type: ignore[arg-type]
+    as_frame = calibrate(target, Measurements.of(q, points), **noise).model  # type: ignore[arg-type]
+    for model, nominal, real, most in ((by_marker, flange, true_flange, 5e-4), (as_frame, target, true, 1e-5)):
+        commands, arrived = joint_commands(model, nominal, q)
+        assert arrived.all()
+        reached = np.linalg.norm(real.positions(commands) - nominal.positions(q), axis=1)
+        assert reached.max() < most
