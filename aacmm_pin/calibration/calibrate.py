@@ -49,6 +49,8 @@ MOST_NAMED = 3
 """… so many of them are named at most."""
 FEW_SEATS = 5
 """Fewer seats than this hardly tell how well their coordinates are known."""
+OPEN = 0.1
+"""Parameters with less than this part of the largest share in what is open about the tip are not named."""
 SEVERAL = 3
 """So many excluded records, all of one seat, are no coincidence."""
 
@@ -281,6 +283,18 @@ def _of_target(after: Fit) -> list[str]:
     ]
 
 
+def _of_open_tip(after: Fit) -> list[str]:
+    """Parameters that move the tip and are known within the widths alone within which they were looked for."""
+    spread = np.linalg.norm(after.undetermined.tip_spread, axis=1) / after.problem.widths
+    if not spread.size or not spread.any():
+        return []
+    names = [name for name, each in zip(after.problem.vector.names, spread, strict=True) if each > OPEN * spread.max()]
+    return [
+        f"these records do not determine {', '.join(names)}, and the tip depends on that: u of the tip has the width in it "
+        "within which they were looked for; half-widths in the arm file, or records of the tip itself, make it smaller"
+    ]
+
+
 def _of_temperature(after: Fit) -> list[str]:
     """At which temperature the lengths hold that were calibrated."""
     stated, found = after.problem.model.arm.reference_temperature, temperature_of(after)
@@ -366,6 +380,7 @@ def notes_of(after: Fit) -> list[str]:
         *_references_in_other_unit(after),
         *_of_conditions(after),
         *_of_target(after),
+        *_of_open_tip(after),
         *_of_temperature(after),
     ]
     if after.unmodelled > FAR:
