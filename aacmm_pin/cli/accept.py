@@ -38,7 +38,7 @@ def run(
     ] = None,
     standard: Annotated[str | None, typer.Option(help="Only iso10360-12, or asme-b89.4.22.")] = None,
     range_mm: Annotated[float | None, typer.Option(help="Measuring range of the arm, in mm.")] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="HTML page to print: the certificate.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="HTML page to print: the test report.")] = None,
     history: Annotated[Path | None, typer.Option(help="CSV of all checks, to which this one is appended.")] = None,
     plot: Plot = None,
     time: Annotated[
@@ -46,7 +46,7 @@ def run(
     ] = None,
     instrument: Annotated[str, typer.Option(help="Which arm was checked, such as its serial number.")] = "",
     about: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=TEXT", help="A further line of the certificate; several times.")
+        list[str] | None, typer.Option(metavar="NAME=TEXT", help="A further line of the test report; several times.")
     ] = None,
     *,
     robot: UrdfArm,
@@ -54,9 +54,12 @@ def run(
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Whether the arm meets its specification: figures of ISO 10360-12 and ASME B89.4.22 from touches, with verdicts."""
+    """Whether the arm meets its specification: figures of ISO 10360-12 and ASME B89.4.22 from touches, with verdicts.
+
+    The definitions come from public descriptions and were never compared with the standards' texts.
+    """
     from aacmm_pin.report import html, plots, terminal  # these load what draws
-    from aacmm_pin.report.acceptance import Certificate, acceptance_document, history_blocks
+    from aacmm_pin.report.acceptance import CheckDetails, acceptance_document, history_blocks
     from aacmm_pin.report.document import Document
 
     *names, path = files
@@ -83,8 +86,8 @@ def run(
                 checks.write(results, history)
             results.picture(lambda: plots.plot_history(checks), plot)
         if output is not None:
-            certificate = Certificate(when, instrument, _about(about or []), checks)
-            results.text(html.page(acceptance_document(result, certificate)), output)
+            details = CheckDetails(when, instrument, _about(about or []), checks)
+            results.text(html.page(acceptance_document(result, details)), output)
         results.json(summary, json_)
     terminal.show(told, json_ == "-")
     terminal.show(Document("", [] if checks is None else history_blocks(checks)), json_ == "-")

@@ -1,4 +1,4 @@
-"""The certificate of an acceptance test: figures, limits and verdicts, on one sheet of paper."""
+"""The test report of an acceptance test: figures, limits and verdicts, on one sheet of paper."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from aacmm_pin.report.document import MARK, Block, Document, Download, Figure, F
 from aacmm_pin.report.html import SHORT
 from aacmm_pin.report.numbers import capital
 from aacmm_pin.verification import AcceptanceResult, History
-from aacmm_pin.verification.accept import LONGEST_PART
+from aacmm_pin.verification.accept import COVERAGE, LONGEST_PART, SHOWN_AS, shown_verdict
+from aacmm_pin.verification.figures import EDITIONS, ORIGIN
 from aacmm_pin.verification.history import LEAST_CHECKS, PER_MOVING_RANGE
 from aacmm_pin.verification.touches import AS_GIVEN
 
 RULE = (
-    "Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; neither in between "
-    "(ISO 14253-1, U = 2u of the calibrated length or diameter)."
+    f"Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; {SHOWN_AS['neither']} in "
+    f"between. Guard band: U = {COVERAGE:g}u of the calibrated length or diameter, as in ISO 14253-1:2013; the default of "
+    "ISO 14253-1:2017 is 1.65u."
 )
 CHART = (
     "Individuals charts: the magnitude of the figure in each check, the latest large; line: mean of the earlier ones; "
@@ -37,6 +39,7 @@ STATED = {
     "length_mm": ("lengths", " mm"),
 }
 """What is written of a column that tells of the check as a whole, and its unit."""
+TITLE = "Test report"
 HEADS = {"value_mm": "value [mm]", "U_mm": "U [mm]", "mpe_mm": "MPE [mm]", "had": "touches or lengths"}
 """All in mm, however small, as limits are stated and charts are drawn."""
 SHOWN = 6
@@ -44,8 +47,8 @@ SHOWN = 6
 
 
 @dataclass(frozen=True)
-class Certificate:
-    """What a certificate says beside the figures.
+class CheckDetails:
+    """What a test report says beside the figures.
 
     Attributes:
         time: of the check.
@@ -61,48 +64,50 @@ class Certificate:
 
 
 @document_of.register
-def acceptance_document(result: AcceptanceResult, certificate: Certificate | None = None) -> Document:
-    """The result as one page, which with a ``certificate`` takes one sheet of A4 and holds the touches.
+def acceptance_document(result: AcceptanceResult, details: CheckDetails | None = None) -> Document:
+    """The result as one page, which with ``details`` takes one sheet of A4 and holds the touches.
 
     Args:
         result: what was found.
-        certificate: what else the sheet says.
+        details: what else the sheet says.
     """
     if not result.figures:
-        return Document("Acceptance test", ["No touches of a test of this standard."], result.path)
+        return Document(TITLE, ["No touches of a test of this standard."], result.path)
     table = result.to_frame()
     several = len({f.source for f in result.figures}) > 1
     table["coordinates"] = table["coordinates"].map(_brief)
+    table["standard"] = table["standard"].replace(EDITIONS)
     said = [name for name in ("verdict", "value_mm", "U_mm", "mpe_mm") if table[name].notna().any() or name == "value_mm"]
-    shown = ["figure", *said, *["coordinates"] * several, *["standard"] * (certificate is not None and not several), "had"]
-    if certificate is not None:  # one column, as a figure with a place has all that it needs
+    shown = ["figure", *said, *["coordinates"] * several, *["standard"] * (details is not None and not several), "had"]
+    if details is not None:  # one column, as a figure with a place has all that it needs
         table["where"] = table["where"].where(table["missing"] == "", "missing: " + table["missing"])
-    shown += [name for name in ("where", "missing")[: 1 if certificate else 2] if (table[name] != "").any()]
-    named = table[["figure", "standard", "clause", "definition"]].drop_duplicates()
+    shown += [name for name in ("where", "missing")[: 1 if details else 2] if (table[name] != "").any()]
+    named = table[["figure", "standard", "test", "definition"]].drop_duplicates()
     what = Table(named, "What the figures are")
-    history = certificate.history if certificate is not None else None
+    history = details.history if details is not None else None
     blocks: list[Block] = [
-        Paragraph(f"{result}.", finding=True, head=f"{f'{MARK} ' * bool(certificate and result.failed)}Acceptance:"),
+        Paragraph(f"{result}.", finding=True, head=f"{f'{MARK} ' * bool(details and result.failed)}Acceptance:"),
         Table(table[shown], "Figures and their limits", {"verdict": _marked}, HEADS, spare="where"),
         Paragraph(RULE),
         *([] if history is None else history_blocks(history)),
         Notes(result.notes),
     ]
-    if certificate is None:
-        return Document("Acceptance test", [*blocks, Table(named, "What the figures are", detail=True)], result.path)
+    if details is None:
+        return Document(TITLE, [ORIGIN, *blocks, Table(named, "What the figures are", detail=True)], result.path)
     files = [
         Download("acceptance.json", "the figures as JSON", json_text(result.summary()).encode()),
         Download("touches.csv", "the touches", result.data),
     ]
-    checked = Paragraph(_conditions(result, certificate), head="Checked:")
+    checked = Paragraph(_conditions(result, details), head="Checked:")
     return Document(
-        f"Acceptance test{': ' * bool(certificate.instrument)}{certificate.instrument}",
+        f"{TITLE}{': ' * bool(details.instrument)}{details.instrument}",
         [
+            ORIGIN,
             checked,
             *blocks,
             Folded("What the figures are, and the data", [what, *files]),
         ],
-        f"{certificate.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}",
+        f"{details.time:%Y-%m-%d %H:%M} UTC, {result.path}, aacmm_pin {version('aacmm_pin')}",
         sheet=len(table),
     )
 
@@ -143,10 +148,10 @@ def _brief(source: str) -> str:
 
 
 def _marked(verdict: str) -> str:
-    return f"{MARK} {verdict}" if verdict == "non-conformity" else verdict
+    return f"{MARK} {verdict}" if verdict == "non-conformity" else shown_verdict(verdict)
 
 
-def _conditions(result: AcceptanceResult, certificate: Certificate) -> str:
+def _conditions(result: AcceptanceResult, details: CheckDetails) -> str:
     stated = {STATED[name][0]: _range(values) + STATED[name][1] for name, values in result.stated.items() if values}
     arms = ["as in the file" if arm == AS_GIVEN else f"of indications by {arm}" for arm in result.overall]
     if result.measuring_range is not None:
@@ -154,7 +159,7 @@ def _conditions(result: AcceptanceResult, certificate: Certificate) -> str:
             f"{plain_mm(result.measuring_range)} mm, 66 % of it {plain_mm(LONGEST_PART * result.measuring_range)} mm"
         )
         stated |= {f"longest of {test}": f"{plain_mm(length)} mm" for test, length in result.longest.items()}
-    lines = {"coordinates": ", ".join(arms)} | stated | dict(certificate.about)
+    lines = {"coordinates": ", ".join(arms)} | stated | dict(details.about)
     return "; ".join(f"{name}: {text}" for name, text in lines.items()) + "."
 
 

@@ -11,6 +11,7 @@ from aacmm_pin.report.document import Document, Download, Figure, Notes, Paragra
 from aacmm_pin.report.numbers import UNIT
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION, plain
 from aacmm_pin.verification import PredictedAcceptance
+from aacmm_pin.verification.figures import ORIGIN
 
 COLOURS = (BLUE, GREEN, GREY)
 
@@ -27,6 +28,7 @@ def prediction_document(result: PredictedAcceptance) -> Document:
     return Document(
         "Acceptance test, before it is made",
         [
+            ORIGIN,
             Paragraph(f"{result}.", finding=True, head="Predicted:"),
             Table(table[shown], "Magnitude of each figure", {"probability_to_pass": ".2f"}, heads),
             Paragraph(

@@ -25,7 +25,8 @@ from aacmm_pin.verification.touches import read_touches
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 COVERAGE = 2.0
-"""Coverage factor of the guard band: U = 2 u, about 95 %."""
+"""Coverage factor of the guard band U = 2 u: the rule of ISO 14253-1:1998 and 2013. The default of ISO 14253-1:2017, a
+probability of 95 % at one limit, is a guard band of 1.65 u: with U fewer verdicts are conformity or non-conformity."""
 MPE = Range(1e-9, 1.0, "m")
 """What a maximum permissible error can be."""
 FAR_BELOW = 100.0
@@ -41,6 +42,8 @@ SINGULAR = {"touches": "touch", "lengths": "length"}
 
 Verdict = Literal["conformity", "non-conformity", "neither"]
 VERDICTS = get_args(Verdict)
+SHOWN_AS: dict[str, str] = {"neither": "inconclusive"}
+"""What a reader sees in the place of a verdict, which files keep."""
 WORST_FIRST: tuple[Verdict, ...] = ("non-conformity", "neither", "conformity")
 
 
@@ -69,7 +72,7 @@ class AcceptanceFigure:
 
     @property
     def verdict(self) -> Verdict | None:
-        """By ISO 14253-1 with the guard band U = 2u; None without a value or an MPE. A u not stated is zero.
+        """By ISO 14253-1:2013 with the guard band U = 2u; None without a value or an MPE. A u not stated is zero.
 
         A largest error conforms where each error does, and does not where one of them does not: the largest of them need not
         be the one that decides, since each has a U of its own.
@@ -104,6 +107,11 @@ class AcceptanceFigure:
         named = "; ".join([*lacking[:MOST_LACKING], *["…"] * (len(lacking) > MOST_LACKING)])
         text = f"{few} {counted if few > 1 else SINGULAR[counted]}" if few else self.evaluated.why_incomplete
         return text + f": {named}" * bool(named)
+
+
+def shown_verdict(verdict: str | None) -> str:
+    """A verdict as a reader sees it; "" for none."""
+    return SHOWN_AS.get(verdict or "", verdict or "")
 
 
 def _verdict(size: Array, guard: Array, mpe: float) -> Verdict:
@@ -162,7 +170,7 @@ class AcceptanceResult(Shown):
         for source, (verdict, by) in overall.items():
             of = sum(f.source == source for f in self.figures)
             names = ", ".join(f.definition.name + " without a value" * (f.verdict is None) for f in by)
-            text = f"{verdict}, decided by {names} (" if by else "no verdict ("
+            text = f"{shown_verdict(verdict)}, decided by {names} (" if by else "no verdict ("
             text += f"MPE given for {len(self._with_mpe(source))} of {of} figures)"
             told.append(f"{source}: " * (len(overall) > 1) + text)
         return "; ".join(told)
@@ -174,7 +182,7 @@ class AcceptanceResult(Shown):
                 "coordinates": f.source,
                 "figure": f.definition.name,
                 "standard": f.definition.standard,
-                "clause": f.definition.clause,
+                "test": f.definition.test_name,
                 "definition": f.definition.text,
                 "value_mm": f.evaluated.value / MM,
                 "U_mm": COVERAGE * f.evaluated.u / MM,
@@ -202,7 +210,8 @@ class AcceptanceResult(Shown):
                 for source, (verdict, by) in self.overall.items()
             ],
             "figures": [
-                {str(k): v for k, v in row.items()} | {"where": f.where and {**f.where.labels, "rows": [*f.where.rows]}}
+                {str(k): v for k, v in row.items()}
+                | {"clause": row["test"], "where": f.where and {**f.where.labels, "rows": [*f.where.rows]}}
                 for f, row in zip(self.figures, figures, strict=True)
             ],
             "measuring_range_mm": None if self.measuring_range is None else self.measuring_range / MM,
@@ -220,6 +229,8 @@ def accept(
     measuring_range: float | None = None,
 ) -> AcceptanceResult:
     """The figures of ISO 10360-12 and ASME B89.4.22 from a file of touches, and whether each is within its limit.
+
+    The definitions are public descriptions' and were never compared with the standards' texts.
 
     Args:
         path: CSV of touches, see the file formats in the documentation; coordinates are of the probe's centre.

@@ -1,7 +1,7 @@
-"""The figures of ISO 10360-12 and ASME B89.4.22, from touches.
+"""The figures of ISO 10360-12 and ASME B89.4.22, from touches, by public descriptions of the standards: :data:`ORIGIN`.
 
-The standards' own texts rule; the definitions here were not compared with them. Each evaluation gets the
-touches of one test, see :func:`aacmm_pin.verification.touches.read_touches`; a value needs all of them.
+Each evaluation gets the touches of one test, see :func:`aacmm_pin.verification.touches.read_touches`; a value needs all
+of them.
 """
 
 from __future__ import annotations
@@ -80,13 +80,22 @@ class Evaluated:
 
 @dataclass(frozen=True)
 class Definition:
-    """A figure: its name, where it is from, the test whose touches it needs, what it is, what is counted, and the column
-    without which it is left out.
+    """A figure.
+
+    Attributes:
+        name: its name.
+        standard: where it is from, without an edition: see :data:`EDITIONS`.
+        test_name: name of the test there.
+        test: the test as files of touches name it.
+        text: what the figure is.
+        evaluate: works it out from the touches of the test.
+        counted: what is counted, ``touches`` or ``lengths``.
+        column: the column without which it is left out; "" for none.
     """
 
     name: str
     standard: str
-    clause: str
+    test_name: str
     test: str
     text: str
     evaluate: Callable[[pd.DataFrame], Evaluated]
@@ -273,6 +282,13 @@ def _two_sigma(points: Array) -> float:
 
 
 ISO, ASME, PAPER = "ISO 10360-12", "ASME B89.4.22", "Xu You et al. 2019"
+EDITIONS = {ISO: "ISO 10360-12:2016", ASME: "ASME B89.4.22-2004"}
+"""The editions that the public descriptions are of."""
+ORIGIN = (
+    f"Definitions come from public descriptions of {' and '.join(EDITIONS.values())}. They were never compared with the "
+    "standards' texts; compare them before a contract depends on a verdict."
+)
+"""Stands first wherever there is a verdict."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
 """Where the points of ASME B89.4.22 stand; the standard's text rules. Touches do not say whether they did."""
 STANDARDS = {"iso10360-12": ISO, "asme-b89.4.22": ASME}
@@ -330,17 +346,17 @@ DEFINITIONS = (
         partial(_volumetric, rms=True), "lengths",
     ),
     Definition(
-        "SinglePoint.Sigma", PAPER, "eqs. 16 and 17", "single-point",
+        "SinglePoint.Sigma", PAPER, "single point, eqs. 16 and 17", "single-point",
         "standard deviation of the position of one point in ten articulations; the worst of three distances",
         partial(_single_point, statistic=_sigma),
     ),
     Definition(
-        "SinglePoint.Part", PAPER, "eqs. 18 and 19", "single-point",
+        "SinglePoint.Part", PAPER, "single point, eqs. 18 and 19", "single-point",
         "RMS distance from the mean of all touches, of those in postures predicted to be accurate; the worst distance",
         partial(_single_point_part, high=True), column="part",
     ),
     Definition(
-        "SinglePoint.Rest", PAPER, "eqs. 18 and 19", "single-point",
+        "SinglePoint.Rest", PAPER, "single point, eqs. 18 and 19", "single-point",
         "the same of the other touches",
         partial(_single_point_part, high=False), column="part",
     ),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections import Counter
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,9 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
+from aacmm_pin.report.document import Paragraph, Table
+from aacmm_pin.verification.accept import COVERAGE
 from aacmm_pin.verification.touches import ACCEPTANCE, AS_GIVEN
 
 DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0], [0, -0.6, 0.8], [0.8, 0, -0.6]]])
@@ -145,10 +150,10 @@ def test_the_worst_verdict_is_that_of_the_whole(data: Path) -> None:
     for mpe, said in (
         ({}, "no verdict (MPE given for 0 of 11 figures)"),
         ({"E_Uni": 1.0, "SPAT.Max": 1.0}, "conformity, decided by E_Uni, SPAT.Max (MPE given for 2 of 11 figures)"),
-        ({"E_Uni": 0.0401 * 1e-3, "SPAT.Max": 1.0}, "neither, decided by E_Uni (MPE given for 2 of 11 figures)"),
+        ({"E_Uni": 0.0401 * 1e-3, "SPAT.Max": 1.0}, "inconclusive, decided by E_Uni (MPE given for 2 of 11 figures)"),
         (
             {"SinglePoint.Part": 1.0, "SPAT.Max": 1.0},
-            "neither, decided by SinglePoint.Part without a value (MPE given for 2 of 12 figures)",
+            "inconclusive, decided by SinglePoint.Part without a value (MPE given for 2 of 12 figures)",
         ),
         (
             {"SinglePoint.Part": 1.0, "SPAT.Max": 1e-6},
@@ -157,7 +162,31 @@ def test_the_worst_verdict_is_that_of_the_whole(data: Path) -> None:
     ):
         result = accept(data, mpe=mpe)
         assert str(result) == said
-        assert result.summary()["overall"][0]["verdict"] == (None if not mpe else said.split(",")[0])
+        kept = {"inconclusive": "neither"}.get(said.split(",")[0], said.split(",")[0])
+        assert result.summary()["overall"][0]["verdict"] == (None if not mpe else kept)
+
+
+@pytest.mark.parametrize("details", [None, CheckDetails(datetime(2026, 1, 1, tzinfo=UTC))])
+def test_a_report_begins_with_where_its_definitions_come_from(data: Path, details: CheckDetails | None) -> None:
+    first = acceptance_document(accept(data), details).blocks[0]
+    assert isinstance(first, Paragraph)
+    assert all(edition in first.text for edition in ("ISO 10360-12:2016", "ASME B89.4.22-2004", "never compared"))
+
+
+def test_a_report_names_tests_editions_and_the_rule(data: Path) -> None:
+    """The undecided verdict is ``neither`` in files and has another name for readers."""
+    result = accept(data, mpe={"E_Uni": 0.0401e-3})
+    document = acceptance_document(result)
+    shown, what = (block for block in document.blocks if isinstance(block, Table))
+    assert list(what.cells()) == ["figure", "standard", "test", "definition"]
+    assert set(what.cells()["standard"]) == {"ISO 10360-12:2016", "ASME B89.4.22-2004", "Xu You et al. 2019"}
+    assert shown.cells().set_index("figure")["verdict"]["E_Uni"] == "inconclusive"
+    figure = next(f for f in result.summary()["figures"] if f["figure"] == "E_Uni")
+    assert (figure["verdict"], figure["standard"]) == ("neither", "ISO 10360-12")
+    assert figure["test"] == figure["clause"] == "unidirectional length measurement error"
+    (rule,) = (b.text for b in document.blocks if isinstance(b, Paragraph) and "14253" in b.text)
+    assert f"U = {COVERAGE:g}u" in rule
+    assert {"ISO 14253-1:2013", "ISO 14253-1:2017"} == set(re.findall(r"ISO 14253-1:\d+", rule))
 
 
 def test_a_sphere_touched_on_a_small_cap_has_no_size(tmp_path: Path) -> None:
@@ -244,7 +273,7 @@ def test_lengths_are_long_enough_for_the_range(data: Path) -> None:
         assert all(np.isfinite(figure.evaluated.value) for figure in others)
 
 
-def test_certificate_has_lengths_in_full_and_the_range(tmp_path: Path) -> None:
+def test_the_test_report_has_lengths_in_full_and_the_range(tmp_path: Path) -> None:
     table = everything()
     table.loc[table["length_id"] == "L4", "length_mm"] = 1100.0275
     table.to_csv(tmp_path / "touches.csv", index=False)
@@ -317,8 +346,8 @@ def done(*words: object) -> str:
     return outcome.stdout
 
 
-def test_certificate_has_every_figure_and_the_touches(data: Path, tmp_path: Path) -> None:
-    limits, target = tmp_path / "limits.toml", tmp_path / "certificate.html"
+def test_the_test_report_has_every_figure_and_the_touches(data: Path, tmp_path: Path) -> None:
+    limits, target = tmp_path / "limits.toml", tmp_path / "report.html"
     limits.write_text('"P_Form.Sph.1x25" = 0.02\nE_Uni = 0.03\n', encoding="utf-8")
     out = done(data, "--mpe", limits, "--mpe", "E_Bi=0.06", "-o", target)
     page = target.read_text(encoding="utf-8")

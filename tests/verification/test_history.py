@@ -1,4 +1,4 @@
-"""Checks over time: limits by hand, what is appended, damaged files, and the certificate on one sheet of paper."""
+"""Checks over time: limits by hand, what is appended, damaged files, and the test report on one sheet of paper."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from aacmm_pin import Arm, accept
 from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
-from aacmm_pin.report.acceptance import Certificate, acceptance_document
+from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
 from aacmm_pin.report.html import page as page_of
 from aacmm_pin.report.plots.history import charts_drawn
 from aacmm_pin.verification import History
@@ -192,7 +192,7 @@ def test_only_what_was_read_is_replaced(tmp_path: Path) -> None:
     assert len(pd.read_csv(path)) == 9
 
 
-def test_certificate_is_one_sheet(tmp_path: Path, page: Browser) -> None:
+def test_a_test_report_is_one_sheet(tmp_path: Path, page: Browser) -> None:
     """With all figures of three sets of coordinates, and charts; on a phone it is as wide as that."""
     table = everything()
     table["part"] = np.where(table["test"] == "single-point", np.where(np.arange(len(table)) % 2, "high", ""), "")
@@ -207,8 +207,8 @@ def test_certificate_is_one_sheet(tmp_path: Path, page: Browser) -> None:
         checks = history(tmp_path, SIZES).with_check(accept(tmp_path / "before.csv", arms), START + timedelta(days=270))
         checks = checks.with_check(result, START + timedelta(days=300))
         assert len(charts_drawn(checks)) == min(12, len(checks.charts()))
-        told = Certificate(START, "no. 12", {"humidity": "45 %"}, checks)
-        target = tmp_path / "certificate.html"
+        told = CheckDetails(START, "no. 12", {"humidity": "45 %"}, checks)
+        target = tmp_path / "report.html"
         target.write_text(page_of(acceptance_document(result, told)), encoding="utf-8")
         page.open(target, (390, 800), touch=True)
         assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
