@@ -1,8 +1,9 @@
 """Uncertainty of the distance between two points that the arm touches.
 
-With the unit vector e from the one point to the other and the sensitivities S of both ends,
+With the unit vector e from the one point to the other, the sensitivities S and N (to the readings) of both ends, the
+covariance Σ of the parameters and u_j of a reading of joint j,
 
-    u² = s C sᵀ + Σ u²(noise) [(e S_a)² + (e S_b)²],   s = e (S_b - S_a)   (JCGM 100:2008, 5.2.2)
+    u² = s Σ sᵀ + sum over j of u_j² [(e N_a)_j² + (e N_b)_j²],   s = e (S_b - S_a)   (JCGM 100:2008, 5.2.2)
 
 A parameter of the arm has the same error at both ends, and only the difference of what it does there counts: an error of
 the first zero turns both and leaves their distance. What is new in each record, as noise of the encoders, adds.

@@ -201,14 +201,14 @@ class ErrorSources(Shown):
         return np.asarray(generators if self.axes is None else generators @ self.axes[np.ix_(pick, pick)])
 
     def covariance_of(self, sensitivity: Array) -> Array:
-        """Covariance of the position, S C Sᵀ (JCGM 102:2011, 6.2), of a known :meth:`sensitivity`: (n, 3, 3) [m²]."""
+        """Covariance of the position, S Σ Sᵀ (JCGM 102:2011, 6.2), of a known :meth:`sensitivity`: (n, 3, 3) [m²]."""
         scaled = sensitivity * self.u
         if self.axes is not None:
             scaled = scaled @ self.axes
         return np.asarray(scaled @ scaled.transpose(0, 2, 1))
 
     def shared_variance(self, sensitivity: Array) -> Array:
-        """Parts ``S_k C_kl S_l`` of the variance, summed over the three coordinates and all configurations: (p, p) [m²]."""
+        """Parts ``S_k Σ_kl S_l`` of the variance, summed over the three coordinates and all configurations: (p, p) [m²]."""
         scaled = sensitivity * self.u
         if self.correlation is None:
             return np.diag(np.square(scaled).sum(axis=(0, 1)))

@@ -90,9 +90,10 @@ class AccuracyVolume(Shown):
     def budget(self, by: Literal["parameter", "joint", "kind"] = "parameter") -> pd.DataFrame:
         """Uncertainty budget (JCGM 100:2008, 5.1): each source's part in the mean variance over the configurations.
 
-        Where parameters are correlated the share of one is ``tr(S_k (C Sᵀ)_k) / tr(S C Sᵀ)``, half of the relative change
-        of the variance for a relative change of its u at the same correlations; what two have in common is parted evenly
-        between them, and a share may be negative. ``u_mm`` is what the parameter (or joint, or kind) does by itself.
+        Where parameters with the covariance Σ are correlated the share of one is ``tr(S_k (Σ Sᵀ)_k) / tr(S Σ Sᵀ)``, half of
+        the relative change of the variance for a relative change of its u at the same correlations; what two have in common
+        is parted evenly between them, and a share may be negative. ``u_mm`` is what the parameter (or joint, or kind) does
+        by itself.
 
         Returns:
             A table, largest first: the parameter (or joint, or kind; <NA> for the joint of a cause of the whole arm),
@@ -198,7 +199,7 @@ def accuracy_volume(
     - ``monte-carlo``: the real model at corners of the parameter box, convex hull; covariance from random draws.
 
     The parameters of effects, and those that a calibration states, count as within ± k u, k = 2. Parameters that are known
-    together (``[covariance]`` of the arm file) enter the covariance as S C Sᵀ and the volumes by the principal axes of their
+    together (``[covariance]`` of the arm file) enter the covariance as S Σ Sᵀ and the volumes by the principal axes of their
     correlation, see :mod:`aacmm_pin.accuracy.tip_sensitivity`. Effects of the reference have no part.
 
     Args:

@@ -37,7 +37,7 @@ class Parameter(Shown):
 
     @staticmethod
     def bounded(name: str, kind: str, joint: int, unit: str, value: float, half_width: float | None) -> Parameter:
-        """A parameter known within ± half_width: rectangular distribution, u = half_width/√3 (JCGM 100, 4.3.7).
+        """A parameter known within ± half_width: rectangular distribution, u = half_width/√3 (JCGM 100:2008, 4.3.7).
 
         Where no half-width is stated (None) the value counts as exact, u = 0.
         """

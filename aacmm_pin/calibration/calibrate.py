@@ -75,7 +75,7 @@ def calibrate(
 ) -> Calibration:
     """Estimate parameters of the arm from measurements, with their covariance.
 
-    Weighted least squares (JCGM 100, 5.2; ISO 10360-12 for the seats) with the stated uncertainties of the arm as
+    Weighted least squares (JCGM 100:2008, 5.2) with the stated uncertainties of the arm as
     information: known coordinates, unknown points touched repeatedly and known distances together. Each record is
     weighted by its own noise, the encoders' carried to the tip. Gross errors are found robustly, listed, and left out.
 
@@ -230,7 +230,7 @@ def _of_bars(after: Fit) -> list[str]:
 
 
 def _counted_before(after: Fit) -> list[str]:
-    """Records that the stated uncertainties of the parameters come from already (JCGM 100, F.1.2.3: correlated inputs)."""
+    """Records that the stated uncertainties of the parameters come from: correlated inputs (JCGM 100:2008, F.1.2.3)."""
     problem = after.problem
     if not problem.from_earlier:
         return []

@@ -98,7 +98,7 @@ def information_of_seats(solution: Solution) -> tuple[Array, Array, Array]:
 
 
 def squared_distances(deviation: Array, covariance: Array) -> Array:
-    """``dᵀ C⁻¹ d`` of each deviation (n, k) by its covariance (n, k, k)."""
+    """``dᵀ Σ⁻¹ d`` of each deviation (n, k) by its covariance (n, k, k)."""
     # Stated noise may be nothing at all, of an exact contact with exact readings.
     covariance = covariance + LEAST_SCATTER**2 * np.eye(deviation.shape[1])
     return np.asarray(np.einsum("ni,ni->n", deviation, np.linalg.solve(covariance, deviation[:, :, None])[:, :, 0]))

@@ -54,7 +54,7 @@ def run(
     json_: Json = None,
     force: Force = False,
 ) -> None:
-    """Whether the arm meets its specification: figures of ISO 10360-12 and ASME B89.4.22 from touches, with verdicts.
+    """Whether the arm meets its specification: figures of ISO 10360-12:2016 and ASME B89.4.22-2004, with verdicts.
 
     The definitions come from public descriptions and were never compared with the standards' texts.
     """

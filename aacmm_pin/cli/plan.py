@@ -41,8 +41,8 @@ def run(
         str,
         typer.Option(
             "--for",
-            help="causes: tell them apart; calibration: most of the geometry; acceptance: touches of ISO 10360-12 and "
-            "ASME B89.4.22, for accept.",
+            help="causes: tell them apart; calibration: most of the geometry; acceptance: touches of "
+            "ISO 10360-12:2016 and ASME B89.4.22-2004, for accept.",
         ),
     ] = "causes",
     split: Annotated[

@@ -20,8 +20,8 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
     """RMS of the records by seat, joint range, time, temperature, …, by the three models, beside what is predicted.
 
     Predicted for the arm as it was: by its stated uncertainties, the noise and, where its targets are as stated, what the
-    records of a seat share, ``S U Sᵀ + C + u²`` (GUM, eq. 13); for the others, whose targets are fitted, the noise ``C``
-    alone. Scatter that was found beside a stated noise is what this asks about, and is not predicted.
+    records of a seat share, ``S Σ Sᵀ + N + u²`` (JCGM 100:2008, eq. 13); for the others, whose targets are fitted, the
+    noise ``N`` alone. Scatter that was found beside a stated noise is what this asks about, and is not predicted.
 
     Args:
         before: the arm as it was, set-up fitted.

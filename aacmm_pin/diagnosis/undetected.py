@@ -77,8 +77,8 @@ def _change(choice: Choice, block: int, other: int) -> float:
 
 def known_alone(choice: Choice) -> Iterator[tuple[Effect, Effect, float]]:
     """Causes of a joint whose values are known by far better than if another of usual size acted at it too, that other, and
-    by how much: the largest ratio of u (JCGM 101, with the other as one more input). Curves, which can be anything, are not
-    asked.
+    by how much: the largest ratio of u (JCGM 101:2008, with the other as one more input). Curves, which can be anything, are
+    not asked.
     """
     question = choice.question
     asked = {*range(choice.design.causes)} - question.struck_out(choice.admitted) - {*question.contained}

@@ -116,7 +116,7 @@ class JointHysteresis(Effect):
     """Friction, a cable or a coupling holds the joint back on the side that it came from: ``δ = h s``, s = -1, 0, 1.
 
     Unit rad, half of the reversal error, of either sign, as the encoder sits before or behind what gives; typical 2e-5 to
-    2e-4. Source: ISO 230-2 reversal value. Needs ``approachN``.
+    2e-4. Source: reversal value, ISO 230-2:2014. Needs ``approachN``.
     Confused with: hysteresis of neighbours that always move together.
     """
 

@@ -42,8 +42,8 @@ class BaseCompliance(GravityEffect):
 class SeatError(Effect):
     """One seat is not where it is said to be: true place = stated place + e. The arm itself is right.
 
-    Unit m; typical 1e-5 (worn, dirty, moved). Source: the kinematic seats of ISO 10360-12. Needs ``seat``. Confused with:
-    any smooth error of the arm where a seat is touched in one posture.
+    Unit m; typical 1e-5 (worn, dirty, moved). Source: seats of single-point tests, ASME B89.4.22-2004. Needs ``seat``.
+    Confused with: any smooth error of the arm where a seat is touched in one posture.
     """
 
     seat: str

@@ -23,7 +23,7 @@ ANOTHER_POINT = 5e-4
 class StylusOffset(Effect):
     """The ball or target is not at the tip: a constant shift in the axes of the last frame; with ``marker``, of that target.
 
-    Unit m; typical 2e-5 of a qualified stylus, 0.1 of a target screwed on. Source: probe qualification, ISO 10360-12.
+    Unit m; typical 2e-5 of a qualified stylus, 0.1 of a target screwed on. Source: probe qualification, ISO 10360-12:2016.
     Needs ``marker`` where one is named. Confused with: a, d and θ of the last row, which move the same point.
     """
 

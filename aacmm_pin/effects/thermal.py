@@ -17,7 +17,7 @@ from aacmm_pin.effects.state import State
 class ThermalExpansion(Effect):
     """Lengths grow with temperature: ``δl = α (T - T0) l``, of the whole arm or of one body; T0 from the arm file.
 
-    Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1. Needs ``temperature_c``, or
+    Unit 1/K; typical 12e-6 (steel) to 24e-6 (aluminium), 1e-6 carbon. Source: ISO 1:2022. Needs ``temperature_c``, or
     ``temperature1_c …`` of each row: that of the body which moves with it, d and a of the row in standard DH, d of the
     row and a of the next in modified DH. What stands before row 1 has the mean of the rows.
     A body beside the whole arm has what it grows more, below zero where it grows less. Confused with: the scale of the

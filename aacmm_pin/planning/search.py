@@ -39,7 +39,7 @@ class Choosing:
         return np.asarray(np.eye(3) + self.seen @ self.pool.transpose(0, 2, 1))
 
     def take(self, record: int) -> None:
-        """One more record: ``C - C Aᵀ (I + A C Aᵀ)⁻¹ A C`` (Woodbury), and the same for what the pool sees of it."""
+        """One more record: ``Σ - Σ Aᵀ (I + A Σ Aᵀ)⁻¹ A Σ`` (Woodbury), and the same for what the pool sees of it."""
         rows, seen = self.pool[record], self.seen[record].copy()
         gain = np.linalg.solve(np.eye(3) + seen @ rows.T, seen)
         self.covariance = self.covariance - seen.T @ gain

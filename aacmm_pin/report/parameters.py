@@ -25,7 +25,7 @@ def stated_half_widths(result: Calibration) -> Array:
 def parameter_table(result: Calibration) -> pd.DataFrame:
     """:attr:`Calibration.parameters` with ``stated``, how far off each was said to be, and ``beyond``.
 
-    ``beyond`` is True where the change exceeds √(stated² + U²): the two values disagree, E_n > 1 (ISO/IEC 17043, B.3.1.3).
+    ``beyond`` is True where the change exceeds √(stated² + U²): the values disagree, E_n > 1 (ISO/IEC 17043:2010, B.3.1.3).
     """
     table = result.parameters
     stated = stated_half_widths(result) / np.where(table["unit"] == "mm", MM, 1.0)

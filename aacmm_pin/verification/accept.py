@@ -32,7 +32,7 @@ MPE = Range(1e-9, 1.0, "m")
 FAR_BELOW = 100.0
 """Where an MPE above 1 mm is so many times what was found, it may be in another unit."""
 LONGEST_PART = 0.66
-"""The longest of five lengths is at least this part of the measuring range (ISO 10360-12)."""
+"""The longest of five lengths is at least this part of the measuring range (ISO 10360-12:2016, by public descriptions)."""
 
 IN_RANGE = ("length-uni", "length-bi")
 """The tests whose longest length that is."""
@@ -228,7 +228,7 @@ def accept(
     standard: str | None = None,
     measuring_range: float | None = None,
 ) -> AcceptanceResult:
-    """The figures of ISO 10360-12 and ASME B89.4.22 from a file of touches, and whether each is within its limit.
+    """The figures of ISO 10360-12:2016 and ASME B89.4.22-2004 from a file of touches, and whether each is within its limit.
 
     The definitions are public descriptions' and were never compared with the standards' texts.
 

@@ -1,7 +1,8 @@
 """The acceptance checks of an arm over time: a file of their figures, and whether the latest lies where the others lie.
 
-An individuals chart (Shewhart; ISO 7870-2): the mean of the earlier values, and limits 2.66 mean moving ranges away from it.
-Values that did not conform, or lay outside their own limits, have a cause of their own, and no part in later limits.
+An individuals chart (Shewhart; ISO 7870-2:2013): the mean of the earlier values, and limits 2.66 mean moving ranges away
+from it. Values that did not conform, or lay outside their own limits, have a cause of their own, and no part in later
+limits.
 """
 
 from __future__ import annotations
