@@ -36,6 +36,8 @@ Method = Literal["zonotope", "jointwise", "ellipsoid", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 COVERAGE = 0.95
+COVERED = (0.954, 0.993)
+"""Parts that U = 2 u of a position, u² = u_x² + u_y² + u_z², covers of normal errors: along one direction, isotropic."""
 COVERAGE_FACTOR = 2.7954834829151074
 """k = 2.80: the ellipsoid that holds 95 % of a normal distribution in three dimensions (JCGM 102:2011, table 1)."""
 DRAWN_AT_ONCE = 4
@@ -139,7 +141,13 @@ class AccuracyVolume(Shown):
 def expanded(u: Array) -> str:
     """The headline of some uncertainties [m]: from the smallest to the largest, expanded."""
     low, high = K_OF_ONE_NUMBER * u.min() / MM, K_OF_ONE_NUMBER * u.max() / MM
-    return f"±U (k = {K_OF_ONE_NUMBER:g}) {low:.4f} to {high:.4f} mm"
+    return f"U (k = {K_OF_ONE_NUMBER:g}) = {low:.4f} to {high:.4f} mm"
+
+
+def what_k_covers() -> str:
+    """The coverage probability of U of a position, in words."""
+    of_normal = f"{100 * COVERED[0]:.1f} % of normal errors along one direction, {100 * COVERED[1]:.1f} % of isotropic ones"
+    return f"U (k = {K_OF_ONE_NUMBER:g}) of a position covers {of_normal}."
 
 
 def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:

@@ -172,7 +172,7 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
     known = records.known
     if known.any():
         u = np.linalg.norm(records.reference_u[known], axis=1)
-        of = f", themselves known within {rms(u[np.isfinite(u)]) / MM:.4f} mm (k = 1)" if np.isfinite(u).any() else ""
+        of = f", themselves with u = {rms(u[np.isfinite(u)]) / MM:.4f} mm" if np.isfinite(u).any() else ""
         _tell(
             f"distance from {count(int(known.sum()), 'reference')}{of}",
             [np.linalg.norm((where - records.reference)[known], axis=1) for where in compared],

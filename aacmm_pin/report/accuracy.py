@@ -8,7 +8,7 @@ import pandas as pd
 
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.length import LengthUncertainty
-from aacmm_pin.accuracy.volume import AccuracyVolume
+from aacmm_pin.accuracy.volume import AccuracyVolume, what_k_covers
 from aacmm_pin.accuracy.workspace import WorkspaceMap
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.postures.curve_sampling import Flexibility, sector_centres
@@ -65,6 +65,7 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
     comprehensive = None if summary is None else summary["volume_mm3"]["comprehensive"]
     blocks: list[Block] = [
         str(accuracy),
+        what_k_covers(),
         "" if comprehensive is None else f"comprehensive accuracy {comprehensive:.4g} mm³",
         Table(postures, f"Postures{', swivel 0 where the elbow is highest' if 'swivel [°]' in postures else ''}"),
         Table(over),

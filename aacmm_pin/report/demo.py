@@ -20,7 +20,7 @@ from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import csv_text, encodable
 from aacmm_pin._support.units import MM
 from aacmm_pin._support.workers import results
-from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy
+from aacmm_pin.accuracy.volume import AccuracyVolume, circle_accuracy, what_k_covers
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR, load_arm_file
@@ -120,8 +120,8 @@ def _at_the_point(circle: ConfigurationCircle, accuracy: AccuracyVolume, summary
             f"{len(circle.components.curves)} closed curves."
         ),
         Paragraph(
-            f"Expanded uncertainty of the position, U (k = 2): {COVERAGE_FACTOR * u['min']:.3f} mm to "
-            f"{COVERAGE_FACTOR * u['max']:.3f} mm, depending on the posture.",
+            f"Expanded uncertainty of the position: U (k = 2) = {COVERAGE_FACTOR * u['min']:.3f} to "
+            f"{COVERAGE_FACTOR * u['max']:.3f} mm, depending on the posture. {what_k_covers()}",
             finding=True,
         ),
         Paragraph(
@@ -155,7 +155,7 @@ def _over_the_workspace(map_: WorkspaceMap, circle: ConfigurationCircle) -> list
             f"{data.sizes['z_mm']} cells."
         ),
         Paragraph(
-            f"In the best posture of each cell U (k = 2) is {least:.3f} mm to {most:.3f} mm. {cells[map_.sectors]} of "
+            f"In the best posture of each cell U (k = 2) = {least:.3f} to {most:.3f} mm. {cells[map_.sectors]} of "
             f"{sum(cells.values())} reachable cells can be reached all round the circle; mean flexibility "
             f"{float(data['flexibility'].mean()):.3f}.",
             finding=True,

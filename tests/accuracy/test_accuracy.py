@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import chi2
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, METHODS, accuracy_volume
+from aacmm_pin.accuracy.volume import COVERAGE_FACTOR, COVERED, METHODS, accuracy_volume, what_k_covers
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import CHUNK
 from aacmm_pin.arm.file import load_arm_file
@@ -107,6 +107,18 @@ def test_ellipsoid_holds_95_percent_of_normal_errors(zero6: Arm, rng: np.random.
     read = zero6.poses(q + 2e-5 * rng.normal(size=(40_000, 6))).position - zero6.poses(q).position
     distance = np.einsum("ni,ij,nj->n", read, np.linalg.inv(result.covariance[0]), read)
     assert (distance < COVERAGE_FACTOR**2).mean() == pytest.approx(0.95, abs=0.005)
+
+
+def test_u_of_a_position_covers_what_is_said(arm: Arm, rng: np.random.Generator) -> None:
+    """And a part in between where the errors are neither along one direction nor isotropic."""
+    assert [chi2.cdf(4, 1), chi2.cdf(12, 3)] == pytest.approx(COVERED, abs=5e-4)
+    assert all(f"{100 * part:.1f} %" in what_k_covers() for part in COVERED)
+    for variances in rng.dirichlet((0.5, 0.5, 0.5), 20):
+        inside = (rng.normal(size=(100_000, 3)) ** 2 @ variances < 4).mean()
+        assert COVERED[0] - 3e-3 < inside < COVERED[1] + 1e-3
+    result = accuracy_volume(arm, some(arm, 4))
+    assert f"U (k = 2) = {2e3 * result.u.min():.4f} to {2e3 * result.u.max():.4f} mm" in str(result)
+    assert "±" not in str(result)
 
 
 @pytest.mark.parametrize(("name", "draws", "n"), [("sino6", 3000, 2), ("ur5", 600, 1)])
