@@ -365,6 +365,13 @@ def test_an_arm_that_is_said_to_be_exact_has_nothing_to_estimate(data: Path, tmp
 
 # correct ----------------------------------------------------------------------------------------------------------------
 
+ROUNDED = {"mm": 5.1e-7, "deg": 5.1e-9, "rad": 5.1e-10}
+"""Half of the last decimal of a computed column, by its unit."""
+
+
+def most_decimals(cells: pd.Series) -> int:
+    return int(cells[cells != ""].map(lambda cell: len(cell.partition(".")[2].partition("e")[0])).max())
+
 
 def test_corrected_coordinates_are_those_of_the_model(extended: Path, folder: Path, tmp_path: Path) -> None:
     source = folder / "warm.csv"
@@ -376,9 +383,10 @@ def test_corrected_coordinates_are_those_of_the_model(extended: Path, folder: Pa
     pd.testing.assert_frame_equal(after[before.columns], before)
     model, read = ErrorModel.load(extended), Measurements.read(source, 6)
     tips = after[CORRECTED].to_numpy(dtype=float)
-    np.testing.assert_allclose(tips, model.correct(read.q, read.conditions) / MM, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(tips, model.correct(read.q, read.conditions) / MM, rtol=0, atol=ROUNDED["mm"])
     u = accuracy_volume(model, read.q, conditions=read.conditions, encoder_noise=8e-6).u / MM
-    np.testing.assert_allclose(after["u_mm"].to_numpy(dtype=float), u, rtol=1e-9)
+    np.testing.assert_allclose(after["u_mm"].to_numpy(dtype=float), u, rtol=0, atol=ROUNDED["mm"])
+    assert after[[*CORRECTED, "u_mm"]].apply(most_decimals).max() == 6
     off = np.linalg.norm(tips - read.reference / MM, axis=1)
     assert np.sqrt(np.mean(off**2)) < 0.03
 
@@ -395,7 +403,8 @@ def test_corrected_orientations_are_those_of_pinocchio_at_the_true_angles(sino6:
         asked.to_csv(tmp_path / "r.csv", index=False)
         out, _ = done("correct", tmp_path / "arm.toml", tmp_path / "r.csv", *NOISE, *words)
         turned = Rotation.from_quat(pd.read_csv(io.StringIO(out))[names].to_numpy(), scalar_first=True)
-        np.testing.assert_allclose(turned.as_matrix(), sino6.poses(true).placement[:, :3, :3], atol=1e-12)
+        np.testing.assert_allclose(turned.as_matrix(), sino6.poses(true).placement[:, :3, :3], atol=5e-9)
+        assert pd.read_csv(io.StringIO(out), dtype=str)[names].apply(most_decimals).max() == 9
 
 
 def test_a_file_with_references_says_what_correction_is_worth(extended: Path, folder: Path, tmp_path: Path) -> None:
@@ -450,12 +459,35 @@ def test_commands_bring_the_extended_arm_where_the_nominal_has_its_tip(extended:
     assert there.mean() > 0.7
     tips = ErrorModel.load(extended).predict(commands[there], read.conditions.take(np.flatnonzero(there)))
     np.testing.assert_allclose(tips, Arm.load("sino6").positions(read.q[there]), rtol=0, atol=1e-9)
+    text = pd.read_csv(tmp_path / "c.csv", dtype=str, na_filter=False)
+    assert text.filter(regex="^command").apply(most_decimals).max() == 8
     assert (np.abs(commands - read.q)[there].max(axis=0) > 1e-6).any()
     away = pd.DataFrame([[0.0] * 6, [0.1] * 6], columns=[f"theta{j}_rad" for j in range(1, 7)])
     away.to_csv(tmp_path / "away.csv", index=False)
     words = ["correct", "zero6", tmp_path / "away.csv", "--commands", "--nominal", "sino6", "-o", tmp_path / "none.csv"]
     refused(*words, said=["away.csv", "--nominal"])
     assert not (tmp_path / "none.csv").exists()
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+def test_a_command_has_the_u_of_the_point_that_it_reaches(unit: str, extended: Path, folder: Path, tmp_path: Path) -> None:
+    table = pd.read_csv(folder / "warm.csv").filter(regex="theta|temperature")
+    table.loc[0, "theta1_deg"] = -10.0
+    if unit == "rad":
+        angles = table.filter(like="theta")
+        table = np.radians(angles).rename(columns=lambda name: name.replace("deg", "rad")).join(table.drop(columns=angles))
+    table.to_csv(tmp_path / "r.csv", index=False)
+    done("correct", extended, tmp_path / "r.csv", *NOISE, "--commands", "--nominal", "sino6", "-o", tmp_path / "c.csv")
+    after, read = pd.read_csv(tmp_path / "c.csv"), Measurements.read(tmp_path / "r.csv", 6)
+    assert list(after.columns) == [*table.columns, *(f"command{j}_{unit}" for j in range(1, 7)), "u_mm"]
+    commands = after.filter(like="command").to_numpy() * (np.pi / 180 if unit == "deg" else 1.0)
+    there = np.flatnonzero(np.isfinite(commands).all(axis=1))
+    assert 0 not in there  # it is outside the limits
+    assert len(there) > 100
+    assert after["u_mm"].notna().to_numpy().nonzero()[0].tolist() == there.tolist()
+    conditions = read.conditions.take(there)
+    u = accuracy_volume(ErrorModel.load(extended), commands[there], conditions=conditions, encoder_noise=8e-6).u / MM
+    np.testing.assert_allclose(after["u_mm"][there], u, rtol=0, atol=ROUNDED["mm"] + 1e-9)
 
 
 def test_conditions_that_look_wrong_are_told_where_effects_rest_on_them(tmp_path: Path) -> None:
@@ -548,7 +580,7 @@ def test_a_reading_outside_an_error_curve_is_left_empty_and_listed(sino6: Arm, t
     table = pd.read_csv(tmp_path / "c.csv")
     inside = [0, 1, 3, 4]
     corrected = table[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy()
-    np.testing.assert_allclose(corrected[inside] * MM, model.correct(q[inside]), atol=1e-12)
+    np.testing.assert_allclose(corrected[inside], model.correct(q[inside]) / MM, rtol=0, atol=ROUNDED["mm"])
     assert (table["u_mm"][inside] > 0).all()
     assert table.loc[2, ["corrected_x_mm", "corrected_y_mm", "corrected_z_mm", "u_mm"]].isna().all()
     np.testing.assert_array_equal(table[columns], q)
