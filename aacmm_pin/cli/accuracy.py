@@ -34,7 +34,9 @@ def run(
     method: Annotated[str, typer.Option(help=f"One of {', '.join(METHODS)}.")] = "zonotope",
     sectors: Sectors = 12,
     seed: Seed = 1,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="CSV file: every posture with its accuracy.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="CSV file: the sampled postures with their accuracy.")
+    ] = None,
     json_: Json = None,
     plot: Plot = None,
     force: Force = False,

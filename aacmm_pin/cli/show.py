@@ -27,7 +27,7 @@ def run(
     arm: UncertainArm,
     point: Annotated[
         Triple | None,
-        typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm: every posture that reaches it."),
+        typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm: the postures that reach it."),
     ] = None,
     *,
     orientation: Orientation,
@@ -40,7 +40,7 @@ def run(
     output: Output = None,
     force: Force = False,
 ) -> None:
-    """The arm in three dimensions: at a point in every posture that reaches it, or in one posture.
+    """The arm in three dimensions: at a point in the postures that reach it, or in one posture.
 
     With -o as a page that needs no network. Else it is served on this computer's loopback address until Ctrl-C, which is
     how it ends, with exit status 0.

@@ -1,4 +1,4 @@
-"""The configuration circle: every configuration with which the arm reaches a working point.
+"""The configuration circle: the configurations with which the arm reaches a working point.
 
 The working point is the wrist (the origin of frame 5) with the joints behind the fourth held, or the tip with the stylus
 along a given axis. Source of the notions: Xu You et al. 2019, section 1; its closed forms hold for the nominal geometry,

@@ -1,4 +1,4 @@
-"""Every posture with which any serial arm of turning joints holds its tip at a point, and oriented as wanted.
+"""Postures with which any serial arm of turning joints holds its tip at a point, and oriented as wanted.
 
 With as many conditions as joints the postures are single ones; with one joint more they lie on closed curves, the
 self-motion of the arm. Point: 3 conditions; point and direction of one axis of the tip: 5; whole pose: 6.
@@ -35,7 +35,7 @@ ORTHONORMAL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ReachingPostures(PosturesAtPoint):
-    """Every posture that meets the conditions: single ones, each a component of its own, or closed curves.
+    """The postures found that meet the conditions: single ones, each a component of its own, or closed curves.
 
     Attributes:
         conditions: what the tip was asked for.

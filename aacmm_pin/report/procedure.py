@@ -11,7 +11,7 @@ from aacmm_pin.report.document import Bullets, Document, Download, Figure, Headi
 from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
 from aacmm_pin.report.plots.two_views import two_views
 from aacmm_pin.verification import Procedure
-from aacmm_pin.verification.figures import ASME, EDITIONS, ZONES
+from aacmm_pin.verification.figures import ASME, EDITIONS, ORIGIN, ZONES
 
 KINDS = {
     "sphere": ("sphere", BLUE),
@@ -39,11 +39,12 @@ FILL_IN = (
 def procedure_document(procedure: Procedure) -> Document:
     """The sheet, with the CSV to be filled in inside."""
     tests = set(procedure.touches["test"])
-    zones = f"Seats stand at {ZONES} of {EDITIONS[ASME]}, whose text rules." * ("single-point" in tests)
+    zones = f"Seats stand at {ZONES} of {EDITIONS[ASME]}." * ("single-point" in tests)
     seed = "" if procedure.seed is None else f", seed {procedure.seed}"
     return Document(
         f"Acceptance test of {procedure.arm.name}: what to touch",
         [
+            ORIGIN,
             f"{procedure}.",
             Heading("Where things stand"),
             Figure(

@@ -288,7 +288,7 @@ ORIGIN = (
     f"Definitions come from public descriptions of {' and '.join(EDITIONS.values())}. They were never compared with the "
     "standards' texts; compare them before a contract depends on a verdict."
 )
-"""Stands first wherever there is a verdict."""
+"""Stands first where a test is planned, predicted or judged."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
 """Where the points of ASME B89.4.22 stand; the standard's text rules. Touches do not say whether they did."""
 STANDARDS = {"iso10360-12": ISO, "asme-b89.4.22": ASME}

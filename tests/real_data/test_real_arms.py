@@ -6,6 +6,7 @@ that a change shows. They say how well records are predicted that had no part in
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -103,6 +104,19 @@ def test_what_geometry_alone_predicts(measured: Measured) -> None:
     assert found.held_out[0].rms_before / MM == pytest.approx(case.before, rel=MARGIN)
     assert held_out(found) == pytest.approx([case.records, case.groups], rel=MARGIN)
     assert found.rms < found.held_out[0].rms_after
+
+
+@pytest.mark.parametrize("page", ["README.md", "notebooks/site/limits.md"])
+def test_the_documented_table_is_what_is_found(page: str, measured: Measured) -> None:
+    text = (Path(__file__).parents[2] / page).read_text(encoding="utf-8")
+    name = measured.usual.model.arm.name
+    (row,) = re.findall(rf"^\| {name}[ ,].*$", text.replace("Fanuc ", ""), re.MULTILINE)
+    stated = [float(re.match(r"[\d.]+", cell.strip())[0]) for cell in row.split("|")[2:6]]  # type: ignore[index]
+    found = measured.usual
+    assert stated[:2] == pytest.approx([found.rms_before / MM, found.rms / MM], abs=0.006)
+    assert stated[2:] == pytest.approx(held_out(found), rel=MARGIN)
+    excluded = measured.records.n - int(found.fit.used.sum())
+    assert f"{excluded} of the {name}" in text or not excluded
 
 
 def test_which_records_are_left_out_together_hardly_matters(measured: Measured) -> None:

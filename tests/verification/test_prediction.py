@@ -177,6 +177,7 @@ def test_the_chain_at_the_shell(tmp_path: Path) -> None:
     assert worst["alone_mm"][worst["dominant"]] == max(worst["alone_mm"].values())
     for file, word in ((sheet, "elbow"), (page, "SPAT.Max")):
         assert word in file.read_text(encoding="utf-8")
+        assert "ASME B89.4.22-2004" in file.read_text(encoding="utf-8").replace("\u00a0", " ")
     assert "µm" not in page.read_text(encoding="utf-8")  # one unit on the page
 
 

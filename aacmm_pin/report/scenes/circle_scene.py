@@ -1,4 +1,4 @@
-"""The arm going round a working point, with the accuracy of every posture."""
+"""The arm going round a working point, with the accuracy of each posture shown."""
 
 from __future__ import annotations
 
