@@ -16,13 +16,13 @@ from aacmm_pin.report.html import SHORT
 from aacmm_pin.report.numbers import capital
 from aacmm_pin.verification import AcceptanceResult, History
 from aacmm_pin.verification.accept import COVERAGE, LONGEST_PART, SHOWN_AS, shown_verdict
-from aacmm_pin.verification.figures import EDITIONS, ORIGIN
+from aacmm_pin.verification.figures import EDITIONS, ORIGIN, RULE_OF
 from aacmm_pin.verification.history import LEAST_CHECKS, PER_MOVING_RANGE
 from aacmm_pin.verification.touches import AS_GIVEN
 
 RULE = (
     f"Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; {SHOWN_AS['neither']} in "
-    f"between. Guard band: U = {COVERAGE:g}u of the calibrated length or diameter, as in ISO 14253-1:2013; the default of "
+    f"between. Guard band: U = {COVERAGE:g}u of the calibrated length or diameter, as in {RULE_OF}; the default of "
     "ISO 14253-1:2017 is 1.65u."
 )
 CHART = (

@@ -284,9 +284,11 @@ def _two_sigma(points: Array) -> float:
 ISO, ASME, PAPER = "ISO 10360-12", "ASME B89.4.22", "Xu You et al. 2019"
 EDITIONS = {ISO: "ISO 10360-12:2016", ASME: "ASME B89.4.22-2004"}
 """The editions that the public descriptions are of."""
+RULE_OF = "ISO 14253-1:2013"
+"""The edition that the decision rule is of."""
 ORIGIN = (
-    f"Definitions come from public descriptions of {' and '.join(EDITIONS.values())}. They were never compared with the "
-    "standards' texts; compare them before a contract depends on a verdict."
+    f"Definitions and decision rule come from public descriptions of {', '.join(EDITIONS.values())} and {RULE_OF}. They "
+    "were never compared with the standards' texts; compare them before a contract depends on a verdict."
 )
 """Stands first where a test is planned, predicted or judged."""
 ZONES = "0 to 20, 20 to 80 and 80 to 100 % of the reach by public descriptions"
