@@ -121,9 +121,10 @@ def _at_the_point(circle: ConfigurationCircle, accuracy: AccuracyVolume, summary
         ),
         Paragraph(
             f"Expanded uncertainty of the position: U (k = 2) = {COVERAGE_FACTOR * u['min']:.3f} to "
-            f"{COVERAGE_FACTOR * u['max']:.3f} mm, depending on the posture. {what_k_covers()}",
+            f"{COVERAGE_FACTOR * u['max']:.3f} mm, depending on the posture.",
             finding=True,
         ),
+        Paragraph(what_k_covers()),
         Paragraph(
             f"Accuracy volume, all that the half-widths allow together: {volume['min']:.4f} mm³ to {volume['max']:.4f} mm³; "
             f"comprehensive accuracy {volume['comprehensive']:.4f} mm³. Most of the variance comes from {largest} "

@@ -83,8 +83,8 @@ def test_demo_data_agree(demo: DemoSummary) -> None:
     assert [line in index for line in lines] == [True] * 5 + [False] * (len(lines) - 5)  # then the papers, and the end
     assert all(re.search(r"mm|µm|%|cells|joint", line) for line in lines[:-1])
     assert "index.html" in lines[-1]
-    for size in (2 * accuracy["u_mm"]["min"], 2 * accuracy["u_mm"]["max"]):
-        assert f"{size:.3f} mm" in lines[0]
+    ends = " to ".join(f"{2 * accuracy['u_mm'][end]:.3f}" for end in ("min", "max"))
+    assert f"U (k = 2) = {ends} mm" in lines[0]
 
 
 def test_demo_pages_in_a_browser(demo: DemoSummary, page: Browser) -> None:
