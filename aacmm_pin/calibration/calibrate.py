@@ -24,6 +24,7 @@ from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_
 from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of, unstated
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
+from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.effects.conditions import WARMER
 from aacmm_pin.effects.error_model import ErrorModel, require_shown
@@ -374,7 +375,7 @@ def _farther_off(after: Fit) -> list[str]:
 def notes_of(after: Fit) -> list[str]:
     """What was assumed, or found instead of stated."""
     problem, setup = after.problem, after.problem.setup
-    found = [*_counted_before(after), *_left_before(after), *_of_noise(after)]
+    found = [*exclusions_of(after).notes, *_counted_before(after), *_left_before(after), *_of_noise(after)]
     found += [
         *_of_bars(after),
         *_references_in_other_unit(after),

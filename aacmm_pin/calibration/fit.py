@@ -32,6 +32,8 @@ from aacmm_pin.measurements.observations import NOTHING_KNOWN, Observations
 
 MOST_EXCLUDED = 0.15
 """Where more than this part of the records is excluded, they are no gross errors of single records."""
+FEWEST_TOGETHER = 3
+"""Fewer excluded records than this may be one mishap, whatever part of a few records they are."""
 UNEQUAL = 1.5
 """Records far out scatter more, by their readings; where the noise is not stated, they are believed this much farther."""
 MOST_ROUNDS = 12
@@ -113,7 +115,8 @@ class Fit:
     @property
     def thinned(self) -> bool:
         """Whether so many records are excluded that something of their own may be wrong with them."""
-        return bool(self.excluded.sum() > MOST_EXCLUDED * (self.used | self.excluded).sum())
+        excluded = int(self.excluded.sum())
+        return excluded >= FEWEST_TOGETHER and excluded > MOST_EXCLUDED * (excluded + int(self.used.sum()))
 
     @property
     def scatters(self) -> bool:

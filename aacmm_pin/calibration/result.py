@@ -22,6 +22,7 @@ from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.parameters import ASSEMBLED
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
 from aacmm_pin.calibration.solver import LEAST_DOF
 from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.error_model import ErrorModel
@@ -201,6 +202,11 @@ class Calibration(Shown):
         reason = "farther off than one good record in a hundred files would be"
         return table[[*columns, "after_mm"]].rename(columns={"after_mm": "residual_mm"}).assign(reason=reason)
 
+    @cached_property
+    def exclusions(self) -> Exclusions:
+        """Whether these are gross errors."""
+        return exclusions_of(self.fit)
+
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/calibration/1``."""
         judged = self.fit.chi2_stated
@@ -214,6 +220,7 @@ class Calibration(Shown):
                     {"row": int(r["row"]), "reason": r["reason"], "residual_mm": float(r["residual_mm"])}
                     for r in self.excluded.to_dict("records")
                 ],
+                "exclusions": self.exclusions.summary(),
             },
             "rms_mm": {"simulation": self.rms_before / MM, "calibrated": self.rms / MM, "noise": self.noise / MM},
             "chi2": None if judged is None else {"value": judged[0], "dof": judged[1], "p_value": self.p_value},
@@ -238,9 +245,10 @@ class Calibration(Shown):
         }
 
     def __str__(self) -> str:
-        used, left = int(self.fit.used.sum()), int(self.fit.excluded.sum())
+        left = self.exclusions
+        no_errors = ", which are no gross errors" if left.doubtful else ""
         text = (
-            f"{self.model.arm.name} calibrated on {used} records ({left} excluded): "
+            f"{self.model.arm.name} calibrated on {left.used} records ({left.excluded} excluded{no_errors}): "
             f"RMS {self.rms_before / MM:.4f} mm before, {self.rms / MM:.4f} mm after"
         )
         for h in self.held_out:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.encoder import LEAST_SPREAD
 from aacmm_pin.measurements.records import Measurements
@@ -23,8 +24,6 @@ FEWEST_GROUPS = 3
 """With fewer groups than this nobody can say which one is the odd one out."""
 FEWEST_RECORDS = 3
 """A group has more records than this, or its own shift explains them whatever they are."""
-MOST_LABELS = 12
-"""Numbers with more different values than this are a scale, others are labels."""
 SMOOTH = (5, 20)
 """Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it may shift the tip."""
 LATER = 3
@@ -120,15 +119,13 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
 
 def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covariate | None:
     """A column of numbers or labels that may act on each of the carriers."""
-    series = pd.Series(values)
-    numbers = pd.to_numeric(series, errors="coerce")
-    if numbers.notna().all() and numbers.nunique() > MOST_LABELS:
+    if (numbers := as_numbers(values)) is not None:
         slow, quick = (_cosines(numbers, count) for count in SMOOTH)
         variants = [Carried(slow, carrier) for carrier in carriers]
-        if carriers[0] == "room" and len(series) > 3 * SMOOTH[1]:
+        if carriers[0] == "room" and len(numbers) > 3 * SMOOTH[1]:
             variants.append(Carried(quick, "room"))
         return Covariate(name, (name,), tuple(variants), _table(name, numbers.to_numpy(dtype=np.float64)))
-    labels = series.astype(str)
+    labels = pd.Series(values).astype(str)
     if not 2 <= labels.nunique() <= MOST_LABELS:
         return None
     dummies = _of_size_one(pd.get_dummies(labels, dtype=float).to_numpy())

@@ -208,7 +208,6 @@ def _concluded(
             *(f"{f.label}: its values come on top of those of {f.beside.label}" for f in findings if f.beside),
             *_changed(findings, model.effects, choice),
             *(text for effect in model.effects for text in effect.to_be_told(choice.fit.problem.measurements.conditions)),
-            *([] if unexplained.excluded is None else [str(unexplained.excluded)]),
             *_size(extended),
             *_clock(extended),
             *_too_good(extended),

@@ -17,6 +17,7 @@ from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.problem import Problem
+from aacmm_pin.calibration.shared_exclusions import together
 from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Covariate
@@ -25,7 +26,6 @@ from aacmm_pin.diagnosis.evidence import Conditional, evidence_of
 from aacmm_pin.diagnosis.forward_backward_selection import SURE, Question, search
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.nuisance_projection import Projection, freedom
-from aacmm_pin.diagnosis.shared_exclusions import together
 from aacmm_pin.effects import Effect
 from aacmm_pin.measurements.records import Measurements
 

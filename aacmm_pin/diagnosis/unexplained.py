@@ -10,12 +10,12 @@ import pandas as pd
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.model_extension import Choice
-from aacmm_pin.diagnosis.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.significance import Ratio, Strength
 
 
@@ -67,7 +67,7 @@ def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None) ->
     else:
         p_value = min(_any_structure(choice), *(group.p_value for group in odd), 1.0)
         depends = tuple(group.name for group in odd[:1])
-    shared = shared_by(choice.fit.excluded, choice.fit.used, choice.others, choice.fit.problem.measurements)
+    shared = shared_by(choice.fit)
     if shared is not None:
         p_value, depends = min(p_value, shared.p_value), tuple(dict.fromkeys((*depends, shared.name)))
     gain = held.smooth_gain if held is not None and mine else None

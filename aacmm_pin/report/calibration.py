@@ -17,7 +17,7 @@ from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.solver import MISFIT
 from aacmm_pin.diagnosis.result import described
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import in_words, values_in_words
+from aacmm_pin.effects.labels import in_words, listed, values_in_words
 from aacmm_pin.report import plots
 from aacmm_pin.report.document import (
     Block,
@@ -72,19 +72,40 @@ def calibration_document(result: Calibration, summary: dict[str, Any] | None = N
 
 
 def verdict(result: Calibration) -> str:
-    """One sentence: whether the calibration helps, by held-out records where there are some."""
+    """Whether the calibration helps, by held-out records where there are some; first, if that is so, that it rests on a part
+    of the records, because what was excluded are no gross errors.
+    """
+    doubts, left = _exclusions_in_words(result), result.exclusions
+    rest = f" on the other {count(left.used, 'record')}" if doubts else ""
     held = result.held_out[-1:]
     sizes = [result.rms_before, result.rms, *(size for h in held for size in (h.rms_before, h.rms_after))]
     before, after, *others = lengths(sizes)
     fitted = f"of the records used {before} before, {after} after (RMS)"
     if not held:
-        return f"{result.model.arm.name}: residuals {fitted}; nothing was held out, so this may be optimistic."
+        unknown = "nothing was held out, so this may be optimistic"
+        return f"{doubts}{result.model.arm.name}{rest}: residuals {fitted}; {unknown}."
     gain = 1.0 - held[0].rms_after / held[0].rms_before
     helps = "helps" if gain >= WORTH else "does not help"
     return (
-        f"Calibration {helps} {result.model.arm.name}: residuals of held-out {KINDS[held[0].kind]} {others[0]} before, "
-        f"{others[1]} after (gain {percent(gain)}); {fitted}."
+        f"{doubts}Calibration{rest} {helps} {result.model.arm.name}: residuals of held-out {KINDS[held[0].kind]} "
+        f"{others[0]} before, {others[1]} after (gain {percent(gain)}); {fitted}."
     )
+
+
+def _exclusions_in_words(result: Calibration) -> str:
+    """Why excluded records are no gross errors; "" where nothing speaks against that."""
+    left = result.exclusions
+    if not left.doubtful:
+        return ""
+    why = ["too many for gross errors"] if left.too_many else []
+    if left.shared is not None:
+        many = "all" if left.shared.excluded == left.excluded else str(left.shared.excluded)
+        why.append(f"{many} of them have {left.shared.where}")
+    if left.narrowed:
+        joints = listed([str(each.joint) for each in left.narrowed])
+        why.append(f"the others move joint{'s' * (len(left.narrowed) > 1)} {joints} over a small part of the range")
+    excluded = f"{left.excluded} of {count(left.excluded + left.used, 'record')} were excluded"
+    return f"{excluded}: {', and '.join(why)}. aacmm-pin diagnose looks for the cause. "
 
 
 def fit_in_words(result: Calibration) -> str:
@@ -311,11 +332,11 @@ def _parameters(result: Calibration) -> list[Block]:
         for beyond, change in zip(rows["beyond"], rows["change"], strict=True)
     ]
     beyond = ", ".join(rows["parameter"][rows["beyond"]])
-    listed = rows.sort_values("known", key=lambda known: known == "in combination", kind="stable")
+    in_order = rows.sort_values("known", key=lambda known: known == "in combination", kind="stable")
     return [
         Heading("Parameters"),
         Table(
-            listed[["parameter", "value", "change", "U", "stated", "in", "known"]],
+            in_order[["parameter", "value", "change", "U", "stated", "in", "known"]],
             "Parameters",
             dict.fromkeys(("stated", "U"), form),
             {"stated": "stated ±", "U": "U (k = 2)"},

@@ -27,7 +27,6 @@ from aacmm_pin.diagnosis.cross_validation import Brought
 from aacmm_pin.diagnosis.evidence import LARGE, MAGNITUDES, Scatter, evidence_of
 from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, _finding
-from aacmm_pin.diagnosis.shared_exclusions import together
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.undetected import _change, others_beside
 from aacmm_pin.diagnosis.verdict import verdict_of
@@ -627,23 +626,6 @@ def test_an_early_slip_is_no_drift(sino6: Arm, seed: int) -> None:
     labels = {finding.label: finding.probability for finding in found.findings}
     assert labels.get("zero_drift:5", 0.0) < 0.95
     assert "encoder_slip:5" in {*labels, *(alias.label for finding in found.findings for alias in finding.aliases)}
-
-
-def test_excluded_records_of_one_time(sino6: Arm, rng: np.random.Generator) -> None:
-    """By brute force: of random ones hardly any seem to be of one time; four of a hundred that follow one another do."""
-    data = Measurements.of(random_postures(sino6, 100, rng))
-    often = 0
-    for count in (3, 5, 15):
-        for _ in range(300):
-            excluded = rng.permutation(100) < count
-            often += together(excluded, ~excluded, data)[0].any()
-    assert often <= 4  # of 900, expected are less than 0.9
-    for rows, told in ((slice(96, 100), True), (slice(40, 44), False), (slice(40, 47), True)):
-        excluded = np.zeros(100, dtype=bool)
-        excluded[rows] = True
-        stretch, chance = together(excluded, ~excluded, data)
-        assert (stretch.any(), chance < 1e-3) == (told, told)
-        assert not told or (stretch == excluded).all()
 
 
 @pytest.mark.parametrize("shares", ["last few", "time", again("operator"), "joint 2", again("place")])

@@ -1,0 +1,126 @@
+"""Excluded records that are no gross errors: half a file, a run of rows, all that moved a joint; and gross errors."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.random_postures import random_postures
+from aacmm_pin.calibration import Calibration, calibrate
+from aacmm_pin.calibration.shared_exclusions import together
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report.calibration import calibration_summary, verdict
+
+RECORDS = 80
+
+
+def with_a_bad_end(arm: Arm, kind: str, bad: int) -> Calibration:
+    """Before the last records the stand is pushed by 8 mm and 3 mrad, or joint 6 is counted the other way from then on."""
+    data = simulate_measurements(arm, "free", RECORDS, rng=np.random.default_rng(2))
+    late = np.arange(RECORDS) >= RECORDS - bad
+    q, reference = data.q.copy(), data.reference.copy()
+    if kind == "moved":
+        turn = Rotation.from_rotvec([0.001, 0.002, 0.002]).as_matrix()
+        reference[late] = reference[late] @ turn.T + [0.005, -0.006, 0.002]
+    else:
+        q[late, 5] *= -1.0
+    return calibrate(arm, Measurements.of(q, reference), hold_out=False)
+
+
+@pytest.mark.parametrize("bad", [12, 24, 36])
+@pytest.mark.parametrize("kind", ["moved", "counted the other way"])
+def test_the_headline_says_that_a_run_of_rows_was_left_out(sino6: Arm, kind: str, bad: int) -> None:
+    found = with_a_bad_end(sino6, kind, bad)
+    assert np.isin(np.flatnonzero(found.fit.excluded), np.arange(RECORDS - bad, RECORDS)).all()
+    out = int(found.fit.excluded.sum())
+    assert out >= bad - 1  # where the angle is near 0, its sign hardly matters
+    left = found.exclusions
+    assert left.doubtful
+    assert left.too_many == (out > 0.15 * RECORDS)
+    assert left.shared is not None
+    assert (left.shared.name, left.shared.excluded) == ("record", out)
+    first, last = (int(found.excluded["row"].iloc[k]) for k in (0, -1))
+    summary = calibration_summary(found, "data.csv", 1)
+    for text in (verdict(found), summary["verdict"], *found.notes[:1]):
+        assert f"rows {first} to {last}" in text
+    assert verdict(found).startswith(f"{out} of {RECORDS} ")
+    assert "no gross errors" in str(found)
+    assert json.loads(json.dumps(summary)) == summary
+    assert summary["records"]["exclusions"]["doubtful"] is True
+    assert summary["records"]["exclusions"]["shared"]["excluded"] == out
+
+
+def test_scattered_records_that_are_too_many_are_in_the_headline(sino6: Arm) -> None:
+    rng = np.random.default_rng(3)
+    data = simulate_measurements(sino6, "free", 100, rng=rng)
+    wrong = rng.permutation(100) < 25
+    reference = data.reference + wrong[:, None] * 5e-3 * rng.standard_normal((100, 3))
+    found = calibrate(sino6, Measurements.of(data.q, reference), hold_out=False)
+    assert found.exclusions.too_many
+    assert found.exclusions.shared is None
+    assert str(int(found.fit.excluded.sum())) in verdict(found).split(".")[0]
+
+
+def test_what_is_left_hardly_moves_a_joint(sino6: Arm) -> None:
+    """Joint 6 stands nearly still but for the records of which its encoder is wrong, here and there in the file."""
+    rng = np.random.default_rng(4)
+    q = random_postures(sino6, 100, rng)
+    moves = rng.permutation(100) < 14
+    q[~moves, 5] = 1.0 + 0.05 * q[~moves, 5]
+    reference = sino6.positions(q) + 1e-5 * rng.standard_normal((100, 3))
+    q[moves, 5] += 0.5
+    found = calibrate(sino6, Measurements.of(q, reference), hold_out=False)
+    assert moves[found.fit.excluded].all()
+    (narrowed,) = found.exclusions.narrowed
+    assert narrowed.joint == 6
+    assert narrowed.used == pytest.approx(np.ptp(q[found.fit.used, 5]))
+    assert "joint 6" in verdict(found)
+    assert any("joint 6" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.03])
+def test_gross_errors_are_nothing_else(sino6: Arm, share: float) -> None:
+    """Wrong coordinates, and readings wrong by any angle, in files of 20 to 200 records: no word of anything shared."""
+    rng = np.random.default_rng(5)
+    for number in (20, 50, 200):
+        for _ in range(3):
+            data = simulate_measurements(sino6, "free", number, rng=rng)
+            wrong = np.argsort(rng.random(number))[: round(share * number)]
+            q, reference = data.q.copy(), data.reference.copy()
+            reference[wrong[::2]] += 5e-3 * rng.standard_normal((len(wrong[::2]), 3))
+            q[wrong[1::2], rng.integers(6, size=len(wrong[1::2]))] += rng.uniform(-3.0, 3.0, len(wrong[1::2]))
+            found = calibrate(sino6, replace(data, q=q, reference=reference), hold_out=False)
+            assert not found.exclusions.doubtful
+            assert verdict(found).startswith(found.model.arm.name)
+
+
+def test_one_of_a_few_records_is_a_mishap(sino6: Arm) -> None:
+    data = simulate_measurements(sino6, "free", 8, rng=np.random.default_rng(6))
+    reference = data.reference.copy()
+    reference[:2] += 0.01
+    found = calibrate(sino6, replace(data, reference=reference), hold_out=False)
+    assert 1 <= found.fit.excluded.sum() <= 2
+    assert not found.exclusions.doubtful
+
+
+def test_excluded_records_of_one_time(sino6: Arm, rng: np.random.Generator) -> None:
+    """By brute force: of random ones hardly any seem to be of one time; four of a hundred that follow one another do."""
+    data = Measurements.of(random_postures(sino6, 100, rng))
+    often = 0
+    for count in (3, 5, 15):
+        for _ in range(300):
+            excluded = rng.permutation(100) < count
+            often += together(excluded, ~excluded, data)[0].any()
+    assert often <= 4  # of 900, expected are less than 0.9
+    for rows, told in ((slice(96, 100), True), (slice(40, 44), False), (slice(40, 47), True)):
+        excluded = np.zeros(100, dtype=bool)
+        excluded[rows] = True
+        stretch, chance = together(excluded, ~excluded, data)
+        assert (stretch.any(), chance < 1e-3) == (told, told)
+        assert not told or (stretch == excluded).all()
