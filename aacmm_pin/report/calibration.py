@@ -344,7 +344,7 @@ def _parameters(result: Calibration) -> list[Block]:
             "(they add nothing to what was known), or in combination with others (next section). A parameter known in "
             "combination has no value by itself; the arm file holds one that fits the others.",
         ),
-        f"* moved farther than its stated and new uncertainties together allow: {beyond}" if beyond else "",
+        f"* moved farther than stated ± and U together: {beyond}" if beyond else "",
         Figure(
             lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
             "Change of each parameter over its stated uncertainty",

@@ -14,6 +14,7 @@ from matplotlib import pyplot as plt
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import parse_arm_file
 from aacmm_pin.calibration import Calibration, calibrate
+from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.effects import EncoderEccentricity, JointCompliance, ThermalExpansion
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.simulate import simulate_measurements
@@ -103,6 +104,17 @@ def test_what_is_beyond_its_stated_uncertainty(sino6: Arm, at_seats: Calibration
     table = parameter_table(result)
     assert list(table.loc[table["beyond"], "parameter"]) == ["d4"]
     np.testing.assert_allclose(stated_half_widths(result)[-2:], [2e-5, 4e-5])  # twice the u of a cause
+
+
+def test_good_arms_are_within_what_is_stated(sino6: Arm) -> None:
+    """Ten arms drawn within the half-widths: some seem farther off, by less than U."""
+    rng, at_the_end = np.random.default_rng(7), 0
+    for _ in range(10):
+        data = simulate_measurements(perturbed_model(sino6, rng), "free", 150, rng=rng, encoder_noise=READINGS)
+        table = parameter_table(calibrate(sino6, data, encoder_noise=READINGS, hold_out=False))
+        assert not table["beyond"].any()
+        at_the_end += int((table["change"].abs() > table["stated"]).sum())
+    assert at_the_end > 0
 
 
 def test_the_fit_is_judged(at_seats: Calibration, with_wave: Calibration, sino6: Arm) -> None:

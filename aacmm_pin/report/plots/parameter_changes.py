@@ -25,8 +25,8 @@ WITHIN = "#e4e9ee"
 def plot_parameter_changes(result: Calibration, ax: Axes | None = None) -> Figure:
     """Change of each parameter with its expanded uncertainty U (k = 2), over how far off it was said to be.
 
-    Parameters of another colour moved farther than their stated and their new uncertainty together allow (E_n > 1); open
-    ones are known only in combination with others. Where nothing was stated, lengths and angles have a panel each.
+    Parameters of another colour moved farther than what was stated of them and U together; open ones are known only in
+    combination with others. Where nothing was stated, lengths and angles have a panel each.
 
     Args:
         result: the calibration.
