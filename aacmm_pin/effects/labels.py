@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from aacmm_pin._support.units import LARGE, MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.effects.effect import PLACES, Effect, Reading
 
@@ -16,37 +17,46 @@ MOST_DECIMALS = 6
 """Numbers of more decimals than this are written with a power of ten."""
 
 
-def name_in_words(effect: Effect) -> str:
-    """The cause and where it sits: ``encoder gain of joint 5``."""
+def name_in_words(effect: Effect, arm: Arm | None = None) -> str:
+    """The cause and where it sits: ``encoder gain of joint 5``; on a known arm, ``distance d of tool row 7``."""
     if effect.place is None:
         return f"{effect.words} of {effect.whole}" if effect.whole else effect.words
-    return f"{effect.words} of {_place_words(effect)} {effect.place}"
+    return f"{effect.words} of {_place_words(effect, arm)} {effect.place}"
 
 
-def in_words(effect: Effect) -> str:
+def in_words(effect: Effect, arm: Arm | None = None) -> str:
     """The same, and its order or time."""
     inner = effect.inner_in_words()
-    return name_in_words(effect) + (f" ({', '.join(inner)})" if inner else "")
+    return name_in_words(effect, arm) + (f" ({', '.join(inner)})" if inner else "")
 
 
-def several_in_words(effects: Sequence[Effect], inner: bool = True) -> str:
+def several_in_words(effects: Sequence[Effect], arm: Arm | None = None) -> str:
     """Causes in a row; those of one kind together, ``error curve of joints 1, 2 and 3``."""
-    kinds: dict[tuple[str, bool], list[Effect]] = {}
+    kinds: dict[tuple[str, str], list[Effect]] = {}
     for effect in effects:
-        kinds.setdefault((effect.cause, effect.place is None), []).append(effect)
+        kinds.setdefault((effect.cause, "" if effect.place is None else _place_words(effect, arm)), []).append(effect)
     found = []
     for alike in kinds.values():
         one = alike[0]
         if len({effect.place for effect in alike}) < len(alike) or len(alike) == 1:
-            found += [in_words(effect) if inner else name_in_words(effect) for effect in alike]
+            found += [in_words(effect, arm) for effect in alike]
         else:
             places = [str(place) for place in sorted(effect.place for effect in alike if effect.place is not None)]
-            found.append(f"{one.words} of {_place_words(one)}s {listed(places)}")
+            found.append(f"{one.words} of {_place_words(one, arm)}s {listed(places)}")
     return listed(found)
 
 
-def _place_words(effect: Effect) -> str:
-    return effect.place_words or PLACES[str(effect.site())]
+def _place_words(effect: Effect, arm: Arm | None) -> str:
+    """What the place is called."""
+    if effect.place_words or arm is None or effect.site() != "joint" or effect.row is None:
+        return effect.place_words or PLACES[str(effect.site())]
+    return row_in_words(effect.row, arm)
+
+
+def row_in_words(row: int, arm: Arm) -> str:
+    """``joint`` for a row (from 1) that a joint moves, ``row`` for a rigid one, ``tool row`` behind the last joint."""
+    moving = arm.chain.moving_rows()
+    return "joint" if row in moving else "row" if row < moving[-1] else "tool row"
 
 
 def values_in_words(effect: Effect, values: Mapping[str, tuple[float, float]], slides: bool = False) -> str:

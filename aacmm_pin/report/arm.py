@@ -146,7 +146,7 @@ def _values(effect: Effect) -> str:
 @document_of.register
 def error_model_document(model: ErrorModel) -> Document:
     """An arm and its causes of error."""
-    rows = [{"cause": in_words(e), "label": e.label, "value ± U (k = 2)": _values(e)} for e in model.effects]
+    rows = [{"cause": in_words(e, model.arm), "label": e.label, "value ± U (k = 2)": _values(e)} for e in model.effects]
     none = "" if rows else "No causes of error other than geometry."
     causes = Table(pd.DataFrame(rows), f"Causes of error: {len(rows)}")
     return Document(model.arm.name, [*arm_document(model.arm).blocks, causes, none])

@@ -175,7 +175,7 @@ def estimated_causes(result: Calibration) -> pd.DataFrame:
     vector, together = result.fit.problem.vector, result.parameters["known"] == "in combination"
     rows = [
         {
-            "cause": in_words(effect),
+            "cause": in_words(effect, result.model.arm),
             "value ± U (k = 2)": "known in combination with others only"
             if together[own].any()
             else values_in_words(effect, described(effect, result.covariance[own, own]), effect.slides(result.model.arm)),

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.units import MM, UM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record
@@ -93,7 +94,8 @@ def verdict_in_words(result: Diagnosis) -> str:
         text = _inconclusive(result, wrong)
     elif result.verdict == "ambiguous":
         rivals = [a for f in result.findings if f.probability < SETTLED for a in f.aliases if a.probability >= POSSIBLE]
-        others = listed([f"{alias_in_words(a)} (probability {probability(a.probability)})" for a in rivals], "or")
+        arm = result.model.arm
+        others = listed([f"{alias_in_words(a, arm)} (probability {probability(a.probability)})" for a in rivals], "or")
         text = f"{wrong}; these records do not settle it against {others or 'chance'}"
     else:
         after = "recalibration and extension" if result.findings else "recalibration"
@@ -117,18 +119,18 @@ def _wrong_in_words(result: Diagnosis) -> str:
         ("may have values that are no longer right for", [f for f in doubtful if f.was]),
         ("lacks something that looks a little like", unlikely),
     ]
-    text = " and ".join(f"{how} {_named(some)}" for how, some in told if some)
+    text = " and ".join(f"{how} {_named(some, result.model.arm)}" for how, some in told if some)
     text = f"the simulation {text}" if text else "no cause is missing in the simulation"
     if causes != sound and not helps:
         text += f", but adding {'it' if len(causes) == 1 else 'them'} does not help to predict held-out records"
-    return f"{text}; its stated values are off by unusually much: {_named(values)}" if values else text
+    return f"{text}; its stated values are off by unusually much: {_named(values, result.model.arm)}" if values else text
 
 
-def _named(findings: Sequence[Finding]) -> str:
+def _named(findings: Sequence[Finding], arm: Arm) -> str:
     """Findings in a row, behind those in doubt their probability."""
-    sure = several_in_words([f.effect for f in findings if f.probability >= SETTLED])
+    sure = several_in_words([f.effect for f in findings if f.probability >= SETTLED], arm)
     doubtful = [f for f in findings if f.probability < SETTLED]
-    named = [f"{in_words(f.effect)} (probability {probability(f.probability)})" for f in doubtful]
+    named = [f"{in_words(f.effect, arm)} (probability {probability(f.probability)})" for f in doubtful]
     return listed([sure, *named] if sure else named)
 
 
@@ -151,7 +153,8 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
         "held-out records do not confirm {}": [f.effect for f in result.findings if not f.borne_out],
         "nature has no {} below zero": [f.effect for f in result.findings if f.below_zero],
     }
-    but = " and ".join(words.format(several_in_words(effects)) for words, effects in told.items() if effects)
+    arm = result.model.arm
+    but = " and ".join(words.format(several_in_words(effects, arm)) for words, effects in told.items() if effects)
     return f"these records suggest that {wrong}; but {but or left}"
 
 
@@ -167,16 +170,16 @@ def _not_explained(result: Diagnosis) -> str:
     return f"{more} and depend on {depends} in a way that no known cause has" if depends else more
 
 
-def alias_in_words(alias: Alias) -> str:
+def alias_in_words(alias: Alias, arm: Arm) -> str:
     """A look-alike: a cause and where it sits, or a covariate."""
-    return f"dependence on {alias.label}" if alias.effect is None else name_in_words(alias.effect)
+    return f"dependence on {alias.label}" if alias.effect is None else name_in_words(alias.effect, arm)
 
 
 def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
     """Causes and covariates that labels of the result name, in a row."""
     causes = [result.cause(label) for label in labels]
-    pairs = zip(labels, causes, strict=True)
-    return listed([f"dependence on {label}" if cause is None else name_in_words(cause) for label, cause in pairs])
+    pairs, arm = zip(labels, causes, strict=True), result.model.arm
+    return listed([f"dependence on {label}" if cause is None else name_in_words(cause, arm) for label, cause in pairs])
 
 
 def line_to_remember(result: Diagnosis) -> str:
@@ -241,7 +244,7 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
     state = state_of(result.extended)
     rows = [
         {
-            "cause": in_words(f.effect),
+            "cause": in_words(f.effect, result.model.arm),
             "value ± U (k = 2)": values_in_words(f.effect, f.parameters, f.slides),
             "at the tip_mm": motion_of(result, f.effect, state) / MM,
             "probability": probability(f.probability),
@@ -264,8 +267,8 @@ def look_alikes(result: Diagnosis) -> pd.DataFrame:
     ]
     rows = [
         {
-            "cause": in_words(finding.effect),
-            "looks like": alias_in_words(alias),
+            "cause": in_words(finding.effect, result.model.arm),
+            "looks like": alias_in_words(alias, result.model.arm),
             "r": alias.correlation,
             "probability": probability(alias.probability),
             "label": alias.label,
@@ -348,7 +351,7 @@ def _wrong(result: Diagnosis) -> list[Block]:
 
 
 def _causes(result: Diagnosis) -> list[Block]:
-    waves = {in_words(f.effect): f.effect.spectrum() or [] for f in result.findings}
+    waves = {in_words(f.effect, result.model.arm): f.effect.spectrum() or [] for f in result.findings}
     curves = [
         f"{capital(words)}, waves per turn: " + ", ".join(f"{n:.3g} ({size / UM:.1f} µrad)" for n, size in found[:WAVES])
         for words, found in waves.items()
@@ -388,7 +391,7 @@ def causes_drawn(result: Diagnosis) -> list[Block]:
         if result.geometric(finding) or (is_constant(effect, state) and not effect.corrects_seat):
             continue
         draw = lambda f=finding: plots.plot_cause(result, f, blank_axes(7.4, 4.0))  # noqa: E731
-        words = capital(in_words(effect))
+        words = capital(in_words(effect, result.model.arm))
         how = f"{words}. Dots: records, everything else as fitted. Circles: their means with u. Line: the cause as fitted."
         blocks.append(Figure(draw, f"{words}, from the records", how))
     if number := sum(result.geometric(f) for f in result.findings):

@@ -14,8 +14,10 @@ from aacmm_pin.effects import (
     EncoderGain,
     EncoderSlip,
     JointCompliance,
+    JointDistance,
     JointErrorCurve,
     JointPeriodicError,
+    JointZeroOffset,
     LinkBending,
     LinkLength,
     SeatError,
@@ -130,6 +132,23 @@ def test_words() -> None:
     curves = [JointErrorCurve(joint, 0.0, 1.0, 8) for joint in (2, 1, 4)]
     several = several_in_words([*curves, EncoderEccentricity(3)])
     assert several == "error curve of joints 1, 2 and 4 and encoder eccentricity of joint 3"
+
+
+def test_a_row_that_no_joint_moves_is_a_row(sino6: Arm) -> None:
+    assert sino6.file is not None
+    rows, fixed = list(sino6.file.joints), {"fixed": True, "limits_rad": None}
+    rows[3], tool = (row.model_copy(update=fixed) for row in (rows[3], rows[5]))
+    arm = Arm.from_file(sino6.file.model_copy(update={"joints": [*rows, tool]}))
+    for effect, words in {
+        JointDistance(2): "distance d of joint 2",
+        JointZeroOffset(4): "zero offset of row 4",
+        LinkLength(7): "length a of tool row 7",
+        LinkBending(3): "bending of tube 3",
+        ThermalExpansion(7): "thermal expansion of link 7",
+    }.items():
+        assert in_words(effect, arm) == words
+    several = several_in_words([JointDistance(row) for row in (7, 2, 4, 3)], arm)
+    assert several == "distance d of tool row 7, distance d of joints 2 and 3 and distance d of row 4"
 
 
 def test_values_have_two_digits_of_their_uncertainty() -> None:

@@ -122,6 +122,15 @@ def test_budget(accuracy: AccuracyVolume) -> None:
         plot_budget(accuracy, most=0)
 
 
+def test_budget_by_joint_calls_a_rigid_row_a_row(rng: np.random.Generator) -> None:
+    file = load_arm_file("sino6")
+    tool = file.joints[1].model_copy(update={"fixed": True, "limits_rad": None})
+    arm = Arm.from_file(file.model_copy(update={"joints": [*file.joints, tool]}))
+    ax = plot_budget(accuracy_volume(arm, rng.uniform(*arm.limits.T, (20, 6))), "joint")
+    names = {text.get_text() for text in ax.get_yticklabels()}
+    assert {"joint 2", "tool row 7"} <= names
+
+
 def test_accuracy_stands_over_what_the_postures_have(
     sino6: Arm, rng: np.random.Generator, circle: ConfigurationCircle, accuracy: AccuracyVolume
 ) -> None:

@@ -10,7 +10,9 @@ from matplotlib.axes import Axes
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM, MM3, UM
+from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import AccuracyVolume, paired
+from aacmm_pin.effects.labels import row_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures.configurations import ConfigurationCircle
 from aacmm_pin.postures.general_ik import ReachingPostures
@@ -106,7 +108,7 @@ def plot_budget(
     """
     if most < 1 or not len(accuracy.q):
         raise AacmmError(f"most is {most} and accuracy has {len(accuracy.q)} configurations; expected at least 1 of each")
-    table = _shortened(accuracy.budget(by), by, most, accuracy.sources.correlation is None)
+    table = _shortened(accuracy.budget(by), by, most, accuracy.sources)
     ax = axes_of(ax, (7.0, 0.9 + 0.32 * len(table)))
     share = 100 * table["share"]
     colours = [GREY if name.startswith("rest") else BLUE for name in table["name"]]
@@ -122,16 +124,17 @@ def plot_budget(
     return ax
 
 
-def _shortened(budget: pd.DataFrame, by: str, most: int, independent: bool) -> pd.DataFrame:
+def _shortened(budget: pd.DataFrame, by: str, most: int, sources: ErrorSources) -> pd.DataFrame:
     """Columns name, share, u_mm: the largest ``most`` rows, without those that have no part; the rest as one, without u
     (nan) where it is not the root of a sum of squares.
     """
     budget = budget[budget["share"] != 0].sort_values("share", ascending=False, key=abs, ignore_index=True, kind="stable")
-    names = [("joint " if by == "joint" else "") + str(name) if pd.notna(name) else "whole arm" for name in budget[by]]
+    what = (f"{row_in_words(at, sources.arm)} " if by == "joint" and pd.notna(at) else "" for at in budget[by])
+    names = [f"{words}{name}" if pd.notna(name) else "whole arm" for words, name in zip(what, budget[by], strict=True)]
     table = pd.DataFrame({"name": names, "share": budget["share"], "u_mm": budget["u_mm"]})
     if len(table) <= most:
         return table
     kept, left = table.head(most - 1), table.iloc[most - 1 :]
-    u = float(np.sqrt((left["u_mm"] ** 2).sum())) if independent else np.nan
+    u = float(np.sqrt((left["u_mm"] ** 2).sum())) if sources.correlation is None else np.nan
     rest = pd.DataFrame({"name": [f"rest ({len(left)})"], "share": [left["share"].sum()], "u_mm": [u]})
     return pd.concat([kept, rest], ignore_index=True)

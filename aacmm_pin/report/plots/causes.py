@@ -101,7 +101,7 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
         ax.plot([], [], " ", label=f"off the scale: {beyond}")
     ax.set(xlabel=shown.x_label, ylabel=shown.y_label, ylim=(low, high))
     legend_below(ax)
-    ax.set_title(f"{result.model.arm.name}: {in_words(finding.effect)}", fontsize=10)
+    ax.set_title(f"{result.model.arm.name}: {in_words(finding.effect, result.model.arm)}", fontsize=10)
     return ax
 
 
@@ -150,7 +150,7 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     name_places(ax, names)
     ax.set(xlabel="seat", ylabel="true place minus stated place [µm]")
     legend_below(ax)
-    ax.set_title(f"{result.model.arm.name}: {in_words(effect)}", fontsize=10)
+    ax.set_title(f"{result.model.arm.name}: {in_words(effect, result.model.arm)}", fontsize=10)
     return ax
 
 

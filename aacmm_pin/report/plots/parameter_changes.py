@@ -62,7 +62,7 @@ def plot_geometry(result: Diagnosis, ax: Axes | None = None) -> Axes:
         for parameter, value, u in zip(geometric_parameters(arm, effect), effect.values, effect.u, strict=True):
             expanded = COVERAGE_FACTOR * u
             unit, factor = small_unit(parameter.unit, max(abs(value), expanded))
-            what = in_words(effect) if len(effect.values) == 1 else parameter.name
+            what = in_words(effect, arm) if len(effect.values) == 1 else parameter.name
             numbers = {
                 "parameter": f"{what}\n{factor * value:+.1f} ± {factor * expanded:.1f} {unit}",
                 "stated": parameter.half_width or COVERAGE_FACTOR * parameter.u or np.nan,
