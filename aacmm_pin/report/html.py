@@ -33,6 +33,12 @@ WIDE = 1050
 """A figure of more columns than this has several panels side by side; on a phone it is scrolled, not shrunk [pixels]."""
 SHORT = 22
 """Texts up to this many characters stay on one line of a table."""
+ALIGNED = {
+    "number": "",
+    "short": Markup(' style="text-align: left"'),
+    "long": Markup(' style="text-align: left"'),
+}
+"""Attribute of a cell where no style sheet of ours is: that of Jupyter aligns all cells to the right."""
 _TIES = re.compile(r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])")
 
 
@@ -122,6 +128,7 @@ def _table(table: Table, on_page: bool) -> dict[str, Any]:
     return {
         "explained": table.explained if on_page else "",
         "columns": [(head, _style(list(texts))) for head, texts in cells.items()],
+        "aligned": dict.fromkeys(("number", "short", "long"), "") if on_page else ALIGNED,
         "rows": cells.to_numpy().tolist(),
         "more": len(table.frame) - len(cells),
     }

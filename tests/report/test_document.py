@@ -163,3 +163,13 @@ def test_numbers_have_one_style() -> None:
     assert ends.to_dict("list") == {"over": ["least", "median", "largest"], "v": [1.0, 3.0, 4.0]}
     text = html.page(Document("T", ["u = 0.07 mm, 5 %, 3 mmHg"]))
     assert "u\u00a0=\u00a00.07\u00a0mm, 5\u00a0%, 3 mmHg" in text
+
+
+def test_text_is_aligned_to_the_left_where_jupyter_would_not() -> None:
+    """Jupyter's style sheet aligns every cell to the right; numbers stay there; pages have their own style."""
+    table = Table(pd.DataFrame({"parameter": ["d3", "a1"], "known": ["measured " * 4, "hardly"], "u_mm": [0.1, 0.22]}))
+    cells = Page(html.fragment(Document("T", [table]))).all("td") + Page(html.fragment(Document("T", [table]))).all("th")
+    assert len(cells) == 9
+    for cell in cells:
+        assert ("left" in cell.get("style", "")) == (cell["class"] != "number")
+    assert not any("style" in cell for cell in Page(html.page(Document("T", [table]))).all("td"))
