@@ -1,11 +1,12 @@
 """Maps over the workspace: at every cell of a half-plane, how flexible and how accurate the arm is.
 
-The arm turns about joint axis 1, so the half-plane y = 0, x ≥ 0 of the base stands for all of space.
+The arm turns about joint axis 1, z of the base, so the half-plane y = 0, x ≥ 0 stands for all of space.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import time
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -40,7 +41,7 @@ from aacmm_pin.postures.wrist_ik import (
     FEW_PER_TURN,
     WRIST_ROW,
     Wrist,
-    reach_of_wrist,
+    box_of_wrist,
     spread_angles,
     wrist_curves,
     wrist_system,
@@ -54,6 +55,9 @@ CELLS_AT_ONCE = 768
 PROBES = 64
 """Postures whose accuracy tells one model, with its causes and conditions, from another."""
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
+
+MARGIN = 1e-3
+"""The default box goes so far beyond the reach, in parts of its size; then outwards to whole steps of it."""
 
 MOST_BYTES = 4_000_000_000
 """Size of a file: a map of a million cells has a tenth of it."""
@@ -178,7 +182,7 @@ def map_workspace(
         cells: number of cells along x and z.
         sectors: number of sectors of the configuration circle; each stands for the configuration at its centre, and
             where several configurations inside the limits have that swivel, for the most accurate of them.
-        extent: x from, x to, z from, z to (4,) [m]; default 0, R, -R, R with the reach R to two digits.
+        extent: x from, x to, z from, z to (4,) [m]; default all that the wrist reaches, limits apart.
         conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
         method: how accuracy volumes are found (not ``monte-carlo``).
         workers: how many processes, or a ``concurrent.futures.Executor``; a piece of work is several hundred cells.
@@ -289,16 +293,28 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
     dh = arm.require_dh("a map of the workspace", WRIST_ROW)
     wrist = Wrist.of(dh, limits=arm.limits)
     if extent is None:
-        farthest = reach_of_wrist(wrist, Swivel(dh, arm.up).shoulder)[1]
-        if farthest < SMALLEST_ARM:
+        _, farthest, lowest, highest = box_of_wrist(wrist).tolist()
+        size = max(farthest, highest - lowest)
+        if size < SMALLEST_ARM:
             raise AacmmError(f"{arm.name}: the wrist does not leave the shoulder, so there is nothing to map")
-        reach = float(f"{farthest:.1e}")  # two digits: 1210.7 mm become 1200 mm, as 121.07 mm become 120 mm
-        return np.array([0.0, reach, -reach, reach])
+        step, margin = 10.0 ** (math.floor(math.log10(size)) - 2), MARGIN * size
+        right, high = (math.ceil((most + margin) / step) for most in (farthest, highest))
+        return np.array([0.0, right, math.floor((lowest - margin) / step), high]) * step
     box = vector(extent, 4, "extent", "m")
     COORDINATE.check(box, "extent")
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
         raise AacmmError(f"extent is {(box / MM).tolist()} mm, expected 0 ≤ x from < x to and z from < z to")
     return box
+
+
+def _left_out(arm: Arm, box: Array) -> list[str]:
+    """On which sides of a box that was stated the wrist reaches farther."""
+    reached = box_of_wrist(Wrist.of(arm.require_dh("a map of the workspace", WRIST_ROW), limits=arm.limits))
+    beyond = (reached - box) * np.array([-1.0, 1.0, -1.0, 1.0]) > SMALLEST_ARM
+    names = ("x below", "x above", "z below", "z above")
+    ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
+    sides = [f"{name} {at:.4g} mm (to {end:.4g} mm)" for name, at, end, cut in ends if cut]
+    return [f"the extent leaves out points that the wrist reaches: {', '.join(sides)}"] * bool(sides)
 
 
 def _probe(model: Arm | ErrorModel, conditions: Conditions | None, method: Method) -> AccuracyVolume:
@@ -333,12 +349,20 @@ def _question(arm: Arm, probe: AccuracyVolume, box: Array, cells: tuple[int, int
     }
 
 
-def map_caveats(arm: Arm) -> tuple[str, ...]:
-    """Why the half-plane y = 0 does not stand for all of space with this arm, and what is not in its uncertainties."""
-    found = []
+def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[str, ...]:
+    """Why the half-plane y = 0 does not stand for all of space with this arm, and what is not in its uncertainties.
+
+    Args:
+        arm: the arm.
+        extent: of :func:`map_workspace`; what it leaves out of the reach is among the caveats.
+    """
+    found = [] if extent is None else _left_out(arm, _extent(arm, extent))
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
         found.append("joint 1 does not turn all the way round: the map holds for the half-plane y = 0 alone")
+    first = arm.require_dh("a map of the workspace", WRIST_ROW).links()[0]
+    if np.abs(first[:2, 2:]).max() > SMALLEST_ARM:
+        found.append("joint axis 1 is not the z axis of the base: the map holds for the half-plane y = 0 alone")
     if abs(arm.up[2]) < 1 - 1e-12:
         found.append("gravity is not along joint axis 1: swivel angles count from another place in other half-planes")
     rest = Wrist.of(arm.require_dh("a map of the workspace", WRIST_ROW), limits=arm.limits).rest / DEG
@@ -406,7 +430,7 @@ def _dataset(
         "working_point": WRIST,
         "rest_deg": (Wrist.of(arm.require_dh("a map of the workspace", WRIST_ROW), limits=arm.limits).rest / DEG).tolist(),
         "extent_mm": (box / MM).tolist(),
-        "caveats": "; ".join(map_caveats(arm)),
+        "caveats": "; ".join(map_caveats(arm, box)),
         "seconds": seconds,
     }
     import xarray as xr

@@ -43,9 +43,9 @@ def run(
     with Results(force, output, plot=plot, json_=json_) as results:
         model = where_known(arm.model())
         model.arm.require_dh("a map (its cells are reached by the wrist, with joints 1 to 4)")
-        for caveat in map_caveats(model.arm):
-            note(f"note: {caveat}")
         extent = None if extent_mm is None else np.array(extent_mm) * MM
+        for caveat in map_caveats(model.arm, extent):
+            note(f"note: {caveat}")
         method_ = cast(Method, method)
         result = map_workspace(model, cells, sectors, extent=extent, method=method_, workers=processes, parts=parts)
         if result.unreachable == cells[0] * cells[1]:

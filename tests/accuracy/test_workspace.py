@@ -17,7 +17,7 @@ from aacmm_pin.accuracy import map_checkpoint, workspace
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.map_checkpoint import MapCheckpoint
 from aacmm_pin.accuracy.volume import accuracy_volume
-from aacmm_pin.accuracy.workspace import WorkspaceMap, map_workspace
+from aacmm_pin.accuracy.workspace import WorkspaceMap, map_caveats, map_workspace
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.effects import EncoderEccentricity, LinkBending, SeatError, ThermalExpansion
@@ -52,10 +52,45 @@ def circles(sino6: Arm, small: WorkspaceMap) -> dict[tuple[int, int], Configurat
 
 
 def test_cells_are_centres_of_the_default_extent(small: WorkspaceMap) -> None:
-    """The wrist reaches 1210.7 mm: 1200 to two digits."""
-    np.testing.assert_allclose(small.data["x_mm"], (np.arange(4) + 0.5) * 300, rtol=1e-12)
-    np.testing.assert_allclose(small.data["z_mm"], -1200 + (np.arange(6) + 0.5) * 400, rtol=1e-12)
+    """The wrist reaches 1210.7 mm: with the margin 1220 in whole steps."""
+    np.testing.assert_allclose(small.data["x_mm"], (np.arange(4) + 0.5) * 305, rtol=1e-12)
+    np.testing.assert_allclose(small.data["z_mm"], -1220 + (np.arange(6) + 0.5) * 2440 / 6, rtol=1e-12)
     np.testing.assert_allclose(small.data["sector_deg"], np.arange(12) * 30, atol=1e-12)
+
+
+@pytest.mark.parametrize("change", [{}, {"d_mm": 1310.0}, {"d_mm": -400.0}], ids=str)
+def test_no_place_that_the_wrist_reaches_is_outside_the_default_box(change: dict[str, float]) -> None:
+    """A tall base carries the shoulder up, and all that is reached with it; what is empty of the box is its margin."""
+    file = load_arm_file("sino6")
+    joints = [file.joints[0].model_copy(update=change), *file.joints[1:]]
+    arm = Arm.from_file(file.model_copy(update={"joints": joints}))
+    q = np.random.default_rng(3).uniform(-np.pi, np.pi, (200_000, 6))
+    q[:, 4:] = 0.0
+    x, y, z = arm.positions(q, "frame5").T * 1e3
+    extent = map_workspace(arm, (1, 1), 1, progress=False).data.attrs["extent_mm"]
+    assert extent[0] == 0.0
+    assert extent[1] - 25 < np.hypot(x, y).max() < extent[1]
+    assert extent[2] < z.min() < extent[2] + 25
+    assert extent[3] - 25 < z.max() < extent[3]
+
+
+def test_a_stated_box_says_on_which_sides_it_leaves_out_what_is_reached(sino6: Arm) -> None:
+    (note,) = set(map_caveats(sino6, [0.3, 0.7, -1.3, 0.4])) - set(map_caveats(sino6))
+    assert "x below 300 mm" in note
+    assert "x above 700 mm (to 1211 mm)" in note
+    assert "z above 400 mm (to 1210 mm)" in note
+    assert "z below" not in note
+    assert map_caveats(sino6, [0.0, 1.3, -1.3, 1.3]) == map_caveats(sino6)
+    saved = map_workspace(sino6, (1, 1), 1, extent=BOX, progress=False).data.attrs["caveats"]
+    assert "leaves out" in saved
+
+
+def test_a_first_axis_beside_that_of_the_base_is_told(sino6: Arm) -> None:
+    joints = sino6.file.joints  # type: ignore[union-attr]
+    file = sino6.file.model_copy(update={"convention": "modified-dh"})  # type: ignore[union-attr]
+    aside = file.model_copy(update={"joints": [joints[0].model_copy(update={"a_mm": 200.0}), *joints[1:]]})
+    assert "z axis of the base" in " ".join(map_caveats(Arm.from_file(aside)))
+    assert "z axis of the base" not in " ".join(map_caveats(sino6))
 
 
 def test_flexibility_is_that_of_the_circle(small: WorkspaceMap, circles: dict[tuple[int, int], ConfigurationCircle]) -> None:

@@ -104,7 +104,7 @@ def test_map_writes_netcdf_picture_and_json(tmp_path: Path) -> None:
     summary = found("map", "sino6", *SMALL, "--sectors", "12", "-o", target, "--plot", picture)
     assert summary["cells"] == [6, 6]
     assert sum(summary["working_sectors"].values()) + summary["unreachable"] == 36
-    assert summary["extent_mm"] == {"x": [0, 1200], "z": [-1200, 1200]}
+    assert summary["extent_mm"] == {"x": [0, 1220], "z": [-1220, 1220]}
     assert WorkspaceMap.load(target).working_sectors() == {int(k): n for k, n in summary["working_sectors"].items()}
     assert picture.stat().st_size > 1000
 

@@ -139,4 +139,4 @@ def test_map_has_the_keys_of_the_contract(sino6: Arm) -> None:
     assert sum(content["working_sectors"].values()) + content["unreachable"] == 24
     assert content["seconds"] > 0
     single = map_summary(map_workspace(sino6, (1, 2), 2, progress=False))
-    assert single["extent_mm"] == {"x": [0.0, 1200.0], "z": [-1200.0, 1200.0]}
+    assert single["extent_mm"] == {"x": [0.0, 1220.0], "z": [-1220.0, 1220.0]}
