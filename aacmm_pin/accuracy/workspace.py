@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CELLS_AT_ONCE = 768
+MAP = "a map of the workspace"
+"""What errors call it."""
 PROBES = 64
 """Postures whose accuracy tells one model, with its causes and conditions, from another."""
 UNITS = {"1": 1.0, "mm": MM, "mm3": MM3, "degree": DEG}
@@ -250,8 +252,7 @@ class _Job:
 
 def _work(job: _Job) -> dict[str, Array]:
     arm = ErrorModel.arm_of(job.model)
-    dh = arm.require_dh("a map of the workspace", WRIST_ROW)
-    wrist = Wrist.of(dh, limits=arm.limits)
+    wrist, dh = Wrist.of_arm(arm, MAP), arm.require_dh(MAP)
     known = wrist_curves(wrist, job.points, FEW_PER_TURN)
     components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, known.curves, wrist)
     found = Sectors.of(components, arm.limits, job.sectors)
@@ -290,8 +291,7 @@ def _smallest(groups: Index, values: Array) -> Index:
 
 
 def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
-    dh = arm.require_dh("a map of the workspace", WRIST_ROW)
-    wrist = Wrist.of(dh, limits=arm.limits)
+    wrist = Wrist.of_arm(arm, MAP)
     if extent is None:
         _, farthest, lowest, highest = box_of_wrist(wrist).tolist()
         size = max(farthest, highest - lowest)
@@ -309,7 +309,7 @@ def _extent(arm: Arm, extent: ArrayLike | None) -> Array:
 
 def _left_out(arm: Arm, box: Array) -> list[str]:
     """On which sides of a box that was stated the wrist reaches farther."""
-    reached = box_of_wrist(Wrist.of(arm.require_dh("a map of the workspace", WRIST_ROW), limits=arm.limits))
+    reached = box_of_wrist(Wrist.of_arm(arm, MAP))
     beyond = (reached - box) * np.array([-1.0, 1.0, -1.0, 1.0]) > SMALLEST_ARM
     names = ("x below", "x above", "z below", "z above")
     ends = zip(names, box / MM, reached / MM + 0.0, beyond, strict=True)
@@ -330,7 +330,7 @@ def _probe(model: Arm | ErrorModel, conditions: Conditions | None, method: Metho
 
 def _question(arm: Arm, probe: AccuracyVolume, box: Array, cells: tuple[int, int], sectors: int) -> dict[str, Any]:
     """All that the numbers of a map depend on; causes, uncertainties and conditions by what they do to some postures."""
-    dh = arm.require_dh("a map of the workspace", WRIST_ROW)
+    dh = arm.require_dh(MAP, WRIST_ROW)
     return {
         "version": version("aacmm-pin"),
         "arm": arm.name,
@@ -360,12 +360,14 @@ def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[str, ...]:
     lower, upper = arm.limits[0]
     if upper - lower < 2 * np.pi - AT_LIMIT:
         found.append("joint 1 does not turn all the way round: the map holds for the half-plane y = 0 alone")
-    first = arm.require_dh("a map of the workspace", WRIST_ROW).links()[0]
+    first = arm.require_dh(MAP, WRIST_ROW).links()[0]
     if np.abs(first[:2, 2:]).max() > SMALLEST_ARM:
         found.append("joint axis 1 is not the z axis of the base: the map holds for the half-plane y = 0 alone")
     if abs(arm.up[2]) < 1 - 1e-12:
         found.append("gravity is not along joint axis 1: swivel angles count from another place in other half-planes")
-    rest = Wrist.of(arm.require_dh("a map of the workspace", WRIST_ROW), limits=arm.limits).rest / DEG
+    wrist = Wrist.of_arm(arm, MAP)
+    found += wrist.notes
+    rest = wrist.rest / DEG
     if rest.any():
         held = " and ".join(f"joint {WRIST_ROW + k} at {angle:.4g}°" for k, angle in enumerate(rest) if angle)
         found.append(f"held where the limits are nearest to 0: {held}")
@@ -428,7 +430,7 @@ def _dataset(
         "source": arm.source,
         "method": method,
         "working_point": WRIST,
-        "rest_deg": (Wrist.of(arm.require_dh("a map of the workspace", WRIST_ROW), limits=arm.limits).rest / DEG).tolist(),
+        "rest_deg": (Wrist.of_arm(arm, MAP).rest / DEG).tolist(),
         "extent_mm": (box / MM).tolist(),
         "caveats": "; ".join(map_caveats(arm, box)),
         "seconds": seconds,

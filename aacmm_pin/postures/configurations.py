@@ -106,10 +106,9 @@ class ConfigurationCircle(PosturesAtPoint):
         where = self._where()
         if self.reason:
             return f"{where}: no configuration; {self.reason}"
-        zeta = self.flexibility()
         return (
             f"{where}: {len(self)} configurations on {self.component.max()} components, {self.within_limits.sum()} of them "
-            f"within limits, flexibility {zeta.zeta:.3f} by {len(zeta.sectors)} sectors, {zeta.arc_fraction:.3f} of arc"
+            f"within limits, flexibility {self.flexibility()}"
         )
 
 
@@ -140,7 +139,8 @@ def configuration_circle(
     Raises:
         ShapeError: a vector of the wrong shape or not finite.
         AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, a count below 3.
-        UnsupportedArmError: no DH table, or one without the joints that this needs.
+        UnsupportedArmError: no DH table, one without the joints that this needs, or a wrist that joint 5 moves; see
+            :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
     """
     points = vector(point, 3, "point", "m")[None, :]
     (circle,) = configuration_circles(arm, points, tip=tip, axis=axis, rest=rest, count=count)
@@ -182,7 +182,7 @@ def configuration_circles(
     else:
         if axis is not None:
             raise AacmmError("axis was given without tip=True; at the wrist the stylus has no say")
-        wrist = Wrist.of(dh, rest, arm.limits)
+        wrist = Wrist.of_arm(arm, "a configuration circle", rest)
         found = wrist_curves(wrist, points, SEEDS_PER_TURN)
         systems = [wrist_system(wrist, point[None, :]) for point in points]
     swivel, circles = Swivel(dh, arm.up), []
@@ -190,6 +190,7 @@ def configuration_circles(
         mine = [replace(curve, problem=0) for curve in found.curves if curve.problem == number]
         components = Components(swivel, system, point[None, :], mine, wrist)
         notes = not_closed(mine) + [DEGENERATE] * found.degenerate
+        notes += wrist.notes if wrist is not None and rest is None else []
         if number in found.families:
             such = in_degrees(components.full(found.families[number][None, :])[0])
             notes.append(f"singular postures, such as {such}, are not listed; they may go on in families")

@@ -146,6 +146,10 @@ class Flexibility(Shown):
     sectors: tuple[bool, ...]
     arc_fraction: float
 
+    def __str__(self) -> str:
+        numbers = {f"by {len(self.sectors)} sectors": self.zeta, "of arc": self.arc_fraction}
+        return ", ".join(f"{x:.3f} {of}" for of, x in numbers.items() if np.isfinite(x)) or "undefined"
+
 
 def evenly(system: System, curves: list[Curve], count: int, path: Callable[[Array], Array]) -> tuple[Array, Index, int]:
     """``count`` solutions on each curve, evenly spaced along what ``path`` makes of them.

@@ -16,9 +16,12 @@ import scipy
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import screws
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.limits import into_limits
+from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.continuation import Curves, all_curves, degenerate, polish
 from aacmm_pin.postures.point_system import PointSystem
 from aacmm_pin.postures.three_revolutes import candidates
@@ -27,6 +30,10 @@ POSITIONING = 4
 """Number of joints that place the wrist."""
 WRIST_ROW = 5
 """The wrist is the origin of this frame."""
+SEEN_LEVER = 1e-4
+"""A note tells that joint 5 moves the wrist by more than this; that of SINO6 moves it by 0.037 mm [m]."""
+MOST_LEVER = 0.01
+"""A joint 5 that moves frame 5 by more was designed so; the largest residue in SINO6's table is 0.7 mm [m]."""
 GRID = 16
 """Angles of each of the joints 1 to 4 at which the search for the reach looks first."""
 STARTS = 4
@@ -46,6 +53,28 @@ class Wrist:
 
     table: DHTable
     rest: Array
+
+    @staticmethod
+    def of_arm(arm: Arm, purpose: str, rest: ArrayLike | None = None) -> Wrist:
+        """The same of an arm, between its limits, where that answers what was asked.
+
+        Args:
+            arm: the arm.
+            purpose: what errors say that the wrist is for.
+            rest: see :meth:`of`.
+
+        Raises:
+            ShapeError: see :meth:`of`.
+            UnsupportedArmError: no DH table whose first five rows are joints; or joint 5, of which no angle was stated,
+                moves the wrist by more than :data:`MOST_LEVER`.
+        """
+        wrist = Wrist.of(arm.require_dh(purpose, WRIST_ROW), rest, arm.limits)
+        if rest is None and wrist.lever > MOST_LEVER:
+            raise UnsupportedArmError(
+                f"{arm.name}: {purpose} needs a wrist, but {wrist.held}; expected at most {MOST_LEVER / MM:g} mm; accuracy "
+                "and configurations take a point of the tip: --tip --axis 0 0 -1, or --rpy-deg (in Python reaching_postures)"
+            )
+        return wrist
 
     @staticmethod
     def of(dh: DHTable, rest: ArrayLike | None = None, limits: Array | None = None) -> Wrist:
@@ -69,6 +98,22 @@ class Wrist:
         moving = np.array([True] * POSITIONING + [False])
         first = slice(0, WRIST_ROW)
         return Wrist(DHTable(dh.a[first], dh.d[first], dh.alpha[first], offsets, moving, dh.convention), held)
+
+    @property
+    def lever(self) -> float:
+        """Distance of the wrist from the axis of joint 5, which is held [m]."""
+        return abs(float(self.table.a[-1])) if self.table.standard else 0.0
+
+    @property
+    def held(self) -> str:
+        """In words, what is held and what it would move."""
+        angle, lever = self.rest[0] / DEG, self.lever / MM
+        return f"joint {WRIST_ROW} is held at {angle:.4g}° and moves frame{WRIST_ROW} by {lever:.4g} mm"
+
+    @property
+    def notes(self) -> list[str]:
+        """What it leaves out that joint 5 is held."""
+        return [f"{self.held}: postures with other angles of it are not listed"] * (self.lever > SEEN_LEVER)
 
     def full(self, q: Array) -> Array:
         """All joints from the first four: (n, nq) [rad]."""

@@ -41,9 +41,8 @@ def flexibility_document(flexibility: Flexibility) -> Document:
     number = len(flexibility.sectors)  # none of an arm without an elbow that goes round
     heads = [f"{centre / DEG:.4g}°" for centre in (sector_centres(number) if number else ())]
     works = {head: ["works" if yes else "–"] for head, yes in zip(heads, flexibility.sectors, strict=True)}
-    words = f"{flexibility.zeta:.3f} by {number} sectors, {flexibility.arc_fraction:.3f} of arc"
     table = Table(pd.DataFrame(works), "Swivel angle of each sector's centre")
-    return Document("Flexibility", [Paragraph(words, head="Flexibility ζ:"), table])
+    return Document("Flexibility", [Paragraph(str(flexibility), head="Flexibility ζ:"), table])
 
 
 @document_of.register

@@ -17,7 +17,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.accuracy.workspace import map_caveats
+from aacmm_pin._support.text_escaping import csv_text
+from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable
@@ -34,6 +35,7 @@ from tests.arm_files import craig, nominal
 
 System = Callable[[Array, Index], tuple[Array, Array]]
 
+H = np.pi / 2
 SEAT = np.array([0.0336323, -0.6718702, 0.1829355])
 PER_TURN = {"one point": 24, "a map": FEW_PER_TURN}
 """Held angles by which ``configuration_circle`` and ``map_workspace`` look for components."""
@@ -450,6 +452,44 @@ def test_reach_is_what_brute_force_reaches(arm: Arm) -> None:
     distance = np.linalg.norm(frames(dh, q, 5)[0][:, :3, 3] - shoulder, axis=1)
     assert near <= distance.min() < near + 6e-3
     assert far - 6e-3 < distance.max() <= far
+
+
+def with_long_fifth_row(length_mm: float) -> Arm:
+    """SINO6 of five joints, whose last link carries the tip."""
+    file = load_arm_file("sino6")
+    fifth = file.joints[4].model_copy(update={"a_mm": length_mm, "limits_rad": (0.5, 2.0)})
+    return Arm.from_file(file.model_copy(update={"joints": [*file.joints[:4], fifth]}))
+
+
+def test_a_held_joint_that_moves_the_point_is_named(sino6: Arm) -> None:
+    """With a length behind it joint 5 carries frame 5 about: to hold it leaves out what was asked for."""
+    arm, point = with_long_fifth_row(210.0), [0.3, 0.2, 0.4]
+    for ask in (lambda: configuration_circle(arm, point), lambda: map_workspace(arm, (2, 2), progress=False)):
+        with pytest.raises(UnsupportedArmError) as refused:
+            ask()
+        for words in ("joint 5", "28.65°", "frame5", "210 mm", "--tip --axis", "reaching_postures"):
+            assert words in str(refused.value)
+    stated = configuration_circle(arm, point, rest=[0.7], count=24)
+    assert (len(stated), stated.notes, stated.complete) == (96, (), True)
+    little = configuration_circle(with_long_fifth_row(0.9), point, count=24)
+    assert "joint 5" in little.notes[0]
+    assert "0.9 mm" in little.notes[0]
+    assert not little.complete
+    assert any("0.9 mm" in caveat for caveat in map_caveats(with_long_fifth_row(0.9)))
+    assert configuration_circle(sino6, point, count=24).notes == ()
+
+
+def test_what_does_not_exist_is_not_shown_as_nan() -> None:
+    """The elbow of this arm stays where it is: no swivel angle changes, so no part of them works."""
+    file = load_arm_file("sino6")
+    values = [(0, 153, H, 0), (195, 0, 0, 0), (0, 0, H, H), (0, 230, H, 0), (210, 0, 0, H)]
+    rows = [dict(zip(("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"), row, strict=True)) for row in values]
+    joints = [of.model_copy(update=row) for of, row in zip(file.joints, rows, strict=False)]
+    circle = configuration_circle(Arm.from_file(file.model_copy(update={"joints": joints})), [0.25, 0.05, 0.2], rest=[0.0])
+    assert np.isnan(circle.flexibility().arc_fraction)
+    shown = [circle, circle.flexibility(), circle.flexibility(7)]
+    text = " ".join([*map(str, shown), *(each._repr_html_() for each in shown), csv_text(circle.columns())])
+    assert "nan" not in text.lower()
 
 
 def test_what_cannot_be_asked(sino6: Arm) -> None:
