@@ -10,3 +10,16 @@ from aacmm_pin._support.checks import Array
 def wrapped(angles: Array) -> Array:
     """The same directions as angles in [-π, π) [rad]."""
     return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
+
+
+def spread_angles(count: int, joints: int) -> Array:
+    """Evenly spread configurations (count, joints) [rad]: starts for Newton's method where a curve is so small that no held
+    angle meets it, as at the ends of the reach.
+
+    Additive recurrence with the powers of the root of x^(d+1) = x + 1 (M. Roberts, 2018).
+    """
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (joints + 1))
+    steps = root ** -np.arange(1.0, joints + 1)
+    return np.asarray((np.arange(1, count + 1)[:, None] * steps % 1.0) * (2 * np.pi) - np.pi)

@@ -17,10 +17,20 @@ from aacmm_pin.errors import AacmmError
 
 LONGEST = 100.0
 """Largest length, to either side [m]."""
+FARTHEST = 1e6
+"""Largest place along an axis, to either side [m]: axes that are nearly parallel have their common normal far away, at 0.1 m
+over the angle. What the arm reaches is small all the same; at this distance rounding moves it by 0.1 nm.
+"""
+POSTURES = 32
+"""So many spread postures show how far from the base a tip comes."""
 SMALLEST_ARM = 1e-6
 """An arm whose lengths add up to less has none [m]."""
 LARGEST_ANGLE = 1e4 * 2.0 * math.pi
 """Largest angle, to either side [rad]: an encoder counts a few turns, a wide limit stands for none."""
+MOST_TURNS = 5
+"""Limits, and readings in files in radians, beyond so many turns are taken for degrees."""
+LARGEST_DEGREES = 720.0
+"""Numbers of an angle up to here may be degrees; wider limits of a joint in a URDF stand for none."""
 MOST_TYPICAL = 1e3
 """Parameters of causes are at most so many times as large as usual on a measuring arm: an encoder's gain within ±10 %."""
 LEAST_KNOWN = 1e5
@@ -127,8 +137,36 @@ def in_one_line(value: str) -> str:
 
 
 NonNegative = Annotated[FiniteFloat, Field(ge=0.0)]
+
+
+def out_of_reach(tips: ArrayLike) -> str:
+    """That one of ``tips`` (n, 3) [m] is farther from the base than any arm reaches, in words; "" where none is."""
+    distance = float(np.linalg.norm(tips, axis=1).max())
+    if distance <= LONGEST:
+        return ""
+    return f"the tip is up to {distance:.4g} m from the base, expected at most {LONGEST:g} m; is it in another unit?"
+
+
+def like_degrees(angle: float, turns: int = MOST_TURNS) -> str:
+    """That a number in radians must be degrees, in words; "" where it is within so many turns."""
+    if abs(angle) <= turns * 2 * math.pi + 1e-9:
+        return ""
+    return f"is {angle:g} rad, more than {turns} turn{'s' * (turns > 1)}: this looks like degrees, expected radians"
+
+
+def mostly_like_degrees(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of ``angles`` (n, joints) [rad] are beyond :data:`MOST_TURNS`, if those of most joints that are not at zero are;
+    else none: an endless joint may count many turns.
+    """
+    beyond = np.abs(angles) > MOST_TURNS * 2 * math.pi + 1e-9
+    joints = np.count_nonzero(angles.any(axis=0))
+    return beyond & (2 * np.count_nonzero(beyond.any(axis=0)) > joints)
+
+
 LengthMm = Annotated[FiniteFloat, Field(ge=-LONGEST / MM, le=LONGEST / MM)]
-"""A length, or a place along an axis [mm]."""
+"""A length [mm]."""
+PlaceMm = Annotated[FiniteFloat, Field(ge=-FARTHEST / MM, le=FARTHEST / MM)]
+"""A place along an axis [mm]."""
 Angle = Annotated[FiniteFloat, Field(ge=-LARGEST_ANGLE, le=LARGEST_ANGLE)]
 """[rad]."""
 AngleHalfWidth = Annotated[FiniteFloat, Field(ge=0.0, le=TURN_HALF_WIDTH.most)]

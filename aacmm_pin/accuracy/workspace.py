@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index, vector, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.input_files import content_of
@@ -42,7 +43,6 @@ from aacmm_pin.postures.wrist_ik import (
     WRIST_ROW,
     Wrist,
     box_of_wrist,
-    spread_angles,
     wrist_curves,
     wrist_system,
 )

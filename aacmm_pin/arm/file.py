@@ -20,11 +20,14 @@ import numpy as np
 import tomli_w
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.plausible import (
     MOST_JOINTS,
     MOST_ROWS,
+    MOST_TURNS,
+    POSTURES,
     SHIFT_HALF_WIDTH,
     SMALLEST_ARM,
     Acceleration,
@@ -35,18 +38,18 @@ from aacmm_pin._support.plausible import (
     Mass,
     Name,
     NonNegative,
+    PlaceMm,
     StandardUncertainty,
     TemperatureC,
     Text,
+    like_degrees,
+    out_of_reach,
     without_nul,
 )
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.dh import KINDS, DHTable, table
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.errors import AacmmError, ArmFileError, UnknownNameError
-
-MOST_TURNS = 5
-"""A limit beyond so many turns is taken for degrees."""
 
 COVERAGE_FACTOR = 2.0
 """A calibrated parameter counts as within ± U, U = k u with this k (JCGM 100:2008, 6.2)."""
@@ -113,7 +116,7 @@ class Row(_WithAngles):
     """One DH row: a joint, or with ``fixed = true`` a rigid piece such as a stylus."""
 
     a_mm: LengthMm
-    d_mm: LengthMm
+    d_mm: PlaceMm
     alpha_rad: FiniteFloat
     theta_offset_rad: FiniteFloat
     fixed: bool = False
@@ -121,17 +124,15 @@ class Row(_WithAngles):
     uncertainty: Uncertainty | None = None
     encoder_noise_rad: EncoderNoise | None = None
     mass_kg: Mass | None = None
-    com_mm: Annotated[tuple[LengthMm, LengthMm, LengthMm], _FROM_ARRAY] | None = None
+    com_mm: Annotated[tuple[PlaceMm, PlaceMm, PlaceMm], _FROM_ARRAY] | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Row:
         angles = [("alpha_rad", self.alpha_rad, 1), ("theta_offset_rad", self.theta_offset_rad, 1)]
         angles += [(f"limits_rad[{i}]", limit, MOST_TURNS) for i, limit in enumerate(self.limits_rad or (), start=1)]
         for key, angle, most in angles:
-            if abs(angle) > most * 2 * math.pi + 1e-9:
-                raise ValueError(
-                    f"{key} is {angle:g} rad, more than {most} turn(s): expected radians, or degrees and a key in _deg"
-                )
+            if refused := like_degrees(angle, most):
+                raise ValueError(f"{key} {refused}, or a key in _deg")
         if self.fixed and (self.limits_rad is not None or self.encoder_noise_rad is not None):
             raise ValueError("a fixed row has no joint: expected no limits_rad and no encoder_noise_rad")
         if not self.fixed and self.limits_rad is None:
@@ -304,6 +305,13 @@ class ArmFile(AnyArmFile):
 
     @model_validator(mode="after")
     def _has_a_size(self) -> ArmFile:
+        postures = np.vstack([np.zeros(self.dh.nq), spread_angles(POSTURES, self.dh.nq)])
+        if refused := out_of_reach(self.dh.positions(postures)):
+            lengths = {
+                f"joints[{n}].{k}": getattr(r, k) for n, r in enumerate(self.joints, start=1) for k in ("a_mm", "d_mm")
+            }
+            key = max(lengths, key=lambda name: abs(lengths[name]))
+            raise ValueError(f"{key} is {lengths[key]:g}: {refused}")
         size = sum(abs(row.a_mm) + abs(row.d_mm) for row in self.joints)
         if size * MM < SMALLEST_ARM:
             raise ValueError(f"all lengths a_mm and d_mm add up to {size:g} mm, expected at least {SMALLEST_ARM / MM:g} mm")

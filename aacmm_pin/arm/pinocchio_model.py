@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.plausible import MOST_JOINTS
+from aacmm_pin._support.plausible import MOST_JOINTS, POSTURES, out_of_reach
 from aacmm_pin.arm.chain import Chain
 from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
 
@@ -69,7 +70,24 @@ def serial_part(model: Any, frame: str, mimics: Mapping[str, tuple[str, str]] = 
         )
     if model.njoints < 2:
         raise UnsupportedArmError(f"{model.name}: no joint moves frame {frame!r}")
+    if refused := out_of_reach(_spread_tips(model, frame)):
+        shifts = {
+            model.names[j]: float(np.linalg.norm(model.jointPlacements[j].translation)) for j in range(1, model.njoints)
+        }
+        name = max(shifts, key=lambda joint: shifts[joint])
+        raise UnsupportedArmError(f"{model.name}: joint {name!r} is {shifts[name]:.4g} m behind the one before: {refused}")
     return model
+
+
+def _spread_tips(model: Any, frame: str) -> Array:
+    """Origin of a frame with all joints at zero, and in postures that are spread over a turn, slides at zero: (n, 3) [m]."""
+    turns = _motions(model)[:, 3:].any(axis=1)
+    data, number = model.createData(), frame_number(model, frame)
+    tips = []
+    for q in np.vstack([np.zeros(model.nq), spread_angles(POSTURES, model.nq) * turns]):
+        pin.forwardKinematics(model, data, q)
+        tips.append(pin.updateFramePlacement(model, data, number).translation.copy())
+    return np.array(tips)
 
 
 def _rename(model: Any, joints: list[int]) -> None:

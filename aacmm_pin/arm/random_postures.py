@@ -15,8 +15,6 @@ from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 MARGIN = 1e-3
 """Postures keep this far from the limits, so that noise and small errors leave them inside [rad, m]."""
-MOST_TURNS = 5
-"""A turning joint with limits beyond so many turns is used within half a turn either way of zero."""
 CLEAR = 0.1
 """Tips keep this far from the axis of the first joint, where the stand is [m]."""
 MOST_DRAWS = 20
@@ -26,12 +24,14 @@ MOST_DRAWS = 20
 def joint_bounds(arm: Arm) -> Array:
     """Between which values postures are drawn: the limits less :data:`MARGIN`, (nq, 2) [rad, m].
 
+    A turning joint with limits beyond some turns is used within half a turn either way of zero.
+
     Raises:
         UnsupportedArmError: a sliding joint without limits.
     """
     limits = arm.limits.copy()
     slides = arm.chain.prismatic
-    endless = ~np.isfinite(limits).all(axis=1) | (np.abs(limits).max(axis=1) > MOST_TURNS * 2 * np.pi) & ~slides
+    endless = ~np.isfinite(limits).all(axis=1) | (np.abs(limits).max(axis=1) > plausible.MOST_TURNS * 2 * np.pi) & ~slides
     if (endless & slides).any():
         joint = int(np.flatnonzero(endless & slides)[0]) + 1
         raise UnsupportedArmError(f"{arm.name}: joint {joint} slides without limits; drawing postures needs them")

@@ -7,6 +7,7 @@ with limits of ±2π: Pinocchio would give them two numbers, cosine and sine, wh
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import math
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
 from aacmm_pin._support.input_files import content_of
-from aacmm_pin._support.plausible import LARGEST_ANGLE, LONGEST
+from aacmm_pin._support.plausible import FARTHEST, LARGEST_ANGLE, LARGEST_DEGREES, like_degrees
 from aacmm_pin.errors import ArmFileError
 
 TURNS = 2 * math.pi
@@ -173,10 +174,22 @@ def _parsed(path: str, content: bytes) -> _Element:
     parser.EndElementHandler = lambda _: stack.pop()
     parser.EntityDeclHandler = parser.ExternalEntityRefHandler = refuse
     try:
-        parser.Parse(content, True)
+        parser.Parse(_from_declaration_on(content), True)
     except (expat.ExpatError, LookupError, ValueError) as error:
         raise ArmFileError(path, "", f"not a URDF: no well-formed XML: {error}") from None
     return roots[0]
+
+
+def _from_declaration_on(content: bytes) -> bytes:
+    """The file with what is blank before its XML declaration behind it, so that lines keep their numbers.
+
+    The parser of Pinocchio passes over it, expat does not.
+    """
+    begun = content.removeprefix(codecs.BOM_UTF8).lstrip()
+    if not begun.startswith(b"<?xml"):
+        return content
+    declaration, end, rest = begun.partition(b"?>")
+    return declaration + end + b"\n" * content[: content.index(begun)].count(b"\n") + rest
 
 
 def _by_name(elements: list[_Element]) -> dict[str, _Element]:
@@ -252,7 +265,16 @@ def _add_joint(root: ET.Element, joint: _Element) -> None:
         lower, upper = (limit.numbers(name, (0.0,), LARGEST_ANGLE)[0] for name in ("lower", "upper"))
         if lower > upper:
             raise limit.refused(f"lower is {lower:g} and upper {upper:g}, expected the lower limit first")
+        if kind == "revolute":
+            _refuse_degrees(limit, lower=lower, upper=upper)
         _add_limit(new, lower, upper)
+
+
+def _refuse_degrees(limit: _Element, **ends: float) -> None:
+    """Refuse limits of a turning joint that look like degrees; wider ones stand for none."""
+    for name, angle in ends.items():
+        if (refused := like_degrees(angle)) and abs(angle) <= LARGEST_DEGREES:
+            raise limit.refused(f"{name} {refused}; a joint without limits is of type continuous")
 
 
 def _direction(axis: _Element) -> tuple[float, ...]:
@@ -267,7 +289,7 @@ def _direction(axis: _Element) -> tuple[float, ...]:
 def _add_origin(parent: ET.Element, element: _Element) -> None:
     origin = element.child("origin")
     if origin is not None:
-        shift = origin.numbers("xyz", (0.0, 0.0, 0.0), LONGEST)
+        shift = origin.numbers("xyz", (0.0, 0.0, 0.0), FARTHEST)
         turn = origin.numbers("rpy", (0.0, 0.0, 0.0), 2 * TURNS)
         ET.SubElement(parent, "origin", xyz=_text(shift), rpy=_text(turn))
 

@@ -22,7 +22,6 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import RANGES, Array, Index
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.file import MOST_TURNS
 from aacmm_pin.effects.conditions import UNITS, Labels
 from aacmm_pin.errors import MeasurementFileError
 
@@ -407,11 +406,15 @@ def _angles(columns: Columns, problems: Problems) -> None:
             f"are, rename the columns to {span(named(THETA['rad'], len(theta)))}; if they are degrees, convert them to "
             f"radians under these names (from {ENOUGH_RECORDS} records on, a largest angle of 1 to 2π is taken for radians)",
         )
+    if columns.header.unit == "deg":
+        expected = f"more than {plausible.MOST_TURNS} turns, as are most joints; {plausible.READING.hint}"
+        for name, beyond, angle in zip(theta, plausible.mostly_like_degrees(q * DEG).T, q.T, strict=True):
+            problems.at(beyond, name, "is {:g}°, " + expected, angle)
     if columns.header.unit == "rad":
-        expected = f"expected at most {MOST_TURNS} turns; if these are degrees, rename the columns to theta1_deg …"
+        expected = f"expected at most {plausible.MOST_TURNS} turns; if these are degrees, rename the columns to theta1_deg …"
         for name in theta:
             angle = columns.numbers[name]
-            problems.at(np.abs(angle) > MOST_TURNS * 2.0 * np.pi + 1e-9, name, "is {:g} rad, " + expected, angle)
+            problems.at(np.abs(angle) > plausible.MOST_TURNS * 2.0 * np.pi + 1e-9, name, "is {:g} rad, " + expected, angle)
 
 
 def _references(columns: Columns, problems: Problems) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.angles import wrapped
+from aacmm_pin._support.angles import spread_angles, wrapped
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.postures.continuation import (
     FLAT,
@@ -26,7 +26,6 @@ from aacmm_pin.postures.continuation import (
     without_known,
 )
 from aacmm_pin.postures.curve_loop import CLOSE_ENOUGH, MOST_STEPS, MOST_VERTICES, SAME_POINT, SINGULAR
-from aacmm_pin.postures.wrist_ik import spread_angles
 
 ROUND = 256
 """Starts of one round."""

@@ -10,11 +10,12 @@ from functools import partial
 
 import numpy as np
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.chain import exp, screws
 from aacmm_pin.arm.dh import DHTable, cross
 from aacmm_pin.postures.continuation import Curves, System, all_curves, degenerate, following, polish
-from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, POSITIONING, Wrist, spread_angles, with_spread, wrist_curves
+from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, POSITIONING, Wrist, with_spread, wrist_curves
 
 SPREAD = 600
 """Evenly spread starts."""

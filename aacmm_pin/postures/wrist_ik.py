@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
@@ -197,19 +198,6 @@ def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tupl
     """Seeds (n, joints) [rad] and the numbers of their problems (n,), with ``count`` spread ones more for each problem."""
     spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
     return np.concatenate([seeds, spread]), np.concatenate([problem, np.repeat(np.arange(problems), count)])
-
-
-def spread_angles(count: int, joints: int) -> Array:
-    """Evenly spread configurations (count, joints) [rad]: starts for Newton's method where a curve is so small that no held
-    angle meets it, as at the ends of the reach.
-
-    Additive recurrence with the powers of the root of x^(d+1) = x + 1 (M. Roberts, 2018).
-    """
-    root = 2.0
-    for _ in range(60):
-        root = (1.0 + root) ** (1.0 / (joints + 1))
-    steps = root ** -np.arange(1.0, joints + 1)
-    return np.asarray((np.arange(1, count + 1)[:, None] * steps % 1.0) * (2 * np.pi) - np.pi)
 
 
 def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:

@@ -216,6 +216,9 @@ def test_unusable_input_is_refused(sino6: Arm, robots: list[Arm]) -> None:
                 getattr(arm, method)(np.zeros(arm.nq))
             with pytest.raises(ShapeError, match=r"q\[0, 0\] is nan"):
                 getattr(arm, method)(np.full((1, arm.nq), np.nan))
+            for degrees in (np.full(arm.nq, -90.0), np.eye(arm.nq)[0] * 90.0):
+                with pytest.raises(ShapeError, match=r"q\[0, 0\] is -?90 rad, more than 5 turns: .*degrees"):
+                    getattr(arm, method)(degrees[None])
         for errors, said in (
             (np.zeros(p), rf"\({p},\).*errors\[None, :\]"),
             (np.full((1, p), np.nan), r"errors\[0, 0\] is"),
@@ -224,6 +227,13 @@ def test_unusable_input_is_refused(sino6: Arm, robots: list[Arm]) -> None:
                 arm.perturbed_positions(q, errors)
         with pytest.raises(ShapeError, match="q has 2 rows, expected 1 or as many as errors has, 1"):
             arm.perturbed_positions(np.zeros((2, arm.nq)), np.zeros((1, p)))
+
+
+def test_an_endless_joint_counts_many_turns(sino6: Arm) -> None:
+    """Most joints tell degrees from radians: one that was turned round and round does not."""
+    q = np.array([[0.5, -1.0, 2.0, -1.5, 1.0, 0.3]])
+    turned = q + 20 * np.pi * np.array([0, 0, 1, 0, 0, 1])
+    np.testing.assert_allclose(sino6.positions(turned), sino6.positions(q), rtol=0, atol=1e-12)
 
 
 def test_unusable_urdf_is_refused(one_joint: Callable[..., Path], tmp_path: Path) -> None:

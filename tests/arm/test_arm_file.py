@@ -11,8 +11,13 @@ import pytest
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, arm_text, bundled_arms, load_arm_file, parse_arm_file
+from aacmm_pin.arm.urdf import urdf_text
+from aacmm_pin.calibration import calibrate
+from aacmm_pin.effects import JointZeroOffset
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import ArmFileError, UnknownNameError
+from aacmm_pin.measurements.simulate import simulate_measurements
+from tests.arm_files import nearly_parallel
 
 GOOD = """\
 schema = "aacmm-pin/arm/1"
@@ -137,7 +142,8 @@ MISTAKES = [
     ("name =", f"x = {'[' * 9000}\nname =", "", "not TOML"),
     # what no arm has
     ("a_mm = 100", "a_mm = 1e160", "joints[1].a_mm", "1e+160"),
-    ("d_mm = 20.0", "d_mm = -1e6", "joints[1].d_mm", "-100000"),
+    ("d_mm = 20.0", "d_mm = -1e10", "joints[1].d_mm", "-1000000000"),
+    ("d_mm = 20.0", "d_mm = -1e6", "", "joints[1].d_mm is -1e+06: the tip is up to 1000 m"),
     ("a_mm = 100", f"a_mm = {'1' * 4000}", "joints[1].a_mm", "111..."),
     ("a_mm = 100", f"a_mm = {'1' * 5000}", "", "5000 digits"),
     ("a_mm = 0.01", "a_mm = 1e308", "", "joints[1].uncertainty.a_mm is 1e+308"),
@@ -215,6 +221,27 @@ def test_a_direction_has_any_length(tmp_path: Path) -> None:
         np.testing.assert_array_equal(Arm.load(path).stylus_axis, [0, 0, 1])
 
 
+def test_axes_that_are_nearly_parallel_may_meet_far_away(tmp_path: Path, rng: np.random.Generator) -> None:
+    """As robots' controllers state themselves: what counts is what the arm reaches, a metre."""
+    path = tmp_path / "near.toml"
+    path.write_text(arm_text(nearly_parallel()), encoding="utf-8")
+    arm, q = Arm.load(path), rng.uniform(-np.pi, np.pi, (300, 6))
+    assert arm.dh is not None
+    assert np.abs(arm.dh.d).max() > 110.0
+    tips = arm.positions(q)
+    assert np.linalg.norm(tips, axis=1).max() < 1.5
+    np.testing.assert_allclose(tips, arm.poses(q).position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(tips, arm.chain.walk(q)[1][arm.chain.tip], rtol=0, atol=1e-12)
+    urdf = tmp_path / "near.urdf"
+    urdf.write_text(urdf_text(load_arm_file(path)), encoding="utf-8")
+    np.testing.assert_allclose(Arm.from_urdf(urdf, "tip").positions(q), tips, rtol=0, atol=1e-12)
+    true = ErrorModel(arm, tuple(JointZeroOffset(j, values=(3e-4 * (-1) ** j,)) for j in range(2, 6)))
+    data = simulate_measurements(true, "free", 60, rng=rng, encoder_noise=1e-6, reference_noise=1e-6)
+    found = calibrate(arm, data, "zero-offsets", encoder_noise=1e-6, reference_noise=1e-6, hold_out=False)
+    before, after = (np.linalg.norm(m.correct(q) - true.correct(q), axis=1).max() for m in (ErrorModel(arm), found.model))
+    assert after < 5e-6 < 1e-4 < before
+
+
 def test_every_mistake_is_listed() -> None:
     bad = GOOD.replace("d_mm = 20.0", "d_mm = nan").replace("fixed = true", "fixed = 1")
     with pytest.raises(ArmFileError, match=r"joints\[1\].d_mm: is nan(.|\n)*bad.toml: joints\[2\].fixed: is 1") as caught:
@@ -258,7 +285,7 @@ def test_arms_come_back(arm_file: ArmFile) -> None:
 
 def test_every_bit_comes_back(rng: np.random.Generator) -> None:
     arm = load_arm_file("sino6")
-    for value in map(float, [5e-324, -0.0, 0.1 + 0.2, 1e5 - 0.1, np.nextafter(1.0, 2.0), *rng.normal(size=9)]):
+    for value in map(float, [5e-324, -0.0, 0.1 + 0.2, 1e4 - 0.1, np.nextafter(1.0, 2.0), *rng.normal(size=9)]):
         rows = [row.model_copy(update={"a_mm": value, "com_mm": (value, -value, 1.0)}) for row in arm.joints]
         back = read(arm_text(arm.model_copy(update={"joints": rows})))
         assert {row.a_mm.hex() for row in back.joints} == {value.hex()}

@@ -54,7 +54,14 @@ MISTAKES = [
     ('lower="-1" upper="2"', 'lower="-1" upper="1e16"', 18, "upper is '1e16'"),
     ('lower="-1" upper="2"', 'lower="-1_0" upper="2"', 18, "lower is '-1_0'"),
     ('<limit lower="0" upper="0.5"/>', "", 20, "joint 'slide': limit is missing"),
-    ('xyz="0 0 0.3"', 'xyz="0 0 300"', 16, "origin: xyz is '0 0 300'"),
+    ('xyz="0 0 0.3"', 'xyz="0 0 3e9"', 16, "origin: xyz is '0 0 3e9'"),
+    (
+        'lower="-1" upper="2"',
+        'lower="-90" upper="2"',
+        18,
+        "limit: lower is -90 rad, more than 5 turns: this looks like degrees",
+    ),
+    ('lower="-1" upper="2"', 'lower="-1" upper="180"', 18, "limit: upper is 180 rad"),
     ('rpy="0 1.5 0"', 'rpy="0 90 0"', 16, "origin: rpy"),
     ('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"', 16, "origin: quat_xyzw is not known"),
     ('xyz="0 0 0.3"', 'XYZ="0 0 0.3"', 16, "origin: XYZ is not known"),
@@ -138,6 +145,34 @@ def test_long_chains(tmp_path: Path) -> None:
     path.write_text(chain_of(MOST_LINKS - 1).replace("continuous", "fixed"), encoding="utf-8")
     with pytest.raises(AacmmError, match="no joint moves"):
         Arm.from_urdf(path, "l900")
+
+
+def test_lengths_in_another_unit_are_seen_by_what_is_reached(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(GOOD.replace('xyz="0 0 0.3"', 'xyz="0 0 300"'), encoding="utf-8")
+    with pytest.raises(UnsupportedArmError, match="joint 'shoulder' is 300 m behind the one before: the tip is up to 300"):
+        Arm.from_urdf(path, "tip")
+
+
+def test_what_is_blank_before_the_declaration_is_passed_over(tmp_path: Path) -> None:
+    """As urdfdom does; lines keep their numbers."""
+    path, good = tmp_path / "arm.urdf", '<?xml version="1.0"?>' + GOOD[GOOD.index("\n") :]
+    expected = read_urdf(_written(path, good))[0]
+    for before in ("\n", " \t\n\r\n", "\ufeff\n"):
+        assert read_urdf(_written(path, before + good))[0] == expected
+    with pytest.raises(ArmFileError, match=r"line 20: .*quat_xyzw"):
+        read_urdf(_written(path, "\n \n\n\n" + good.replace('rpy="0 1.5 0"', 'quat_xyzw="0 0 0 1"')))
+
+
+def _written(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8", newline="")
+    return path
+
+
+def test_limits_far_beyond_degrees_stand_for_none(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(GOOD.replace('lower="-1" upper="2"', 'lower="-1e4" upper="1e4"'), encoding="utf-8")
+    np.testing.assert_array_equal(Arm.from_urdf(path, "tip").limits[0], [-1e4, 1e4])
 
 
 def test_an_axis_has_any_length(tmp_path: Path) -> None:

@@ -410,6 +410,14 @@ def test_labels_that_are_nearly_the_same() -> None:
     assert sessions.endswith(": '1' and '1.0'")
 
 
+def test_degrees_of_more_turns_than_joints_make() -> None:
+    """Of one joint many turns are counted; of most joints another unit is."""
+    endless, all_of_them = np.array([[7200.0, 20.0, -30.0]]), np.array([[7200.0, -5000.0, 20.0]])
+    assert Measurements.from_frame(angles("deg", endless)).q[0, 0] == pytest.approx(40 * np.pi)
+    with pytest.raises(MeasurementFileError, match=r"theta1_deg: is 7200°, more than 5 turns"):
+        Measurements.from_frame(angles("deg", all_of_them))
+
+
 def test_radians_that_look_like_degrees() -> None:
     q = np.array([[0.1, 0.2], [0.3, -31.5], [1.0, 90.0]])
     with pytest.raises(MeasurementFileError) as caught:
@@ -639,7 +647,7 @@ def test_small_angles_are_saved_so_that_they_can_be_read(tmp_path: Path) -> None
     Measurements.of(q).save(tmp_path / "out.csv")
     assert (tmp_path / "out.csv").read_text().startswith("theta1_rad,")
     np.testing.assert_array_equal(Measurements.read(tmp_path / "out.csv").q, q)
-    turns = np.full((5, 2), 99.0)  # beyond what is believed in radians
+    turns = np.tile([99.0, 0.5], (5, 1))  # of an endless joint: beyond what is believed in radians
     Measurements.of(turns).save(tmp_path / "turns.csv")
     np.testing.assert_allclose(Measurements.read(tmp_path / "turns.csv").q, turns, rtol=1e-15)
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 from by_newton import by_newton, distances
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.postures import newton_search
@@ -19,7 +20,6 @@ from aacmm_pin.postures.continuation import System, polish, trace
 from aacmm_pin.postures.curve_loop import FIRST_STEP
 from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
 from aacmm_pin.postures.newton_search import ENOUGH, NOTHING, ROUND, Finds, Isolated, SelfMotion, search
-from aacmm_pin.postures.wrist_ik import spread_angles
 
 SAME = 1e-6  # rad
 
