@@ -1,8 +1,11 @@
-"""The notebooks as they are kept: without outputs, code that parses and is formatted, nothing of one machine in them."""
+"""The notebooks as they are kept: without outputs, code that parses and is formatted, nothing of one machine in them; and
+the pictures that they show when they run.
+"""
 
 from __future__ import annotations
 
 import ast
+import copy
 import json
 import re
 import subprocess
@@ -10,7 +13,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import nbformat
 import pytest
+from nbclient import NotebookClient
+
+from tests.notebook_pictures import missing, promised
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -82,3 +89,62 @@ def test_faults_are_seen(change: dict[str, Any], fault: str) -> None:
     cell = {"cell_type": "code", "id": "c", "metadata": {}, "outputs": [], "execution_count": None, "source": ["a / b"]}
     assert faults({"metadata": KERNEL, "cells": [cell]}) == []
     assert faults({"metadata": KERNEL, "cells": [cell | change]}) == [f"c: {fault}"]
+
+
+DRAWN = """
+from aacmm_pin import Arm, accuracy_volume
+from aacmm_pin.report import plots
+accuracy = accuracy_volume(Arm.load("sino6"), [[0.1] * 6])
+plots.plot_budget(accuracy);
+"""
+BY_HAND = """
+from matplotlib import pyplot as plt
+plt.plot([1, 2, 3]);
+"""
+
+
+@pytest.fixture(scope="module")
+def executed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """A notebook that draws with the package, with pyplot, and with the package again, as a kernel leaves it."""
+    cells = [nbformat.v4.new_code_cell(source) for source in (DRAWN, BY_HAND, DRAWN)]
+    notebook = nbformat.v4.new_notebook(cells=cells)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.delenv("MPLBACKEND", raising=False)  # a kernel of Jupyter chooses its own
+        client = NotebookClient(notebook, timeout=120, kernel_name="python3")
+        client.create_kernel_manager()
+        client.km.transport, client.km.ip = "ipc", str(tmp_path_factory.mktemp("k") / "k")  # no port that another takes
+        client.execute(cwd=str(ROOT))
+    return notebook
+
+
+def test_every_picture_is_shown(executed: dict[str, Any]) -> None:
+    assert [promised(cell["source"]) for cell in executed["cells"]] == [1, 1, 1]
+    assert missing(executed) == []
+
+
+def test_a_missing_picture_is_seen(executed: dict[str, Any]) -> None:
+    without = copy.deepcopy(executed)
+    without["cells"][1]["outputs"] = []
+    (fault,) = missing(without)
+    assert without["cells"][1]["id"] in fault
+
+
+@pytest.mark.parametrize(
+    ("source", "pictures"),
+    [
+        ("circle.plot(accuracy);", 1),
+        ("plots.plot_rms(found)\nplots.plot_groups(found)\nfound", 2),
+        ("ax = plt.subplots(2)[1]\nax.plot(x)\nax[0].plot(y)", 1),
+        ("ax = plt.figure().add_subplot()\nplots.plot_rms(found, ax=ax)", 1),
+        ("for f in found.findings:\n    plots.plot_cause(found, f)", 1),
+        ("def look():\n    plots.plot_rms(found)", 0),
+        ("found.plotted(x)", 0),
+    ],
+)
+def test_a_cell_says_how_many_pictures_it_shows(source: str, pictures: int) -> None:
+    assert promised(source) == pictures
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_every_notebook_promises_pictures(path: Path) -> None:
+    assert sum(promised("".join(cell["source"])) for cell in cells(path) if cell["cell_type"] == "code") >= 2

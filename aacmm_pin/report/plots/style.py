@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -66,9 +66,18 @@ def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     return drawn
 
 
-def without_latex() -> AbstractContextManager[None]:
-    """While matplotlib alone draws text, whatever its settings: LaTeX may not be there, or take names for commands."""
-    return plt.rc_context({"text.usetex": False})
+@contextmanager
+def without_latex() -> Iterator[None]:
+    """While matplotlib alone draws text, whatever its settings: LaTeX may not be there, or take names for commands.
+
+    Only this setting is put back: a backend that the first figure loads, such as Jupyter's, makes settings of its own.
+    """
+    latex = plt.rcParams["text.usetex"]
+    plt.rcParams["text.usetex"] = False
+    try:
+        yield
+    finally:
+        plt.rcParams["text.usetex"] = latex
 
 
 def short(text: str, most: int) -> str:
