@@ -35,6 +35,7 @@ from aacmm_pin.report.document import (
 )
 from aacmm_pin.report.numbers import count, length, lengths, p_equals, percent, vector
 from aacmm_pin.report.parameters import decimals, parameter_table, readable_parameters
+from aacmm_pin.report.plots.calibration import LEAST_IN_BIN
 
 WORTH = 0.05
 """A calibration whose held-out residuals fall by less than this part has not helped."""
@@ -309,7 +310,7 @@ def _residuals(result: Calibration) -> list[Block]:
             lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, 0.3 - 2.5 * (-result.model.arm.nq // 3))),
             "Residuals over the angle of each joint",
             "Residuals after calibration, along the direction in which each joint moves the tip, over its angle; the line "
-            "is their mean with u. A wave in it is an error of the encoder or the joint.",
+            f"joins means of {LEAST_IN_BIN} or more with u. A wave in it is an error of the encoder or the joint.",
         ),
         *([seats] if result.fit.problem.measurements.seats() else []),
         Figure(

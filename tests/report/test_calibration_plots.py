@@ -33,6 +33,7 @@ from aacmm_pin.report.plots import (
     plot_residuals_by_seat,
     plot_residuals_over_joint,
     plot_residuals_over_joints,
+    residual_vectors,
 )
 
 READINGS = 8e-6
@@ -41,6 +42,10 @@ READINGS = 8e-6
 def drawn(figure: Any) -> Any:
     figure.canvas.draw()
     return figure
+
+
+def legend_texts(ax: Any) -> list[str]:
+    return [text.get_text() for text in ax.get_legend().get_texts()]
 
 
 def labels(ax: Any) -> tuple[str, str]:
@@ -76,24 +81,37 @@ def test_vectors_and_their_scale_are_as_long_as_the_title_says(at_seats: Calibra
         skeleton = [line for line in ax.lines if len(line.get_xdata()) == at_seats.model.arm.chain.places]
         assert len(skeleton) == 6  # three postures, as tubes and as joints
         assert (skeleton[0].get_xdata()[0], skeleton[0].get_ydata()[0]) == (0.0, 0.0)
+        assert "drawn" not in ax.get_title()
     views = [ax.get_title() for ax in plot_residual_views(at_seats).axes]
     assert [title.split(",")[0] for title in views] == ["before", "after"] * 2
     assert len({title.rpartition(" ")[2] for title in views}) == 1
 
 
+def test_of_many_vectors_the_title_counts_those_drawn(at_seats: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(residual_vectors, "MOST_VECTORS", 50)
+    ax = plot_residual_vectors(at_seats)
+    (lines,) = (c for c in ax.collections if isinstance(c, LineCollection))
+    assert len(lines.get_segments()) == 40
+    assert "40 of 118 records" in ax.get_title()
+
+
 def test_seats_stand_in_their_order_and_excluded_records_are_marked(at_seats: Calibration, with_wave: Calibration) -> None:
     ax = plot_residuals_by_seat(at_seats)
     drawn(ax.figure)
+    used = at_seats.fit.used
     assert labels(ax) == ("seat", "distance of tip and target [mm]")
     assert [tick.get_text() for tick in ax.get_xticklabels()] == [f"S{k}" for k in range(1, 13)]
     dots = [line for line in ax.lines if line.get_marker() == "." and to_hex(line.get_color()) == BLUE]
     assert sum(len(line.get_xdata()) for line in dots) == 118
     off = [line for line in ax.lines if line.get_marker() == "^"]
     assert sum(len(line.get_xdata()) for line in off) == 4  # two records, before and after, off the scale of the others
+    assert any("beyond the scale" in text and text.endswith(" 4") for text in legend_texts(ax))
     largest = at_seats.residuals["before_mm"][at_seats.fit.used].max()
     assert largest < ax.get_ylim()[1] < 2 * largest
     with pytest.raises(AacmmError, match="no seat"):
         plot_residuals_by_seat(with_wave)
+    none = replace(at_seats, fit=replace(at_seats.fit, excluded=np.zeros_like(used)))
+    assert not any("scale" in text or "excluded" in text for text in legend_texts(plot_residuals_by_seat(none)))
 
 
 def test_a_wave_of_an_encoder_shows_over_its_joint_alone(with_wave: Calibration) -> None:
@@ -175,8 +193,11 @@ def test_correlation_hides_what_is_not_told(of_robot: Calibration, at_seats: Cal
     hidden = np.ma.getmaskarray(image.get_array())
     names = list(of_robot.correlation.index)
     assert [names[i] for i in np.flatnonzero(hidden.all(axis=0))] == ["ry6"]
+    assert "grey" in ax.get_title()
     assert "correlation [1]" in [other.get_ylabel() for other in ax.figure.axes]
-    whole = plot_correlation(at_seats).images[0].get_array()
+    told = plot_correlation(at_seats)
+    assert "grey" not in told.get_title()
+    whole = told.images[0].get_array()
     assert not np.ma.getmaskarray(whole).any()
     np.testing.assert_allclose(np.diag(whole), 1.0)
 

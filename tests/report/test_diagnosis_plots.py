@@ -98,6 +98,10 @@ def knowing(base: Diagnosis, arm: Arm, effect: Effect, external: bool = False) -
     return replace(base, findings=(finding,), **fits), finding
 
 
+def legend_texts(ax: Any) -> list[str]:
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
 def wave(amplitude: float, order: float, phase: float) -> tuple[float, float]:
     return (amplitude * np.cos(phase), amplitude * np.sin(phase))
 
@@ -173,6 +177,44 @@ def test_a_curve_breaks_off_where_no_record_is(sound: Diagnosis, sino6: Arm) -> 
     gap = (shown.curve[0] > 125) & (shown.curve[0] < 190)
     assert np.isnan(shown.curve[1][gap]).all()
     assert np.isfinite(shown.curve[1][shown.curve[0] < 105]).all()
+    finding = replace(result.findings[0], effect=found)
+    for fit_, gap in ((replace(fits, used=used), True), (fits, False)):
+        assert any("gap" in text for text in legend_texts(plot_cause(replace(result, extended=fit_), finding))) == gap
+
+
+def test_values_beyond_the_scale_are_marked_and_counted(
+    sound: Diagnosis, sino6: Arm, blind: Callable[..., Diagnosis]
+) -> None:
+    """Of a cause and of what no cause explains: each has a triangle at the edge."""
+    result, finding = knowing(sound, sino6, CASES[0][0])
+    unexplained = blind("unexplained:humidity", seed=2)
+    shape = unexplained.unexplained.shapes["humidity_pct"]
+    cases = [
+        (plot_cause(result, finding), partial_residual(result, finding.effect).value),
+        (plot_unexplained(unexplained, "humidity_pct"), shape["growth_um_per_m_of_record"].to_numpy()),
+    ]
+    for ax, values in cases:
+        low, high = ax.get_ylim()
+        beyond = ((values < low) | (values > high)).sum()
+        assert beyond > 0
+        marked = [line for line in ax.lines if line.get_marker() in ("^", "v")]
+        assert sum(len(line.get_ydata()) for line in marked) == beyond
+        assert all(low < y < high for line in marked for y in line.get_ydata())
+        assert any("beyond the scale" in text and text.endswith(f" {beyond}") for text in legend_texts(ax))
+
+
+def test_seats_without_a_stated_place_are_counted(sound: Diagnosis, sino6: Arm) -> None:
+    result, finding = knowing(sound, sino6, SeatError("S4", values=(5e-5, -8e-5, 2e-4)))
+    solution = result.extended.solution
+    records = solution.problem.measurements
+    unknown = (records.conditions.seat == "S1") | (records.conditions.seat == "S2")
+    assert plot_cause(result, finding).get_xlabel() == "seat"
+    changed = replace(records, reference=np.where(unknown[:, None], np.nan, records.reference))
+    problem = replace(solution.problem, measurements=changed)
+    extended = replace(result.extended, solution=replace(solution, problem=problem))
+    ax = plot_cause(replace(result, extended=extended), finding)
+    assert len(ax.get_xticklabels()) == 4
+    assert "2 seats" in ax.get_xlabel()
 
 
 def test_a_cause_that_depends_on_nothing_is_refused(sound: Diagnosis, sino6: Arm) -> None:

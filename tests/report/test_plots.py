@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import matplotlib as mpl
@@ -151,6 +152,20 @@ def test_accuracy_stands_over_what_the_postures_have(
         np.testing.assert_allclose(ax.lines[0].get_xdata(), x[inside])
         np.testing.assert_allclose(ax.lines[0].get_ydata(), found.volume * 1e9)
         np.testing.assert_allclose(right.lines[0].get_ydata(), found.u * 1e6)
+
+
+def test_postures_that_are_not_drawn_are_explained(sino6: Arm, circle: ConfigurationCircle) -> None:
+    """Half of one circle is outside of the limits; the elbow of another does not get everywhere."""
+    cut = configuration_circle(sino6, HALF_IN_LIMITS, count=36)
+    seat = configuration_circle(sino6, POINT, tip=True, axis=[0, 0, -1])
+    pose = sino6.poses(np.array([[0.5, -1.0, 0.5, -1.0, 0.3, 0.2]])).placement[0]
+    single = reaching_postures(sino6, pose[:3, 3], rotation=pose[:3, :3])
+    assert not single.within_limits.all()
+    free = replace(sino6, limits=np.tile([-np.inf, np.inf], (6, 1)))
+    every = reaching_postures(free, pose[:3, 3], rotation=pose[:3, :3])
+    for one, gap in ((circle, False), (cut, True), (seat, True), (single, True), (every, False)):
+        title = plot_accuracy_of_postures(one, circle_accuracy(one)).get_legend().get_title().get_text()
+        assert ("no posture" in title) == gap
 
 
 def test_maps(sino6: Arm) -> None:

@@ -32,6 +32,9 @@ from aacmm_pin.report.plots.style import (
 
 COMPONENT_MARKERS = "os^DvP*h"
 """Shapes of the components that one picture tells apart."""
+NOT_THERE = "no mark: no posture within limits"
+GAP, MISSED = 6.0, 3.0
+"""A gap is seen in the curves where no posture is for so many degrees, and for so many usual steps."""
 MARKERS = 18
 """Number of these markers along a component."""
 
@@ -47,24 +50,35 @@ def plot_accuracy_of_postures(postures: PosturesAtPoint, accuracy: AccuracyVolum
         ShapeError: ``accuracy`` was worked out for other configurations.
     """
     inside, ax = paired(postures, accuracy), axes_of(ax, (7.5, 4.2))
+    left_out = not postures.within_limits.all()
     component = postures.component[inside]
     if isinstance(postures, ConfigurationCircle):
-        _draw_over(postures.swivel[inside] / DEG, component, accuracy, ax)
+        left_out = _has_gap(postures.swivel[inside] / DEG)
+        _draw_over(postures.swivel[inside] / DEG, component, accuracy, ax, left_out)
         ax.set(xlabel="swivel angle of the elbow, 0 = highest [deg]", xlim=(-180, 180), xticks=range(-180, 181, 60))
     elif isinstance(postures, ReachingPostures) and not postures.single:
-        _draw_over(postures.travel[inside], component, accuracy, ax)
+        _draw_over(postures.travel[inside], component, accuracy, ax, left_out)
         ax.set(xlabel="way of all angles along the curve [rad]")
         ax.set_xlim(left=0.0)
     else:
-        _draw_over(component.astype(np.float64), np.ones_like(component), accuracy, ax)
+        _draw_over(component.astype(np.float64), np.ones_like(component), accuracy, ax, left_out)
         last = int(postures.component.max())
         ax.set(xlabel="number of the posture", xlim=(0.5, last + 0.5), xticks=range(1, last + 1))
     ax.set_title(f"{accuracy.sources.arm.name}: accuracy of the postures, {accuracy.method}", fontsize=10)
     return ax
 
 
-def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes) -> None:
-    """Volume on the left, u on the right, over ``place`` (n,)."""
+def _has_gap(swivel: Array) -> bool:
+    """Whether there is a gap between swivel angles (n,) [°] somewhere in the turn, or none of them."""
+    if len(swivel) < 2:
+        return True
+    usual = float(np.median(np.abs(np.diff(swivel))))
+    ordered = np.sort(swivel)
+    return bool(np.diff(ordered, append=ordered[0] + 360).max() > max(GAP, MISSED * usual))
+
+
+def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axes, left_out: bool) -> None:
+    """Volume on the left, u on the right, over ``place`` (n,); what is not there is explained if some is ``left_out``."""
     right, numbers = ax.twinx(), np.unique(component)
     apart = numbers if 1 < len(numbers) <= len(COMPONENT_MARKERS) else numbers[:0]
     size = 1.5 if len(numbers) > 1 else 4.0 if len(place) > 20 else 8.0
@@ -84,7 +98,7 @@ def _draw_over(place: Array, component: Index, accuracy: AccuracyVolume, ax: Axe
     ax.margins(y=0.12)
     right.margins(y=0.12)
     ax.grid(alpha=0.3)
-    legend_below(ax, handles=handles)
+    legend_below(ax, handles=handles, title=NOT_THERE if left_out else None, title_fontsize=8)
 
 
 @plain

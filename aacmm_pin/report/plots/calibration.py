@@ -18,6 +18,7 @@ from aacmm_pin.report.plots.style import (
     INK,
     VERMILLION,
     axes_of,
+    draw_beyond,
     legend_below,
     name_places,
     numbers_by_size,
@@ -116,7 +117,7 @@ def plot_residuals_over_joints(result: Calibration, when: str = "after", ax: Axe
 def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     """Distance of tip and target of every record by its seat, before and after.
 
-    Excluded records are crosses, or triangles at the upper edge where they are off the scale of the others.
+    Excluded records are crosses, or triangles at the upper edge where they are beyond the scale of the others.
 
     Raises:
         AacmmError: the records name no seat.
@@ -130,18 +131,20 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     records = np.concatenate([seats[name] for name in names])
     place = np.concatenate([k + np.linspace(-0.14, 0.14, len(seats[name])) for k, name in enumerate(names)])
     used, excluded = result.fit.used[records], result.fit.excluded[records]
+    crossed: list[tuple[Array, Array, str]] = []
     for aside, (when, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
         x, y = place + aside, table[f"{when}_mm"].to_numpy()[records]
-        near, off = excluded & (y <= top), excluded & (y > top)
+        near = excluded & (y <= top)
         ax.plot(x[used], y[used], ".", ms=4, color=colour, label=f"{when} calibration")
         ax.plot(x[near], y[near], "x", ms=6, mew=1.5, color=VERMILLION)
-        ax.plot(x[off], np.full(off.sum(), 0.97 * top), "^", ms=6, color=VERMILLION)
+        crossed.append((x[excluded], y[excluded], VERMILLION))
     if excluded.any():
-        ax.plot([], [], "x", ms=6, mew=1.5, color=VERMILLION, label="excluded (▲ off the scale)")
+        ax.plot([], [], "x", ms=6, mew=1.5, color=VERMILLION, label="excluded")
+    draw_beyond(ax, crossed, (0.0, top))
     name_places(ax, names)
-    ax.set(xlabel="seat", ylabel="distance of tip and target [mm]", ylim=(0, top))
+    ax.set(xlabel="seat", ylabel="distance of tip and target [mm]")
     ax.grid(axis="y", alpha=0.3)
-    legend_below(ax)
+    legend_below(ax, columns=2)
     ax.set_title(f"{result.model.arm.name}: residuals by seat", fontsize=10)
     return ax
 
@@ -182,5 +185,6 @@ def plot_correlation(result: Calibration, ax: Axes | None = None) -> Axes:
     else:
         ax.set(xlabel="number of the parameter", ylabel="number of the parameter")
     ax.figure.colorbar(image, ax=ax, label="correlation [1]", shrink=0.8)
-    ax.set_title(f"{result.model.arm.name}: correlation of the parameters", fontsize=10)
+    grey = "\ngrey: not determined" if untold.any() else ""
+    ax.set_title(f"{result.model.arm.name}: correlation of the parameters{grey}", fontsize=10)
     return ax

@@ -14,6 +14,7 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.labels import in_words
 from aacmm_pin.errors import AacmmError
+from aacmm_pin.report.numbers import count
 from aacmm_pin.report.plots.groups import plot_rms
 from aacmm_pin.report.plots.parameter_changes import plot_geometry
 from aacmm_pin.report.plots.partial_residuals import PartialResidual, is_constant, partial_residual, state_of
@@ -25,6 +26,7 @@ from aacmm_pin.report.plots.style import (
     VERMILLION,
     aside,
     axes_of,
+    draw_beyond,
     legend_below,
     name_places,
     numbers_by_size,
@@ -34,7 +36,7 @@ from aacmm_pin.report.plots.style import (
 FEW = 12
 """A covariate with no more values than this is shown value by value."""
 SHOWN = (0.01, 0.99)
-"""Records between these quantiles fit into the picture; the others, which say least, are counted."""
+"""Records between these quantiles fit into the picture; the others, which say least, are marked at its edge."""
 ROOM = 0.8
 """As far beyond the curve, in heights of it, records are shown."""
 LEAST_IN_BIN = 3
@@ -93,14 +95,14 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
     means = _means(shown, few)
     ax.axhline(0.0, color=INK, lw=0.6)
     ax.plot(x, shown.value, ".", ms=3, color=GREY, alpha=0.5, label="records", zorder=1)
-    ax.plot(*shown.curve, "-", color=BLUE, lw=2.0, label="fitted cause", zorder=2)
+    gap = " (gap: no record near)" if np.isnan(shown.curve[1]).any() else ""
+    ax.plot(*shown.curve, "-", color=BLUE, lw=2.0, label=f"fitted cause{gap}", zorder=2)
     style: dict[str, Any] = {"fmt": "o", "ms": 4, "color": VERMILLION, "lw": 1.2, "capsize": 2.5, "zorder": 3}
-    ax.errorbar(means["x"], means["value"], means["u"], label="means ± u", **style)
-    low, high = _limits(shown, means)
-    if beyond := int(((shown.value < low) | (shown.value > high)).sum()):
-        ax.plot([], [], " ", label=f"off the scale: {beyond}")
-    ax.set(xlabel=shown.x_label, ylabel=shown.y_label, ylim=(low, high))
-    legend_below(ax)
+    of = "" if few else f" of {LEAST_IN_BIN} or more"
+    ax.errorbar(means["x"], means["value"], means["u"], label=f"means{of} ± u", **style)
+    draw_beyond(ax, [(x, shown.value, GREY)], _limits(shown, means))
+    ax.set(xlabel=shown.x_label, ylabel=shown.y_label)
+    legend_below(ax, columns=2)
     ax.set_title(f"{result.model.arm.name}: {in_words(finding.effect, result.model.arm)}", fontsize=10)
     return ax
 
@@ -128,7 +130,7 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
     """Where each seat is beside where it is said to be, by the extended arm; the fitted error of one seat as a ring.
 
     Dots are weighted means over the records of a seat, with the standard uncertainty that the scatter of these gives; an
-    error of the arm that is common to them is not in it.
+    error of the arm that is common to them is not in it. Seats without a stated place are counted.
     """
     fit, ax = result.extended, axes_of(ax, (6.8, 3.8))
     records, tips = fit.problem.measurements, fit.solution.point.prediction.tips
@@ -148,7 +150,9 @@ def _plot_seat_error(result: Diagnosis, effect: Effect, ax: Axes | None = None) 
         ax.plot(x, error[:, k], "o", ms=9, mfc="none", color=colour)
     ax.plot([], [], "o", ms=9, mfc="none", color=INK, label="fitted error")
     name_places(ax, names)
-    ax.set(xlabel="seat", ylabel="true place minus stated place [µm]")
+    without = len(records.seats()) - len(names)
+    ax.set_xlabel("seat" + (f" ({count(without, 'seat')} without a stated place not shown)" if without else ""))
+    ax.set_ylabel("true place minus stated place [µm]")
     legend_below(ax)
     ax.set_title(f"{result.model.arm.name}: {in_words(effect, result.model.arm)}", fontsize=10)
     return ax
@@ -184,17 +188,20 @@ def _plot_over_one(shape: pd.DataFrame, over: list[str], quantities: list[str], 
     x = (shape[over[0]] if numbers else pd.Series(codes)).to_numpy(dtype=float)
     step, spread = (0.0, 0.0) if numbers else (0.22, aside(len(x), 0.14))
     style: dict[str, Any] = {"lw": 2} if numbers else {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
+    several, series = len(quantities) > 1, []
     ax.axhline(0.0, color=INK, lw=0.6)
     for k, (quantity, colour) in enumerate(zip(quantities, AXES.values(), strict=False)):
         at = x + step * (k - (len(quantities) - 1) / 2)
-        ax.plot(at + spread, shape[f"{quantity}_of_record"], ".", ms=2.5, color=colour, alpha=0.3)
-        ax.plot(at, shape[quantity], color=colour, label=quantity[0], **style)
+        series.append((at + spread, shape[f"{quantity}_of_record"].to_numpy(), colour))
+        ax.plot(*series[-1][:2], ".", ms=2.5, color=colour, alpha=0.3)
+        ax.plot(at, shape[quantity], color=colour, label=quantity[0] if several else None, **style)
     if not numbers:
         name_places(ax, [str(name) for name in names])
     low, high = np.quantile(shape[[f"{quantity}_of_record" for quantity in quantities]], [0.005, 0.995])
-    ax.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low))
+    room, curve = 0.15 * (high - low), shape[quantities].to_numpy()
+    draw_beyond(ax, series, (min(low, curve.min()) - room, max(high, curve.max()) + room))
     ax.set(xlabel=_head(over[0]), ylabel=label)
-    if len(quantities) > 1:
+    if ax.get_legend_handles_labels()[0]:
         legend_below(ax)
 
 

@@ -71,7 +71,8 @@ def plot_iterations(ax: Axes | None = None) -> Axes:
     for run in RUNS:
         first = run == RUNS[0]
         rounded, exact = iterations(run, rounded=True), iterations(run)
-        for rows, colour, label in ((exact, VERMILLION, "unrounded"), (rounded, BLUE, "increments rounded to 1 mrad")):
+        small = f"unrounded, at {LEAST_MM:g} mm if smaller"
+        for rows, colour, label in ((exact, VERMILLION, small), (rounded, BLUE, "increments rounded to 1 mrad")):
             largest = np.maximum(rows[ERRORS_MM].max(axis=1), LEAST_MM)
             ax.plot(rows["iteration"], largest, "o-", ms=3.5, lw=1.2, color=colour, label=label if first else None)
         mine = table[table["run"] == run]
@@ -150,7 +151,8 @@ def plot_bayes_factors(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     ax.axvline(-np.log(10.0), color=INK, lw=0.7, ls=":")
     ax.annotate("1 : 10", (-np.log(10.0), len(table) - 0.5), ha="center", va="bottom", fontsize=8, color=INK)
     ax.set_yticks(place, table["cause"])
-    ax.set(xlabel="ln Bayes factor against the best [1]", xlim=(WORST, 0.0), ylim=(-0.6, len(table) + 0.1))
+    cut = "; bars cut off state their value" if (table[[*BARS]] - table[[*BARS]].max() < WORST).any(axis=None) else ""
+    ax.set(xlabel=f"ln Bayes factor against the best [1]{cut}", xlim=(WORST, 0.0), ylim=(-0.6, len(table) + 0.1))
     ax.legend(fontsize=8, frameon=False, loc="upper left")
     ax.set_title("Evidence of each description of Table 3", fontsize=10)
     return ax

@@ -103,6 +103,8 @@ def plot_residual_vectors(
         ax.plot(*posture[:, axes].T / MM, "-", color=GREY, lw=3, alpha=0.45, solid_capstyle="round", zorder=1)
         ax.plot(*posture[:, axes].T / MM, "o", color=GREY, ms=4, alpha=0.6, zorder=1)
     used, excluded = some_of(np.flatnonzero(judge.used)), judge.excluded
+    of = judge.used.sum()
+    some = f"\n{len(used)} of {of} records drawn" if len(used) < of else ""
     ax.plot(*np.unique(place[used][:, axes] / MM, axis=0).T, "o", ms=2.5, color=INK, zorder=2)
     if excluded.any():
         style: dict[str, Any] = {"ms": 7, "mew": 1.8, "color": VERMILLION, "label": f"{excluded.sum()} excluded"}
@@ -110,7 +112,7 @@ def plot_residual_vectors(
         legend_below(ax)
     _draw_vectors(ax, place[used][:, axes] / MM, deviation[used][:, axes] / MM, factor)
     ax.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]", aspect="equal")
-    ax.set_title(f"{name}, {VIEWS[plane]}, residuals magnified {factor:g}×", fontsize=10)
+    ax.set_title(f"{name}, {VIEWS[plane]}, residuals magnified {factor:g}×{some}", fontsize=10)
     return ax
 
 

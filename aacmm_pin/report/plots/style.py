@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar, cast
@@ -32,6 +32,8 @@ Drawn = TypeVar("Drawn", Axes, Figure)
 OF_NAMES = (FixedFormatter, FuncFormatter)
 LONGEST_NAME, LONGEST_LINE = 48, 96
 """Characters of a name at a tick or in a legend, and of a line of a title, lest they leave the axes no place."""
+EDGE = 0.03
+"""How far from the edge of the scale a mark for a value beyond it stands, in heights of the scale."""
 UPRIGHT = 24
 """Characters of a name that stands upright."""
 
@@ -135,6 +137,25 @@ def legend_below(ax: Axes, columns: int = 4, **more: Any) -> None:
     """The legend in rows below the axes and their label."""
     place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 5.0}
     ax.legend(fontsize=8, frameon=False, ncols=columns, **place, **more)
+
+
+def draw_beyond(ax: Axes, series: Iterable[tuple[Array, Array, str]], limits: tuple[float, float]) -> None:
+    """Sets the limits of y; triangles at their edge stand for the values beyond, and the legend counts these.
+
+    Args:
+        ax: axes.
+        series: x (n,), y (n,) and the colour of each series of values.
+        limits: of y.
+    """
+    low, high = limits
+    edge, number = EDGE * (high - low), 0
+    for x, y, colour in series:
+        for off, at, marker in ((y < low, low + edge, "v"), (y > high, high - edge, "^")):
+            ax.plot(x[off], np.full(off.sum(), at), marker, ms=5, color=colour)
+            number += int(off.sum())
+    if number:
+        ax.plot([], [], "^", ms=5, color=INK, label=f"beyond the scale, drawn at its edge: {number}")
+    ax.set_ylim(low, high)
 
 
 def name_places(ax: Axes, names: Sequence[str], letters: int = 80, size: float = 8.0) -> None:
