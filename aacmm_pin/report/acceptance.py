@@ -26,9 +26,8 @@ RULE = (
     "ISO 14253-1:2017 is 1.65u."
 )
 CHART = (
-    "Individuals charts: the magnitude of the figure in each check, the latest large; line: mean of the earlier ones; "
-    f"dashed: {PER_MOVING_RANGE} mean moving ranges away from it, none below zero, from {LEAST_CHECKS} earlier checks on; "
-    "cross: failed or outside then, and not counted; dotted: MPE."
+    "Individuals charts: the magnitude of the figure in each check, the mean of the earlier ones that count, and limits "
+    f"{PER_MOVING_RANGE} mean moving ranges away from it, none below zero, from {LEAST_CHECKS} of them on."
 )
 STATED = {
     "operator": ("operator", ""),
@@ -75,7 +74,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
         return Document(TITLE, ["No touches of a test of this standard."], result.path)
     table = result.to_frame()
     several = len({f.source for f in result.figures}) > 1
-    table["coordinates"] = table["coordinates"].map(_brief)
+    table["coordinates"] = table["coordinates"].map(brief)
     table["standard"] = table["standard"].replace(EDITIONS)
     said = [name for name in ("verdict", "value_mm", "U_mm", "mpe_mm") if table[name].notna().any() or name == "value_mm"]
     shown = ["figure", *said, *["coordinates"] * several, *["standard"] * (details is not None and not several), "had"]
@@ -136,13 +135,13 @@ def history_blocks(history: History) -> list[Block]:
     left_out = dict[str, list[str]]()
     for chart in charts:
         if len(chart.values) > 1 and (chart.arm, chart.figure) not in there:
-            left_out.setdefault(f" by {_brief(chart.arm)}" * several, []).append(chart.figure)
+            left_out.setdefault(f" by {brief(chart.arm)}" * several, []).append(chart.figure)
     more = f" Not drawn: {'; '.join(', '.join(names) + arm for arm, names in left_out.items())}." if left_out else ""
     figure = Figure(lambda: plot_history(history), "Control charts of the figures", CHART + more)
     return [said, figure] if drawn else [said]
 
 
-def _brief(source: str) -> str:
+def brief(source: str) -> str:
     """Whose coordinates, so that it stands on one line of a table."""
     return "file" if source == AS_GIVEN else source if len(source) <= SHORT else f"…{source[1 - SHORT :]}"
 

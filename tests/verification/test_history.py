@@ -18,7 +18,7 @@ from aacmm_pin.cli.root_command import app
 from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
 from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
 from aacmm_pin.report.html import page as page_of
-from aacmm_pin.report.plots.history import charts_drawn
+from aacmm_pin.report.plots.history import charts_drawn, plot_history
 from aacmm_pin.verification import History
 from tests.browser import Page as Browser
 from tests.verification.test_accept import everything, rows
@@ -190,6 +190,38 @@ def test_only_what_was_read_is_replaced(tmp_path: Path) -> None:
         with pytest.raises(OutputError, match="meanwhile"), OutputFiles(force) as files:
             History().write(files, path)
     assert len(pd.read_csv(path)) == 9
+
+
+def test_charts_have_dates_and_say_what_their_marks_are(tmp_path: Path) -> None:
+    """A check a month, or of one day: then with the time; of the marks those that are there."""
+    monthly, daily = history(tmp_path, [*SIZES, 0.05]), history(tmp_path, [0.02])
+    for hour in (2, 4):
+        daily = daily.with_check(accept(touches(tmp_path / "t.csv", 0.02 + hour * 1e-4)), START + timedelta(hours=hour))
+    first, last = START, START + timedelta(days=240)
+    for checks, ends, outside in (
+        (monthly, (f"{first:%Y-%m-%d}", f"{last:%Y-%m-%d}"), True),
+        (daily, ("2026-01-0100:00", "2026-01-0104:00"), False),
+    ):
+        figure = plot_history(checks)
+        figure.canvas.draw()
+        assert len(figure.axes) == len(charts_drawn(checks))
+        for ax in figure.axes:
+            texts = [label.get_text().replace("\n", "") for label in ax.get_xticklabels()]
+            assert (texts[0], texts[-1]) == ends
+            assert "UTC" in ax.get_xlabel()
+        (legend,) = figure.legends
+        said = [text.get_text() for text in legend.get_texts()]
+        assert "latest" in " ".join(said)
+        assert any("outside" in text for text in said) == outside
+        boxes = [label.get_window_extent() for ax in figure.axes for label in ax.get_xticklabels()]
+        assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+
+
+def test_charts_that_are_not_drawn_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    checks = history(tmp_path, SIZES)
+    assert "not drawn" not in plot_history(checks).legends[0].get_title().get_text()
+    monkeypatch.setattr("aacmm_pin.report.plots.history.MOST", 1)
+    assert "1 of 2 figures not drawn" in plot_history(checks).legends[0].get_title().get_text()
 
 
 def test_a_test_report_is_one_sheet(tmp_path: Path, page: Browser) -> None:

@@ -2,64 +2,109 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from aacmm_pin._support.units import MM
+from aacmm_pin.report.acceptance import brief
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, axes_of, panels_of, plain, whole
 from aacmm_pin.verification import ControlChart, History
 
-NAME = 22
-"""Characters of the name of an arm above a panel."""
 MOST = 12
 """Panels in all, in two rows of up to six."""
+FINEST = 1e-4
+"""What a panel shows at least, from its lower to its upper edge [mm]: one digit of the table."""
+MARKS: dict[str, dict[str, Any]] = {
+    "earlier check": {"marker": "o", "ms": 3, "color": INK, "ls": ""},
+    "failed or outside the limits, not counted": {"marker": "x", "ms": 5, "color": VERMILLION, "ls": ""},
+    "latest check": {"marker": "o", "ms": 6, "color": BLUE, "ls": ""},
+    "latest check, outside the limits": {"marker": "D", "ms": 6, "color": VERMILLION, "ls": ""},
+    "mean": {"lw": 0.7, "color": INK},
+    "limits": {"lw": 0.7, "color": INK, "ls": "--"},
+    "MPE": {"lw": 0.9, "color": VERMILLION, "ls": ":"},
+}
+"""How what is in a chart is drawn, by its name in the legend."""
 
 
 def charts_drawn(history: History) -> list[ControlChart]:
     """The charts that :func:`plot_history` draws: of two checks at least, first those with an MPE."""
+    return _charts(history)[:MOST]
+
+
+def _charts(history: History) -> list[ControlChart]:
+    """The charts of two checks at least, first those with an MPE."""
     charts = [chart for chart in history.charts() if len(chart.values) > 1]
-    return sorted(charts, key=lambda chart: bool(np.isnan(chart.mpe)))[:MOST]
+    return sorted(charts, key=lambda chart: bool(np.isnan(chart.mpe)))
 
 
 @plain
 def plot_history(history: History, ax: Axes | None = None) -> Figure:
-    """The figures of all checks, the latest in colour, with the mean and the limits of the earlier ones and the MPE."""
-    charts = charts_drawn(history)
+    """The figures of all checks, the latest in colour, with the mean and the limits of the earlier ones and the MPE.
+
+    Checks stand at equal distances, with dates below some of them.
+    """
+    charts, missing = charts_drawn(history), len(_charts(history)[MOST:])
     across = 4 if len(charts) <= 8 else MOST // 2
     if not charts:
         ax = axes_of(ax, (4.0, 1.0))
         ax.text(0.5, 0.5, "no figure of two checks", ha="center", va="center")
         ax.set_axis_off()
         return whole([ax])
-    panels = panels_of(ax, (9.4, 0.35 + 1.5 * -(-len(charts) // across)), len(charts), across)
+    panels = panels_of(ax, (9.4, 0.6 + 1.5 * -(-len(charts) // across)), len(charts), across)
     several = len({chart.arm for chart in charts}) > 1
     for k, (panel, chart) in enumerate(zip(panels, charts, strict=True)):
         _draw(panel, chart, several)
         if k % across == 0:
             panel.set_ylabel("|value| [mm]", fontsize=8)
         if k + across >= len(charts):
-            panel.set_xlabel("number of the check", fontsize=8)
-    return whole(panels)
+            panel.set_xlabel("date (UTC)", fontsize=8)
+    drawn = {line.get_label(): line for panel in panels for line in panel.lines}
+    figure = whole(panels)
+    figure.legend(
+        [drawn[name] for name in MARKS if name in drawn],
+        [name for name in MARKS if name in drawn],
+        loc="outside lower center",
+        ncols=len(MARKS),
+        fontsize=7,
+        frameon=False,
+        title=f"{missing} of {missing + len(charts)} figures not drawn" if missing else None,
+        title_fontsize=7,
+    )
+    return figure
 
 
 def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
     values = chart.values / MM
-    number = np.arange(1, len(values) + 1)
+    number, latest = np.arange(len(values)), "latest check, outside the limits" if chart.left else "latest check"
     ax.plot(number, values, "-", color=GREY, lw=0.8)
-    ax.plot(number[:-1][chart.counted], values[:-1][chart.counted], "o", color=INK, ms=3)
-    ax.plot(number[:-1][~chart.counted], values[:-1][~chart.counted], "x", color=VERMILLION, ms=5)
-    ax.plot(number[-1:], values[-1:], "D" if chart.left else "o", color=VERMILLION if chart.left else BLUE, ms=6)
-    if np.isfinite(chart.centre):
-        ax.axhline(chart.centre / MM, color=INK, lw=0.7)
-    for limit in chart.limits:
-        if np.isfinite(limit):
-            ax.axhline(limit / MM, color=INK, lw=0.7, ls="--")
-    if np.isfinite(chart.mpe):
-        ax.axhline(chart.mpe / MM, color=VERMILLION, lw=0.9, ls=":")
-    arm = chart.arm if len(chart.arm) <= NAME else f"…{chart.arm[1 - NAME :]}"
-    ax.set_title(f"{chart.figure}\n{arm}" if several else chart.figure, fontsize=8)
-    ax.xaxis.set_major_locator(MaxNLocator("auto", integer=True))
+    earlier = {"earlier check": chart.counted, "failed or outside the limits, not counted": ~chart.counted}
+    for name, some in earlier.items():
+        if some.any():
+            ax.plot(number[:-1][some], values[:-1][some], label=name, **MARKS[name])
+    ax.plot(number[-1:], values[-1:], label=latest, **MARKS[latest])
+    levels = [("mean", chart.centre), *(("limits", limit) for limit in chart.limits), ("MPE", chart.mpe)]
+    for name, level in levels:
+        if np.isfinite(level):
+            ax.axhline(level / MM, label=name, **MARKS[name])
+    ax.set_title(f"{chart.figure}\n{brief(chart.arm)}" if several else chart.figure, fontsize=8)
+    _name_dates(ax, chart.times)
+    low, high = ax.get_ylim()
+    room = max(0.0, FINEST - (high - low)) / 2
+    ax.set_ylim(low - room, high + room)
+    ax.ticklabel_format(axis="y", useOffset=False)
     ax.tick_params(labelsize=7)
     ax.spines[["top", "right"]].set_visible(False)
+
+
+def _name_dates(ax: Axes, times: Sequence[datetime]) -> None:
+    """Dates below the first check, one in the middle, and the last; with the time where several are of one day."""
+    form = "%Y-\n%m-%d"
+    if len({time.date() for time in times}) < len(times):
+        form += "\n%H:%M"
+    some = np.unique(np.linspace(0, len(times) - 1, 3).round().astype(int))
+    ax.set_xticks(some, [f"{times[k]:{form}}" for k in some])
