@@ -41,6 +41,8 @@ from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import OutputError, ShapeError, UnknownNameError
 from aacmm_pin.postures.general_ik import reaching_postures
 from aacmm_pin.report import scenes
+from aacmm_pin.report.numbers import lengths
+from aacmm_pin.report.plots import residual_vectors
 from aacmm_pin.report.scenes import Frames, Scene
 from aacmm_pin.report.scenes.page import viewer_script
 from tests.by_pinocchio import dh_sensitivity
@@ -388,6 +390,22 @@ def test_residuals_in_a_frame_of_their_own_are_drawn_in_the_base(sino6: Arm) -> 
     np.testing.assert_allclose(foot, data.reference[records], atol=2e-4)  # the frame is known that well
     tips = result.model.correct(moved.q[records])
     np.testing.assert_allclose(foot + (end - foot) / factor_of(scene), tips, atol=1e-6)
+
+
+def test_a_scene_gives_the_numbers_of_the_page(sino6: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """RMS over all used records though few are drawn; of each record what the list of residuals has."""
+    monkeypatch.setattr(residual_vectors, "MOST_VECTORS", 20)
+    data = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))
+    result = calibrate(sino6, data, ["geometry"], encoder_noise=8e-6, hold_out=False)
+    scene, table = scenes.residual_scene(result), result.residuals.set_index("row")
+    assert all(size in scene.caption for size in lengths([result.rms_before, result.rms]))
+    assert scene.frames is not None
+    assert len(scene.frames.readings) == 20
+    for reading in scene.frames.readings:
+        row = table.loc[int(reading[0])]
+        assert {f"{row[f'{when}_mm']:.4f} mm" for when in ("before", "after")} <= {*reading}
+    sizes = lengths(diagnosed().rms.values())[:3]
+    assert all(size in scenes.residual_scene(diagnosed()).caption for size in sizes)
 
 
 # --- scene and page

@@ -59,6 +59,13 @@ def model_named(result: Calibration | Diagnosis, name: str) -> Fit:
     return models(result)[name]
 
 
+def rms_of(result: Calibration | Diagnosis) -> dict[str, float]:
+    """RMS distance of tip and target of the used records by the names of the :func:`models` [m]."""
+    if isinstance(result, Calibration):
+        return {"before": result.rms_before, "after": result.rms}
+    return {name: result.rms[name] for name in models(result)}
+
+
 def two_models(result: Calibration | Diagnosis) -> tuple[str, str]:
     """The two models worth comparing: without and with the causes; where none was found, or asked for, with geometry."""
     if isinstance(result, Calibration):
@@ -96,7 +103,7 @@ def plot_residual_vectors(
     if plane not in get_args(Plane):
         raise UnknownNameError("plane", plane, list(get_args(Plane)))
     axes, ax = ["xyz".index(axis) for axis in plane], axes_of(ax, (6.0, 5.6))
-    deviation = _deviations(result, fit)
+    deviation = deviations_of(result, fit)
     place = fit.solution.point.prediction.tips - deviation
     factor = factor or magnification_of(place[judge.used], deviation[judge.used])
     for posture in postures_of(judge):
@@ -129,7 +136,7 @@ def plot_residual_views(result: Calibration | Diagnosis, ax: Axes | None = None)
     """
     names, panels = two_models(result), panels_of(ax, (8.6, 8.0), 4, 2)
     used, fit = [*models(result).values()][-1].used, models(result)[names[0]]
-    deviation = _deviations(result, fit)[used]
+    deviation = deviations_of(result, fit)[used]
     factor = magnification_of(fit.solution.point.prediction.tips[used] - deviation, deviation)
     planes: tuple[Plane, ...] = ("xy", "xz")
     for panel, (plane, name) in zip(panels, product(planes, names), strict=True):
@@ -164,7 +171,7 @@ def off_stated(fit: Fit) -> Array:
     return np.where(records.known[:, None], tips - records.reference, fit.solution.system.deviation)
 
 
-def _deviations(result: Calibration | Diagnosis, fit: Fit) -> Array:
+def deviations_of(result: Calibration | Diagnosis, fit: Fit) -> Array:
     """Residuals as the result lists them (n, 3) [m]; of a diagnosis from the stated places, which may be wrong."""
     return fit.solution.system.deviation if isinstance(result, Calibration) else off_stated(fit)
 

@@ -1,23 +1,23 @@
-"""Residuals where they are: lines from each stated place towards the tip, with the arm in the posture of the record."""
+"""Residuals where they are: lines from each target, or stated place, towards the tip, and the arm in its posture."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.colors import to_hex
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.checks import Index
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis
+from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plots.residual_vectors import (
+    deviations_of,
     magnification_of,
     model_named,
     models,
-    off_stated,
     postures_of,
+    rms_of,
     some_of,
 )
 from aacmm_pin.report.scenes.arm_parts import Bodies
@@ -35,7 +35,8 @@ PER_SECOND = 4.0
 def residual_scene(result: Calibration | Diagnosis, model: str | None = None) -> Scene:
     """Residuals by one of the models of a result, magnified, and the arm in the postures of the records.
 
-    Spikes go from each stated place towards the tip; where none is stated, from where the records of the seat put it.
+    Spikes go towards the tip, from each target of a calibration, or each stated place of a diagnosis; where none is stated,
+    from where the records of the seat put it.
     The slider goes from the largest residual to the smallest.
 
     Args:
@@ -47,13 +48,13 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     """
     arm, fits = result.model.arm, models(result)
     judge, name = [*fits.values()][-1], model or [*fits][-1]
-    fit = model_named(result, name)
+    fit, start = model_named(result, name), "target" if isinstance(result, Calibration) else "stated place"
     frame, records = fit.solution.point.frame, fit.problem.measurements
     chosen = some_of(np.flatnonzero(judge.used))
-    off = {which: np.linalg.norm(off_stated(one)[chosen], axis=1) / MM for which, one in fits.items()}
+    off = {which: np.linalg.norm(deviations_of(result, one)[chosen], axis=1) / MM for which, one in fits.items()}
     order = np.argsort(-off[name], kind="stable")
     chosen, off = chosen[order], {which: sizes[order] for which, sizes in off.items()}
-    deviation = off_stated(fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
+    deviation = deviations_of(result, fit)[chosen] @ frame.rotation  # in the base, where the arm is drawn
     target = frame.back(fit.solution.point.prediction.tips[chosen]) - deviation
     factor = magnification_of(target, deviation)
     ends = target + factor * deviation
@@ -61,15 +62,15 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     points = np.vstack([bodies.corners(q).reshape(-1, 3), target, ends])
     size = float(np.ptp(points, axis=0).max())
 
-    scene = stage(f"{arm.name}: residuals, {name}", _caption(judge, chosen, off), bodies, points, target)
+    scene = stage(f"{arm.name}: residuals, {name}", _caption(result, judge, chosen), bodies, points, target)
     draw_ghosts(scene, bodies.radius, map(frame.back, postures_of(judge)))
-    scene.bar = ColourBar.of("distance of tip and stated place [mm]", off[name], SIZE_COLOURS)
+    scene.bar = ColourBar.of(f"distance of tip and {start} [mm]", off[name], SIZE_COLOURS)
     colours = scene.bar.colours(off[name])
     spikes = prisms(target, ends, FOOT * size, 0.0, np.repeat(colours[:, None], 2, axis=1))
     scene["residuals"].set_object(spikes, flat(by_vertex=True))
-    draw_ball(scene, "record", "stated place of this record", 1.6 * FOOT * size, target[0])
+    draw_ball(scene, "record", f"{start} of this record", 1.6 * FOOT * size, target[0])
     scene.notes = [
-        f"Residuals are magnified {factor:g} times: a spike stands with its foot on the stated place and points to the tip.",
+        f"Residuals are magnified {factor:g} times: a spike stands with its foot on the {start} and points to the tip.",
         "The slider goes from the largest residual to the smallest.",
         TO_SCALE.replace("Lengths are", "The arm is"),
     ]
@@ -77,7 +78,7 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     texts = {
         "row": [str(row) for row in records.row[chosen]],
         "seat": ["–"] * len(chosen) if seats is None else [str(seat or "–") for seat in seats[chosen]],
-        "stated place": [place_text(place) for place in target],
+        start: [place_text(place) for place in target],
         **{f"off, {which}": [f"{length:.4f} mm" for length in lengths] for which, lengths in off.items()},
         **joint_texts(arm, q),
     }
@@ -87,11 +88,12 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
     return scene
 
 
-def _caption(judge: Fit, chosen: Index, off: Mapping[str, Array]) -> str:
-    sizes = ", ".join(f"{which} {np.sqrt(np.mean(np.square(values))):.4f} mm" for which, values in off.items())
+def _caption(result: Calibration | Diagnosis, judge: Fit, chosen: Index) -> str:
+    rms = rms_of(result)
+    sizes = ", ".join(f"{which} {size}" for which, size in zip(rms, lengths(rms.values()), strict=True))
     excluded = int(judge.excluded.sum())
     without = f"; {excluded} excluded" if excluded else ""
     return (
-        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance from the stated places, whose "
-        f"own noise is in it: {sizes}."
+        f"{len(chosen)} of {int(judge.used.sum())} records are drawn{without}. RMS distance of tip and target of all used "
+        f"records: {sizes}."
     )
