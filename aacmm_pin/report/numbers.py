@@ -16,6 +16,8 @@ LEAST_P = 1e-16
 """No smaller chance is told."""
 DIGITS = {"mm": "z.5f", "rad": "z.7f"}
 """Formats of the values of parameters by their unit."""
+WORD = re.compile(r"[a-z]+(?:[-'’][a-z]+)*[,.:;]?(?!\S)")
+"""A word of a sentence; names of causes, parameters, columns and files have other characters."""
 UNIT = re.compile(r"_(mm3|mm|deg)$")
 """The unit at the end of the name of a column."""
 UNITS = {"mm3": "mm³", "mm": "mm", "deg": "°"}
@@ -79,8 +81,8 @@ def count(number: int, noun: str) -> str:
 
 
 def capital(text: str) -> str:
-    """The text with a capital letter in front."""
-    return f"{text[:1].upper()}{text[1:]}"
+    """The text with a capital letter in front; as it is where its first word is a name, such as ``theta_offset3``."""
+    return f"{text[:1].upper()}{text[1:]}" if WORD.match(text) else text
 
 
 def p_value(value: float) -> str:

@@ -22,7 +22,7 @@ from aacmm_pin.report.document import (
     SceneView,
     Table,
 )
-from aacmm_pin.report.numbers import count, in_one_unit, lengths, p_equals, small, small_unit, spread
+from aacmm_pin.report.numbers import capital, count, in_one_unit, lengths, p_equals, small, small_unit, spread
 from aacmm_pin.report.scenes import arm_scene
 from aacmm_pin.report.scenes.page import viewer_script
 from tests.pages import Page
@@ -173,3 +173,12 @@ def test_text_is_aligned_to_the_left_where_jupyter_would_not() -> None:
     for cell in cells:
         assert ("left" in cell.get("style", "")) == (cell["class"] != "number")
     assert not any("style" in cell for cell in Page(html.page(Document("T", [table]))).all("td"))
+
+
+def test_a_sentence_that_begins_with_a_name_keeps_it() -> None:
+    for name in ("encoder_eccentricity:2", "theta_offset3", "a2", "x_mm", "data.csv:", "joint_error_curve", "µrad", "θ3"):
+        assert capital(f"{name} moved") == f"{name} moved"
+        page = html.page(Document("title", [Notes([f"{name} moved"])]))
+        assert f"{name} moved." in page
+    for words in ("no figure has left it", "self-motion", "no-discrepancy", "drift, of joint 2", "wave: of joint 2"):
+        assert capital(words) == words[0].upper() + words[1:]
