@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from aacmm_pin._support.text_escaping import note
 from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
 from aacmm_pin.cli.common import Force, Json, Results, Seed, command
 from aacmm_pin.diagnosis import diagnose
@@ -38,6 +39,11 @@ def run(
         result = diagnose(model, records, hold_out=not no_held_out, rng=rng, **how.keywords())
         told = diagnosis_document(result)
         if extended_arm is not None:
+            if result.no_better:
+                note(
+                    f"warning: {extended_arm}: the extended arm does not predict held-out records better than the "
+                    "recalibrated arm; use the arm that aacmm-pin calibrate writes"
+                )
             results.arm(result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}")
         summary = result.summary() | {"source": path, "seed": seed}
         if output is not None:

@@ -58,6 +58,22 @@ def candidates(
     return [*changes, *(variants for label, variants in of_label.items() if label not in known)]
 
 
+def not_tried(library: Sequence[Variants], measurements: Measurements) -> dict[str, tuple[type[Effect], ...]]:
+    """Conditions that the records do not state, and the causes of which none was a candidate for want of them."""
+    tried, lacking = {variants[0].cause for variants in library}, dict[str, tuple[type[Effect], ...]]()
+    for cause in CAUSES.values():
+        missing = [need for need in _needs(cause) if getattr(measurements.conditions, need) is None]
+        if missing and cause.cause not in tried:
+            lacking[missing[0]] = (*lacking.get(missing[0], ()), cause)
+    return lacking
+
+
+def _needs(cause: type[Effect]) -> tuple[str, ...]:
+    """What every effect of a class needs; nothing where that depends on its fields."""
+    needs = getattr(cause, "needs", ())
+    return needs if isinstance(needs, tuple) else ()
+
+
 def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
     """The causes that the arm is known to have, with a stated uncertainty that counts."""
     stated = (effect for effect in model.effects if setup.prior and any(effect.u))

@@ -37,6 +37,9 @@ class Gain(Shown):
             from a stated orientation is part of it, by :attr:`Fit.lever`.
         smooth: the same with the smooth corrections of what no cause explains (n,) [m].
         part: part of each record (n,).
+        excluded: how many of the records were excluded from the extended arm, and count here, for the recalibrated arm alone
+            does not exclude them.
+        gross_errors: how many do not count, for both arms exclude them.
         chosen: labels that were chosen without each part.
         interval: 95 % interval of the gain, by resampling the parts.
     """
@@ -48,6 +51,8 @@ class Gain(Shown):
     extended: Array
     smooth: Array
     part: Index
+    excluded: int
+    gross_errors: int
     chosen: tuple[tuple[str, ...], ...]
     interval: tuple[float, float]
 
@@ -55,6 +60,11 @@ class Gain(Shown):
     def gain(self) -> float:
         """1 - RMS(extended)/RMS(recalibrated)."""
         return 1.0 - rms(self.extended) / rms(self.recalibrated)
+
+    @property
+    def beyond_doubt(self) -> bool:
+        """Whether the extended arm predicts held-out records better, by the whole interval."""
+        return self.interval[0] > 0.0
 
     @property
     def smooth_gain(self) -> float:
@@ -72,6 +82,8 @@ def gain_of(
 ) -> Gain | None:
     """Leave out every part in turn; choose and fit with the rest; predict it.
 
+    Records are predicted as in :attr:`Choice.counted`: excluded ones too, but for gross errors.
+
     Args:
         choice: what was chosen with all records; only its columns and inner products are used.
         before: the arm as it was, set-up fitted.
@@ -83,7 +95,7 @@ def gain_of(
     Returns:
         None where no part that is left out has anything to be compared with, such as one record only of each unknown seat.
     """
-    used, held, chosen = choice.fit.used, choice.held, []
+    counted, held, chosen = choice.counted, choice.held, []
     part = np.where(np.isin(choice.parts, held.parts), choice.parts, -1)
 
     def predict(number: int, _: Mask) -> list[Array]:
@@ -96,7 +108,7 @@ def gain_of(
         simulation = distances(records, before.solution.point.prediction.poses[rows], lever=choice.fit.lever)
         return [simulation, *(_predicted(choice, training, blocks, number) for blocks in ((), causes, admitted))]
 
-    simulation, recalibrated, extended, smooth = left_out_in_turn(part, used & (part >= 0), predict, kind, progress)
+    simulation, recalibrated, extended, smooth = left_out_in_turn(part, counted & (part >= 0), predict, kind, progress)
     if not np.isfinite(extended).any():
         return None
     return Gain(
@@ -107,6 +119,8 @@ def gain_of(
         extended,
         smooth,
         choice.parts,
+        int((counted & ~choice.fit.used).sum()),
+        int((choice.fit.excluded & ~counted).sum()),
         tuple(chosen),
         _interval(recalibrated, extended, choice.parts, rng),
     )

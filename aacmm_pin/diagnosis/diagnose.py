@@ -20,18 +20,19 @@ from aacmm_pin.calibration.input_mistakes import first_fit
 from aacmm_pin.calibration.parameters import found_anew, length_held, problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
-from aacmm_pin.diagnosis.candidates import candidates, known_causes
+from aacmm_pin.diagnosis.candidates import candidates, known_causes, not_tried
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.findings import UNLIKELY, estimated, findings_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, in_its_place, refitted
-from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, too_good
+from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, no_better, too_good
 from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, look_alikes, strengths, visible
 from aacmm_pin.diagnosis.undetected import Others, known_alone, others_beside
 from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by
 from aacmm_pin.diagnosis.verdict import verdict_of
 from aacmm_pin.effects import Effect
+from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.drift_and_hysteresis import ZeroDrift
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import LoadedEffect
@@ -182,9 +183,9 @@ def _concluded(
     structure = bool(unexplained.depends_on) or _excess(extended) > 0.0
     shown, others = visible(choice), others_beside(choice, named)
     untold = (*choice.otherwise, *(effect.label for effect in choice.effects if effect.label not in named))
-    fits = (recalibrated, extended)
+    fits, worse = (recalibrated, extended), no_better(model.arm, findings, held)
     return Diagnosis(
-        verdict=verdict_of(findings, structure, unexplained.p_value, others.probability, shown, fits, untold),
+        verdict=verdict_of(findings, structure, unexplained.p_value, others.probability, shown, fits, untold, worse),
         findings=tuple(findings),
         model=_as_found(extended, findings, unexplained),
         before=before,
@@ -198,6 +199,7 @@ def _concluded(
         visible=shown,
         notes=(
             *notes_of(extended),
+            *_not_tried(choice),
             *_otherwise(choice),
             *_below_zero(findings),
             *_beside(others),
@@ -214,6 +216,13 @@ def _concluded(
             *notes,
         ),
     )
+
+
+def _not_tried(choice: Choice) -> list[str]:
+    """Columns that the file lacks, and what could not be tried without them; one line."""
+    lacking = not_tried(choice.library, choice.fit.problem.measurements).items()
+    each = [f"no {COLUMNS[need]}: {listed([c.words for c in causes])} not tried" for need, causes in lacking]
+    return ["; ".join(each)] if each else []
 
 
 def _otherwise(choice: Choice) -> list[str]:

@@ -67,6 +67,7 @@ class Choice:
         parts: part of each record for leaving out (n,).
         held: inner products from which parts can be left out.
         otherwise: labels of causes that would be found if excluded records counted, where without these there is none.
+        kept_alone: records that the arm recalibrated alone, by its own scatter, does not exclude (n,); None: the used ones.
     """
 
     fit: Fit
@@ -79,6 +80,7 @@ class Choice:
     parts: Index
     held: Gram
     otherwise: tuple[str, ...] = ()
+    kept_alone: NDArray[np.bool_] | None = None
 
     @cached_property
     def left(self) -> Conditional:
@@ -90,10 +92,21 @@ class Choice:
         """What is left beside the nuisances alone."""
         return Conditional(Projection(self.gram, ()))
 
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Records that count when they are left out and predicted (n,): all but those that both arms exclude.
+
+        A record that only the extended arm excludes may be one that its causes are wrong for. One that the recalibrated
+        arm excludes too is a gross error: either arm is equally far off there, and a few such records would be all that
+        a gain in RMS shows.
+        """
+        used = self.fit.used
+        return np.asarray(used if self.kept_alone is None else used | self.kept_alone)
+
     @cached_property
     def of_part(self) -> dict[int, tuple[Index, Measurements]]:
-        """The used records of each part that can be left out, their numbers first."""
-        rows = {number: np.flatnonzero(self.fit.used & (self.parts == number)) for number in self.held.parts}
+        """The counted records of each part that can be left out, their numbers first."""
+        rows = {number: np.flatnonzero(self.counted & (self.parts == number)) for number in self.held.parts}
         return {number: (own, self.fit.problem.measurements.take(own)) for number, own in rows.items()}
 
     @property
@@ -150,6 +163,7 @@ def choose(
         elif fewer > 0 and not found.causes:
             found = replace(found, otherwise=tuple(effect.label for effect in again.effects))
         again.gram.products.release()
+    found = replace(found, kept_alone=first.used)
     if not _torn(found.design.fit, parts):
         return found
     found.gram.products.release()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -15,16 +15,19 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.units import MM
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameter_vector import geometric_parameters
+from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.residual_tables import residuals_by_group
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect
+from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import probability, values_in_words
 
@@ -146,6 +149,11 @@ class Diagnosis(Shown):
         """Whether a finding is a value of the arm's own geometry."""
         return bool(geometric_parameters(self.model.arm, finding.effect))
 
+    @property
+    def no_better(self) -> bool:
+        """Whether causes were added with which held-out records are not predicted better beyond doubt."""
+        return no_better(self.model.arm, self.findings, self.held_out)
+
     def cause(self, label: str) -> Effect | None:
         """The cause that a label of this result names, as it was tried first; None for a covariate."""
         return next((variants[0] for variants in self.choice.library if variants[0].label == label), None)
@@ -208,6 +216,8 @@ class Diagnosis(Shown):
         if self.held_out is not None:
             low, high = self.held_out.interval
             text += f"; gain on held-out {self.held_out.kind} {self.held_out.gain:.2f} ({low:.2f} to {high:.2f})"
+        if self.no_better:
+            text += "; the extended arm does not predict held-out records better than the recalibrated arm"
         return text
 
     def summary(self) -> dict[str, Any]:
@@ -236,6 +246,10 @@ class Diagnosis(Shown):
                 "smooth_correction_gain": self.unexplained.gain,
                 "groups": [asdict(group) for group in self.unexplained.groups],
             },
+            "not_tried": [
+                {"column": COLUMNS[need], "causes": [cause.cause for cause in causes]}
+                for need, causes in not_tried(self.choice.library, self.extended.problem.measurements).items()
+            ],
             "cannot_tell_apart": [list(group) for group in self.cannot_tell_apart],
             "next_measurements": self.next_measurements,
             "notes": list(self.notes),
@@ -311,7 +325,18 @@ def _held_out(gain: Gain) -> dict[str, Any]:
         },
         "gain": gain.gain,
         "gain_ci95": list(gain.interval),
+        "excluded_counted": gain.excluded,
+        "gross_errors": gain.gross_errors,
     }
+
+
+def no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None) -> bool:
+    """Whether there are causes among the findings with which held-out records are not predicted better beyond doubt.
+
+    Values of the geometry are in the recalibrated arm as well, and places of seats in neither.
+    """
+    causes = [f for f in findings if not (geometric_parameters(arm, f.effect) or f.effect.corrects_seat)]
+    return bool(causes) and held is not None and not held.beyond_doubt
 
 
 def described(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:

@@ -28,6 +28,7 @@ def verdict_of(
     visible: tuple[int, int],
     fits: Sequence[Fit],
     otherwise: Sequence[str] = (),
+    no_better: bool = False,
 ) -> Verdict:
     """The verdict.
 
@@ -39,12 +40,13 @@ def verdict_of(
         visible: how many causes of usual size these records would have shown, and of how many.
         fits: the searches on which all that rests, that of the extended arm last.
         otherwise: what would be found if excluded records counted, or was and is not told.
+        no_better: causes were added with which held-out records are not predicted better.
 
     Returns:
         ``unexplained``: structure is left. ``inconclusive``: a search did not converge, or the noise cannot be told; nothing
         was found, and these records would not have shown most causes, or excluded ones would show one; held-out groups do
-        not bear a name out; a value is below zero that nature has above it; so many records were excluded that they are no
-        gross errors; or something may be left that nothing was found for.
+        not bear a name, or all of them together, out; a value is below zero that nature has above it; so many records were
+        excluded that they are no gross errors; or something may be left that nothing was found for.
         ``ambiguous``: a name has a look-alike that these records cannot exclude. ``explained``, ``no-discrepancy``: else.
     """
     if not all(fit.solution.converged and fit.tells_noise for fit in fits):
@@ -62,4 +64,5 @@ def verdict_of(
     if doubtful:
         rivals = all(any(alias.probability >= RIVAL for alias in finding.aliases) for finding in doubtful)
         return "ambiguous" if rivals else "inconclusive"
-    return "explained" if all(f.borne_out for f in findings) and p_left >= LEFT and p_more < MORE else "inconclusive"
+    borne_out = not no_better and all(finding.borne_out for finding in findings)
+    return "explained" if borne_out and p_left >= LEFT and p_more < MORE else "inconclusive"

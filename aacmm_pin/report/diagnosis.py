@@ -15,6 +15,7 @@ from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.diagnosis import Diagnosis, Finding
+from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.result import SETTLED
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
@@ -107,8 +108,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
     """What the simulation lacks, or may lack, and which of its values are wrong: of the geometry, of the places of seats."""
     values = [f for f in result.findings if result.geometric(f) or f.effect.corrects_seat]
     causes = [f for f in result.findings if f not in values]
-    helps = result.held_out is None or result.held_out.interval[0] > 0.0
-    sound = [f for f in causes if f.borne_out and (helps or f.brought is not None) and not f.below_zero]
+    sound = [f for f in causes if f.borne_out and not (result.no_better or f.below_zero)]
     sure = [f for f in sound if f.probability >= SETTLED]
     doubtful = [f for f in causes if f not in sure and f.probability >= POSSIBLE]
     unlikely = [f for f in causes if f.probability < POSSIBLE]
@@ -121,7 +121,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
     ]
     text = " and ".join(f"{how} {_named(some, result.model.arm)}" for how, some in told if some)
     text = f"the simulation {text}" if text else "no cause is missing in the simulation"
-    if causes != sound and not helps:
+    if result.no_better:
         text += f", but adding {'it' if len(causes) == 1 else 'them'} does not help to predict held-out records"
     return f"{text}; its stated values are off by unusually much: {_named(values, result.model.arm)}" if values else text
 
@@ -149,8 +149,9 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
     if not result.findings:
         seen, of = result.visible
         return f"no cause was found; of {count(of, 'cause')} of usual size these records would show {seen}, and {left}"
+    each = [] if result.no_better else result.findings  # where all of them together do not help, that was said
     told = {
-        "held-out records do not confirm {}": [f.effect for f in result.findings if not f.borne_out],
+        "held-out records do not confirm {}": [f.effect for f in each if not f.borne_out],
         "nature has no {} below zero": [f.effect for f in result.findings if f.below_zero],
     }
     arm = result.model.arm
@@ -195,10 +196,11 @@ def gain_in_words(result: Diagnosis) -> str:
     if held is None:
         return "Nothing was held out, so the gain on other records is not known."
     low, high = held.interval
-    nothing = ", not significant" if round(100 * low) <= 0 <= round(100 * high) else ""
+    nothing = ", not significant" if low <= 0.0 <= high else ""
+    counted = f" {count(held.excluded, 'excluded record')} included." if held.excluded else ""
     return (
         f"Gain of the extended over the recalibrated arm on held-out {KINDS[held.kind]}: {percent(held.gain)} "
-        f"(95 %: {100 * low:z.0f} to {percent(high)}){nothing}."
+        f"(95 %: {100 * low:z.0f} to {percent(high)}){nothing}.{counted}"
     )
 
 
@@ -441,10 +443,17 @@ def _held_out(result: Diagnosis) -> list[Block]:
             lambda: plots.plot_held_out(result, blank_axes(7.2, 3.4)),
             "RMS of each part that was left out, recalibrated and extended",
             f"{capital(KINDS[held.kind])} were left out in turn, of the choice of causes as well, and predicted by the "
-            f"other records: RMS of each. Gain = 1 - RMS extended / RMS recalibrated.{seats}",
+            f"other records: RMS of each. Gain = 1 - RMS extended / RMS recalibrated. {_counted(held)}{seats}",
         ),
         Table(table, "What was chosen without each part", {"gain": percent}, detail=True),
     ]
+
+
+def _counted(held: Gain) -> str:
+    """Which excluded records count in the gain."""
+    words = f"{count(held.excluded, 'record')} that only the extended arm excludes count too. " * bool(held.excluded)
+    out = f"{count(held.gross_errors, 'record')} that both arms exclude do not count. " * bool(held.gross_errors)
+    return f"{words}{out}".strip()
 
 
 def _left(result: Diagnosis) -> list[Block]:

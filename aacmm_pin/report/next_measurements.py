@@ -44,8 +44,7 @@ def next_measurements(result: Diagnosis) -> str:
     seats = [finding for finding in findings if finding.effect.corrects_seat]
     if seats:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
-    causes = [finding for finding in findings if finding.brought is None and not result.geometric(finding)]
-    if causes and result.held_out is not None and result.held_out.interval[0] <= 0.0:
+    if result.no_better:
         return "more records, at other postures: the extended model does not yet predict held-out records better"
     if negative := [finding.label for finding in findings if finding.below_zero]:
         return (

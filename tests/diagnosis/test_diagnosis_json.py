@@ -122,6 +122,8 @@ SUMMARY = fields(
                     "rms_mm": fields(RMS),
                     "gain": number(most=1.0),
                     "gain_ci95": interval,
+                    "excluded_counted": count,
+                    "gross_errors": count,
                 }
             )
         ),
@@ -134,6 +136,7 @@ SUMMARY = fields(
                 "groups": several(fields({"name": text, "records": count, "times": SIZE, "p_value": SHARE})),
             }
         ),
+        "not_tried": several(fields({"column": text, "causes": several(lambda v: v in CAUSES)})),
         "cannot_tell_apart": several(lambda v: several(text)(v) and len(v) > 1),
         "next_measurements": text,
         "notes": several(text),

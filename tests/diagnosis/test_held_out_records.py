@@ -1,0 +1,88 @@
+"""Which records count when they are left out, and what an extended arm that does not predict them better is called."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration.calibrated_arm import calibrated_model
+from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.diagnosis.cross_validation import Gain
+from aacmm_pin.effects import EncoderEccentricity, JointHysteresis
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.simulate import simulate_measurements
+from aacmm_pin.report.diagnosis import verdict_in_words
+from tests.cli import shell
+
+
+def simulated(model: ErrorModel, n: int, rng: np.random.Generator) -> Measurements:
+    """Records of touches at known seats that do not state from where each joint came."""
+    records = simulate_measurements(model, "seats", n, rng=rng)
+    return replace(records, conditions=replace(records.conditions, approach=None))
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_curve_that_chases_two_branches_does_not_extend_the_arm(sino6: Arm, seed: int) -> None:
+    """A free curve follows one branch and excludes the other; judged by the first alone it would have a gain."""
+    truth, rng = ErrorModel(sino6, (JointHysteresis(2, values=(1e-4,)),)), np.random.default_rng(seed)
+    records = simulated(truth, 120, rng)
+    found = diagnose(sino6, records, progress=False)
+    assert found.verdict != "explained"
+    assert found.held_out is not None
+    assert np.isfinite(found.held_out.extended).sum() == records.n - found.held_out.gross_errors
+    new, off = simulate_measurements(truth, "seats", 400, rng=rng), {}
+    for name, model in (("recalibrated", calibrated_model(found.recalibrated)), ("extended", found.model)):
+        off[name] = rms(np.linalg.norm(model.predict(new.q, new.conditions) - new.reference, axis=1))
+    assert off["extended"] < 1.02 * off["recalibrated"]
+
+
+def test_gross_errors_do_not_count(sino6: Arm) -> None:
+    truth = ErrorModel(sino6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
+    records = simulated(truth, 120, np.random.default_rng(1))
+    rows = np.array([10, 50, 90])
+    wrong = records.reference.copy()
+    wrong[rows] += 5e-3
+    gains: list[Gain] = []
+    for reference in (records.reference, wrong):
+        found = diagnose(sino6, replace(records, reference=reference), progress=False, encoder_noise=8e-6)
+        assert found.held_out is not None
+        gains.append(found.held_out)
+    assert [gain.gross_errors for gain in gains] == [0, 3]
+    assert np.isnan(gains[1].extended[rows]).all()
+    assert gains[1].gain == pytest.approx(gains[0].gain, abs=0.03)
+
+
+def test_an_extended_arm_that_is_no_better_explains_nothing(
+    sino6: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = ErrorModel(sino6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
+    records = simulated(truth, 120, np.random.default_rng(1))
+    good = diagnose(sino6, records, progress=False, encoder_noise=8e-6)
+    assert (good.verdict, good.no_better) == ("explained", False)
+    monkeypatch.setattr("aacmm_pin.diagnosis.cross_validation._interval", lambda *_: (-0.1, 0.2))
+    found = diagnose(sino6, records, progress=False, encoder_noise=8e-6)
+    assert (found.verdict, found.no_better) == ("inconclusive", True)
+    assert "does not help" in verdict_in_words(found)
+    (tmp_path / "data.csv").write_text(records.csv())
+    arm = tmp_path / "extended.toml"
+    _, err = shell.done("diagnose", "sino6", tmp_path / "data.csv", *shell.NOISE, "--extended-arm", arm)
+    assert any(line.startswith("warning:") and "held-out" in line for line in err.splitlines())
+    assert "held-out" in arm.read_text()
+
+
+def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6: Arm) -> None:
+    records = simulate_measurements(ErrorModel(sino6), "seats", 60, rng=np.random.default_rng(1))
+    full = diagnose(sino6, records, progress=False, hold_out=False, encoder_noise=8e-6)
+    assert full.summary()["not_tried"] == []
+    few = replace(records, conditions=replace(records.conditions, approach=None, temperature=None))
+    found = diagnose(sino6, few, progress=False, hold_out=False, encoder_noise=8e-6)
+    not_tried = {one["column"]: one["causes"] for one in found.summary()["not_tried"]}
+    assert not_tried == {"approach1 …": ["joint_hysteresis"], "temperature_c": ["thermal_expansion"]}
+    (note,) = [note for note in found.notes if "not tried" in note]
+    assert all(words in note for words in ("approach1 …", "hysteresis", "temperature_c", "thermal expansion"))
