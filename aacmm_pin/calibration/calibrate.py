@@ -372,6 +372,16 @@ def _farther_off(after: Fit) -> list[str]:
     ]
 
 
+def contradicted_places(after: Fit) -> list[str]:
+    """Stated places that the file itself, or all of the excluded records, contradict, in words."""
+    records, found = after.problem.measurements, []
+    seats, count = records.conditions.seat, int(after.excluded.sum())
+    at = set() if seats is None else set(seats[after.excluded])
+    if len(at) == 1 and count >= SEVERAL and "" not in at:
+        found.append(f"all {count} excluded records touch seat {at.pop()}, which may have moved")
+    return found + contradictions(records, after.problem.setup, after.noise.scatters)
+
+
 def notes_of(after: Fit) -> list[str]:
     """What was assumed, or found instead of stated."""
     problem, setup = after.problem, after.problem.setup
@@ -412,11 +422,7 @@ def notes_of(after: Fit) -> list[str]:
         found.append(
             f"the search did not converge ({after.solution.held_up}): what follows is of the best point that it found"
         )
-    seats = problem.measurements.conditions.seat
-    at = set() if seats is None else set(seats[after.excluded])
-    if len(at) == 1 and after.excluded.sum() >= SEVERAL and "" not in at:
-        found.append(f"all {after.excluded.sum()} excluded records touch seat {at.pop()}: did it move?")
-    found += contradictions(problem.measurements, setup, after.noise.scatters)
+    found += contradicted_places(after)
     silent = int((~after.used & ~after.excluded).sum())
     if silent:
         found.append(f"{silent} records say nothing: they have no coordinates, and no seat that holds them to one place")

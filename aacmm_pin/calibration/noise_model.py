@@ -175,9 +175,7 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
             ends = records[[at[:, over_u.argmax()].argmin(), at[:, over_u.argmax()].argmax()]]
             rows = " and ".join(str(row) for row in np.sort(measurements.row[ends]))
             apart = np.linalg.norm(np.diff(measurements.reference[ends], axis=0)) / MM
-            found.append(
-                f"seat {label} has coordinates {apart:.4g} mm apart, in rows {rows}: did it move, or is one mistyped?"
-            )
+            found.append(f"seat {label} has coordinates {apart:.4g} mm apart, in rows {rows}: it moved, or one is mistyped")
     return found
 
 
@@ -193,7 +191,7 @@ def _bars_between(measurements: Measurements, setup: Setup, stating: dict[str, I
         if abs(apart - bar.length) > CONTRADICTING * np.linalg.norm(allowed):
             found.append(
                 f"bar {bar.bar} is {bar.length / MM:.6g} mm long, and the coordinates of its ends are {apart / MM:.6g} mm "
-                "apart: is one of them wrong?"
+                "apart: one of them is wrong"
             )
     return found
 

@@ -125,6 +125,11 @@ class Design:
         columns = np.concatenate([self.columns(block)[rows] for block in (None, *admitted)], axis=2)
         return np.asarray(self.tips[rows] + columns @ step)
 
+    @property
+    def of_angles(self) -> Array:
+        """Displacement by one unit of each joint (n, 3 or 6, nq) [m/rad, or m/m where it slides]."""
+        return self._calibrated.of_angles
+
     @cached_property
     def _kept(self) -> dict[int | None, Array]:
         return {}
@@ -214,7 +219,7 @@ class _Calibrated:
         return np.asarray(np.einsum("nm,nij->nimj", way.functions, axes).reshape(*axes.shape[:2], -1))
 
     @cached_property
-    def _of_angles(self) -> Array:
+    def of_angles(self) -> Array:
         return self.columns([JointZeroOffset(row) for row in self.rows])
 
     def _axes(self, carrier: str) -> Array:
@@ -227,7 +232,7 @@ class _Calibrated:
             return np.asarray(self.frame @ self.state.rotation[axis(int(row)) - 1])
         if what in ("angle", "slide"):
             number = self.rows.index(int(row))
-            return self._of_angles[:, :, number : number + 1]
+            return self.of_angles[:, :, number : number + 1]
         return np.asarray((self.state.position @ self.frame.T)[:, :, None])
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.calibration.calibrate import counted_once, notes_of
+from aacmm_pin.calibration.calibrate import contradicted_places, counted_once, notes_of
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.fit import Fit, fit
@@ -26,17 +26,17 @@ from aacmm_pin.diagnosis.cross_validation import Gain, gain_of, survivors
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.findings import UNLIKELY, estimated, findings_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free, in_its_place, refitted
-from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, described, no_better, too_good
+from aacmm_pin.diagnosis.result import LIKELIER, SETTLED, Diagnosis, Finding, described, no_better, too_good
 from aacmm_pin.diagnosis.significance import InPairs, Place, Strength, in_pairs, look_alikes, strengths, visible
-from aacmm_pin.diagnosis.undetected import Others, known_alone, others_beside
+from aacmm_pin.diagnosis.undetected import Other, Others, known_alone, others_beside
 from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by
-from aacmm_pin.diagnosis.verdict import verdict_of
+from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.drift_and_hysteresis import ZeroDrift
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.gravity import LoadedEffect
-from aacmm_pin.effects.labels import listed, values_in_words
+from aacmm_pin.effects.labels import listed, probability, values_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 
@@ -178,14 +178,19 @@ def _concluded(
     extended = choice.fit
     findings = findings_of(model, choice, strong)
     named = [finding.label for finding in findings]
-    unexplained = unexplained_by(choice, strong, held)
+    unexplained = unexplained_by(choice, strong, held, bool(findings))
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
-    structure = bool(unexplained.depends_on) or _excess(extended) > 0.0
+    structure = bool(unexplained.depends_on) or unexplained.branches is not None or _excess(extended) > 0.0
     shown, others = visible(choice), others_beside(choice, named)
-    untold = (*choice.otherwise, *(effect.label for effect in choice.effects if effect.label not in named))
-    fits, worse = (recalibrated, extended), no_better(model.arm, findings, held)
+    otherwise = (*choice.otherwise, *(effect.label for effect in choice.effects if effect.label not in named))
+    worse, contradicted = no_better(model.arm, findings, held), contradicted_places(extended)
+    doubts = doubts_of(findings, unexplained.left, others.probability, shown, otherwise, worse, contradicted)
     return Diagnosis(
-        verdict=verdict_of(findings, structure, unexplained.p_value, others.probability, shown, fits, untold, worse),
+        verdict=verdict_of(findings, structure, doubts, (recalibrated, extended)),
+        doubts=doubts,
+        others=others,
+        otherwise=otherwise,
+        contradicted=tuple(contradicted),
         findings=tuple(findings),
         model=_as_found(extended, findings, unexplained),
         before=before,
@@ -259,15 +264,20 @@ def _as_found(extended: Fit, findings: Sequence[Finding], left: Unexplained) -> 
 
 def _beside(others: Others) -> list[str]:
     """What acts beside the causes that were found, if that is likelier than not."""
-    if others.probability < 0.5:
+    if others.probability < LIKELIER:
         return []
-    each = [
-        f"{other.label} ({other.probability:.2g}"
-        + f"; {other.changed} would change by {other.change:.2g} u)" * (other.change > 0)
-        for other in others.likeliest
-    ]
+    each = [f"{other.label} ({_chance(other)})" for other in others.likeliest]
     such = f", such as {listed(each, 'or')}" if each else ""
-    return [f"with probability {others.probability:.2g} something acts that was not surely enough found to be named{such}"]
+    return [
+        f"with probability {probability(others.probability)} something acts that is not named, for it was not found surely "
+        f"enough{such}"
+    ]
+
+
+def _chance(other: Other) -> str:
+    """How probable it is, and what it would change."""
+    changes = f"; {other.changed} would change by {other.change:.2g} u" if other.change > 0.0 else ""
+    return f"probability {probability(other.probability)}{changes}"
 
 
 def _alone(choice: Choice) -> Iterator[str]:

@@ -11,12 +11,18 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
+from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.significance import Ratio, Strength
+
+LEFT = 1e-3
+"""Structure over some covariate with less chance than this is left, even if nothing is sure about it …"""
+LEFT_ALONE = 1e-6
+"""… and with less than this, where nothing was named: without stated noise far records, which scatter more, look so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +31,7 @@ class Unexplained(Shown):
 
     Attributes:
         p_value: chance of as much structure over any covariate when there is none, family-wise.
+        threshold: structure with less chance than this is left.
         depends_on: the covariates, strongest first.
         shapes: for each, one row a record: the covariates; the smooth correction, in x, y, z of the tip [mm], or as angle of
             a joint [µrad] or growth of all lengths [µm/m]; and the same as each record has it (``_of_record``).
@@ -32,15 +39,23 @@ class Unexplained(Shown):
         gain: by how much the smooth correction lowers the RMS of held-out records below that of the causes alone, or None.
         groups: groups of records that do not agree with the others.
         excluded: what the excluded records share, or None.
+        branches: the joint over which the residuals fall into two branches, or None.
     """
 
     p_value: float
+    threshold: float
     depends_on: tuple[str, ...]
     shapes: dict[str, pd.DataFrame]
     acts_on: dict[str, str]
     gain: float | None
     groups: tuple[OddGroup, ...] = ()
     excluded: Shared | None = None
+    branches: Branches | None = None
+
+    @property
+    def left(self) -> bool:
+        """Whether structure is left beyond chance."""
+        return self.p_value < self.threshold
 
     @property
     def in_words(self) -> tuple[str, ...]:
@@ -50,11 +65,12 @@ class Unexplained(Shown):
         return (
             *([f"something that no cause explains depends on {', '.join(covariates)}"] if covariates else []),
             *(f"{g.name} does not agree with the other records: {g.times:.1f} times as far off" for g in self.groups),
+            *([] if self.branches is None else [str(self.branches)]),
         )
 
 
-def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None) -> Unexplained:
-    """What was admitted that is no cause, or else whether anything seems left."""
+def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None, named: bool) -> Unexplained:
+    """What was admitted that is no cause, or else whether anything seems left; ``named``: something was found."""
     causes = choice.design.causes
     mine = [s for s in strong if choice.question.owner(s.block) >= causes]
     covariates_ = [choice.others[choice.question.owner(s.block) - causes] for s in mine]
@@ -71,7 +87,8 @@ def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None) ->
     if shared is not None:
         p_value, depends = min(p_value, shared.p_value), tuple(dict.fromkeys((*depends, shared.name)))
     gain = held.smooth_gain if held is not None and mine else None
-    return Unexplained(p_value, depends, shapes, acts_on, gain, odd, shared)
+    threshold = LEFT if named else LEFT_ALONE
+    return Unexplained(p_value, threshold, depends, shapes, acts_on, gain, odd, shared, branches_of(choice))
 
 
 def _any_structure(choice: Choice) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -16,7 +16,7 @@ from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis.cross_validation import Gain
-from aacmm_pin.diagnosis.result import SETTLED
+from aacmm_pin.diagnosis.result import MORE, SETTLED
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect, State
@@ -41,8 +41,6 @@ from aacmm_pin.report.plots.groups import held_out_parts, place_in_words
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
 from aacmm_pin.report.plots.residual_vectors import models, two_models
 
-CHANCE = 0.01
-"""Structure with less chance than this is not nothing."""
 WAVES = 6
 """So many waves of a free curve are listed."""
 LOOK_ALIKES = 3
@@ -101,6 +99,8 @@ def verdict_in_words(result: Diagnosis) -> str:
     else:
         after = "recalibration and extension" if result.findings else "recalibration"
         text = f"{wrong}. After {after}, {_left_in_words(result)}"
+    if result.contradicted and result.verdict in ("unexplained", "ambiguous"):
+        text += f"; in addition, {'; '.join(result.contradicted)}"
     return f"{result.model.arm.name}: {text}."
 
 
@@ -135,7 +135,6 @@ def _named(findings: Sequence[Finding], arm: Arm) -> str:
 
 
 def _inconclusive(result: Diagnosis, wrong: str) -> str:
-    left = f"something else may be left ({p_equals(result.unexplained.p_value)})"
     if not result.converged:
         return f"the search did not converge ({result.converge_note}), so nothing can be concluded"
     if not result.extended.tells_noise:
@@ -143,20 +142,34 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
     if result.extended.thinned:
         out, all_of = int(result.extended.excluded.sum()), int((result.extended.used | result.extended.excluded).sum())
         return f"{out} of {all_of} records do not agree with the others, too many for gross errors; of the others: {wrong}"
-    if result.choice.otherwise:
-        out = int(result.extended.excluded.sum())
-        return f"no cause was found without {count(out, 'excluded record')}, and one with: {listed(result.choice.otherwise)}"
+    doubts = "; ".join(_doubts_in_words(result))
     if not result.findings:
-        seen, of = result.visible
-        return f"no cause was found; of {count(of, 'cause')} of usual size these records would show {seen}, and {left}"
-    each = [] if result.no_better else result.findings  # where all of them together do not help, that was said
-    told = {
-        "held-out records do not confirm {}": [f.effect for f in each if not f.borne_out],
-        "nature has no {} below zero": [f.effect for f in result.findings if f.below_zero],
+        return f"no cause was found, but {doubts}"
+    return f"these records suggest that {wrong}{f'; but {doubts}' if doubts else ''}"
+
+
+def _doubts_in_words(result: Diagnosis) -> Iterator[str]:
+    """What keeps the verdict from being ``explained`` or ``no-discrepancy``, but for what is said of the causes."""
+    (seen, of), left, out = result.visible, result.unexplained, int(result.extended.excluded.sum())
+    findings, more, arm = result.findings, probability(result.others.probability), result.model.arm
+    unconfirmed = [] if "no better" in result.doubts else [f.effect for f in findings if not f.borne_out]
+    words = {
+        "contradicted references": "; ".join(result.contradicted),
+        "few causes shown": f"these records would show only {seen} of {count(of, 'cause')} of usual size",
+        "cause not named": f"{listed(result.otherwise)} would be found with {count(out, 'excluded record')}"
+        if result.choice.otherwise
+        else f"{listed(result.otherwise)} is not sure enough to be named",
+        "below zero": f"nature has no {several_in_words([f.effect for f in findings if f.below_zero], arm)} below zero",
+        "cause not borne out": unconfirmed and f"held-out records do not confirm {several_in_words(unconfirmed, arm)}",
+        "structure left": f"structure is left beyond chance ({_beside_threshold(left)})",
+        "more causes": f"something acts that is not named (probability {more}, threshold {MORE:g})",
     }
-    arm = result.model.arm
-    but = " and ".join(words.format(several_in_words(effects, arm)) for words, effects in told.items() if effects)
-    return f"these records suggest that {wrong}; but {but or left}"
+    yield from (text for doubt in result.doubts if (text := words.get(doubt)))
+
+
+def _beside_threshold(left: Unexplained) -> str:
+    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001``."""
+    return f"{p_equals(left.p_value)}, threshold {left.threshold:g}"
 
 
 def _not_explained(result: Diagnosis) -> str:
@@ -167,8 +180,9 @@ def _not_explained(result: Diagnosis) -> str:
         more = f"the residuals stay at {length(left)}, where the stated noise is none"
     if result.extended.stated and (turned := result.extended.noise.scatters.turn):
         more += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
-    depends = listed(result.unexplained.depends_on)
-    return f"{more} and depend on {depends} in a way that no known cause has" if depends else more
+    depends, branches = listed(result.unexplained.depends_on), result.unexplained.branches
+    more += f" and depend on {depends} in a way that no known cause has" if depends else ""
+    return more if branches is None else f"{branches}; {more}"
 
 
 def alias_in_words(alias: Alias, arm: Arm) -> str:
@@ -220,15 +234,16 @@ def unexplained_document(left: Unexplained) -> Document:
 def unexplained_in_words(left: Unexplained) -> str:
     """What structure is left, or that none is."""
     p, covariates = p_equals(left.p_value), [name for name in left.depends_on if name in left.acts_on]
+    branches = "" if left.branches is None else f"{capital(str(left.branches))}. "
     if not covariates:
         if left.groups:
-            return f"Groups of records do not agree with the others ({p})."
-        what = "Structure over several columns together may be" if left.p_value < CHANCE else "Nothing is"
-        return f"{what} left beyond chance ({p})."
+            return f"{branches}Groups of records do not agree with the others ({p})."
+        what = "Structure over a column is" if left.left else "Nothing else is" if branches else "Nothing is"
+        return f"{branches}{what} left beyond chance ({_beside_threshold(left)})."
     worth = "" if left.gain is None else f" On held-out records it removes {percent(left.gain)} of what the causes leave."
     return (
-        f"The residuals depend on {listed(covariates)} ({p}) in a way that no cause of the library has. The smooth "
-        f"correction only describes this; it is not part of the extended arm.{worth}"
+        f"{branches}The residuals depend on {listed(covariates)} ({p}) in a way that no cause of the library has. The "
+        f"smooth correction only describes this; it is not part of the extended arm.{worth}"
     )
 
 
@@ -472,7 +487,7 @@ def _left(result: Diagnosis) -> list[Block]:
 def _structure(left: Unexplained) -> list[Block]:
     groups = pd.DataFrame([asdict(group) for group in left.groups])
     return [
-        Paragraph(unexplained_in_words(left), finding=bool(left.depends_on)),
+        Paragraph(unexplained_in_words(left), finding=bool(left.depends_on) or left.branches is not None),
         Bullets([f"Over {name}: {way}." for name, way in left.acts_on.items()]),
         Table(
             groups,

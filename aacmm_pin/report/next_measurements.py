@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding
-from aacmm_pin.diagnosis.result import SETTLED, too_good
+from aacmm_pin.diagnosis.result import LIKELIER, SETTLED, too_good
 from aacmm_pin.effects import ZeroDrift
 from aacmm_pin.planning import advice
 
@@ -22,8 +22,15 @@ def next_measurements(result: Diagnosis) -> str:
         return "check what was stated of the noise, and its unit: beside noise that large no cause can show, in any records"
     if verdict == "inconclusive" and result.extended.thinned:
         return "look what the excluded records have in common, repeat some of them, and state time_s and session of all"
+    if unexplained.branches is not None:
+        joint = unexplained.branches.joint
+        return f"take the records anew and state the direction from which joint {joint} came, in the columns approach1 …"
+    if result.contradicted and verdict != "unexplained":
+        return f"measure the stated places anew: {'; '.join(result.contradicted)}"
     if verdict == "inconclusive" and not findings:
         return f"more records, at other postures: of {of} causes of usual size these would have shown {seen}"
+    if verdict in ("explained", "no-discrepancy") and result.others.probability >= LIKELIER:
+        return "more records, at other postures: they show whether the cause that a note names acts as well"
     if verdict == "no-discrepancy":
         return (
             f"nothing that these records show is open ({seen} of {of} causes of usual size would have shown); keep them for "

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin.cli.root_command import app
-from aacmm_pin.diagnosis.result import SETTLED
+from aacmm_pin.diagnosis.result import SETTLED, Doubt
 from aacmm_pin.effects import CAUSES
 
 NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
@@ -108,6 +108,7 @@ SUMMARY = fields(
         "schema": lambda v: v == "aacmm-pin/diagnosis/1",
         "arm": text,
         "verdict": lambda v: v in VERDICTS,
+        "doubts": several(lambda v: v in get_args(Doubt)),
         "converged": lambda v: isinstance(v, bool),
         "converge_note": lambda v: isinstance(v, str),
         "records": fields({"used": count, "excluded": several(fields({"row": count, "reason": text, "residual_mm": SIZE}))}),
@@ -130,10 +131,12 @@ SUMMARY = fields(
         "unexplained": fields(
             {
                 "p_value": SHARE,
+                "threshold": SHARE,
                 "depends_on": several(text),
                 "acts_on": lambda v: isinstance(v, dict) and all(text(k) and text(words) for k, words in v.items()),
                 "smooth_correction_gain": none_or(number(most=1.0)),
                 "groups": several(fields({"name": text, "records": count, "times": SIZE, "p_value": SHARE})),
+                "branches": none_or(fields({"joint": count}, {"half_width_rad": SIZE, "half_width_mm": SIZE})),
             }
         ),
         "not_tried": several(fields({"column": text, "causes": several(lambda v: v in CAUSES)})),

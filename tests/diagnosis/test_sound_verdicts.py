@@ -29,7 +29,7 @@ from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, _finding
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.undetected import _change, others_beside
-from aacmm_pin.diagnosis.verdict import verdict_of
+from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
@@ -287,11 +287,10 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
     seven, six = (replace(fit, used=out >= count, excluded=out < count) for count in (7, 6))
     cases: list[tuple[Any, ...]] = [
         ("explained", [finding(0.99)], False, 90, fit),
-        ("inconclusive", [finding(0.99)], False, 90, fit, 1e-5),
-        ("no-discrepancy", [], False, 90, fit, 1e-5),
-        ("inconclusive", [], False, 90, fit, 1e-9),
-        ("inconclusive", [finding(0.99)], False, 90, fit, 0.5, 0.96),
-        ("inconclusive", [], False, 90, fit, 0.5, 0.96),
+        ("inconclusive", [finding(0.99)], False, 90, fit, True),
+        ("inconclusive", [], False, 90, fit, True),
+        ("inconclusive", [finding(0.99)], False, 90, fit, False, 0.96),
+        ("inconclusive", [], False, 90, fit, False, 0.96),
         ("explained", [finding(0.99, None)], False, 90, fit),
         ("inconclusive", [finding(0.99, -0.01)], False, 90, fit),
         ("explained", [finding(0.99, effect=JointCompliance(2, values=(-1e-6,), u=(1e-6,)))], False, 90, fit),
@@ -309,8 +308,13 @@ def test_verdicts(sino6: Arm, rng: np.random.Generator) -> None:
         ("explained", [finding(0.99)], False, 90, six),
     ]
     for verdict, findings, structure, seen, at, *given in cases:
-        p_left, p_more = [*given, *(0.5, 0.7)[len(given) :]]
-        assert verdict_of(findings, structure, p_left, p_more, (seen, 100), (fit, at)) == verdict
+        left, p_more = [*given, *(False, 0.7)[len(given) :]]
+        doubts = doubts_of(findings, left, p_more, (seen, 100))
+        assert verdict_of(findings, structure, doubts, (fit, at)) == verdict
+    moved = doubts_of([finding(0.99)], False, 0.7, (90, 100), contradicted=["seat A moved"])
+    assert verdict_of([finding(0.99)], False, moved, (fit, fit)) == "inconclusive"
+    worse = doubts_of([finding(0.99)], False, 0.7, (90, 100), no_better=True)
+    assert verdict_of([finding(0.99)], False, worse, (fit, fit)) == "inconclusive"
 
 
 def test_a_value_that_nature_does_not_have_explains_nothing(sino6: Arm) -> None:

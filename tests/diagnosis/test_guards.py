@@ -1,4 +1,4 @@
-"""Which records count when they are left out, and what an extended arm that does not predict them better is called."""
+"""What a diagnosis may say: of records left out, of branches, of seats that moved; by one threshold everywhere."""
 
 from __future__ import annotations
 
@@ -12,12 +12,17 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.diagnosis.branches import LEAST, two_branches
 from aacmm_pin.diagnosis.cross_validation import Gain
+from aacmm_pin.diagnosis.diagnose import _beside
+from aacmm_pin.diagnosis.undetected import Other, Others
+from aacmm_pin.diagnosis.verdict import doubts_of
 from aacmm_pin.effects import EncoderEccentricity, JointHysteresis
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
-from aacmm_pin.report.diagnosis import verdict_in_words
+from aacmm_pin.report.diagnosis import unexplained_in_words, verdict_in_words
+from aacmm_pin.report.numbers import capital
 from tests.cli import shell
 
 
@@ -86,3 +91,86 @@ def test_columns_that_the_file_lacks_are_listed_with_what_was_not_tried(sino6: A
     assert not_tried == {"approach1 …": ["joint_hysteresis"], "temperature_c": ["thermal_expansion"]}
     (note,) = [note for note in found.notes if "not tried" in note]
     assert all(words in note for words in ("approach1 …", "hysteresis", "temperature_c", "thermal expansion"))
+
+
+def test_two_branches_are_recognised_and_ask_for_the_approach(sino6: Arm) -> None:
+    rng = np.random.default_rng(7)
+    hidden = ErrorModel(sino6, (JointHysteresis(2, values=(5e-5,)),))
+    stated = simulate_measurements(hidden, "seats", 200, rng=rng)
+    records = replace(stated, conditions=replace(stated.conditions, approach=None))
+    found = diagnose(sino6, records, progress=False, hold_out=False, encoder_noise=8e-6)
+    branches = found.unexplained.branches
+    assert branches is not None
+    assert (found.verdict, branches.joint) == ("unexplained", 2)
+    assert branches.half_width == pytest.approx(5e-5, rel=0.25)
+    assert "joint 2" in verdict_in_words(found)
+    assert "approach" in found.next_measurements
+    assert found.summary()["unexplained"]["branches"]["joint"] == 2
+    told = diagnose(sino6, stated, progress=False, hold_out=False, encoder_noise=8e-6)
+    assert (told.verdict, told.unexplained.branches) == ("explained", None)
+
+
+@pytest.mark.parametrize(("shape", "sure"), [("normal", False), ("heavy", False), ("branches", True)])
+def test_two_branches_are_no_scatter(shape: str, sure: bool) -> None:
+    """In 40 draws each; the half-width is that of the branches."""
+    rng, above, widths = np.random.default_rng(1), 0, []
+    for _ in range(40):
+        size = rng.uniform(0.5, 2.0, 200)
+        of_joint = {
+            "normal": rng.normal(0.0, 3.0, 200),
+            "heavy": 3.0 * rng.standard_t(4, 200),
+            "branches": 3.0 * rng.choice([-1.0, 1.0], 200),
+        }[shape]
+        half_width, ratio = two_branches(rng.normal(size=200) + size * of_joint, size)
+        above += ratio >= LEAST
+        widths.append(half_width)
+    assert above == (40 if sure else 0)
+    assert not sure or np.mean(widths) == pytest.approx(3.0, rel=0.05)
+
+
+def test_a_seat_whose_place_is_contradicted_is_in_the_headline(sino6: Arm) -> None:
+    records = simulated(ErrorModel(sino6), 120, np.random.default_rng(11))
+    good = diagnose(sino6, records, progress=False, hold_out=False, encoder_noise=8e-6)
+    assert (good.verdict, good.doubts) == ("no-discrepancy", ())
+    reference, seats = records.reference.copy(), records.conditions.seat
+    assert seats is not None
+    rows = np.flatnonzero(seats == seats[0])
+    reference[rows[len(rows) // 2 :], 0] += 8e-5
+    moved = replace(records, reference=reference)
+    found = diagnose(sino6, moved, progress=False, hold_out=False, encoder_noise=8e-6)
+    assert found.verdict not in ("no-discrepancy", "explained")
+    assert "contradicted references" in found.doubts
+    assert f"seat {seats[0]}" in verdict_in_words(found)
+    assert f"seat {seats[0]}" in found.next_measurements
+
+
+def test_what_is_left_is_said_by_the_threshold_of_the_verdict(sino6: Arm) -> None:
+    truth = ErrorModel(sino6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
+    records = simulated(truth, 120, np.random.default_rng(1))
+    found = diagnose(sino6, records, progress=False, hold_out=False, encoder_noise=8e-6)
+    for p_value in (1.0, 0.5, 0.006, 1e-4):
+        left = replace(found.unexplained, p_value=p_value)
+        words = unexplained_in_words(left)
+        assert words.startswith("Nothing") == (p_value >= left.threshold)
+        assert f"threshold {left.threshold:g}" in words
+        doubts = doubts_of(found.findings, left.left, 0.0, (90, 100))
+        assert ("structure left" in doubts) == left.left
+
+
+def test_a_note_on_what_else_acts_is_whole() -> None:
+    others = Others(0.99, (Other("joint_error_curve:5", 0.9, 0.0, ""), Other("encoder_gain:2", 0.1, 2.0, "encoder_gain:3")))
+    (note,) = _beside(others)
+    assert note.count("(") == note.count(")") == 2
+
+
+def test_names_keep_their_letters() -> None:
+    names = (
+        "encoder_gain:2 was known",
+        "counterbalance: U takes",
+        "time_s starts late",
+        "data.csv holds",
+        "counterbalance was",
+    )
+    assert [capital(name) for name in names] == list(names)
+    assert capital("encoder noise not given") == "Encoder noise not given"
+    assert capital("error curve of joint 2") == "Error curve of joint 2"
