@@ -312,7 +312,11 @@ class _Search:
         return list(dict.fromkeys(found))
 
     def log_evidence(self, admitted: tuple[int, ...]) -> float:
-        """Log evidence of a set of causes, prior included, with one variance for all steps: that of the whole set."""
+        """Log evidence of a set of causes, prior included, with one variance for all steps: that of the whole set.
+
+        The blocks are added up in one order, whatever their order here, for it depends on that order.
+        """
+        admitted = _ordered(admitted)
         prior = sum(float(self.question.log_prior[self.question.owner(block)]) for block in admitted)
         return self.left(admitted).of_admitted() + prior
 

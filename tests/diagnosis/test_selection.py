@@ -158,6 +158,23 @@ def test_log_evidence_of_every_set(stated: bool, noise: float) -> None:
     assert steps.by_strength((0, 1, 3)) == tuple(sorted(strength, key=lambda k: -strength[k]))
 
 
+def test_rivals_do_not_depend_on_the_order_of_the_admitted() -> None:
+    """Evidence adds up from block to block, and differs by the order of blocks that have much in common."""
+    rng = np.random.default_rng(5)
+    columns = mixed(rng, 6)
+    residual = 2.0 * columns[0][:, 0] + 1.5 * columns[1][:, 0] + columns[2][:, 0] + 2.0 * rng.normal(size=40)
+    small, admitted = Small(columns, residual, stated=False), (0, 1, 2)
+    values, more = [], []
+    for order in itertools.permutations(admitted):
+        values.append(small.steps.log_evidence(order))
+        rivals = rival_pairs(small.question, small.gram, order)
+        more.append({(tuple(sorted(some)), r.blocks): r.more for some, each in rivals.items() for r in each})
+    assert np.ptp(values) < 1e-9
+    assert np.ptp([small.of_set(order) for order in itertools.permutations(admitted)]) > 0.1
+    for found in more:
+        assert found == pytest.approx(more[0], abs=1e-9)
+
+
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize("true", [(), (0,), (1, 4), (0, 2, 5)])
 def test_the_best_of_all_subsets(true: Blocks, stated: bool) -> None:
