@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aacmm_pin._support.checks import vector
+from aacmm_pin._support.checks import Array, vector
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.cli.common import note
@@ -19,6 +19,10 @@ from aacmm_pin.postures.postures_at_point import PosturesAtPoint
 
 Triple = tuple[float, float, float]
 Point = Annotated[Triple, typer.Option(metavar="X Y Z", help="Working point in the base frame, in mm.")]
+
+IN_METRES = 20.0
+"""Coordinates up to here, in mm, may be those of a point in metres: no arm reaches farther."""
+METRES = "the same numbers in metres are in reach, expected mm"
 
 
 @dataclass(frozen=True)
@@ -53,25 +57,30 @@ class Orientation:
         Raises:
             AacmmError: there is none, or the arm cannot be asked that.
         """
-        has_table, tip = arm.dh is not None, self.tip or arm.dh is None
+        has_table = arm.dh is not None
         if self.tool_axis is not None and (self.axis is None or has_table):
             raise typer.BadParameter("--tool-axis goes with --urdf and --axis; an arm file names its stylus")
         if self.axis is not None and self.rpy_deg is not None:
             raise typer.BadParameter("--axis and --rpy-deg: expected one of them; a whole pose holds every axis")
         if has_table and self.tip != self.oriented:
             raise typer.BadParameter("--tip goes with --axis, or with --rpy-deg")
-        where = np.array(point) * MM
-        if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
-            found: PosturesAtPoint = configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
-        else:
-            rotation = None
-            if self.rpy_deg is not None:
-                from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw
-
-                rotation = from_roll_pitch_yaw(vector(np.array(self.rpy_deg) * DEG, 3, "--rpy-deg", "rad"))
-            found = reaching_postures(arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count)
+        found = self._enumerated(arm, np.array(point) * MM)
+        near = float(np.linalg.norm(point)) < IN_METRES and not found.within_limits.any()
+        told = f"; {METRES}" if near and self._enumerated(arm, np.array(point)).within_limits.any() else ""
         if found.reason:
-            raise AacmmError(str(found))
-        for line in found.notes:
+            raise AacmmError(f"{found}{told}")
+        for line in (*found.notes, *([METRES] * bool(told))):
             note(f"note: {line}")
         return found
+
+    def _enumerated(self, arm: Arm, where: Array) -> PosturesAtPoint:
+        """The postures at a point (3,) [m]; none, with the reason, where nothing reaches it."""
+        has_table, tip = arm.dh is not None, self.tip or arm.dh is None
+        if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
+            return configuration_circle(arm, where, tip=tip, axis=self.axis, count=self.count)
+        rotation = None
+        if self.rpy_deg is not None:
+            from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw
+
+            rotation = from_roll_pitch_yaw(vector(np.array(self.rpy_deg) * DEG, 3, "--rpy-deg", "rad"))
+        return reaching_postures(arm, where, axis=self.axis, tool=self.tool_axis, rotation=rotation, count=self.count)

@@ -129,6 +129,23 @@ def test_unusable_input_is_one_message_and_status_1() -> None:
         refused(*words, said=said)
 
 
+def test_a_point_in_metres_is_seen(tmp_path: Path) -> None:
+    """0.4 0 0.3 mm is beside the shoulder, where nothing reaches; 0.4 0 0.3 m is in reach."""
+    metres = ["--point", "0.4", "0.0", "0.3"]
+    for words in ([], ["--tip", "--axis", "0", "0", "-1"]):
+        refused("configurations", "sino6", *metres, *words, said=["0.4000", "metres", "expected mm"])
+    refused("accuracy", "sino6", *POINT, "--to", "0.4", "0", "0.3", said=["metres"])
+    assert "metres" not in refused("configurations", "sino6", "--point", "1.9", "0", "0")
+    file, path = load_arm_file("sino6"), tmp_path / "near.toml"  # the wrist comes to the shoulder, beyond the limits
+    third, fourth = ({"d_mm": -500.0, "a_mm": 60.0}, {"limits_rad": (-2.2, 0.0)})
+    changed = [row.model_copy(update=change) for row, change in zip(file.joints[2:4], (third, fourth), strict=True)]
+    joints = [*file.joints[:2], *changed, *file.joints[4:]]
+    path.write_text(ErrorModel(Arm.from_file(file.model_copy(update={"joints": joints}))).text())
+    _, said = done("configurations", path, *metres, "--count", "9")
+    assert "0 of them within limits" in said
+    assert "note: the same numbers in metres" in said
+
+
 def test_the_tip_of_an_arm_with_other_than_six_joints(tmp_path: Path) -> None:
     """Five conditions: single postures of five joints; seven need the whole pose, with which they go round curves."""
     file, tip = load_arm_file("sino6"), ["--tip", "--axis", "0", "0", "-1"]
