@@ -260,6 +260,8 @@ def _told(path: str | Path | None) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        if isinstance(error, BrokenPipeError) and str(path) in STDOUT:
+            raise  # whoever read standard output has enough: no refusal
         raise _refusal(path, error) from None
 
 

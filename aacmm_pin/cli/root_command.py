@@ -106,8 +106,13 @@ class Shell(TyperGroup):
             finally:
                 sys.stdout.flush()
 
-    def invoke(self, ctx: Any) -> Any:
+    def make_context(self, *args: Any, **named: Any) -> Any:
         """See :meth:`main`; typer would answer some errors before they come there."""
+        with _told():
+            return super().make_context(*args, **named)
+
+    def invoke(self, ctx: Any) -> Any:
+        """See :meth:`make_context`."""
         with _told():
             return super().invoke(ctx)
 
@@ -139,8 +144,10 @@ def _told() -> Iterator[None]:
         _end(1, "the input is nested too deep")
     except UnicodeEncodeError as error:
         _end(1, f"{error.object[error.start : error.end]!r} cannot be written as {error.encoding}")
+    except BrokenPipeError:  # whoever read has what it wanted, as head has
+        _end(128 + signal.SIGPIPE)
     except OSError as error:
-        words, of_stream = error.strerror or str(error), error.errno in (errno.ENOSPC, errno.EPIPE)
+        words, of_stream = error.strerror or str(error), error.errno == errno.ENOSPC
         where = error.filename or ("standard output" if of_stream else None)  # other files are told by their names
         _end(1, words if where is None else f"{where}: {words}")
     except KeyboardInterrupt:
@@ -182,10 +189,11 @@ def _of_matplotlib(error: BaseException) -> str | None:
     return f"matplotlib, set by matplotlibrc and SOURCE_DATE_EPOCH, raised {raised(error, '')}"
 
 
-def _end(status: int, message: str) -> None:
+def _end(status: int, message: str = "") -> None:
     """Say why, if anybody reads it, and give up what standard output did not take."""
     with suppress(OSError):
-        note(f"aacmm-pin: {message}")
+        if message:
+            note(f"aacmm-pin: {message}")
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()

@@ -28,6 +28,12 @@ LABEL = re.compile(r"[a-z_]+:?\w*")
 """A cause and its place, a parameter."""
 
 
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        """Leave it to the command, as every other way of printing does."""
+        raise BrokenPipeError
+
+
 def show(document: Document, notes_alone: bool = False) -> None:
     """Print the short form of a document, or nothing but its notes, which go to the error stream."""
     for block in document.short():
@@ -50,7 +56,7 @@ def _print_table(table: Table) -> None:
         say(f"{table.caption}:")
     cells = table.cells().map(printable).rename(columns=printable)
     known = stdout().isatty() or "COLUMNS" in os.environ
-    console = Console(file=stdout(), width=None if known else WIDTH, markup=False, highlight=False, emoji=False)
+    console = _Console(file=stdout(), width=None if known else WIDTH, markup=False, highlight=False, emoji=False)
     others = cells.drop(columns=table.spare, errors="ignore")
     if sum(_widths(others)) + GAP * len(cells.columns) + SPARE > console.width:
         cells = others

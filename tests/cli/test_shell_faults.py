@@ -113,15 +113,25 @@ def test_streams_that_take_nothing() -> None:
             (started("urdf", "sino6", stdout=full), "No space left"),
             (started("--help", stdout=full), "standard output: No space left"),
         ]
-    read, write = os.pipe()
-    os.close(read)
-    devices += [(started("urdf", "sino6", stdout=write), "Broken pipe")]
-    os.close(write)
     closed = [sys.executable, "-m", "aacmm_pin.cli", "causes"]
     devices += [(subprocess.Popen(["sh", "-c", 'exec "$@" >&-', "sh", *closed], stderr=subprocess.PIPE), "closed")]
     for process, words in devices:
         status, said = ended(process)
         assert (status, words in said) == (1, True), said
+
+
+def test_a_pipe_whose_reader_has_enough_ends_the_command_quietly() -> None:
+    """As ``head`` does: what is told by lines, by tables, by --json -, as a file on stdout, and as help."""
+    at = ["--point", "400", "0", "300", "--count", "9"]
+    told = (["--help"], ["--version"], ["causes"], ["plan", "-h"], ["urdf", "sino6"], ["accuracy", "sino6", *at])
+    told += (["accuracy", "sino6", *at, "--json", "-"], ["configurations", "sino6", *at, "-o", "/dev/stdout"])
+    for words in told:
+        read, write = os.pipe()
+        os.close(read)
+        process = started(*words, stdout=write)
+        os.close(write)
+        said = process.communicate(timeout=60)[1].decode()
+        assert (process.returncode, "aacmm-pin:" in said) == (128 + signal.SIGPIPE, False), (words, said)
 
 
 def test_a_terminal_without_letters() -> None:
