@@ -155,6 +155,8 @@ def _limits(texts: list[str]) -> dict[str, float]:
     for text in texts:
         name, equals, value = text.partition("=")
         refused = partial(_refused, text)
+        if not equals and Path(text).suffix != ".toml" and not Path(text).exists():
+            raise typer.BadParameter(f"--mpe {text}, expected FIGURE=MM, such as E_Uni=0.1, or a TOML file of such")
         of_file = {} if equals else toml_of(content_of(text, MOST_BYTES, "MPEs, *.toml,", refused), refused)
         for figure, limit in {name: value}.items() if equals else of_file.items():
             if figure in given:
