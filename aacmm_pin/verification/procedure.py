@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,8 @@ CANDIDATES, TRIED = 4000, 30
 """Places that are looked at, and directions of a bar that are tried beside the wanted one."""
 RIM = 0.1
 """Touches of a half sphere end this part of the radius above its rim."""
+UPRIGHT = 0.7
+"""Cosine of the angle to gravity up to which joint axis 1 of an arm that stands is tilted."""
 ROOM = 0.02
 """Part of a joint's range by which planned postures keep from either limit, so that a hand can move round a sphere."""
 
@@ -149,41 +152,36 @@ def acceptance_procedure(
         measuring_range: diameter of the working volume [m]; default twice the reach of the tip from joint 2.
         lengths: calibrated lengths [m], five, or for ASME B89.4.22 alone two; default even parts of two thirds of the range.
         sphere_diameter, probe_diameter: [m].
-        above: height of a table over the base origin, along gravity, under which no tip goes [m].
+        above: height of a table over the base origin, along gravity, under which no tip goes [m]; default the base itself,
+            if the arm stands on it and can be tested so; else none.
         rng: for all that is drawn; default seed 1.
 
     Raises:
         UnknownNameError: no such standard.
         AacmmError: other than so many lengths above 0, or the arm does not reach such places.
     """
-    wanted = {d.test for d in definitions(standard)}
     rng = rng or np.random.default_rng(1)
     seed, model = seed_of(rng), ErrorModel.of(model).where_known()
     margin = ROOM * np.diff(model.arm.limits, axis=1) * np.array([1.0, -1.0])
     inner = replace(model, arm=replace(model.arm, limits=model.arm.limits + margin))
-    layout = _Layout(Pool.draw(inner, above, 10, rng), sphere_diameter, probe_diameter, rng)
-    longest = 2 / 3 * (2 * layout.reach if measuring_range is None else measuring_range)
-    all_lengths = bool({"length-uni", "length-bi"} & wanted)
-    parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
-    bars = [STEP * MM * np.ceil(longest * k / LENGTHS / (STEP * MM)) for k in parts]
-    bars = sorted(bars if lengths is None else lengths)
-    if not len(set(bars)) == len(bars) == len(parts) or not np.all(np.isfinite(bars)) or min(bars) <= 0:
-        raise AacmmError(
-            f"lengths are {', '.join(f'{x / MM:g}' for x in bars)} mm, expected {len(parts)} different ones above 0 for "
-            f"{'the figures of all standards' if standard is None else STANDARDS[standard]}"
-        )
-    sizes = {"length_mm": bars, "feature_diameter_mm": [sphere_diameter], "probe_diameter_mm": [probe_diameter]}
-    for column, values in sizes.items():
-        called, range_ = NUMBERS[column]
-        range_.check(values, called.replace("_", " "))
-    layout.spheres(wanted)
-    if "single-point" in wanted:
-        layout.single_points()
-    if all_lengths:
-        layout.length_bar(bars, wanted)
-    if "volumetric" in wanted:
-        layout.ball_bars(*(bars[parts.index(part)] for part in BALL_BARS.values()))
-    return layout.procedure(model.arm, seed)
+
+    def laid_out(height: float | None) -> Procedure:
+        layout = _Layout(Pool.draw(inner, height, 10, rng), sphere_diameter, probe_diameter, rng)
+        layout.fill(standard, measuring_range, lengths)
+        return layout.procedure(model.arm, seed)
+
+    if above is None and _stands(model.arm):
+        with suppress(AacmmError):  # then it is tried without that table
+            return laid_out(0.0)
+    return laid_out(above)
+
+
+def _stands(arm: Arm) -> bool:
+    """Whether an arm stands on its base: joint axis 1 is upright, and joint 2 not below the base."""
+    rotation, origin = arm.chain.walk(np.zeros((1, arm.nq)))
+    axes = arm.chain.moving_axes()
+    upright = abs(float(rotation[axes[0], 0, :, 2] @ arm.up)) > UPRIGHT
+    return upright and float(origin[axes[min(1, len(axes) - 1)], 0] @ arm.up) > -MM
 
 
 class _Layout:
@@ -199,6 +197,31 @@ class _Layout:
         self.shoulder = pool.arm.chain.walk(np.zeros((1, pool.arm.nq)))[1][axes[min(1, len(axes) - 1)]][0]
         self.distance = np.linalg.norm(pool.tips - self.shoulder, axis=1)
         self.reach = float(self.distance.max())
+
+    def fill(self, standard: str | None, measuring_range: float | None, lengths: Sequence[float] | None) -> None:
+        """All touches that the figures of a standard need; see :func:`acceptance_procedure`."""
+        wanted = {d.test for d in definitions(standard)}
+        longest = 2 / 3 * (2 * self.reach if measuring_range is None else measuring_range)
+        all_lengths = bool({"length-uni", "length-bi"} & wanted)
+        parts = [*range(1, LENGTHS + 1)] if all_lengths else [*BALL_BARS.values()]
+        bars = [STEP * MM * np.ceil(longest * k / LENGTHS / (STEP * MM)) for k in parts]
+        bars = sorted(bars if lengths is None else lengths)
+        if not len(set(bars)) == len(bars) == len(parts) or not np.all(np.isfinite(bars)) or min(bars) <= 0:
+            raise AacmmError(
+                f"lengths are {', '.join(f'{x / MM:g}' for x in bars)} mm, expected {len(parts)} different ones above 0 for "
+                f"{'the figures of all standards' if standard is None else STANDARDS[standard]}"
+            )
+        sizes = {"length_mm": bars, "feature_diameter_mm": [self.sphere], "probe_diameter_mm": [self.probe]}
+        for column, values in sizes.items():
+            called, range_ = NUMBERS[column]
+            range_.check(values, called.replace("_", " "))
+        self.spheres(wanted)
+        if "single-point" in wanted:
+            self.single_points()
+        if all_lengths:
+            self.length_bar(bars, wanted)
+        if "volumetric" in wanted:
+            self.ball_bars(*(bars[parts.index(part)] for part in BALL_BARS.values()))
 
     def touch(self, point: Array, q: Array, **cells: Any) -> None:
         """One more touch at ``point`` (3,) near the posture ``q`` (nq,)."""

@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin import Arm, ErrorModel, accept, acceptance_procedure, perturbed_model, predict_acceptance
+from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.arm.random_postures import joint_bounds
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import JointPeriodicError
@@ -67,6 +68,24 @@ def test_every_touch_of_every_figure_is_planned_within_reach(sino6: Arm, planned
         lengths["length_mm"].astype(float).max() * 1e-3 >= 2 / 3 * 2 * np.linalg.norm(procedure.points, axis=1).max() * 0.8
     )
     assert exact.loc[exact["test"] == "single-point", "articulation"].nunique() > 3
+
+
+def test_artefacts_stand_where_a_table_or_a_tripod_holds_them(sino6: Arm) -> None:
+    """Over the base of an arm that stands, along gravity; anywhere if the arm hangs, or reaches hardly so high."""
+
+    def lowest(arm: Arm) -> float:
+        planned = acceptance_procedure(arm, standard="asme-b89.4.22", rng=np.random.default_rng(2))
+        return float((planned.points @ arm.up).min())
+
+    def tall(height_mm: float, gravity: float) -> Arm:
+        assert isinstance(sino6.file, ArmFile)
+        joints = [sino6.file.joints[0].model_copy(update={"d_mm": height_mm}), *sino6.file.joints[1:]]
+        return Arm.from_file(sino6.file.model_copy(update={"joints": joints, "gravity_m_s2": (0.0, 0.0, gravity)}))
+
+    low = replace(sino6, limits=np.vstack([sino6.limits[:1], [-0.9, 0.0], sino6.limits[2:]]))
+    standing, beneath = (sino6, tall(300.0, -9.81), tall(0.0, 9.81)), (tall(300.0, 9.81), low)
+    assert all(lowest(arm) > -0.02 for arm in standing)  # a sphere goes round its centre
+    assert all(lowest(arm) < -0.3 for arm in beneath)
 
 
 def test_single_points_stand_in_the_zones_of_asme_b89_4_22(sino6: Arm, planned: Path, rng: np.random.Generator) -> None:
@@ -179,6 +198,15 @@ def test_the_chain_at_the_shell(tmp_path: Path) -> None:
         assert word in file.read_text(encoding="utf-8")
         assert "ASME B89.4.22-2004" in file.read_text(encoding="utf-8").replace("\u00a0", " ")
     assert "µm" not in page.read_text(encoding="utf-8")  # one unit on the page
+
+
+def test_an_mpe_without_its_figure_is_told_by_an_example(tmp_path: Path) -> None:
+    for given in ("0.1", "E_Uni", "E_Uni:0.1"):
+        result = CliRunner().invoke(app, ["accept", "sino6", str(tmp_path / "touches.csv"), "--mpe", given])
+        assert result.exit_code == 2
+        assert given in result.stderr
+        assert "FIGURE=MM" in result.stderr
+        assert "E_Uni=0.1" in result.stderr
 
 
 def test_what_cannot_be_planned_or_predicted(sino6: Arm, planned: Path) -> None:
