@@ -15,7 +15,7 @@ from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.diagnosis import Diagnosis, Finding
-from aacmm_pin.diagnosis.cross_validation import Gain
+from aacmm_pin.diagnosis.cross_validation import LEAST_GAIN, Gain
 from aacmm_pin.diagnosis.result import MORE, SETTLED
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
@@ -210,7 +210,7 @@ def gain_in_words(result: Diagnosis) -> str:
     if held is None:
         return "Nothing was held out, so the gain on other records is not known."
     low, high = held.interval
-    nothing = ", not significant" if low <= 0.0 <= high else ""
+    nothing = "" if held.beyond_doubt or high < -LEAST_GAIN else ", not significant"
     counted = f" {count(held.excluded, 'excluded record')} included." if held.excluded else ""
     return (
         f"Gain of the extended over the recalibrated arm on held-out {KINDS[held.kind]}: {percent(held.gain)} "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -25,6 +26,7 @@ from aacmm_pin.report.document import (
 from aacmm_pin.report.numbers import capital, count, in_one_unit, lengths, p_equals, small, small_unit, spread
 from aacmm_pin.report.scenes import arm_scene
 from aacmm_pin.report.scenes.page import viewer_script
+from tests.browser import Page as Browser
 from tests.pages import Page
 
 EVIL = '<script>alert("x")</script> & {{ 7 * 7 }} [red]'
@@ -182,3 +184,13 @@ def test_a_sentence_that_begins_with_a_name_keeps_it() -> None:
         assert f"{name} moved." in page
     for words in ("no figure has left it", "self-motion", "no-discrepancy", "drift, of joint 2", "wave: of joint 2"):
         assert capital(words) == words[0].upper() + words[1:]
+
+
+def test_no_column_of_a_table_with_long_names_is_cut(page: Browser, tmp_path: Path) -> None:
+    names = [f"seat granite_table_north_east_corner_hole_{k}_of_the_second_fixture" for k in range(3)]
+    frame = pd.DataFrame({"where": names, "records": 30})
+    frame = frame.assign(**{f"{name}_mm": 0.1234 for name in ("simulation", "predicted", "extended")}, times=1.5)
+    (tmp_path / "page.html").write_text(html.page(Document("Page", [Table(frame, "Where")])), encoding="utf-8")
+    page.open(tmp_path / "page.html", (1000, 800))
+    wide, there = (page.evaluate(f"document.querySelector('.scroll').{name}Width") for name in ("scroll", "client"))
+    assert wide == there
