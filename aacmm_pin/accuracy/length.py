@@ -23,8 +23,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import expanded
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError
 
 if TYPE_CHECKING:
@@ -85,7 +84,7 @@ class LengthUncertainty(Shown):
 
 
 def length_uncertainty(
-    model: Arm | ErrorModel, qa: ArrayLike, qb: ArrayLike, *, at: str | None = None, encoder_noise: ArrayLike | None = None
+    model: GivenModel, qa: ArrayLike, qb: ArrayLike, *, at: str | None = None, encoder_noise: ArrayLike | None = None
 ) -> Array:
     """Standard uncertainty of distances, each from the point of ``qa`` to that of ``qb`` in the same row: (n,) [m].
 
@@ -99,6 +98,7 @@ def length_uncertainty(
         ShapeError: ``qa`` and ``qb`` are not finite arrays of one shape (n, nq).
         AacmmError: nothing has an uncertainty, noise is negative, or two points coincide.
     """
+    model = loaded(model)
     arm = ErrorModel.arm_of(model)
     a, b = batch(qa, arm.nq, "qa", "rad"), batch(qb, arm.nq, "qb", "rad")
     if len(a) != len(b):
@@ -112,7 +112,7 @@ def length_uncertainty(
 
 
 def length_between(
-    a: PosturesAtPoint, b: PosturesAtPoint, model: Arm | ErrorModel, encoder_noise: ArrayLike | None = None
+    a: PosturesAtPoint, b: PosturesAtPoint, model: GivenModel, encoder_noise: ArrayLike | None = None
 ) -> LengthUncertainty:
     """Uncertainty of the distance of two points, for every pair of postures within limits; see :func:`length_uncertainty`.
 
@@ -125,7 +125,7 @@ def length_between(
             raise AacmmError(f"{postures}; no configuration to judge")
     if len(q_a) * len(q_b) > MOST_PAIRS:
         raise AacmmError(f"{len(q_a)} × {len(q_b)} pairs of postures, expected at most {MOST_PAIRS}; take a smaller count")
-    sources = ErrorSources.of(model, a.at, encoder_noise, q_a, None)
+    sources = ErrorSources.of(loaded(model), a.at, encoder_noise, q_a, None)
     direction, length = _directions((b.point - a.point)[None])
     scaled = _along(sources, q_a, direction), _along(sources, q_b, direction)
     return LengthUncertainty(sources, q_a, q_b, float(length[0]), scaled)

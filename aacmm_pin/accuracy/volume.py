@@ -18,11 +18,10 @@ from aacmm_pin._support.checks import Array, Index, batch, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import CHUNK, chunks
 from aacmm_pin.arm.file import COVERAGE_FACTOR as K_OF_ONE_NUMBER
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError, UnsupportedArmError
 
 if TYPE_CHECKING:
@@ -168,7 +167,7 @@ def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
     return inside
 
 
-def circle_accuracy(circle: PosturesAtPoint, model: Arm | ErrorModel | None = None, **options: Any) -> AccuracyVolume:
+def circle_accuracy(circle: PosturesAtPoint, model: GivenModel | None = None, **options: Any) -> AccuracyVolume:
     """Accuracy of those configurations of a circle that are within limits, at the circle's own frame.
 
     Args:
@@ -187,7 +186,7 @@ def circle_accuracy(circle: PosturesAtPoint, model: Arm | ErrorModel | None = No
 
 
 def accuracy_volume(
-    model: Arm | ErrorModel,
+    model: GivenModel,
     q: ArrayLike,
     *,
     conditions: Conditions | None = None,
@@ -233,6 +232,7 @@ def accuracy_volume(
     from aacmm_pin._support.progress import bar
     from aacmm_pin._support.workers import results
 
+    model = loaded(model)
     arm, drawn = ErrorModel.arm_of(model), method == "monte-carlo"
     q = batch(q, arm.nq, "q", "rad")
     if conditions is not None and conditions.n not in (1, len(q)):

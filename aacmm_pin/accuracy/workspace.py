@@ -33,7 +33,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.dh import chunks
 from aacmm_pin.arm.limits import AT_LIMIT
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import WRIST
 from aacmm_pin.postures.curve_sampling import Components, Sectors, arc_fractions, sector_centres
@@ -164,7 +164,7 @@ class WorkspaceMap(Shown):
 
 
 def map_workspace(
-    model: Arm | ErrorModel,
+    model: GivenModel,
     cells: tuple[int, int] = (48, 48),
     sectors: int = 12,
     *,
@@ -203,6 +203,7 @@ def map_workspace(
         raise AacmmError(f"cells are {cells}, expected at least 1 each way")
     whole(cells[0] * cells[1], 1, "cells")
     sectors = whole(sectors, 1, "sectors")
+    model = loaded(model)
     model = model.where_known() if isinstance(model, ErrorModel) else model
     arm = ErrorModel.arm_of(model)
     box = _extent(arm, extent)

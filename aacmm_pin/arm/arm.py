@@ -454,18 +454,23 @@ def _with_urdf(of: UrdfArmFile, **changed: Any) -> UrdfArmFile:
     return of.model_copy(update={"urdf": of.urdf.model_copy(update=changed)})
 
 
-def require_arm(given: object, name: str = "arm") -> Arm:
-    """``given``, if it is an arm.
+GivenArm = Arm | str | Path
+"""An arm, or its bundled name or the path of its file."""
+
+
+def as_arm(given: object, name: str = "arm") -> Arm:
+    """An arm itself, or that of a name or path by :meth:`Arm.load`.
 
     Raises:
-        AacmmError: it is something else; says how to load it where it is a name.
+        UnknownNameError, ArmFileError: see :meth:`Arm.load`.
+        AacmmError: it is something else; ``name`` is what the error calls it.
     """
     if isinstance(given, Arm):
         return given
     if isinstance(given, str | Path):
-        raise AacmmError(f"{name} is {str(given)!r}, expected an arm: Arm.load({str(given)!r})")
+        return Arm.load(given)
     held = " of the model: its .arm" if isinstance(getattr(given, "arm", None), Arm) else ""
-    raise AacmmError(f"{name} is of type {type(given).__name__}, expected an Arm{held}")
+    raise AacmmError(f"{name} is of type {type(given).__name__}, expected an Arm, or its name or path{held}")
 
 
 def _placement_parameters(model: Any, shift: float, turn: float) -> tuple[Parameter, ...]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -13,7 +15,6 @@ from aacmm_pin._support.checks import Index
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import other_turns
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures
@@ -21,16 +22,16 @@ from aacmm_pin.calibration.cross_validation import held_out as left_out
 from aacmm_pin.calibration.fit import Fit, fit, redundant
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit
 from aacmm_pin.calibration.noise_model import LENGTH, contradictions, reference_u
-from aacmm_pin.calibration.parameters import ASSEMBLED, lengths_untold, problem_of, unstated
+from aacmm_pin.calibration.parameters import ASSEMBLED, ParameterSet, lengths_untold, problem_of, unstated
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input, listed
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
-from aacmm_pin.effects import Effect, StylusOffset
+from aacmm_pin.effects import CAUSES, Effect, StylusOffset
 from aacmm_pin.effects.conditions import WARMER
-from aacmm_pin.effects.error_model import ErrorModel, require_shown
+from aacmm_pin.effects.error_model import ErrorModel, GivenCause, GivenModel, as_causes, require_shown
 from aacmm_pin.effects.state import State
-from aacmm_pin.errors import AacmmError, UnsupportedArmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
 
 OTHER_UNIT = 100.0
 """An uncertainty, or a torque, so many times off may be in another unit: the factor is 1000, but there are other parts."""
@@ -58,9 +59,9 @@ SEVERAL = 3
 
 @one_blas_thread
 def calibrate(
-    model: Arm | ErrorModel,
-    measurements: Measurements,
-    parameters: str | Iterable[str | Effect] = "geometry",
+    model: GivenModel,
+    measurements: GivenRecords,
+    parameters: GivenCause | Iterable[GivenCause] = "geometry",
     *,
     reference_frame: ReferenceFrame = "base",
     target: Target = "tip",
@@ -85,7 +86,7 @@ def calibrate(
             range of one that stays are left out, and listed in the notes.
         measurements: the records.
         parameters: ``zero-offsets`` (of every joint, the 2010 paper's method), ``geometry`` (everything that describes the
-            arm's lengths and axes), effects, or a list of these.
+            arm's lengths and axes), effects or their texts, such as ``encoder_gain:5``, or a list of these.
         reference_frame: ``base`` if the reference coordinates are in the arm's base, ``external`` if their frame is unknown.
         target: ``tip`` if the tip itself was measured, ``unknown`` if some point on the last body was; markers always are.
             The axes of a target whose orientation the records state are turned in the tip by an unknown constant, one for
@@ -102,12 +103,14 @@ def calibrate(
             left out in turn.
 
     Raises:
-        UnknownNameError: no such set of parameters, frame or target.
+        UnknownNameError: no such set of parameters, cause, frame or target.
         MissingConditionError: an effect needs a column that the records lack.
         AacmmError: no record says anything, or none shows an effect that is asked for; the noise is not stated and there are
             too few records to find it; the records have nothing to do with this arm.
     """
-    chosen = [parameters] if isinstance(parameters, str) else list(parameters)
+    model = ErrorModel.of(model)
+    measurements = as_measurements(measurements, model.arm.nq)
+    chosen = _chosen(parameters, model, measurements)
     asked = [effect.label for effect in chosen if isinstance(effect, Effect)]
     model, measurements = checked_input(model, measurements, asked)
     measurements, repeated = counted_once(measurements)
@@ -135,6 +138,22 @@ def calibrate(
     found = Calibration(after, problem_of(model, measurements, [], setup), (), (*notes_of(after), *repeated))
     held = left_out(found.before, after, rng or np.random.default_rng(1), progress) if hold_out else ()
     return replace(found, held_out=tuple(held))
+
+
+def _chosen(
+    parameters: GivenCause | Iterable[GivenCause], model: ErrorModel, measurements: Measurements
+) -> list[GivenCause]:
+    """What is to be estimated: names of sets as they are, causes for their texts.
+
+    Raises:
+        UnknownNameError: it is the name of neither; see :func:`as_causes`.
+    """
+    items = [parameters] if isinstance(parameters, Effect | str) else list(parameters)
+    sets, present = get_args(ParameterSet), measurements.conditions.present
+    for item in items:
+        if isinstance(item, str) and item not in sets and re.split("[:,]", item)[0] not in CAUSES:
+            raise UnknownNameError("set of parameters", item, [*sets, *CAUSES])
+    return [item if item in sets else as_causes([item], model, present)[0] for item in items]
 
 
 def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:

@@ -9,11 +9,11 @@ from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrated_arm import moved_file
 from aacmm_pin.calibration.parameter_vector import ParameterVector
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
 
 
-def perturbed_model(model: Arm | ErrorModel, rng: np.random.Generator) -> ErrorModel:
+def perturbed_model(model: GivenModel, rng: np.random.Generator) -> ErrorModel:
     """The model with all parameters drawn: uniform within half-widths, normal and together where a calibration says so.
 
     Its values are the truth of a virtual arm, so it states no uncertainty of them.

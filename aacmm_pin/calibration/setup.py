@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -14,9 +13,9 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects import Effect
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.records import Measurements, as_measurements
 
 ReferenceFrame = Literal["base", "external"]
 Target = Literal["tip", "unknown", "frame"]
@@ -112,10 +111,8 @@ class Setup:
         return found
 
 
-def checked_input(
-    model: Arm | ErrorModel, measurements: object, asked: Collection[str] = ()
-) -> tuple[ErrorModel, Measurements]:
-    """Model and measurements, if they are some and have as many joints.
+def checked_input(model: GivenModel, measurements: object, asked: Collection[str] = ()) -> tuple[ErrorModel, Measurements]:
+    """Model and measurements, given or by name or path, if they have as many joints.
 
     Records outside the range of a known effect are left out, as ``read_as`` then says, unless all are; effects whose labels
     are ``asked`` for do not count, for they are replaced.
@@ -124,13 +121,7 @@ def checked_input(
         AacmmError: they are not.
     """
     model = ErrorModel.of(model)
-    if not isinstance(measurements, Measurements):
-        how = (
-            f"Measurements.read({str(measurements)!r}, nq)"
-            if isinstance(measurements, str | Path)
-            else "see Measurements.read"
-        )
-        raise AacmmError(f"measurements is {measurements!r}, expected Measurements: {how}")
+    measurements = as_measurements(measurements, model.arm.nq)
     if not measurements.n:
         raise AacmmError(f"{measurements.source} has no records")
     if measurements.nq != model.arm.nq:

@@ -10,7 +10,8 @@ from aacmm_pin.calibration.parameters import found_anew
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import CAUSES, Effect, ReferenceFrame, StylusOffset, all_candidates
-from aacmm_pin.effects.error_model import ErrorModel, require_row
+from aacmm_pin.effects.effect import require_row
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import UnknownNameError
 from aacmm_pin.measurements.records import Measurements
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once, notes_of
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
@@ -34,11 +33,11 @@ from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.drift_and_hysteresis import ZeroDrift
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.effects.gravity import LoadedEffect
 from aacmm_pin.effects.labels import listed, probability, values_in_words
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.records import GivenRecords, Measurements
 
 MUCH_MORE = 1.15
 """Residuals larger by this than the stated noise, beyond chance, are not explained by what was found."""
@@ -54,8 +53,8 @@ LATE = 10.0
 
 @one_blas_thread
 def diagnose(
-    model: Arm | ErrorModel,
-    measurements: Measurements,
+    model: GivenModel,
+    measurements: GivenRecords,
     *,
     reference_frame: ReferenceFrame = "base",
     target: Target = "tip",
@@ -65,7 +64,7 @@ def diagnose(
     probe_noise: float | None = None,
     length_noise: float | None = None,
     hold_out: bool = True,
-    extra_causes: Sequence[Effect] = (),
+    extra_causes: Sequence[GivenCause] = (),
     rng: np.random.Generator | None = None,
     progress: Progress = True,
 ) -> Diagnosis:
@@ -94,6 +93,7 @@ def diagnose(
         AacmmError, UnknownNameError, MissingConditionError: see :func:`aacmm_pin.calibration.calibrate`.
     """
     model, measurements = checked_input(model, measurements)
+    extra = as_causes(extra_causes, model, measurements.conditions.present)
     setup = Setup.of(model.arm, reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise)
     measurements, repeated = counted_once(measurements)
     if prior and model.arm.unexplained and model.arm.covariance is not None:
@@ -111,7 +111,7 @@ def diagnose(
         why = "they are too few, unless the noise is stated" if few else "is the file filled in?"
         raise AacmmError(f"{measurements.source}: all {measurements.n} records agree with the fitted arm exactly: {why}")
     kind, parts = parts_of(recalibrated, rng)
-    library = candidates(model, measurements, recalibrated.problem, extra_causes)
+    library = candidates(model, measurements, recalibrated.problem, extra)
     choice = choose(problem, recalibrated, library, covariates(model.arm, measurements), parts, progress is True)
     choice, pairs, strong = _judged(_surviving(choice, problem), problem, rng)
     # Parts are left out by postures, which says nothing of what depends on time.

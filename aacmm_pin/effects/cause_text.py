@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
-from typing import Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
 from aacmm_pin._support.units import in_radians, number
 from aacmm_pin.effects.causes import cause_named
-from aacmm_pin.effects.effect import Effect
-from aacmm_pin.effects.error_model import ErrorModel, require_row
+from aacmm_pin.effects.effect import Effect, require_row
 from aacmm_pin.errors import AacmmError, UnknownNameError
+
+if TYPE_CHECKING:
+    from aacmm_pin.effects.error_model import ErrorModel
 
 MOST_VALUES = 6
 """A text states the values of so many parameters at most."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.effects.compliance import BearingTilt, Counterbalance, JointCompliance, LinkBending, TorsionalWindup
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
 from aacmm_pin.effects.drift_and_hysteresis import JointHysteresis, ZeroDrift
@@ -185,7 +185,7 @@ def cause_named(name: str) -> type[Effect]:
     return CAUSES[name]
 
 
-def all_candidates(arm: Arm, records: Records | None = None) -> Iterator[tuple[Effect, ...]]:
+def all_candidates(arm: GivenArm, records: Records | None = None) -> Iterator[tuple[Effect, ...]]:
     """Every cause at every place where it could sit, with the variants to try, but for what a calibration refits anyway.
 
     In the order of :data:`CAUSES`; neighbours there that sit in places of one kind come place by place.
@@ -194,6 +194,7 @@ def all_candidates(arm: Arm, records: Records | None = None) -> Iterator[tuple[E
         arm: the arm.
         records: as far as they show the causes; None for whatever could be recorded.
     """
+    arm = as_arm(arm)
     for _, kinds in itertools.groupby(CAUSES.values(), key=lambda cause: cause.site()):
         found = [variants for cause in kinds if not cause.refitted for variants in _candidates(cause, arm, records)]
         yield from sorted(found, key=lambda variants: variants[0].row or 0)

@@ -531,6 +531,17 @@ class Effect(Shown, ABC):
         return tuple(float(parameters.get(t.key, 0.0)) * t.scale for t in self.terms)
 
 
+def require_row(effect: Effect, arm: Arm) -> Effect:
+    """The effect, if the arm has the row on which it sits.
+
+    Raises:
+        AacmmError: it has not.
+    """
+    if effect.row is not None and not 1 <= effect.row <= arm.chain.rows:
+        raise AacmmError(f"{effect.label}: {arm.name} has rows 1 to {arm.chain.rows}")
+    return effect
+
+
 def _places(site: str | None, arm: Arm, records: Records | None) -> list[dict[str, Any]]:
     """The places where a cause with the field ``site`` could sit, as that field."""
     found: list[Any] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm.arm import Arm, require_arm
+from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.file import ArmFile, EffectEntry, UrdfArmFile, arm_text, validated
 from aacmm_pin.arm.limits import AT_LIMIT, other_turns
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
-from aacmm_pin.effects.effect import Effect, axis
+from aacmm_pin.effects.effect import Effect, axis, require_row
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.effects.inner_value import open_questions
 from aacmm_pin.effects.state import State
@@ -32,7 +32,7 @@ SETTLED = 1e-15
 """Twists that change by less than this have settled [m, rad]."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class ErrorModel(Shown):
     """An arm plus effects.
 
@@ -42,9 +42,18 @@ class ErrorModel(Shown):
     """
 
     arm: Arm
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Effect, ...]
 
-    def __post_init__(self) -> None:
+    def __init__(self, arm: GivenArm, effects: GivenCause | Iterable[GivenCause] = ()) -> None:
+        """An arm, or its name or path without the effects of its file, and effects, or their texts.
+
+        Raises:
+            UnknownNameError: a parameter in the arm's covariance that neither has; an unknown name or cause.
+            AacmmError: the same parameter twice.
+        """
+        object.__setattr__(self, "arm", as_arm(arm))
+        object.__setattr__(self, "effects", ())
+        object.__setattr__(self, "effects", as_causes(effects, self))
         names = [p.name for p in self.parameters]
         twice = sorted(name for name, times in Counter(names).items() if times > 1)
         if twice:
@@ -59,24 +68,26 @@ class ErrorModel(Shown):
         return f"ErrorModel({self.arm.name!r}, {', '.join(e.label for e in self.effects) or 'no effects'})"
 
     @staticmethod
-    def of(model: Arm | ErrorModel) -> ErrorModel:
-        """``model`` itself, or an arm with the effects of its file.
+    def of(model: GivenModel) -> ErrorModel:
+        """``model`` itself, or an arm, given or by name or path, with the effects of its file.
 
         Raises:
-            AacmmError: it is neither, such as a name.
+            UnknownNameError, ArmFileError: see :meth:`load`.
+            AacmmError: it is something else.
         """
         if isinstance(model, ErrorModel):
             return model
-        return _extended(require_arm(model, "model"), model.name)
+        return ErrorModel.load(model) if isinstance(model, str | Path) else _extended(as_arm(model, "model"), model.name)
 
     @staticmethod
-    def arm_of(model: Arm | ErrorModel) -> Arm:
-        """The arm of a model, or the arm itself.
+    def arm_of(model: GivenModel) -> Arm:
+        """The arm of a model, or the arm itself, given or by name or path.
 
         Raises:
-            AacmmError: it is neither, such as a name.
+            UnknownNameError, ArmFileError: see :meth:`load`.
+            AacmmError: it is something else.
         """
-        return model.arm if isinstance(model, ErrorModel) else require_arm(model, "model")
+        return model.arm if isinstance(model, ErrorModel) else as_arm(model, "model")
 
     @staticmethod
     def load(name_or_path: str | Path) -> ErrorModel:
@@ -118,10 +129,11 @@ class ErrorModel(Shown):
         with whole_file(path, force) as temporary:
             temporary.write_text(encodable(text), encoding="utf-8")
 
-    def with_effects(self, *effects: Effect) -> ErrorModel:
+    def with_effects(self, *effects: GivenCause) -> ErrorModel:
         """The model with more effects; one that sits where another of the same cause sits takes its place."""
-        new = {effect.identity for effect in effects}
-        return replace(self, effects=(*(e for e in self.effects if e.identity not in new), *effects))
+        added = as_causes(effects, self)
+        new = {effect.identity for effect in added}
+        return replace(self, effects=(*(e for e in self.effects if e.identity not in new), *added))
 
     @property
     def without_covariance(self) -> ErrorModel:
@@ -301,17 +313,6 @@ def _twists(effects: list[Effect], state: State, others: Mapping[int, Array]) ->
     return twists
 
 
-def require_row(effect: Effect, arm: Arm) -> Effect:
-    """The effect, if the arm has the row on which it sits.
-
-    Raises:
-        AacmmError: it has not.
-    """
-    if effect.row is not None and not 1 <= effect.row <= arm.chain.rows:
-        raise AacmmError(f"{effect.label}: {arm.name} has rows 1 to {arm.chain.rows}")
-    return effect
-
-
 def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, source: str) -> None:
     """Refuse an effect whose seat, target, time, … none of the records has; ``source`` is what errors call these.
 
@@ -341,6 +342,43 @@ def entry_of(effect: Effect) -> EffectEntry:
     u = {term.key: float(u / term.scale) for term, u in zip(effect.terms, effect.u, strict=True) if any(effect.u)}
     u |= {name: float(u) for name, u in zip(effect.inner, effect.inner_u, strict=False) if u}
     return EffectEntry.model_validate({"cause": effect.cause, **fields, "parameters": effect.described(), "uncertainty": u})
+
+
+GivenCause = Effect | str
+"""A cause of error, or its text for :func:`aacmm_pin.effects.cause_of`."""
+
+
+def as_causes(
+    causes: GivenCause | Iterable[GivenCause], model: ErrorModel, present: Collection[str] = ()
+) -> tuple[Effect, ...]:
+    """Causes themselves, and those that texts name by :func:`aacmm_pin.effects.cause_of`; one alone counts as a list of one.
+
+    Raises:
+        UnknownNameError, AacmmError: see :func:`aacmm_pin.effects.cause_of`; something that is neither.
+    """
+    each = [causes] if isinstance(causes, Effect | str) else list(causes)
+    if wrong := [given for given in each if not isinstance(given, Effect | str)]:
+        came = f"{type(wrong[0]).__name__} is among the causes"
+        raise AacmmError(f"{came}, expected an Effect, or a text such as 'encoder_gain:5'")
+    effects = tuple(given for given in each if isinstance(given, Effect))
+    if len(effects) == len(each):
+        return effects
+    from aacmm_pin.effects.cause_text import cause_of  # loads every cause
+
+    return tuple(cause_of(given, model, present) if isinstance(given, str) else given for given in each)
+
+
+GivenModel = Arm | ErrorModel | str | Path
+"""An arm, or an arm with effects, or the bundled name or the path of the file of either."""
+
+
+def loaded(model: GivenModel) -> Arm | ErrorModel:
+    """A model or an arm itself; what a name or path stands for, with the effects of its file.
+
+    Raises:
+        UnknownNameError, ArmFileError: see :meth:`ErrorModel.load`.
+    """
+    return ErrorModel.load(model) if isinstance(model, str | Path) else model
 
 
 def _extended(arm: Arm, path: str) -> ErrorModel:

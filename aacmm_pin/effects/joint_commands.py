@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import Array, batch
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, ShapeError
 
 ARRIVED = 1e-9
@@ -26,7 +25,7 @@ OF_A_POSE = 6
 
 
 def joint_commands(
-    model: Arm | ErrorModel, nominal: Arm | ErrorModel, q: ArrayLike, conditions: Conditions | None = None
+    model: GivenModel, nominal: GivenModel, q: ArrayLike, conditions: Conditions | None = None
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Commands by which ``model`` has the tip, and with six joints or more its axes, that ``nominal`` has at ``q``.
 

@@ -26,7 +26,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.effects.conditions import COLUMNS, Conditions, Labels, labels_of
-from aacmm_pin.errors import ShapeError, UnknownNameError
+from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.measurements import csv_columns as names
 from aacmm_pin.measurements.csv_columns import Problems, checked_columns, named, read_header
 from aacmm_pin.measurements.csv_table import read_table
@@ -407,6 +407,24 @@ def _joined(same: Index, but_for_these: Index, values: Array) -> Index:
 
 
 # --- from a table
+
+
+GivenRecords = Measurements | str | Path
+"""Records, or the path of their file."""
+
+
+def as_measurements(given: object, nq: int) -> Measurements:
+    """Records themselves, or those of a file by :meth:`Measurements.read`, of an arm with ``nq`` joints.
+
+    Raises:
+        MeasurementFileError: see :meth:`Measurements.read`.
+        AacmmError: it is something else.
+    """
+    if isinstance(given, Measurements):
+        return given
+    if isinstance(given, str | Path):
+        return Measurements.read(given, nq)
+    raise AacmmError(f"measurements is of type {type(given).__name__}, expected Measurements, or the path of a file")
 
 
 def _from_table(table: pd.DataFrame, lines: Index, nq: int | None, source: str) -> Measurements:

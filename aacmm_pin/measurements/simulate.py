@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, Index, whole
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import exp
 from aacmm_pin.arm.random_postures import MARGIN, Room
 from aacmm_pin.effects.conditions import Conditions, Labels
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.measuring_points import SEATS_APART, Place, Pool, bars_for, seats_for, visits
 from aacmm_pin.measurements.noise import ENCODER, PROBE, REFERENCE, Noise
@@ -28,7 +27,7 @@ PLANS: tuple[Plan, ...] = get_args(Plan)
 
 
 def simulate_measurements(
-    model: Arm | ErrorModel,
+    model: GivenModel,
     plan: Plan,
     records: int,
     *,

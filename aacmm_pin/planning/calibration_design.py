@@ -15,13 +15,12 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
 from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.planning.candidate_design import Situation
 from aacmm_pin.planning.measurement_conditions import MeasurementConditions
@@ -103,10 +102,10 @@ class CalibrationPlan(Shown):
 
 
 def plan_calibration(
-    model: Arm | ErrorModel,
+    model: GivenModel,
     records: int = 40,
     *,
-    existing: Measurements | None = None,
+    existing: GivenRecords | None = None,
     reference: Reference = "free",
     reference_frame: ReferenceFrame = "base",
     target: Target = "tip",
@@ -139,6 +138,7 @@ def plan_calibration(
             without any noise.
     """
     model, rng = ErrorModel.of(model).where_known(), rng or np.random.default_rng(1)
+    existing = None if existing is None else as_measurements(existing, model.arm.nq)
     check_numbers(model, records, postures, existing, reference)
     seed = seed_of(rng)
     setup, notes = complete(

@@ -13,12 +13,12 @@ from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
-from aacmm_pin.effects import Effect, cause_of
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects import Effect
+from aacmm_pin.effects.error_model import ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.noise import ENCODER
 from aacmm_pin.measurements.noise import REFERENCE as REFERENCE_NOISE
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.records import GivenRecords, Measurements, as_measurements
 from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.planning.candidate_records import free_postures, postures_at_seats
 from aacmm_pin.planning.pairwise_discrimination import for_two
@@ -34,11 +34,11 @@ QUICK = 200
 
 
 def plan_measurements(
-    model: Arm | ErrorModel,
-    split: tuple[Effect | str, Effect | str] | None = None,
+    model: GivenModel,
+    split: tuple[GivenCause, GivenCause] | None = None,
     records: int = 40,
     *,
-    existing: Measurements | None = None,
+    existing: GivenRecords | None = None,
     reference: Reference = "free",
     reference_frame: ReferenceFrame = "base",
     target: Target = "tip",
@@ -88,13 +88,13 @@ def plan_measurements(
         AacmmError: causes that no plan can be about, too few records or postures, or an arm that the records are not of.
     """
     model = ErrorModel.of(model).where_known()
+    existing = None if existing is None else as_measurements(existing, model.arm.nq)
     check_numbers(model, records, postures, existing, reference)
     rng = rng or np.random.default_rng(1)
     seed = seed_of(rng)
     present = () if existing is None else existing.conditions.present
     wanted = usual_causes(model) if split is None else split
-    named = tuple(cause_of(c, model, present) if isinstance(c, str) else c for c in wanted)
-    causes, usable, left_out = _usable(named, existing, split is not None)
+    causes, usable, left_out = _usable(as_causes(wanted, model, present), existing, split is not None)
     require_separable(causes, model.arm)
     if reference == "free" and (at_seat := next((e for e in causes if "seat" in e.needs), None)):
         raise AacmmError(
@@ -119,7 +119,7 @@ def plan_measurements(
     return replace(found, seed=seed, notes=(*notes, *left_out, *found.notes), options=tuple(options))
 
 
-def advice(model: Arm | ErrorModel, split: tuple[Effect | str, Effect | str], existing: Measurements, **setup: Any) -> str:
+def advice(model: GivenModel, split: tuple[GivenCause, GivenCause], existing: Measurements, **setup: Any) -> str:
     """What to measure next to tell two causes apart, in a sentence with the command that plans it.
 
     New records are taken as the old ones were: at their seats where most of them have one, else each with coordinates of

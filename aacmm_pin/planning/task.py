@@ -13,7 +13,8 @@ from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import Effect, all_candidates
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.error_model import ErrorModel, require_row
+from aacmm_pin.effects.effect import require_row
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 

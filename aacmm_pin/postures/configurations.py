@@ -19,7 +19,7 @@ from aacmm_pin._support.checks import Array, batch, unit_vector, vector, whole
 from aacmm_pin._support.display import report
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm, require_arm
+from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.limits import broken_limits, into_limits
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Components, Flexibility, evenly, flexibility
@@ -113,7 +113,7 @@ class ConfigurationCircle(PosturesAtPoint):
 
 
 def configuration_circle(
-    arm: Arm,
+    arm: GivenArm,
     point: ArrayLike,
     *,
     tip: bool = False,
@@ -148,7 +148,7 @@ def configuration_circle(
 
 
 def configuration_circles(
-    arm: Arm,
+    arm: GivenArm,
     points: ArrayLike,
     *,
     tip: bool = False,
@@ -161,7 +161,8 @@ def configuration_circles(
     Raises:
         ShapeError, AacmmError, UnsupportedArmError: see :func:`configuration_circle`.
     """
-    dh = require_arm(arm).require_dh("a configuration circle", WRIST_ROW + tip)
+    arm = as_arm(arm)
+    dh = arm.require_dh("a configuration circle", WRIST_ROW + tip)
     points = batch(points, 3, "points", "m")
     COORDINATE.check(points, "points")
     count = whole(count, 3, "count")

@@ -16,7 +16,7 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, unit_vector, vector, whole
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.limits import broken_limits, inside_part, into_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.constraints import PoseConditions
@@ -105,7 +105,7 @@ class ReachingPostures(PosturesAtPoint):
 
 
 def reaching_postures(
-    arm: Arm,
+    arm: GivenArm,
     point: ArrayLike,
     *,
     axis: ArrayLike | None = None,
@@ -134,7 +134,7 @@ def reaching_postures(
         AacmmError: both ``axis`` and ``rotation``, a direction of length zero, ``tool`` without ``axis``, a count below 3.
         UnsupportedArmError: a joint slides, or the conditions leave another number of joints free than 0 or 1.
     """
-    count, most_starts = whole(count, 3, "count"), whole(most_starts, 1, "most_starts")
+    arm, count, most_starts = as_arm(arm), whole(count, 3, "count"), whole(most_starts, 1, "most_starts")
     conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
     system = conditions.system()
     curves: tuple[Curve, ...] = ()

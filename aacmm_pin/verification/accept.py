@@ -15,8 +15,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import MM, plain_mm
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements.csv_table import measurement_file
 from aacmm_pin.verification.doubts import check_unit, doubts
@@ -222,7 +221,7 @@ class AcceptanceResult(Shown):
 
 def accept(
     path: str | Path,
-    arms: Mapping[str, Arm | ErrorModel] | None = None,
+    arms: Mapping[str, GivenModel] | None = None,
     *,
     mpe: Mapping[str, float] | None = None,
     standard: str | None = None,

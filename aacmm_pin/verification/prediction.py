@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,7 @@ from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM
 from aacmm_pin.accuracy.parameter_draws import source_errors
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.effects.geometry import of_geometry
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.csv_columns import Problems
@@ -147,8 +147,8 @@ class PredictedAcceptance(Shown):
 
 
 def predict_acceptance(
-    path: str,
-    arms: Mapping[str, Arm | ErrorModel],
+    path: str | Path,
+    arms: Mapping[str, GivenModel],
     *,
     mpe: Mapping[str, float] | None = None,
     standard: str | None = None,
@@ -180,7 +180,8 @@ def predict_acceptance(
         UnknownNameError: a figure or a standard that is not known.
         AacmmError: no arm, fewer runs than 20, or nothing of an arm is uncertain.
     """
-    limits, of_standard, rng = checked_limits(mpe), definitions(standard), rng or np.random.default_rng(1)
+    path, limits, of_standard = str(path), checked_limits(mpe), definitions(standard)
+    rng = rng or np.random.default_rng(1)
     if left_out := [name for name in limits if name not in {d.name for d in of_standard}]:
         raise AacmmError(f"MPE of {', '.join(left_out)} is given, expected figures of {standard} alone")
     if not arms:

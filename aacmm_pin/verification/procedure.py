@@ -15,15 +15,15 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
 from aacmm_pin.arm.random_postures import joint_bounds
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements.acceptance_columns import LABELS, NUMBERS, PLANNED, READINGS
 from aacmm_pin.measurements.csv_columns import REFERENCE, Problems
 from aacmm_pin.measurements.csv_table import read_table
 from aacmm_pin.measurements.measuring_points import Pool, bars_for
-from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.measurements.records import GivenRecords, as_measurements
 from aacmm_pin.measurements.simulate import seed_of
 from aacmm_pin.postures.articulation import articulations
 from aacmm_pin.postures.sampling import brought_to, spread_out
@@ -85,8 +85,9 @@ class Procedure(Shown):
         """The text of that file."""
         return csv_text(self.to_frame())
 
-    def filled(self, records: Measurements, software: ErrorModel) -> pd.DataFrame:
+    def filled(self, records: GivenRecords, software: GivenModel) -> pd.DataFrame:
         """That file with the indications and conditions of ``records``, and the coordinates by ``software``."""
+        records, software = as_measurements(records, self.arm.nq), ErrorModel.of(software)
         at = software.correct(records.q, records.conditions) / MM
         indicated = records.to_frame().drop(columns=["record"], errors="ignore")
         planned = self.to_frame()
@@ -98,12 +99,13 @@ class Procedure(Shown):
         return f"{self.arm.name}: {len(self.touches)} touches ({tests})"
 
     @staticmethod
-    def read(path: str | Path, arm: Arm) -> Procedure:
+    def read(path: str | Path, arm: GivenArm) -> Procedure:
         """The procedure in a file that :meth:`csv` made, also where it was filled in.
 
         Raises:
             MeasurementFileError: a planned column is missing or has a cell without a number.
         """
+        arm = as_arm(arm)
         table, lines, _ = read_table(str(path))
         problems, found = Problems(str(path), lines), []
         angles = [f"{PLANNED}theta{k}_deg" for k in range(1, arm.nq + 1)]
@@ -130,7 +132,7 @@ class Procedure(Shown):
 
 
 def acceptance_procedure(
-    model: Arm | ErrorModel,
+    model: GivenModel,
     *,
     standard: str | None = None,
     measuring_range: float | None = None,

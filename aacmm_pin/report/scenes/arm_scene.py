@@ -12,7 +12,7 @@ from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.limits import broken_limits
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.plots.style import BLUE, GREY, VERMILLION
 from aacmm_pin.report.scenes.arm_parts import GHOST, JOINT, STYLUS, TIP, TUBE, Bodies
@@ -29,7 +29,7 @@ CELL, CELLS = 0.5, 40
 """Side of a cell of meshcat's grid [m], and how many of them lie along each side of it."""
 
 
-def arm_scene(model: Arm | ErrorModel, q: ArrayLike) -> Scene:
+def arm_scene(model: GivenModel, q: ArrayLike) -> Scene:
     """The arm at ``q`` (n, nq) [rad, m]: a picture for one posture, an animation through them for more.
 
     Raises:

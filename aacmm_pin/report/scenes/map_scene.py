@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy.workspace import WorkspaceMap
-from aacmm_pin.arm.arm import Arm
-from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.report.plots.maps import OUTSIDE_LIMITS, QUANTITIES
 from aacmm_pin.report.plots.style import VOLUME_COLOURS
@@ -30,7 +29,7 @@ SIDE, HEIGHT = -55 * DEG, 14 * DEG
 """The camera stands on the side of the half-plane on which x grows to the right."""
 
 
-def map_scene(workspace_map: WorkspaceMap, model: Arm | ErrorModel) -> Scene:
+def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     """The half-plane as cells coloured by comprehensive accuracy, and the arm with its wrist in one after the other.
 
     Args:

@@ -1,0 +1,162 @@
+"""A name stands for an arm, a path for an arm or records, a text for a cause: wherever Python takes one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import aacmm_pin
+from aacmm_pin import Arm, ErrorModel, Measurements
+from aacmm_pin.accuracy.length import length_between
+from aacmm_pin.effects import EncoderEccentricity, EncoderGain, JointCompliance, JointPeriodicError, all_candidates
+from aacmm_pin.effects.joint_commands import joint_commands
+from aacmm_pin.errors import AacmmError, UnknownNameError
+from aacmm_pin.report import scenes
+from aacmm_pin.verification.procedure import Procedure
+
+POINT = np.array([33.6323, -671.8702, 182.9355]) * 1e-3
+NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
+ECCENTRIC = "encoder_eccentricity:3,amplitude_rad=1e-4"
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of an arm with a cause."""
+    path = tmp_path_factory.mktemp("arm") / "extended.toml"
+    ErrorModel("sino6", (EncoderEccentricity(3, values=(1e-4, 0.0), u=(1e-6, 1e-6)),)).save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Records of such an arm."""
+    path, rng = tmp_path_factory.mktemp("data") / "records.csv", np.random.default_rng(1)
+    aacmm_pin.simulate_measurements(ErrorModel("sino6", [ECCENTRIC]), "free", 60, rng=rng).save(path)
+    return path
+
+
+def volumes(model: Any) -> Any:
+    return aacmm_pin.accuracy_volume(model, np.zeros((1, 6))).covariance
+
+
+def of_circle(model: Any) -> Any:
+    circle = aacmm_pin.configuration_circle(Arm.load("sino6"), POINT, count=6)
+    return aacmm_pin.circle_accuracy(circle, model).u
+
+
+def between(model: Any) -> Any:
+    ends = aacmm_pin.configuration_circles("sino6", [POINT, POINT + 0.1], count=6)
+    return length_between(*ends, model).u
+
+
+def simulated(model: Any) -> Any:
+    return aacmm_pin.simulate_measurements(model, "free", 5, rng=np.random.default_rng(1)).reference
+
+
+def planned(model: Any) -> Any:
+    return aacmm_pin.plan_calibration(model, 10, postures=20, progress=False).measurements.q
+
+
+def scene_of_map(model: Any) -> Any:
+    return len(scenes.map_scene(aacmm_pin.map_workspace(Arm.load("sino6"), (2, 2), progress=False), model).embedded(100)) > 0
+
+
+OF_MODELS: list[Callable[[Any], Any]] = [
+    volumes,
+    of_circle,
+    between,
+    simulated,
+    planned,
+    scene_of_map,
+    lambda model: aacmm_pin.length_uncertainty(model, np.zeros((1, 6)), np.full((1, 6), 0.3)),
+    lambda model: aacmm_pin.map_workspace(model, (2, 2), progress=False).data["comprehensive_mm3"].values,
+    lambda model: aacmm_pin.perturbed_model(model, np.random.default_rng(1)).arm.dh.values(),
+    lambda model: (
+        aacmm_pin.plan_measurements(
+            model, ("encoder_gain:2", "joint_compliance:2"), 3, postures=20, progress=False
+        ).measurements.q
+    ),
+    lambda model: aacmm_pin.acceptance_procedure(model, standard="asme-b89.4.22").q,
+    lambda model: joint_commands(model, model, np.full((1, 6), 0.3))[0],
+    lambda model: ErrorModel.of(model).predict(np.zeros((1, 6))),
+    lambda model: len(scenes.arm_scene(model, np.zeros((1, 6))).embedded(100)) > 0,
+]
+OF_ARMS: list[Callable[[Any], Any]] = [
+    lambda arm: aacmm_pin.configuration_circle(arm, POINT, count=6).q,
+    lambda arm: aacmm_pin.reaching_postures(arm, POINT, axis=[0, 0, -1], count=6, most_starts=20).q,
+    lambda arm: [variants[0].label for variants in all_candidates(arm)],
+    lambda arm: ErrorModel(arm, [ECCENTRIC]).predict(np.zeros((1, 6))),
+]
+
+
+@pytest.mark.parametrize("call", OF_MODELS)
+def test_a_path_stands_for_an_arm_with_its_causes(call: Callable[[Any], Any], extended: Path) -> None:
+    expected = call(ErrorModel.load(extended))
+    for given in (extended, str(extended)):
+        np.testing.assert_array_equal(call(given), expected)
+
+
+@pytest.mark.parametrize("call", OF_ARMS)
+def test_a_name_stands_for_an_arm(call: Callable[[Any], Any]) -> None:
+    np.testing.assert_array_equal(call("sino6"), call(Arm.load("sino6")))
+
+
+def test_a_path_stands_for_records(records: Path) -> None:
+    read, arm = Measurements.read(records, 6), Arm.load("sino6")
+    causes = (EncoderEccentricity(3), JointCompliance(2))
+    quiet: dict[str, Any] = {"progress": False, **NOISE}
+    calls: list[Callable[[Any], Any]] = [
+        lambda data: aacmm_pin.calibrate(arm, data, hold_out=False, **NOISE).rms,
+        lambda data: aacmm_pin.diagnose(arm, data, hold_out=False, **quiet).rms["extended"],
+        lambda data: aacmm_pin.plan_measurements(arm, causes, 3, existing=data, postures=20, **quiet).measurements.q,
+        lambda data: aacmm_pin.plan_calibration(arm, 10, existing=data, postures=20, **quiet).measurements.q,
+    ]
+    for call in calls:
+        expected = call(read)
+        for given in (records, str(records)):
+            np.testing.assert_array_equal(call(given), expected)
+
+
+def test_the_file_of_a_procedure_is_filled_in_from_paths(tmp_path: Path, extended: Path) -> None:
+    procedure = aacmm_pin.acceptance_procedure("sino6", standard="asme-b89.4.22")
+    (tmp_path / "plan.csv").write_text(procedure.csv(), encoding="utf-8")
+    np.testing.assert_allclose(Procedure.read(tmp_path / "plan.csv", "sino6").q, procedure.q, atol=1e-6)  # four decimals
+    taken = Measurements.of(procedure.q)
+    taken.save(tmp_path / "taken.csv")
+    filled = procedure.filled(tmp_path / "taken.csv", extended)
+    np.testing.assert_allclose(filled["x_mm"], procedure.filled(taken, ErrorModel.load(extended))["x_mm"], atol=1e-6)
+    filled.to_csv(tmp_path / "filled.csv", index=False)
+    arms = ("sino6", Arm.load("sino6"))
+    by_name, by_arm = (aacmm_pin.accept(tmp_path / "filled.csv", {"it": of}).summary() for of in arms)
+    assert by_name == by_arm
+    predicted = aacmm_pin.predict_acceptance(tmp_path / "plan.csv", {"it": "sino6"}, runs=20, encoder_noise=8e-6)
+    assert predicted.summary()["figures"]
+
+
+def test_a_text_stands_for_a_cause(sino6: Arm, records: Path) -> None:
+    model = ErrorModel(sino6, [ECCENTRIC, EncoderGain(5, values=(1e-5,))])
+    assert model.effects == (EncoderEccentricity(3, values=(1e-4, 0.0)), EncoderGain(5, values=(1e-5,)))
+    assert ErrorModel(sino6, ECCENTRIC).effects == model.effects[:1]
+    assert model.with_effects("encoder_gain:5,gain=2e-5").effects[-1].values == (2e-5,)
+    found = aacmm_pin.calibrate(sino6, records, ["geometry", "encoder_eccentricity:3"], hold_out=False, **NOISE)
+    same = aacmm_pin.calibrate(sino6, records, ["geometry", EncoderEccentricity(3)], hold_out=False, **NOISE)
+    np.testing.assert_array_equal(found.fit.solution.point.x, same.fit.solution.point.x)
+    quiet: dict[str, Any] = {"progress": False, "hold_out": False, **NOISE}
+    by_text, by_cause = (
+        aacmm_pin.diagnose(sino6, records, extra_causes=[cause], **quiet).summary()
+        for cause in ("joint_periodic_error:2,order=7.5", JointPeriodicError(2, 7.5))
+    )
+    assert by_text == by_cause
+
+
+def test_what_stands_for_nothing_is_refused(sino6: Arm, records: Path) -> None:
+    with pytest.raises(UnknownNameError, match="encoder_gian"):
+        ErrorModel(sino6, ["encoder_gian:5"])
+    with pytest.raises(UnknownNameError, match=r"encoder_gian.*geometry.*encoder_gain"):
+        aacmm_pin.calibrate(sino6, records, ["encoder_gian:5"])
+    with pytest.raises(AacmmError, match="int is among the causes"):
+        ErrorModel(sino6, (5,))  # type: ignore[arg-type]
