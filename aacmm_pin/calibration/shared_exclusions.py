@@ -131,7 +131,10 @@ def exclusions_of(found: Fit) -> Exclusions:
 
 
 def _narrowed(found: Fit) -> Iterator[Narrowed]:
-    """Joints that fewer than all, and not only a mishap or two, of the excluded records moved out of the used range."""
+    """Joints that the used records move over a part below :data:`NARROW` of the range which all records give them.
+
+    Three excluded records at least reach beyond the used range, for one or two may be wrong readings.
+    """
     if not (found.excluded.any() and found.used.any()):
         return
     chain, q = found.problem.model.arm.chain, found.problem.measurements.q
