@@ -353,7 +353,7 @@ def _wrong(result: Diagnosis) -> list[Block]:
         Figure(
             lambda: plots.plot_groups(result, blank_axes(9.3, height)),
             "RMS of the residuals by joint range, time, temperature and seat, by the three models",
-            f"RMS of the residuals in groups of records. Black: the simulation, to be compared with the {line} line: "
+            f"RMS of the residuals in groups of two or more records. Black: the simulation, beside the {line} line: "
             f"{beside}. Grey and blue: recalibrated and extended, to be compared with the dotted line, the noise alone. "
             "What stays above it is not explained.",
         ),

@@ -360,3 +360,11 @@ def test_figures_draw_on_given_axes(found: Table3Diagnosis):
     assert plots.plot_part_and_rest(found, b) is b
     assert plots.plot_bayes_factors(found, c) is c
     assert [label.get_text() for label in c.get_yticklabels()][-1] == ODD
+    assert "cut" not in c.get_xlabel()
+
+
+def test_bars_that_are_cut_off_are_explained(found: Table3Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aacmm_pin.report.plots.papers.WORST", -5.0)
+    ax = plots.plot_bayes_factors(found, Figure().add_subplot())
+    assert "cut" in ax.get_xlabel()
+    assert min(bar.get_width() for bar in ax.patches) == -5.0

@@ -165,3 +165,5 @@ def test_the_figure_shows_the_printed_errors() -> None:
     squares = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "s"])
     printed = [printed_postures().groupby("run")["position_error_mm"].max(), printed_table2()[ERRORS].max(axis=1)]
     np.testing.assert_array_equal(np.sort(squares), np.sort(np.concatenate(printed)))
+    (label,) = [text.get_text() for text in ax.get_legend().get_texts() if "unrounded" in text.get_text()]
+    assert f"{min(np.min(line.get_ydata()) for line in ax.lines):g} mm" in label  # smaller errors are drawn there
