@@ -14,6 +14,8 @@ from typing import Any
 
 NEW_FIGURE = ("subplots", "figure")
 """What makes a figure of pyplot."""
+PYPLOT = "plt"
+"""Draws on the figure that it made last; all it draws in a cell is one picture, if the cell makes no figure."""
 DRAWS = "plot"
 """Methods of this name, and functions whose names begin with it, draw on axes they are given or on a new figure."""
 
@@ -29,7 +31,9 @@ def promised(source: str) -> int:
         for name in ast.walk(target)
         if isinstance(name, ast.Name)
     }
-    return sum(any(_makes_figure(call, own) for call in _calls(statement)) for statement in tree.body)
+    made = sum(any(_makes_figure(call, own | {PYPLOT}) for call in _calls(statement)) for statement in tree.body)
+    by_pyplot = any(_makes_figure(call, own) for statement in tree.body for call in _calls(statement))
+    return made or int(by_pyplot)
 
 
 def missing(notebook: dict[str, Any]) -> list[str]:

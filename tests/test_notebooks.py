@@ -139,6 +139,8 @@ def test_a_missing_picture_is_seen(executed: dict[str, Any]) -> None:
         ("for f in found.findings:\n    plots.plot_cause(found, f)", 1),
         ("def look():\n    plots.plot_rms(found)", 0),
         ("found.plotted(x)", 0),
+        ("plt.plot(x)\nplt.plot(y)", 1),
+        ("plt.figure()\nplt.plot(x)\nplt.figure()\nplt.plot(y)", 2),
     ],
 )
 def test_a_cell_says_how_many_pictures_it_shows(source: str, pictures: int) -> None:

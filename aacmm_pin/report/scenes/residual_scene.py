@@ -79,7 +79,7 @@ def residual_scene(result: Calibration | Diagnosis, model: str | None = None) ->
         "row": [str(row) for row in records.row[chosen]],
         "seat": ["–"] * len(chosen) if seats is None else [str(seat or "–") for seat in seats[chosen]],
         start: [place_text(place) for place in target],
-        **{f"off, {which}": [f"{length:.4f} mm" for length in lengths] for which, lengths in off.items()},
+        **{f"off, {which}": [f"{size:.4f} mm" for size in sizes] for which, sizes in off.items()},
         **joint_texts(arm, q),
     }
     texts.pop("limits")
