@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from importlib.metadata import version
 
 import numpy as np
@@ -18,7 +19,7 @@ from aacmm_pin.verification import AcceptanceResult, History
 from aacmm_pin.verification.accept import COVERAGE, LONGEST_PART, SHOWN_AS, shown_verdict
 from aacmm_pin.verification.figures import EDITIONS, ORIGIN, RULE_OF
 from aacmm_pin.verification.history import LEAST_CHECKS, PER_MOVING_RANGE
-from aacmm_pin.verification.touches import AS_GIVEN
+from aacmm_pin.verification.touches import AS_GIVEN, brief
 
 RULE = (
     f"Conformity: |value| + U ≤ MPE for each error; non-conformity: |value| - U > MPE for one; {SHOWN_AS['neither']} in "
@@ -74,7 +75,7 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
         return Document(TITLE, ["No touches of a test of this standard."], result.path)
     table = result.to_frame()
     several = len({f.source for f in result.figures}) > 1
-    table["coordinates"] = table["coordinates"].map(brief)
+    table["coordinates"] = table["coordinates"].map(partial(brief, most=SHORT))
     table["standard"] = table["standard"].replace(EDITIONS)
     said = [name for name in ("verdict", "value_mm", "U_mm", "mpe_mm") if table[name].notna().any() or name == "value_mm"]
     shown = ["figure", *said, *["coordinates"] * several, *["standard"] * (details is not None and not several), "had"]
@@ -135,15 +136,10 @@ def history_blocks(history: History) -> list[Block]:
     left_out = dict[str, list[str]]()
     for chart in charts:
         if len(chart.values) > 1 and (chart.arm, chart.figure) not in there:
-            left_out.setdefault(f" by {brief(chart.arm)}" * several, []).append(chart.figure)
+            left_out.setdefault(f" by {brief(chart.arm, SHORT)}" * several, []).append(chart.figure)
     more = f" Not drawn: {'; '.join(', '.join(names) + arm for arm, names in left_out.items())}." if left_out else ""
     figure = Figure(lambda: plot_history(history), "Control charts of the figures", CHART + more)
     return [said, figure] if drawn else [said]
-
-
-def brief(source: str) -> str:
-    """Whose coordinates, so that it stands on one line of a table."""
-    return "file" if source == AS_GIVEN else source if len(source) <= SHORT else f"…{source[1 - SHORT :]}"
 
 
 def _marked(verdict: str) -> str:

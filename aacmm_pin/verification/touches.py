@@ -28,6 +28,11 @@ AS_GIVEN = "coordinates of the file"
 """What touches are called whose coordinates the arm's software gave."""
 
 
+def brief(source: str, most: int) -> str:
+    """Whose coordinates, in at most so many characters."""
+    return "file" if source == AS_GIVEN else source if len(source) <= most else f"…{source[1 - most :]}"
+
+
 def read_touches(
     path: str, content: bytes, models: Mapping[str, ErrorModel]
 ) -> tuple[dict[str, pd.DataFrame], tuple[str, ...], dict[str, tuple[Any, ...]]]:

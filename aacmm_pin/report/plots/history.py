@@ -11,10 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import MM
-from aacmm_pin.report.acceptance import brief
 from aacmm_pin.report.plots.style import BLUE, GREY, INK, VERMILLION, axes_of, panels_of, plain, whole
 from aacmm_pin.verification import ControlChart, History
+from aacmm_pin.verification.touches import brief
 
+NAME = 22
+"""Characters of the name of an arm above a panel."""
 MOST = 12
 """Panels in all, in two rows of up to six."""
 FINEST = 1e-4
@@ -91,7 +93,7 @@ def _draw(ax: Axes, chart: ControlChart, several: bool) -> None:
     for name, level in levels:
         if np.isfinite(level):
             ax.axhline(level / MM, label=name, **MARKS[name])
-    ax.set_title(f"{chart.figure}\n{brief(chart.arm)}" if several else chart.figure, fontsize=8)
+    ax.set_title(f"{chart.figure}\n{brief(chart.arm, NAME)}" if several else chart.figure, fontsize=8)
     _name_dates(ax, chart.times)
     low, high = ax.get_ylim()
     room = max(0.0, FINEST - (high - low)) / 2
