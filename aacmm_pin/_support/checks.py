@@ -113,7 +113,7 @@ def _finite(array: Array, name: str, unit: str) -> None:
         raise ShapeError(f"{name}[{where}] is {array[tuple(bad[0])]}, expected a finite number")
     if unit in RANGES:
         RANGES[unit].check(array, name, ShapeError)
-    if unit == "rad" and array.size:
+    if unit == "rad" and array.size and plausible.like_degrees(max(float(array.max()), -float(array.min()))):
         degrees = np.argwhere(plausible.mostly_like_degrees(np.atleast_2d(array)))
         if len(degrees):
             place = degrees[0][-array.ndim :]

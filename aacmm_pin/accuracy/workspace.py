@@ -237,7 +237,8 @@ def map_workspace(
                 take(todo[place], found)
     seconds = time.perf_counter() - started
     data = _dataset(arm, merged, box, cells, sectors, method, seconds)
-    return WorkspaceMap(data.assign_attrs(not_included="; ".join(probe.not_included)), seconds)
+    told = {"caveats": map_caveats(arm, extent), "not_included": probe.not_included}
+    return WorkspaceMap(data.assign_attrs({name: "; ".join(words) for name, words in told.items()}), seconds)
 
 
 @dataclass(frozen=True)
@@ -433,7 +434,6 @@ def _dataset(
         "working_point": WRIST,
         "rest_deg": (Wrist.of_arm(arm, MAP).rest / DEG).tolist(),
         "extent_mm": (box / MM).tolist(),
-        "caveats": "; ".join(map_caveats(arm, box)),
         "seconds": seconds,
     }
     import xarray as xr
