@@ -19,6 +19,8 @@ LEAST = 5.0
 """Log likelihood by which two branches have to be likelier than one scatter."""
 # 170 files without hysteresis, of which 85 had a wave or a slip, 40 to 300 records: at most 4.0. Of 12 with ±50 µrad at one
 # of the joints, touches at ten seats, noise stated: above 5 in 8 of 200 records, always at the right joint.
+LEAST_LEVER = 1.0
+"""A record that a joint moves by less than the noise, where it turns by 1 rad, shows nothing of its branches."""
 STEPS = np.geomspace(0.05, 1.5, 70)
 """Scatters and half-widths that are tried, in parts of the RMS."""
 
@@ -50,20 +52,22 @@ def branches_of(choice: Choice) -> Branches | None:
     chosen = choice.counted & fit.observations.says
     if records.conditions.approach is not None or chosen.sum() < FEWEST_RECORDS:
         return None
+    whiten = fit.noise.whitening[chosen, :3, :3]
     off = fit.observations.deviations(choice.tips, fit.solution.point.seats)[chosen, :3]
-    columns = choice.design.of_angles[chosen, :3]
-    inverse = np.linalg.inv(np.linalg.cholesky(fit.residual_noise[chosen, :3, :3]))
-    off, columns = (inverse @ off[:, :, None])[:, :, 0], inverse @ columns
+    off, columns = np.einsum("nij,nj->ni", whiten, off), whiten @ choice.design.of_angles[chosen, :3]
     chain = fit.problem.model.arm.chain
     found = []
     for j, row in enumerate(chain.moving_rows()):
         size = np.linalg.norm(columns[:, :, j], axis=1)
-        along = np.einsum("ni,ni->n", columns[:, :, j], off) / np.maximum(size, 1e-12)
-        rest = along - _smooth(along, size, records.q[chosen, j])
-        half_width, ratio = two_branches(rest, size)
+        moved = size >= LEAST_LEVER
+        if moved.sum() < FEWEST_RECORDS:
+            continue
+        size, angle = size[moved], records.q[chosen, j][moved]
+        along = np.einsum("ni,ni->n", columns[moved, :, j], off[moved]) / size
+        half_width, ratio = two_branches(along - _smooth(along, size, angle), size)
         found.append(Branches(int(row), half_width, bool(chain.prismatic[j]), ratio))
-    best = max(found, key=lambda one: one.log_ratio)
-    return best if best.log_ratio >= LEAST else None
+    sure = [one for one in found if one.log_ratio >= LEAST]
+    return max(sure, key=lambda one: one.log_ratio, default=None)
 
 
 def _smooth(along: Array, size: Array, angle: Array) -> Array:
@@ -83,12 +87,12 @@ def two_branches(along: Array, size: Array) -> tuple[float, float]:
         size: what one unit of the joint does to each (n,).
     """
     rms = float(np.sqrt(np.square(along).mean()))
-    s = STEPS[:, None, None] * rms
-    shift = STEPS[None, :, None] * rms * size / float(np.sqrt(np.square(size).mean()))
-    two = np.logaddexp(-0.5 * ((along - shift) / s) ** 2, -0.5 * ((along + shift) / s) ** 2) - np.log(2.0 * s)
-    variance = s**2 + shift**2
-    one = -0.5 * along**2 / variance - 0.5 * np.log(variance)
-    alone = (-0.5 * along**2 / s**2 - np.log(s)).sum(axis=-1)
-    two, one = two.sum(axis=-1), one.sum(axis=-1)
-    best = int(np.argmax(two.max(axis=0)))
-    return float(STEPS[best] * rms / np.sqrt(np.square(size).mean())), float(two.max() - max(one.max(), alone.max()))
+    s = STEPS[:, None] * rms
+    half_widths = np.append(0.0, STEPS) * rms / float(np.sqrt(np.square(size).mean()))
+    two, one = [], []
+    for half_width in half_widths:
+        off = [-0.5 * ((along + sign * half_width * size) / s) ** 2 for sign in (-1.0, 1.0)]
+        variance = s**2 + (half_width * size) ** 2
+        two.append(float((np.logaddexp(*off) - np.log(2.0 * s)).sum(axis=1).max()))
+        one.append(float((-0.5 * along**2 / variance - 0.5 * np.log(variance)).sum(axis=1).max()))
+    return float(half_widths[np.argmax(two)]), max(two) - max(one)
