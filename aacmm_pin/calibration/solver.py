@@ -14,12 +14,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_isf, chi2_sf
+from aacmm_pin.calibration.first_placement import placed
 from aacmm_pin.calibration.linear_system import System, assemble
 from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Frame, Prediction, Problem, registered
-from aacmm_pin.effects import Effect
+from aacmm_pin.effects import Effect, StylusOffset
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.observations import Observations
 
@@ -193,21 +194,34 @@ class Solution:
 
 
 def begin(problem: Problem, observations: Observations) -> Point:
-    """The start: the frame by a robust registration, the unknown points by medians."""
-    frame = Frame.identity(len(problem.targets))
-    prediction = problem.predict(problem.start, frame)
+    """The start: frame and unknown targets by a robust registration, the unknown points by medians."""
+    frame, x = Frame.identity(len(problem.targets)), problem.start
+    prediction, offsets = problem.predict(x, frame), _offsets(problem)
     if problem.external:
-        known = problem.measurements.known
+        known, tips = problem.measurements.known, prediction.tips
         if known.sum() < 3:
             raise AacmmError(f"{known.sum()} records have reference coordinates, expected 3 or more to find their frame")
-        found = registered(prediction.tips[known], problem.measurements.reference[known])
+        if offsets.size:
+            found, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
+            x = x.copy()
+            x[offsets] += moved
+        else:
+            found = registered(tips[known], problem.measurements.reference[known])
         frame = replace(found, targets=frame.targets)
-        if not problem.turns:
-            prediction = Prediction(frame.apply(prediction.tips), frame.rotation @ prediction.jacobian)
     if problem.turns:
-        frame = problem.with_targets(problem.start, frame)
-        prediction = problem.predict(problem.start, frame)
-    return Point(problem.start, frame, observations.start(prediction.tips), prediction)
+        frame = problem.with_targets(x, frame)
+    if problem.turns or (problem.external and offsets.size):
+        prediction = problem.predict(x, frame)
+    elif problem.external:
+        prediction = Prediction(frame.apply(tips), frame.rotation @ prediction.jacobian)
+    return Point(x, frame, observations.start(prediction.tips), prediction)
+
+
+def _offsets(problem: Problem) -> Index:
+    """Places of the unknown offsets of targets among the parameters (m,); nobody states these."""
+    own = [np.r_[own] for effect, own in problem.vector if isinstance(effect, StylusOffset)]
+    places: Index = np.concatenate([np.arange(0), *own])
+    return places[~problem.stated[places]]
 
 
 def solve(

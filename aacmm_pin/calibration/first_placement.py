@@ -1,0 +1,229 @@
+"""Where base and targets are at first, if both are unknown: of all placements the nearest, for the arm as it is described.
+
+Base Y, b and offset t of a target are in ``r = Y (p + A t) + b``, for references r, tips p and axes A of the last body. With
+W = Yᵀ this is ``W r = p + A t + c``, linear in t and c; eliminated, they leave a quadratic form of the nine numbers of W. It
+has several minima over the rotations, which are looked for from those of a cube. Orientations S state ``Aᵀ W S = X``, the
+constant axes of the target (robot-world and hand-eye calibration, Shah 2013), which is linear in the same way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.arm.chain import exp, skew
+from aacmm_pin.calibration.problem import Frame, Problem
+from aacmm_pin.measurements import orientation
+
+BASINS = 3
+"""So many minima, the lowest first, are compared by the sum of their distances, which gross errors hardly change."""
+APART = 0.05
+"""Minima at rotations whose matrices differ by less are one."""
+STEPS = 40
+"""Most steps of a search over the rotations; five to twenty do."""
+ROUNDS = 60
+"""Most rounds of weights; they end where the sum of distances falls by less than a part of 1000, as in a registration."""
+STANDS = 1e-6
+"""A step over the rotations smaller than this is none [rad]."""
+NEARER = 2.0
+"""Orientations do not count if positions alone bring tips so many times nearer: they contradict each other."""
+UNTOLD = 1e-10
+"""Offsets of which records say less than this part of what they say of others stay zero."""
+
+
+TINY = 1e-300
+"""Keeps what is divided by from zero."""
+
+_Form = tuple[Array, Array]
+"""H (9, 9) and h (9,): a sum of squares is ``wᵀ H w - 2 hᵀ w`` and a constant, w being the nine numbers of W."""
+
+
+class _Place(NamedTuple):
+    """A rotation W, the weights of the positions (n,), and the sum of all distances [m]."""
+
+    rotation: Array
+    weights: Array
+    total: float
+
+
+def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Array]:
+    """The frame, and the offsets of the targets (m,) [m], with the least sum of distances.
+
+    Args:
+        problem: records in an unknown frame, three or more of them with coordinates.
+        tips: by the arm as it is described, in its base (n, 3) [m].
+        by_offset: derivative of the tips by the offsets (n, 3, m).
+    """
+    records, known = problem.measurements, problem.measurements.known
+    positions = _Positions.of(tips[known], records.reference[known], by_offset[known])
+    place = _nearest(positions, [])
+    if problem.turns and problem.targets:
+        together = _nearest(positions, [_Turns.of(problem, positions.spread)])
+        near, nearest = (np.median(positions.distances(*each[:2])) for each in (together, place))
+        place = together if near < NEARER * nearest else place
+    found, _ = positions.solved(*place[:2])
+    rotation = place.rotation.T
+    return Frame(rotation, positions.middle + rotation @ found[-3:]), found[:-3]
+
+
+@dataclass(frozen=True, eq=False)
+class _Positions:
+    """Tips (n, 3), references about their ``middle`` (n, 3), and what is linear: derivatives by t and c (n, 3, m + 3)."""
+
+    tips: Array
+    references: Array
+    linear: Array
+    middle: Array
+
+    @staticmethod
+    def of(tips: Array, references: Array, by_offset: Array) -> _Positions:
+        by_shift = np.broadcast_to(np.eye(3), (len(tips), 3, 3))
+        middle = references.mean(axis=0)
+        return _Positions(tips, references - middle, np.concatenate([by_offset, by_shift], axis=2), middle)
+
+    @property
+    def n(self) -> int:
+        """Number of records."""
+        return len(self.tips)
+
+    @property
+    def spread(self) -> float:
+        """Of the references about their mean, RMS [m]."""
+        return float(np.sqrt(np.square(self.references).sum(axis=1).mean()))
+
+    def form(self, weights: Array) -> _Form:
+        """Of the squared distances, t and c eliminated."""
+        m = self.linear.shape[2]
+        by_rotation = np.einsum("ij,nk->nijk", np.eye(3), self.references).reshape(self.n, 3, 9)
+        columns = np.concatenate([self.linear, by_rotation, self.tips[:, :, None]], axis=2)
+        rows = (np.sqrt(weights)[:, None, None] * columns).reshape(3 * self.n, -1)
+        gram = rows.T @ rows
+        eliminated = gram[m:, :m] @ np.linalg.pinv(gram[:m, :m], UNTOLD, hermitian=True) @ gram[:m, m:]
+        left = gram[m:, m:] - eliminated
+        return left[:9, :9], left[:9, 9]
+
+    def solved(self, rotation: Array, weights: Array) -> tuple[Array, Array]:
+        """What is linear (m + 3,) with W given, and what it leaves (n, 3) [m]."""
+        off, root = self.references @ rotation.T - self.tips, np.sqrt(weights)[:, None]
+        rows = (root[:, :, None] * self.linear).reshape(3 * self.n, -1)
+        found = np.asarray(np.linalg.lstsq(rows, (root * off).ravel(), UNTOLD)[0], dtype=np.float64)
+        return found, off - self.linear @ found
+
+    def distances(self, rotation: Array, weights: Array) -> Array:
+        """Of tips and references (n,) [m]."""
+        return np.asarray(np.linalg.norm(self.solved(rotation, weights)[1], axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Turns:
+    """Derivative of ``Aᵀ W S`` by W, over a lever (n, 9, 9) [m], and the number of each record's target (n,)."""
+
+    by_rotation: Array
+    target: Index
+
+    @staticmethod
+    def of(problem: Problem, lever: float) -> _Turns:
+        records, oriented = problem.measurements, problem.measurements.oriented
+        assert records.orientation is not None  # the caller looks at orientations
+        axes = problem.model.arm.chain.walk(records.q[oriented])[0][-1]
+        stated = orientation.matrices(records.orientation[oriented])
+        by_rotation = lever * np.einsum("nji,nkl->niljk", axes, stated)
+        marker = records.conditions.marker
+        labels = np.full(records.n, "") if marker is None else marker
+        target = np.array([problem.targets.index(label) for label in labels[oriented]], dtype=np.intp)
+        return _Turns(by_rotation.reshape(-1, 9, 9), target)
+
+    @property
+    def n(self) -> int:
+        """Number of records."""
+        return len(self.target)
+
+    def form(self, weights: Array) -> _Form:
+        """Of the squared distances, the constant axes eliminated; nothing is stated of these, so that h is zero."""
+        rows = (np.sqrt(weights)[:, None, None] * self._about_means(weights)).reshape(-1, 9)
+        return rows.T @ rows, np.zeros(9)
+
+    def distances(self, rotation: Array, weights: Array) -> Array:
+        """From the constant axes, over the lever (n,) [m]."""
+        return np.asarray(np.linalg.norm(self._about_means(weights) @ rotation.ravel(), axis=1))
+
+    def _about_means(self, weights: Array) -> Array:
+        """The derivatives less their means over each target, which are the constant axes."""
+        total = np.zeros((self.target.max() + 1, 9, 9))
+        np.add.at(total, self.target, weights[:, None, None] * self.by_rotation)
+        return np.asarray(self.by_rotation - (total / np.bincount(self.target, weights)[:, None, None])[self.target])
+
+
+def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
+    """The place with the least sum of distances."""
+    parts: list[_Positions | _Turns] = [positions, *turns]
+    form = _sum([part.form(np.ones(part.n)) for part in parts])
+    rotations, values = _descended(form, _cube())
+    distinct: list[Array] = []
+    for rotation in rotations[np.argsort(values)]:
+        if all(np.linalg.norm(rotation - other) > APART for other in distinct):
+            distinct.append(rotation)
+    return min((_weighted(parts, rotation) for rotation in distinct[:BASINS]), key=lambda place: place.total)
+
+
+def _weighted(parts: list[_Positions | _Turns], rotation: Array) -> _Place:
+    """The place near ``rotation``, weighted anew by the inverse distances (Weiszfeld)."""
+    weights, before = [np.ones(part.n) for part in parts], np.inf
+    for _ in range(ROUNDS):
+        distances = [part.distances(rotation, own) for part, own in zip(parts, weights, strict=True)]
+        total = float(sum(each.sum() for each in distances))
+        if abs(before - total) < 1e-3 * total:
+            break
+        before = total
+        weights = [1.0 / np.maximum(each, 1e-3 * np.median(each) + 1e-9) for each in distances]
+        form = _sum([part.form(own) for part, own in zip(parts, weights, strict=True)])
+        rotation = _descended(form, rotation[None])[0][0]
+    return _Place(rotation, weights[0], total)
+
+
+def _descended(form: _Form, rotations: Array) -> tuple[Array, Array]:
+    """The minima of ``wᵀ H w - 2 hᵀ w`` near each rotation (k, 3, 3), and its values there (k,).
+
+    By Newton's method over turns ω behind W, which move it by ``[ω] W + [ω]² W / 2``: damped, and with the sizes of the
+    curvatures, so that no step goes up (Dauphin et al. 2014).
+    """
+    whole, part = form
+
+    def value(w: Array) -> Array:
+        return np.asarray(((w @ whole - 2.0 * part) * w).sum(axis=1))
+
+    values, damping = value(rotations.reshape(-1, 9)), np.full(len(rotations), 1e-6)
+    for _ in range(STEPS):
+        by_turn = (skew(np.eye(3)) @ rotations[:, None]).reshape(-1, 3, 9)
+        pull = rotations.reshape(-1, 9) @ whole - part
+        slope = (by_turn @ pull[:, :, None])[:, :, 0]
+        bent = rotations @ pull.reshape(-1, 3, 3).transpose(0, 2, 1)
+        trace = np.trace(bent, axis1=1, axis2=2)[:, None, None]
+        curvature = by_turn @ whole @ by_turn.transpose(0, 2, 1) + 0.5 * (bent + bent.transpose(0, 2, 1)) - trace * np.eye(3)
+        curvatures, along = np.linalg.eigh(curvature)
+        sizes = np.abs(curvatures) + damping[:, None] * np.trace(whole) + TINY
+        step = -(along @ ((slope[:, None] @ along)[:, 0] / sizes)[:, :, None])[:, :, 0]
+        step /= np.maximum(1.0, np.linalg.norm(step, axis=1))[:, None]
+        trial = exp(np.hstack([np.zeros_like(step), step]))[:, :3, :3] @ rotations
+        tried = value(trial.reshape(-1, 9))
+        lower = tried < values
+        rotations, values = np.where(lower[:, None, None], trial, rotations), np.where(lower, tried, values)
+        damping = np.where(lower, damping / 10.0, damping * 10.0)
+        if np.abs(step).max() < STANDS:
+            break
+    return rotations, values
+
+
+def _sum(forms: list[_Form]) -> _Form:
+    return np.sum([whole for whole, _ in forms], axis=0), np.sum([part for _, part in forms], axis=0)
+
+
+def _cube() -> Array:
+    """The rotations of a cube (24, 3, 3)."""
+    axes = [np.eye(3)[list(order)] for order in permutations(range(3))]
+    signed = np.array([np.diag(signs) @ one for one in axes for signs in product((1.0, -1.0), repeat=3)])
+    return np.asarray(signed[np.linalg.det(signed) > 0.0])
