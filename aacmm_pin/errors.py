@@ -123,5 +123,5 @@ class MistakenFileError(AacmmError):
         also = f" (or: {'; or: '.join(others)})" if others else ""
         super().__init__(
             f"{source} does not fit this arm: {mistake}{also}. With that changed the median residual falls from "
-            f"{before * 1e3:.4g} to {after * 1e3:.2g} mm; change the file or the arm"
+            f"{before * 1e3:.4g} to {after * 1e3:.2g} mm; change the file, the arm or the options"
         )

@@ -1,4 +1,4 @@
-"""Where base and targets are at first, if both are unknown: of all placements the nearest, for the arm as it is described.
+"""Where targets, and the base, are at first: of all placements the nearest, for the arm as it is described.
 
 Base Y, b and offset t of a target are in ``r = Y (p + A t) + b``, for references r, tips p and axes A of the last body. With
 W = Yᵀ this is ``W r = p + A t + c``, linear in t and c; eliminated, they leave a quadratic form of the nine numbers of W. It
@@ -54,25 +54,26 @@ def placed(problem: Problem, tips: Array, by_offset: Array) -> tuple[Frame, Arra
     """The frame, and the offsets of the targets (m,) [m], with the least sum of distances.
 
     Args:
-        problem: records in an unknown frame, three or more of them with coordinates.
+        problem: records, three or more of them with coordinates.
         tips: by the arm as it is described, in its base (n, 3) [m].
         by_offset: derivative of the tips by the offsets (n, 3, m).
     """
     records, known = problem.measurements, problem.measurements.known
-    positions = _Positions.of(tips[known], records.reference[known], by_offset[known])
-    place = _nearest(positions, [])
-    if problem.turns and problem.targets:
+    positions = _Positions.of(tips[known], records.reference[known], by_offset[known], problem.external)
+    place = _nearest(positions, []) if problem.external else _weighted([positions], np.eye(3), turning=False)
+    if problem.external and problem.turns and problem.targets:
         together = _nearest(positions, [_Turns.of(problem, positions.spread)])
         near, nearest = (np.median(positions.distances(*each[:2])) for each in (together, place))
         place = together if near < NEARER * nearest else place
     found, _ = positions.solved(*place[:2])
+    offsets, shift = np.split(found, [by_offset.shape[2]])
     rotation = place.rotation.T
-    return Frame(rotation, positions.middle + rotation @ found[-3:]), found[:-3]
+    return Frame(rotation, positions.middle + (rotation @ shift if shift.size else 0.0)), offsets
 
 
 @dataclass(frozen=True, eq=False)
 class _Positions:
-    """Tips (n, 3), references about their ``middle`` (n, 3), and what is linear: derivatives by t and c (n, 3, m + 3)."""
+    """Tips (n, 3), references about a ``middle`` (n, 3), and derivatives by t and, in an unknown frame, c (n, 3, m + 3)."""
 
     tips: Array
     references: Array
@@ -80,7 +81,9 @@ class _Positions:
     middle: Array
 
     @staticmethod
-    def of(tips: Array, references: Array, by_offset: Array) -> _Positions:
+    def of(tips: Array, references: Array, by_offset: Array, external: bool) -> _Positions:
+        if not external:
+            return _Positions(tips, references, by_offset, np.zeros(3))
         by_shift = np.broadcast_to(np.eye(3), (len(tips), 3, 3))
         middle = references.mean(axis=0)
         return _Positions(tips, references - middle, np.concatenate([by_offset, by_shift], axis=2), middle)
@@ -170,8 +173,8 @@ def _nearest(positions: _Positions, turns: list[_Turns]) -> _Place:
     return min((_weighted(parts, rotation) for rotation in distinct[:BASINS]), key=lambda place: place.total)
 
 
-def _weighted(parts: list[_Positions | _Turns], rotation: Array) -> _Place:
-    """The place near ``rotation``, weighted anew by the inverse distances (Weiszfeld)."""
+def _weighted(parts: list[_Positions | _Turns], rotation: Array, *, turning: bool = True) -> _Place:
+    """The place near ``rotation``, or at it, weighted anew by the inverse distances (Weiszfeld)."""
     weights, before = [np.ones(part.n) for part in parts], np.inf
     for _ in range(ROUNDS):
         distances = [part.distances(rotation, own) for part, own in zip(parts, weights, strict=True)]
@@ -180,8 +183,9 @@ def _weighted(parts: list[_Positions | _Turns], rotation: Array) -> _Place:
             break
         before = total
         weights = [1.0 / np.maximum(each, 1e-3 * np.median(each) + 1e-9) for each in distances]
-        form = _sum([part.form(own) for part, own in zip(parts, weights, strict=True)])
-        rotation = _descended(form, rotation[None])[0][0]
+        if turning:
+            form = _sum([part.form(own) for part, own in zip(parts, weights, strict=True)])
+            rotation = _descended(form, rotation[None])[0][0]
     return _Place(rotation, weights[0], total)
 
 

@@ -4,7 +4,8 @@ A joint counted the other way, a zero a quarter turn off, exchanged columns, ano
 no parameter may take them up. Where the first fit leaves more than an arm has, or the arm as it is described is as far off,
 every such mistake is undone in turn. The arm as it is described judges which of them brings tips and targets together best
 (median distance over what the tips travel, so that gross errors do not count and no unit that shrinks the arm is rewarded);
-a fit then has to confirm it. Nothing is repaired.
+a fit then has to leave no more than the noise. Of several the simplest is named: the fewest, with the fewest free numbers.
+Nothing is repaired.
 """
 
 from __future__ import annotations
@@ -13,19 +14,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations, permutations, product
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.calibration.fit import FIRST_SCATTER, Fit, fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import KIND_OF
-from aacmm_pin.calibration.parameters import ASSEMBLED
-from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.solver import begin, deviations, solve
-from aacmm_pin.effects import JointPlacement, StylusOffset
+from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
+from aacmm_pin.calibration.problem import Frame, Problem, registered
+from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.calibration.solver import FEWEST, begin, solve
+from aacmm_pin.effects import JointPlacement, JointZeroOffset, LinkLength, LinkTilt, StylusOffset
+from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.labels import listed
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
 from aacmm_pin.measurements.observations import Observations
@@ -36,13 +42,16 @@ FAR = 2e-3
 UNLIKE = 0.03
 """Scatter about the best fit, as a part of what the tips travel, beyond which records have nothing to do with the arm."""
 MOVED = 5.0
-"""Geometry that moves so many times what assembly leaves (:data:`ASSEMBLED`) has taken up another mistake."""
+"""Geometry that moves so many times what assembly leaves (:data:`ASSEMBLED`), and the tips by as much as such a length, has
+taken up another mistake; the zero of a joint that hardly moves the tip may be anything."""
 EXPLAINS = 0.2
 """A mistake is named if without it the median distance falls to less than this part."""
 ALIKE = 1.5
 """Mistakes that leave less than so many times the least are not told apart."""
 TRIED = 3
 """So many of the best are fitted, the best first, until one explains the file."""
+FITTED = 8
+"""Of those that are alike, so many at most are fitted, the simplest first; seldom there are more than four."""
 TURN = 2 * np.pi
 """An angle beyond this was hardly in radians [rad]."""
 FEW = 10
@@ -66,6 +75,8 @@ ANGLES = {
     "turns, taken as radians": 360.0 * DEG,
 }
 """The same of angles."""
+OPTIONS = {"frame": "--reference-frame external", "target": "--target unknown"}
+"""The options that leave them open."""
 AXES = np.arange(3)
 TURNED = 0.05
 """Median turn from the stated orientations after a fit that no arm has [rad]."""
@@ -82,6 +93,8 @@ class _Mistake:
         scale: of the coordinates, or of each of the three columns; their uncertainties stay, which may be right.
         bars: factor of the bars' lengths.
         external: the coordinates are in another frame than the base's.
+        target: they are of another point of the last body than the tip.
+        arm: the arm is this one.
     """
 
     name: str
@@ -92,11 +105,18 @@ class _Mistake:
     scale: float | Array = 1.0
     bars: float = 1.0
     external: bool = False
+    target: bool = False
+    arm: Arm | None = None
 
     @property
-    def of_angles(self) -> bool:
+    def of_arm(self) -> bool:
         """Whether it changes nothing of what was touched."""
-        return self.turned is not None or self.added is not None
+        return self.target or any(one is not None for one in (self.turned, self.added, self.arm))
+
+    @property
+    def free(self) -> int:
+        """How many numbers it leaves open, which may take up other mistakes."""
+        return 6 * self.external + 3 * self.target
 
     def undone(self, problem: Problem) -> Problem:
         """The problem without the mistake."""
@@ -111,6 +131,10 @@ class _Mistake:
             orientation=None,  # tips alone show what is wrong with them
         )
         setup = replace(setup, reference_frame="external") if self.external else setup
+        setup = replace(setup, target="unknown") if self.target else setup
+        if self.target or self.arm:
+            model = problem.model if self.arm is None else replace(problem.model, arm=self.arm)
+            problem = _asked_again(problem, model, setup)
         return replace(problem, measurements=changed, setup=setup, targets=())
 
 
@@ -194,33 +218,53 @@ def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None
     few = problem.of(records.take(_few(records)))
 
     @cache
-    def observed(*of_coordinates: _Mistake) -> Observations:
-        return _observed(_undone(few, of_coordinates))
+    def described(*of_arm: _Mistake) -> _Described:
+        return _described(_undone(few, of_arm))
 
-    before, as_given = _misfit(few, observed())
+    @cache
+    def touched(*others: _Mistake) -> _Touched:
+        return _touched(_undone(few, others))
+
+    def misfit(several: tuple[_Mistake, ...]) -> float:
+        of_arm = tuple(one for one in several if one.of_arm)
+        others = (one for one in several if not one.of_arm)
+        # Two are looked at but once.
+        arm = described(*of_arm) if len(of_arm) < 2 else described.__wrapped__(*of_arm)
+        return _misfit(arm, touched(*others))[1]
+
+    before, as_given = _misfit(described(), touched())
     if before == np.inf or (min(before / FAR, as_given / UNLIKE) < 1.0 and fitted < FAR):
         return
     taken_up = fitted < FAR or fitted == np.inf
     as_is = before if taken_up else fitted
     single = [(mistake,) for mistake in _mistakes(problem)]
-    for mistakes in (single, *((_several_signs(records.nq), _pairs(single)) if thorough else ())):
-        of_coordinates = ([one for one in several if not one.of_angles] for several in mistakes)
-        each = zip(mistakes, of_coordinates, strict=True)
-        misfits = np.array([_misfit(_undone(few, several), observed(*some))[1] for several, some in each])
-        alike = np.flatnonzero(misfits <= ALIKE * misfits.min(initial=np.inf))  # one joint has no several signs
-        best = [*alike, *(k for k in np.argsort(misfits) if k not in alike)]
-        for number in best[:TRIED]:
-            if misfits[number] > (EXPLAINS if taken_up else 1.0) * as_given:
+    tiers = [single, _options(single), *((_several_signs(records.nq), _pairs(single)) if thorough else ())]
+    for mistakes in tiers:
+        misfits = np.array([misfit(several) for several in mistakes])
+        limit = (EXPLAINS if taken_up else 1.0) * as_given
+        nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
+        alike = [k for k in nearest if misfits[k] <= ALIKE * misfits[nearest[0]]]
+        alike.sort(key=lambda k: (len(mistakes[k]), sum(one.free for one in mistakes[k])))
+        for together in (alike[:FITTED], *([k] for k in nearest[len(alike) : TRIED])):
+            left = {mistakes[k]: _left(_undone(problem, mistakes[k]), as_is) for k in together}
+            least = min(left.values(), default=np.inf)
+            if least == np.inf:
                 continue
-            try:
-                without = fit(_undone(problem, mistakes[number]))
-            except AacmmError:
-                continue
-            left = _median(without.solution.system.deviation)
-            if left < min(EXPLAINS * as_is, UNLIKE * _travel(without.problem)) and not _absorbs(without):
-                name, *others = (", and ".join(one.name for one in mistakes[k]) for k in (number, *alike))
-                others = [other for other in others if other != name and number in alike]
-                raise MistakenFileError(records.source, name, as_is, left, tuple(others))
+            named = [several for several, own in left.items() if own <= ALIKE * least]
+            named = [many for many in named if not any(set(few) < set(many) for few in named)]
+            words = [", and ".join(one.name for one in several) for several in named]
+            raise MistakenFileError(records.source, words[0], as_is, left[named[0]], tuple(words[1:]))
+
+
+def _left(without: Problem, as_is: float) -> float:
+    """Median distance after a fit without a mistake [m]; infinite unless that is by far less, and no more than noise."""
+    try:
+        after = fit(without)
+    except AacmmError:
+        return np.inf
+    left = _median(after.solution.system.deviation)
+    explained = after.unmodelled < FAR and left < min(EXPLAINS * as_is, UNLIKE * _travel(after.problem))
+    return left if explained and not _absorbs(after) else np.inf
 
 
 def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
@@ -236,10 +280,13 @@ def _travel(problem: Problem) -> float:
 
 
 def _absorbs(after: Fit) -> bool:
-    """Whether the fit moved a geometric value farther than any arm's is off."""
-    vector, moved = after.problem.vector, np.abs(after.solution.point.x - after.problem.start)
+    """Whether the fit moved a geometric value, and the tips by it, farther than any arm's is off."""
+    vector, point = after.problem.vector, after.solution.point
+    moved = np.abs(point.x - after.problem.start)
+    tips = moved * np.sqrt(np.square(point.prediction.jacobian[:, :3, : moved.size]).sum(axis=1).mean(axis=0))
     geometric = [k for effect, own in vector if isinstance(effect, (JointPlacement, *KIND_OF)) for k in np.r_[own]]
-    return any(moved[k] > MOVED * ASSEMBLED[vector.parameters[k].unit] for k in geometric)
+    far = [moved[k] > MOVED * ASSEMBLED[vector.parameters[k].unit] for k in geometric]
+    return bool((np.array(far, dtype=bool) & (tips[geometric] > MOVED * ASSEMBLED["m"])).any())
 
 
 def _as_described(after: Fit) -> float:
@@ -255,19 +302,41 @@ def _median(deviation: Array) -> float:
     return float(np.median(distance)) if distance.size else np.inf
 
 
-def _misfit(problem: Problem, observations: Observations) -> tuple[float, float]:
-    """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same over the tips' travel."""
+class _Described(NamedTuple):
+    """The arm as it is described: tips in its base (n, 3) [m], in a problem with nothing unknown but targets."""
+
+    problem: Problem
+    tips: Array
+
+
+class _Touched(NamedTuple):
+    """What was touched: records, with what they say, and whether their frame is unknown."""
+
+    records: Measurements
+    observations: Observations
+    setup: Setup
+
+
+def _described(problem: Problem) -> _Described:
     bare = _of_targets(problem)
-    records = bare.measurements
+    return _Described(bare, bare.poses(bare.start, Frame.identity()))
+
+
+def _touched(problem: Problem) -> _Touched:
+    records = replace(problem.measurements, orientation=None)
+    return _Touched(records, observations_of(records, problem.setup), problem.setup)
+
+
+def _misfit(arm: _Described, touched: _Touched) -> tuple[float, float]:
+    """Median distance by the arm as it is described, frame, seats and target fitted [m]; the same over the tips' travel."""
+    records, observations, setup = touched
+    if setup.external and records.known.sum() < FEWEST:
+        return np.inf, np.inf
     try:
-        point = begin(bare, observations)
-        if bare.vector.effects:
-            scatters = Scatters(FAR, 0.0, FIRST_SCATTER)
-            noise = NoiseModel.of(bare, point.x, point.frame, scatters, observations)
-            point = solve(bare, noise, point, np.ones(records.n), robust=True, roughly=True).point
+        tips, points = _fitted_tips(arm, touched) if arm.problem.vector.effects else _registered_tips(arm.tips, touched)
     except AacmmError:
         return np.inf, np.inf
-    off, tips, seats = deviations(observations, point), point.prediction.tips, records.seats()
+    off, seats = observations.deviations(tips, points), records.seats()
     for bar in records.bars():
         # Seats lie where their records put them: what a bar is off by is half each end's.
         a, b = (seats[label] for label in (bar.seat_a, bar.seat_b))
@@ -279,10 +348,38 @@ def _misfit(problem: Problem, observations: Observations) -> tuple[float, float]
     return median, median / max(travel, 1e-9)
 
 
-def _observed(problem: Problem) -> Observations:
-    """What the records say of tips."""
-    bare = _of_targets(problem)
-    return observations_of(bare.measurements, bare.setup)
+def _registered_tips(tips: Array, touched: _Touched) -> tuple[Array, Array]:
+    """Tips (n, 3) and seats (s, 3) in the frame of the references [m]."""
+    records, observations, setup = touched
+    if setup.external:
+        tips = registered(tips[records.known], records.reference[records.known]).apply(tips)
+    return tips, observations.start(tips)
+
+
+def _fitted_tips(arm: _Described, touched: _Touched) -> tuple[Array, Array]:
+    """The same with the targets that are unknown.
+
+    Raises:
+        AacmmError: see :func:`begin`.
+    """
+    records, observations, setup = touched
+    changed = replace(records, q=arm.problem.measurements.q)
+    problem = replace(arm.problem, measurements=changed, setup=setup)
+    point = begin(problem, observations)
+    if not records.known.all():
+        noise = NoiseModel.of(problem, point.x, point.frame, Scatters(FAR, 0.0, FIRST_SCATTER), observations)
+        point = solve(problem, noise, point, np.ones(records.n), robust=True, roughly=True).point
+    return point.prediction.tips, point.seats
+
+
+def _asked_again(problem: Problem, model: ErrorModel, setup: Setup) -> Problem:
+    """The same unknowns of another model, or with another set-up."""
+    effects = problem.vector.effects
+    named = [effect for effect in effects if not isinstance(effect, (StylusOffset, JointPlacement, LinkTilt, *KIND_OF))]
+    whole = any(isinstance(effect, (JointPlacement, LinkLength)) for effect in effects)
+    zeros = any(isinstance(effect, JointZeroOffset) for effect in effects)
+    sets = ["geometry"] if whole else ["zero-offsets"] if zeros else []
+    return problem_of(model, problem.measurements, [*sets, *named], setup)
 
 
 def _of_targets(problem: Problem) -> Problem:
@@ -331,10 +428,18 @@ def _mistakes(problem: Problem) -> Iterator[_Mistake]:
         order = np.arange(records.nq)
         order[[j, k]] = k, j
         yield _Mistake(f"the columns of joints {j + 1} and {k + 1} are exchanged", "columns", turned=one[order])
+    for j, sign in product(range(1, records.nq), (1.0, -1.0)):
+        other = "sum" if sign < 0 else "difference"
+        name = f"joint {j + 1} is shown as the {other} of its angle and that of joint {j}"
+        yield _Mistake(name, "sum", turned=one + sign * np.outer(one[j - 1], one[j]))
     for name, factor in ANGLES.items():
         yield _Mistake(f"the angles are in {name}", "angles", turned=factor * one)
+    yield from _of_convention(problem.model.arm)
     if records.known.any():
         yield from _of_frame(problem.external)
+        if problem.setup.target != "unknown" and not any(isinstance(one, StylusOffset) for one in problem.vector.effects):
+            name = f"the coordinates are of another point of the last body than the tip ({OPTIONS['target']})"
+            yield _Mistake(name, "target", target=True)
         for name, factor in UNITS.items():
             yield _Mistake(f"the coordinates are in {name}", "unit", scale=factor)
         for k, axis in enumerate("xyz"):
@@ -357,8 +462,23 @@ def _of_frame(external: bool) -> Iterator[_Mistake]:
             came = ", ".join(f"{'-' * (s < 0)}{'xyz'[k]}" for k, s in zip(order, signs, strict=True))
             name = f"the coordinates are along other axes: x, y, z should be {came}"
             yield _Mistake(name, "axes", axes=(order, signs))
-    name = "the coordinates are in another frame than the base's: is the reference frame external?"
+    name = f"the coordinates are in another frame than the base's ({OPTIONS['frame']})"
     yield _Mistake(name, "axes", external=True)
+
+
+def _of_convention(arm: Arm) -> Iterator[_Mistake]:
+    """The numbers of a DH table, read by the other convention."""
+    if not isinstance(arm.file, ArmFile):
+        return
+    now, other = ("standard-dh", "modified-dh")[:: 1 if arm.file.convention == "standard-dh" else -1]
+    name = f'the numbers of the arm file are {other}, under convention = "{now}"'
+    yield _Mistake(name, "convention", arm=Arm.from_file(arm.file.model_copy(update={"convention": other})))
+
+
+def _options(single: list[tuple[_Mistake]]) -> list[tuple[_Mistake, ...]]:
+    """Frame and target together, where both are options."""
+    options = tuple(one for (one,) in single if one.free)
+    return [options] if len(options) > 1 else []
 
 
 def _counted(*joints: int, nq: int) -> _Mistake:

@@ -52,6 +52,8 @@ AT_ONCE = 4000
 """Rows that are brought to a triangle at once: copies of all of them would take more memory than all the rest."""
 WILD = 2.0
 """Records this many standard deviations off have half weight in the robust search (Cauchy's weight function)."""
+FEWEST = 3
+"""Records with coordinates that find a frame or a target."""
 MEDIAN = float(chi2_isf(0.5, 3))
 LEAST_DOF = 0.5
 """With fewer degrees of freedom records do not tell their scatter; widths that nobody stated leave a little above zero."""
@@ -195,22 +197,20 @@ class Solution:
 
 def begin(problem: Problem, observations: Observations) -> Point:
     """The start: frame and unknown targets by a robust registration, the unknown points by medians."""
-    frame, x = Frame.identity(len(problem.targets)), problem.start
+    frame, x, known = Frame.identity(len(problem.targets)), problem.start, problem.measurements.known
     prediction, offsets = problem.predict(x, frame), _offsets(problem)
-    if problem.external:
-        known, tips = problem.measurements.known, prediction.tips
-        if known.sum() < 3:
-            raise AacmmError(f"{known.sum()} records have reference coordinates, expected 3 or more to find their frame")
-        if offsets.size:
-            found, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
-            x = x.copy()
-            x[offsets] += moved
-        else:
-            found = registered(tips[known], problem.measurements.reference[known])
-        frame = replace(found, targets=frame.targets)
+    tips, told = prediction.tips, known.sum() >= FEWEST
+    if problem.external and not told:
+        raise AacmmError(f"{known.sum()} records have reference coordinates, expected 3 or more to find their frame")
+    if offsets.size and told:
+        found, moved = placed(problem, tips, prediction.jacobian[:, :3, offsets])
+        frame, x = replace(found, targets=frame.targets), x.copy()
+        x[offsets] += moved
+    elif problem.external:
+        frame = replace(registered(tips[known], problem.measurements.reference[known]), targets=frame.targets)
     if problem.turns:
         frame = problem.with_targets(x, frame)
-    if problem.turns or (problem.external and offsets.size):
+    if problem.turns or offsets.size:
         prediction = problem.predict(x, frame)
     elif problem.external:
         prediction = Prediction(frame.apply(tips), frame.rotation @ prediction.jacobian)

@@ -13,11 +13,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.calibration import calibrate, input_mistakes
 from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import diagnose
-from aacmm_pin.effects import EncoderEccentricity, EncoderGain
+from aacmm_pin.effects import EncoderEccentricity, EncoderGain, StylusOffset
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.geometry import JointZeroOffset
 from aacmm_pin.errors import AacmmError, MistakenFileError
@@ -104,7 +106,7 @@ OF_COORDINATES: list[tuple[Change, str]] = [
     (in_unit(1e-3), "coordinates are in metres"),
     (in_unit(1 / 25.4), "coordinates are in inches"),
     (of_columns(1.0, 1.0, 1e-3), "z alone is in metres, in the column z_mm"),
-    (other_frame, "is the reference frame external?"),
+    (other_frame, "--reference-frame external"),
 ]
 
 
@@ -194,7 +196,8 @@ class Named:
 
     name: str
     kind: str
-    of_angles = True
+    of_arm = True
+    free = 0
 
     def undone(self, problem: object) -> str:
         return (f"{problem}+" if isinstance(problem, str) else "") + self.name
@@ -231,7 +234,9 @@ NAMED: list[tuple[dict[str, tuple[float, float]], dict[str, Any], tuple[str, ...
     (LEFT, {"absorbed": "a"}, ()),
     # Alike is what leaves less than half as much again.
     ({"a": (0.010, 1e-3), "b": (0.0149, 1e-3), "c": (0.0151, 1e-3)}, {}, ("a", "b")),
-    ({"b": (0.0149, 1e-3), "a": (0.010, 1e-3)}, {"absorbed": "b"}, ("a", "b")),
+    # What a fit does not confirm is not named beside the others, nor what leaves more than they.
+    ({"b": (0.0149, 1e-3), "a": (0.010, 1e-3)}, {"absorbed": "b"}, ("a",)),
+    ({"a": (0.010, 1.5e-3), "b": (0.0149, 9e-4)}, {}, ("b",)),
     # The best three are fitted, the next where one cannot be.
     ({"a": (0.02, 0.1), "b": (0.03, 0.1), "c": (0.04, 1e-3)}, {}, ("c",)),
     ({"a": (0.02, np.inf), "b": (0.031, 1e-3)}, {}, ("b",)),
@@ -255,7 +260,7 @@ def test_when_a_mistake_is_named(
         if off.get(without, (1.0, 1.0))[1] == np.inf:
             raise AacmmError("too soft to stand")
         system = SimpleNamespace(deviation=off.get(without, (1.0, 1.0))[1])
-        return SimpleNamespace(problem=without, solution=SimpleNamespace(system=system))
+        return SimpleNamespace(problem=without, unmodelled=0.0, solution=SimpleNamespace(system=system))
 
     def misfit(of: object, _: object) -> tuple[float, float]:
         return (0.0, off.get(of, (1.0, 1.0))[0]) if isinstance(of, str) else (case["before"], case["as_given"])
@@ -263,7 +268,8 @@ def test_when_a_mistake_is_named(
     single = [Named(name, name.lower()) for name in off if "+" not in name]
     fakes = {"fit": fitted, "_misfit": misfit, "_mistakes": lambda _: single, "_few": lambda _: None}
     fakes |= {
-        "_observed": lambda _: None,
+        "_described": lambda of: of,
+        "_touched": lambda _: None,
         "_median": float,
         "_travel": lambda _: 1.0,
         "_absorbs": lambda after: after.problem == case["absorbed"],
@@ -282,16 +288,105 @@ def test_when_a_mistake_is_named(
 
 
 @pytest.mark.parametrize(("unit", "far"), [("m", 0.05), ("rad", 0.5)])
-def test_geometry_that_took_up_a_mistake(sino6: Arm, rng: np.random.Generator, unit: str, far: float) -> None:
-    """A length farther off than 50 mm or an angle than half a radian, to either side; causes may be what they are."""
+@pytest.mark.parametrize(("lever", "moves"), [(1.02, True), (1e-3, False)])
+def test_geometry_that_took_up_a_mistake(
+    sino6: Arm, rng: np.random.Generator, unit: str, far: float, lever: float, moves: bool
+) -> None:
+    """A length farther off than 50 mm or an angle than half a radian, to either side; causes may be what they are.
+
+    The zero of a joint that hardly moves the tip may be anything.
+    """
     data = simulate_measurements(sino6, "free", 12, rng=rng)
     problem = problem_of(ErrorModel(sino6), data, ["geometry", EncoderGain(2)], Setup.of(sino6))
     units = [parameter.unit for parameter in problem.vector.parameters]
+    jacobian = np.full((12, 3, len(units)), lever / np.sqrt(3.0))
+    prediction = SimpleNamespace(jacobian=jacobian)
     gain = next(own.start for effect, own in problem.vector if isinstance(effect, EncoderGain))
-    for place, step, taken_up in ((units.index(unit), far, True), (gain, 100.0 * far, False)):
+    for place, step, taken_up in ((units.index(unit), far, moves), (gain, 100.0 * far, False)):
         for sign in (1.0, -1.0):
             for part in (0.99, 1.01):
                 x = problem.start.copy()
                 x[place] += sign * part * step
-                after: Any = SimpleNamespace(problem=problem, solution=SimpleNamespace(point=SimpleNamespace(x=x)))
+                point = SimpleNamespace(x=x, prediction=prediction)
+                after: Any = SimpleNamespace(problem=problem, solution=SimpleNamespace(point=point))
                 assert input_mistakes._absorbs(after) == (taken_up and part > 1.0)
+
+
+# --- options, and the arm's numbers
+
+
+def table(*rows: tuple[float, float, float, float]) -> Arm:
+    """An arm of a, d [mm], alpha, theta offset [°]."""
+    keys = ("a_mm", "d_mm", "alpha_deg", "theta_offset_deg")
+    joints = [dict(zip(keys, row, strict=True)) | {"limits_deg": [-150.0, 150.0]} for row in rows]
+    file = {"schema": "aacmm-pin/arm/1", "name": "robot", "source": "", "convention": "standard-dh", "joints": joints}
+    return Arm.from_file(ArmFile.model_validate(file))
+
+
+ROBOT = table((0, 290, -90, 0), (270, 0, 0, -90), (70, 0, -90, 0), (0, 302, 90, 0), (0, 0, -90, 0), (0, 72, 0, 180))
+"""Its last axis goes through the tip, which the last joint does not move."""
+SEVEN = table(
+    (0, 340, -90, 0), (0, 0, 90, 0), (0, 400, 90, 0), (0, 0, -90, 0), (0, 400, -90, 0), (0, 0, 90, 0), (30, 126, 0, 0)
+)
+FRAME_OPTION, TARGET_OPTION = "--reference-frame external", "--target unknown"
+
+
+def assembled(arm: Arm, rng: np.random.Generator) -> Arm:
+    """An arm whose geometry is off as that of a robot."""
+    assert arm.dh is not None
+    values = arm.dh.values()
+    values += rng.normal(0.0, [3e-4, 3e-4, 1e-3, 1e-3], values.shape)
+    return table(*(values * [1e3, 1e3, 180 / np.pi, 180 / np.pi]).tolist())
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("target", "away", "named"),
+    [
+        ((0.0, 0.0, 0.0), True, {FRAME_OPTION}),
+        ((0.0, -0.03, 0.118), True, {FRAME_OPTION, TARGET_OPTION}),
+        ((0.0, 0.0, 0.122), False, {TARGET_OPTION}),
+        ((0.003, 0.0, 0.014), False, {TARGET_OPTION}),
+    ],
+)
+def test_an_option_that_was_left_out_is_named(
+    target: tuple[float, float, float], away: bool, named: set[str], seed: int
+) -> None:
+    """Not a sign of the last joint, which hardly moves the tip."""
+    rng = np.random.default_rng(seed)
+    model = ErrorModel(assembled(ROBOT, rng), (StylusOffset(values=target),))
+    data = simulate_measurements(model, "free", 90, rng=rng, reference_noise=5e-5)
+    with pytest.raises(MistakenFileError) as caught:
+        calibrate(ROBOT, other_frame(data) if away else data, hold_out=False, progress=False)
+    assert {option for option in (FRAME_OPTION, TARGET_OPTION) if option in caught.value.mistake} == named
+    assert "joint" not in caught.value.mistake
+    options: dict[str, Any] = {"reference_frame": "external" if away else "base"}
+    options["target"] = "unknown" if TARGET_OPTION in named else "tip"
+    found = calibrate(ROBOT, other_frame(data) if away else data, **options, hold_out=False, progress=False)
+    assert found.rms < 2e-4
+
+
+def shown_with(other: int, joint: int, sign: float) -> Change:
+    """The angle that is shown of a joint has that of another in it."""
+    return lambda d: replace(d, q=d.q + sign * np.outer(d.q[:, other], np.eye(d.nq)[joint]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", ["sino6", "robot", "seven"])
+def test_convention_and_sums_of_angles_are_named(name: str, sino6: Arm, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    arm = {"sino6": sino6, "robot": ROBOT, "seven": SEVEN}[name]
+    truth = perturbed_model(arm, rng).arm if name == "sino6" else assembled(arm, rng)
+    data = simulate_measurements(truth, "free", 60, rng=rng, reference_noise=5e-5)
+    assert isinstance(arm.file, ArmFile)
+    misread = Arm.from_file(arm.file.model_copy(update={"convention": "modified-dh"}))
+    mistakes: list[tuple[Arm, Change, str]] = [
+        (misread, lambda d: d, "standard-dh"),
+        (arm, shown_with(1, 2, 1.0), "joint 3 is shown as the sum"),
+        (arm, shown_with(1, 2, -1.0), "joint 3 is shown as the difference"),
+    ]
+    for given, mistake, words in mistakes:
+        with pytest.raises(MistakenFileError) as caught:
+            calibrate(given, mistake(data), hold_out=False, progress=False)
+        assert words in caught.value.mistake
+        assert caught.value.after < 1e-3
