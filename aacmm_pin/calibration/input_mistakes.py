@@ -244,7 +244,7 @@ def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None
         limit = (EXPLAINS if taken_up else 1.0) * as_given
         nearest = [k for k in np.argsort(misfits, kind="stable") if misfits[k] <= limit]
         alike = [k for k in nearest if misfits[k] <= ALIKE * misfits[nearest[0]]]
-        alike.sort(key=lambda k: (len(mistakes[k]), sum(one.free for one in mistakes[k])))
+        alike.sort(key=lambda k: (len(mistakes[k]), sum(one.free for one in mistakes[k]), k))
         for together in (alike[:FITTED], *([k] for k in nearest[len(alike) : TRIED])):
             left = {mistakes[k]: _left(_undone(problem, mistakes[k]), as_is) for k in together}
             least = min(left.values(), default=np.inf)
