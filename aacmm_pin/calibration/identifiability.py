@@ -10,7 +10,7 @@ from scipy.stats.qmc import Halton
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin.arm.chain import skew
+from aacmm_pin.arm.chain import axis, skew
 from aacmm_pin.calibration.problem import FRAME_WIDTHS, Prediction, Problem
 from aacmm_pin.calibration.solver import Point
 from aacmm_pin.effects.labels import listed
@@ -19,6 +19,8 @@ NEGLIGIBLE = 0.02
 """Parts of a combination smaller than this, beside the largest, are not mentioned."""
 OTHER_POSTURES = 200
 """Postures at which it is looked what an undetermined direction moves."""
+ROTATION = 1e-2
+"""A base whose rotation has a larger u than this is open [rad]: to first order nothing can be said of it any more."""
 MOVES = 1e-6
 """A direction moves a point if one width along it does so by more than this (RMS over postures) [m].
 
@@ -89,10 +91,14 @@ class Undetermined:
 
     def _elsewhere(self, *, on_tip: bool) -> Prediction:
         """Targets, or tips, at other postures under the conditions of the records, in the frame of the references."""
-        records, limits = self.problem.measurements, self.problem.model.arm.limits
-        bounded = np.isfinite(limits).all(axis=1)
-        low = np.where(bounded, limits[:, 0], records.q.min(axis=0))
-        high = np.where(bounded, limits[:, 1], records.q.max(axis=0))
+        records, arm = self.problem.measurements, self.problem.model.arm
+        bounded = np.isfinite(arm.limits).all(axis=1)
+        low = np.where(bounded, arm.limits[:, 0], records.q.min(axis=0))
+        high = np.where(bounded, arm.limits[:, 1], records.q.max(axis=0))
+        for effect in (*self.problem.model.effects, *self.problem.vector.effects):
+            if effect.known_range is not None and effect.row is not None:
+                joint = arm.chain.joint[axis(effect.row)]
+                low[joint], high[joint] = effect.known_range
         q = low + (high - low) * Halton(records.nq, scramble=False).random(OTHER_POSTURES)
         drawn = records.take(np.arange(OTHER_POSTURES) % records.n)
         conditions = drawn.conditions

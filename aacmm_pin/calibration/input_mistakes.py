@@ -150,12 +150,12 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     except MissingConditionError:  # which no mistake in the columns explains
         raise
     except AacmmError:
-        _require_no_mistake(problem, np.inf, thorough=True)
+        _require_no_mistake(problem, np.inf, thorough=True, options=True)
         raise
     travel = _travel(problem) if after.unmodelled > FAR else np.inf
     unlike, fitted = after.unmodelled > UNLIKE * travel, _median(after.solution.system.deviation)
     if unlike or problem.measurements.bars() or max(fitted, _as_described(after)) >= FAR:
-        _require_no_mistake(problem, fitted, thorough=unlike)
+        _require_no_mistake(problem, fitted, thorough=unlike, options=fitted >= FAR or _absorbs(after))
     if unlike:
         asked = "are the columns of angles and coordinates, their units and signs, the arm and the reference frame right?"
         if _sessions_fit_alone(problem):
@@ -204,10 +204,15 @@ def _require_orientations(after: Fit) -> None:
     raise AacmmError(f"{source}: orientations do not fit this arm, they are off by {off / DEG:.3g}° (median): {why}")
 
 
-def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None:
-    """Refuse records that one mistake explains, or two where ``thorough``, or several signs.
+def _require_no_mistake(problem: Problem, fitted: float, *, thorough: bool, options: bool) -> None:
+    """Refuse records that one mistake explains.
 
-    ``fitted`` is the median distance after a fit of the records as they are, infinite where there is no such fit [m].
+    Args:
+        problem: the records as they are.
+        fitted: median distance after a fit of these, infinite where there is no such fit [m].
+        thorough: look for two mistakes, and several signs, too.
+        options: look for options that were left out. They leave numbers open that geometry may as well take up: a tip
+            that is off by a length of the last row is no mistake.
 
     Raises:
         MistakenFileError: the mistake.
@@ -237,7 +242,7 @@ def _require_no_mistake(problem: Problem, fitted: float, thorough: bool) -> None
         return
     taken_up = fitted < FAR or fitted == np.inf
     as_is = before if taken_up else fitted
-    single = [(mistake,) for mistake in _mistakes(problem)]
+    single = [(mistake,) for mistake in _mistakes(problem) if options or not mistake.free]
     tiers = [single, _options(single), *((_several_signs(records.nq), _pairs(single)) if thorough else ())]
     for mistakes in tiers:
         misfits = np.array([misfit(several) for several in mistakes])
@@ -275,7 +280,7 @@ def _undone(problem: Problem, mistakes: tuple[_Mistake, ...]) -> Problem:
 
 def _travel(problem: Problem) -> float:
     """How far the tips are spread in each coordinate [m]."""
-    tips = problem.model.arm.positions(problem.measurements.q)
+    tips = problem.model.arm.chain.walk(problem.measurements.q)[1][-1]
     return float(np.sqrt(tips.var(axis=0).mean()))
 
 

@@ -179,18 +179,19 @@ def _compare(model: ErrorModel, before: ErrorModel | None, table: pd.DataFrame, 
     else:
         compared = [model.arm.positions(records.q), tips] if model.effects else [tips]
     known = records.known
-    if known.any():
+    far = rms(np.linalg.norm((tips - records.reference)[known], axis=1)) if known.any() else 0.0
+    if far > FAR:
+        note(
+            f"warning: references are not compared: the tip is {far / MM:.0f} mm from them (RMS). They are in another frame "
+            f"than the base of {model.arm.name}, of another point, or the angles are in another unit or of another arm"
+        )
+    elif known.any():
         u = np.linalg.norm(records.reference_u[known], axis=1)
         of = f", themselves with u = {rms(u[np.isfinite(u)]) / MM:.4f} mm" if np.isfinite(u).any() else ""
         _tell(
             f"distance from {count(int(known.sum()), 'reference')}{of}",
             [np.linalg.norm((where - records.reference)[known], axis=1) for where in compared],
         )
-        if (far := rms(np.linalg.norm((tips - records.reference)[known], axis=1))) > FAR:
-            question = (
-                f"are the angles in the unit of their columns, do they and the references' frame belong to {model.arm.name}?"
-            )
-            note(f"warning: the tip is {far / MM:.0f} mm from the references (RMS): {question}")
     bars = records.bars()
     if bars:
         _tell(f"error of {count(len(bars), 'bar length')}", [records.bar_length_errors(where) for where in compared])

@@ -121,12 +121,16 @@ def diagnose(
     if improbable:  # a part of structure that no cause explains, and harm at another time
         kept = tuple(k for k in choice.admitted if k not in improbable)
         choice, pairs, strong = _judged(_with_only(choice, problem, kept), problem, rng)
-    used, setup = choice.fit.used, recalibrated.problem.setup
+    used, setup, alone = choice.fit.used, recalibrated.problem.setup, recalibrated
     before, recalibrated = (fit(asked, used=used) for asked in (problem_of(model, measurements, [], setup), problem([])))
     held = gain_of(choice, before, kind, rng, progress, left_out) if hold_out and enough_postures(measurements) else None
     if choice.held is not choice.gram:
         choice.held.products.release()
-    result = _concluded(model, choice, before, recalibrated, strong, held, [*_rivals(choice, pairs), *repeated])
+    found = findings_of(model, choice, strong)
+    # Without a finding nothing explains what the recalibrated arm alone excludes.
+    places = dict.fromkeys(place for one in (choice.fit, *([] if found else [alone])) for place in contradicted_places(one))
+    notes = [*_rivals(choice, pairs), *repeated]
+    result = _concluded(model, choice, before, recalibrated, strong, held, found, tuple(places), notes)
     choice.gram.products.release()
     return result
 
@@ -172,25 +176,26 @@ def _concluded(
     recalibrated: Fit,
     strong: list[Strength],
     held: Gain | None,
+    findings: list[Finding],
+    contradicted: tuple[str, ...],
     notes: list[str],
 ) -> Diagnosis:
     """What a choice of causes says, beside the arm as it was and recalibrated."""
     extended = choice.fit
-    findings = findings_of(model, choice, strong)
     named = [finding.label for finding in findings]
     unexplained = unexplained_by(choice, strong, held, bool(findings))
     told = {finding.label for finding in findings if finding.probability >= SETTLED}
     structure = bool(unexplained.depends_on) or unexplained.branches is not None or _excess(extended) > 0.0
     shown, others = visible(choice), others_beside(choice, named)
     otherwise = (*choice.otherwise, *(effect.label for effect in choice.effects if effect.label not in named))
-    worse, contradicted = no_better(model.arm, findings, held), contradicted_places(extended)
+    worse = no_better(model.arm, findings, held)
     doubts = doubts_of(findings, unexplained.left, others.probability, shown, otherwise, worse, contradicted)
     return Diagnosis(
         verdict=verdict_of(findings, structure, doubts, (recalibrated, extended)),
         doubts=doubts,
         others=others,
         otherwise=otherwise,
-        contradicted=tuple(contradicted),
+        contradicted=contradicted,
         findings=tuple(findings),
         model=_as_found(extended, findings, unexplained),
         before=before,
@@ -207,7 +212,7 @@ def _concluded(
             *_not_tried(choice),
             *_otherwise(choice),
             *_below_zero(findings),
-            *_beside(others),
+            *([] if unexplained.branches else _beside(others)),
             *_alone(choice),
             *_since(findings, recalibrated),
             *_of_masses(findings),

@@ -228,10 +228,12 @@ class ErrorModel(Shown):
     def known_at(self, q: ArrayLike) -> NDArray[np.bool_]:
         """(n, effects) True where an effect is known at indications ``q`` (n, nq) [rad]: an error curve has a range.
 
+        Of angles in another unit too, which are looked for where a file does not fit the arm.
+
         Raises:
             ShapeError: ``q`` is not a finite (n, nq) array.
         """
-        q = batch(q, self.arm.nq, "q", "rad")
+        q = batch(q, self.arm.nq, "q", "rad or another unit")
         state = State(self.arm, q, Conditions(len(q)), self.arm.place())
         return np.array([effect.known(state) for effect in self.effects], dtype=bool).reshape(-1, len(q)).T
 

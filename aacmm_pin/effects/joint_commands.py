@@ -52,7 +52,8 @@ def joint_commands(
         raise AacmmError(
             f"{model.arm.name}: its tip is a target that a calibration with target unknown placed on the last body. "
             f"Commands would bring that target where {nominal.arm.name} has its own tip. Calibrate with a label in the "
-            "column marker, or with the target as a frame of the URDF or a fixed last row of the table"
+            "column marker; or with the target as a frame of the URDF or a fixed last row of the table, and then without "
+            "target unknown: --effect stylus_offset finds how far the target is off that frame"
         )
     q = batch(q, model.arm.nq, "q", "rad")
     wanted = nominal.state(q, conditions)

@@ -406,10 +406,6 @@ def _angles(columns: Columns, problems: Problems) -> None:
             f"are, rename the columns to {span(named(THETA['rad'], len(theta)))}; if they are degrees, convert them to "
             f"radians under these names (from {ENOUGH_RECORDS} records on, a largest angle of 1 to 2π is taken for radians)",
         )
-    if columns.header.unit == "deg":
-        expected = f"more than {plausible.MOST_TURNS} turns, as are most joints; {plausible.READING.hint}"
-        for name, beyond, angle in zip(theta, plausible.mostly_like_degrees(q * DEG).T, q.T, strict=True):
-            problems.at(beyond, name, "is {:g}°, " + expected, angle)
     if columns.header.unit == "rad":
         expected = f"expected at most {plausible.MOST_TURNS} turns; if these are degrees, rename the columns to theta1_deg …"
         for name in theta:

@@ -33,6 +33,8 @@ WRIST_ROW = 5
 """The wrist is the origin of this frame."""
 SEEN_LEVER = 1e-4
 """A note tells that joint 5 moves the wrist by more than this; that of SINO6 moves it by 0.037 mm [m]."""
+OF_A_POSE = 6
+"""Joints with which an arm can take a whole pose."""
 MOST_LEVER = 0.01
 """A joint 5 that moves frame 5 by more was designed so; the largest residue in SINO6's table is 0.7 mm [m]."""
 GRID = 16
@@ -71,9 +73,11 @@ class Wrist:
         """
         wrist = Wrist.of(arm.require_dh(purpose, WRIST_ROW), rest, arm.limits)
         if rest is None and wrist.lever > MOST_LEVER:
+            pose = ", or --rpy-deg" if arm.nq >= OF_A_POSE else ""
             raise UnsupportedArmError(
                 f"{arm.name}: {purpose} needs a wrist, but {wrist.held}; expected at most {MOST_LEVER / MM:g} mm; accuracy "
-                "and configurations take a point of the tip: --tip --axis 0 0 -1, or --rpy-deg (in Python reaching_postures)"
+                f"and configurations take a point of the tip with the direction of the stylus: --tip --axis 0 0 -1{pose} "
+                "(in Python reaching_postures)"
             )
         return wrist
 

@@ -14,6 +14,7 @@ from aacmm_pin._support.units import DEG, MM, UM
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration.shared_exclusions import Exclusions
 from aacmm_pin.calibration.solver import MISFIT
 from aacmm_pin.diagnosis.result import described
 from aacmm_pin.effects.error_model import ErrorModel
@@ -76,7 +77,8 @@ def verdict(result: Calibration) -> str:
     """Whether the calibration helps, by held-out records where there are some; first, if that is so, that it rests on a part
     of the records, because what was excluded are no gross errors.
     """
-    doubts, left = _exclusions_in_words(result), result.exclusions
+    left = result.exclusions
+    doubts = f"{exclusions_in_words(left)} aacmm-pin diagnose looks for the cause. " if left.doubtful else ""
     rest = f" on the other {count(left.used, 'record')}" if doubts else ""
     held = result.held_out[-1:]
     sizes = [result.rms_before, result.rms, *(size for h in held for size in (h.rms_before, h.rms_after))]
@@ -93,11 +95,8 @@ def verdict(result: Calibration) -> str:
     )
 
 
-def _exclusions_in_words(result: Calibration) -> str:
-    """Why excluded records are no gross errors; "" where nothing speaks against that."""
-    left = result.exclusions
-    if not left.doubtful:
-        return ""
+def exclusions_in_words(left: Exclusions) -> str:
+    """Why excluded records are no gross errors."""
     why = ["too many for gross errors"] if left.too_many else []
     if left.shared is not None:
         many = "all" if left.shared.excluded == left.excluded else str(left.shared.excluded)
@@ -106,7 +105,7 @@ def _exclusions_in_words(result: Calibration) -> str:
         joints = listed([str(each.joint) for each in left.narrowed])
         why.append(f"the others move joint{'s' * (len(left.narrowed) > 1)} {joints} over a small part of the range")
     excluded = f"{left.excluded} of {count(left.excluded + left.used, 'record')} were excluded"
-    return f"{excluded}: {', and '.join(why)}. aacmm-pin diagnose looks for the cause. "
+    return f"{excluded}: {', and '.join(why)}."
 
 
 def fit_in_words(result: Calibration) -> str:
@@ -147,18 +146,17 @@ def frame_in_words(result: Calibration) -> str:
 
 def open_in_words(result: Calibration) -> str:
     """What these records leave open that matters at other postures; "" where they determine all of that."""
-    undetermined = result.fit.undetermined
-    combinations = undetermined.target_directions.shape[1]
-    if not combinations:
+    combinations = result.fit.undetermined.target_directions.shape[1]
+    if not (combinations or result.base_is_open):
         return ""
     words = (
         "These records do not determine where the base is in the frame of the references."
-        if undetermined.frame_is_open
+        if result.base_is_open
         else f"These records leave {count(combinations, 'combination')} of parameters open that other postures need."
     )
     records = result.fit.problem.measurements
     across, along = _extents(records.reference[result.fit.used & records.known])
-    if undetermined.frame_is_open and across < COLLINEAR * along:
+    if result.base_is_open and across < COLLINEAR * along:
         words += f" The references lie on one straight line of {length(along)}, to within {length(across)} (RMS)."
     return words
 

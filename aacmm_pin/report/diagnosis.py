@@ -14,6 +14,7 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record
+from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis.cross_validation import LEAST_GAIN, Gain
 from aacmm_pin.diagnosis.result import MORE, SETTLED
@@ -22,7 +23,7 @@ from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect, State
 from aacmm_pin.effects.labels import in_words, listed, name_in_words, probability, several_in_words, values_in_words
 from aacmm_pin.report import plots
-from aacmm_pin.report.calibration import KINDS, excluded_records, files
+from aacmm_pin.report.calibration import KINDS, excluded_records, exclusions_in_words, files
 from aacmm_pin.report.document import (
     Block,
     Bullets,
@@ -101,7 +102,9 @@ def verdict_in_words(result: Diagnosis) -> str:
         text = f"{wrong}. After {after}, {_left_in_words(result)}"
     if result.contradicted and result.verdict in ("unexplained", "ambiguous"):
         text += f"; in addition, {'; '.join(result.contradicted)}"
-    return f"{result.model.arm.name}: {text}."
+    left = exclusions_of(result.extended)
+    excluded = f"{exclusions_in_words(left)} " if result.verdict == "unexplained" and left.doubtful else ""
+    return f"{excluded}{result.model.arm.name}: {text}."
 
 
 def _wrong_in_words(result: Diagnosis) -> str:
@@ -181,7 +184,7 @@ def _not_explained(result: Diagnosis) -> str:
     if result.extended.stated and (turned := result.extended.noise.scatters.turn):
         more += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
     depends, branches = listed(result.unexplained.depends_on), result.unexplained.branches
-    more += f" and depend on {depends} in a way that no known cause has" if depends else ""
+    more += f" and depend on {depends} in a way that none of the causes tried has" if depends else ""
     return more if branches is None else f"{branches}; {more}"
 
 

@@ -12,6 +12,8 @@ from aacmm_pin.planning import advice
 
 PLACE, SCALE = ("x", "y", "z"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
+ORDER = ("record", "time")
+"""The same, of the order in which records were taken."""
 
 
 @one_blas_thread
@@ -25,6 +27,9 @@ def next_measurements(result: Diagnosis) -> str:
     if unexplained.branches is not None:
         joint = unexplained.branches.joint
         return f"take the records anew and state the direction from which joint {joint} came, in the columns approach1 …"
+    if verdict == "unexplained" and unexplained.excluded is not None and unexplained.excluded.name in ORDER:
+        where = unexplained.excluded.where
+        return f"find what changed at {where}, such as the stand, the references or an encoder; diagnose both parts apart"
     if result.contradicted and verdict != "unexplained":
         return f"measure the stated places anew: {'; '.join(result.contradicted)}"
     if verdict == "inconclusive" and not findings:

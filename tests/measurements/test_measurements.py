@@ -410,14 +410,6 @@ def test_labels_that_are_nearly_the_same() -> None:
     assert sessions.endswith(": '1' and '1.0'")
 
 
-def test_degrees_of_more_turns_than_joints_make() -> None:
-    """Of one joint many turns are counted; of most joints another unit is."""
-    endless, all_of_them = np.array([[7200.0, 20.0, -30.0]]), np.array([[7200.0, -5000.0, 20.0]])
-    assert Measurements.from_frame(angles("deg", endless)).q[0, 0] == pytest.approx(40 * np.pi)
-    with pytest.raises(MeasurementFileError, match=r"theta1_deg: is 7200°, more than 5 turns"):
-        Measurements.from_frame(angles("deg", all_of_them))
-
-
 def test_radians_that_look_like_degrees() -> None:
     q = np.array([[0.1, 0.2], [0.3, -31.5], [1.0, 90.0]])
     with pytest.raises(MeasurementFileError) as caught:

@@ -22,7 +22,7 @@ from aacmm_pin.effects import JointErrorCurve
 from aacmm_pin.measurements.records import Measurements
 
 CASES: dict[str, tuple[str, Callable[[], Arm], ReferenceFrame, Target]] = {
-    "ur10": ("ur10_laser_tracker", arms.ur10, "external", "tip"),
+    "ur10": ("ur10_laser_tracker", arms.ur10, "external", "unknown"),
     "panda": ("panda_socket", arms.panda, "base", "unknown"),
     "iiwa14": ("iiwa14_socket", arms.iiwa14, "base", "unknown"),
     "bad": ("panda_socket_bad_setup", arms.panda, "base", "unknown"),
