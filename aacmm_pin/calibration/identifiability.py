@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.stats.qmc import Halton
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.chain import axis, skew
@@ -85,6 +85,14 @@ class Undetermined:
         return bool(np.abs(motion).max(initial=0.0) > MOVES)
 
     @property
+    def tied_to_frame(self) -> tuple[str, ...]:
+        """Parameters of the arm that the records know only together with where the base is, and that stay as they were."""
+        p, names = self.problem.widths.size, self.problem.names
+        rows = _combinations(self.problem, self.directions)
+        rows = rows[(rows[:, p : p + 6] != 0.0).any(axis=1)]
+        return tuple(names[k] for k in np.flatnonzero(rows[:, :p].any(axis=0)))
+
+    @property
     def words(self) -> tuple[str, ...]:
         """Combinations of parameters that neither the records nor a stated uncertainty determine."""
         return in_words(self.problem, self.directions)
@@ -99,7 +107,7 @@ class Undetermined:
             if effect.known_range is not None and effect.row is not None:
                 joint = arm.chain.joint[axis(effect.row)]
                 low[joint], high[joint] = effect.known_range
-        q = low + (high - low) * Halton(records.nq, scramble=False).random(OTHER_POSTURES)
+        q = low + (high - low) * (spread_angles(OTHER_POSTURES, records.nq) / (2 * np.pi) + 0.5)
         drawn = records.take(np.arange(OTHER_POSTURES) % records.n)
         conditions = drawn.conditions
         if on_tip and conditions.marker is not None:
@@ -152,9 +160,13 @@ class Observability(Shown):
 
 def in_words(problem: Problem, directions: Array) -> tuple[str, ...]:
     """Combinations of parameters that span ``directions``, in units of the scales (p, k), one sentence each."""
+    return tuple(_words(row, problem.names) for row in _combinations(problem, directions))
+
+
+def _combinations(problem: Problem, directions: Array) -> Array:
+    """What spans ``directions`` (p, k) [scales] with as many zeros as elimination gives (k, p) [units]."""
     typical = _typical(problem)
-    combinations = _sparse((directions * problem.scales[:, None] / typical[:, None]).T)
-    return tuple(_words(row * typical, problem.names) for row in combinations)
+    return _sparse((directions * problem.scales[:, None] / typical[:, None]).T) * typical
 
 
 def _typical(problem: Problem) -> Array:

@@ -44,6 +44,12 @@ def run(
                     f"warning: {extended_arm}: the extended arm does not predict held-out records better than the "
                     "recalibrated arm; use the arm that aacmm-pin calibrate writes"
                 )
+            if result.findings and result.extended.thinned:
+                out = int(result.extended.excluded.sum())
+                note(
+                    f"warning: {extended_arm}: {out} records do not fit the extended arm and were excluded, too many for "
+                    "gross errors; at new postures it may be worse than the arm that aacmm-pin calibrate writes"
+                )
             results.arm(result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}")
         summary = result.summary() | {"source": path, "seed": seed}
         if output is not None:

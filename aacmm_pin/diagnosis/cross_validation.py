@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -67,6 +67,10 @@ class Gain(Shown):
     def beyond_doubt(self) -> bool:
         """Whether the extended arm predicts held-out records better, by the whole interval."""
         return self.interval[0] > LEAST_GAIN
+
+    def of_nothing(self) -> Gain:
+        """The same where all records together name nothing, whatever some parts did: both arms are one."""
+        return replace(self, extended=self.recalibrated, interval=(0.0, 0.0))
 
     @property
     def smooth_gain(self) -> float:

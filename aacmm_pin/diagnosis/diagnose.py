@@ -129,6 +129,8 @@ def diagnose(
     found = findings_of(model, choice, strong)
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     places = dict.fromkeys(place for one in (choice.fit, *([] if found else [alone])) for place in contradicted_places(one))
+    if held is not None and not found:
+        held = held.of_nothing()
     notes = [*_rivals(choice, pairs), *repeated]
     result = _concluded(model, choice, before, recalibrated, strong, held, found, tuple(places), notes)
     choice.gram.products.release()

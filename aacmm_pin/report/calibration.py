@@ -136,11 +136,12 @@ def frame_in_words(result: Calibration) -> str:
     frame, (shift, turn) = result.fit.solution.point.frame, result.base_u
     x, y, z = (vector(axis, ".6f") for axis in frame.rotation.T)
     angle = np.arccos(np.clip((np.trace(frame.rotation) - 1) / 2, -1, 1)) / DEG
+    held = ", ".join(result.fit.undetermined.tied_to_frame)
     expanded = f"{vector(COVERAGE_FACTOR * shift / MM, '.3g')} mm and {vector(COVERAGE_FACTOR * turn / UM, '.3g')} µrad"
     return (
         f"The origin of the base is at {vector(frame.shift / MM, '.4f')} mm in the frame of the references. The axes of the "
         f"base in that frame are x {x}, y {y}, z {z}, rotated by {angle:.4f}°. U (k = 2) of origin and rotation along the "
-        f"axes of the references: {expanded}."
+        f"axes of the references: {expanded}{f', with {held} as the arm has them' if held else ''}."
     )
 
 
@@ -241,6 +242,7 @@ def _placement(result: Calibration) -> dict[str, Any] | None:
         "rotation": frame.rotation.tolist(),
         "u_origin_mm": (shift / MM).tolist(),
         "u_rotation_rad": turn.tolist(),
+        "as_stated": list(result.fit.undetermined.tied_to_frame),
     }
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.units import LARGE, MM, UM
-from aacmm_pin.effects import CAUSES
 
 IN_MM = 1e-4
 """Lengths from here on stand in mm, smaller ones in µm [m]."""
@@ -83,8 +82,7 @@ def count(number: int, noun: str) -> str:
 
 def capital(text: str) -> str:
     """The text with a capital letter in front; as it is where its first word is a name, such as ``theta_offset3``."""
-    word = WORD.match(text)
-    return f"{text[:1].upper()}{text[1:]}" if word and word[0].rstrip(",.:;") not in CAUSES else text
+    return f"{text[:1].upper()}{text[1:]}" if WORD.match(text) else text
 
 
 def p_value(value: float) -> str:
