@@ -158,7 +158,7 @@ def open_in_words(result: Calibration) -> str:
     records = result.fit.problem.measurements
     across, along = _extents(records.reference[result.fit.used & records.known])
     if result.base_is_open and across < COLLINEAR * along:
-        words += f" The references lie on one straight line of {length(along)}, to within {length(across)} (RMS)."
+        words += f" The references lie on one straight line: RMS {length(across)} from it, {length(along)} along it."
     return words
 
 

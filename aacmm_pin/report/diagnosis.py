@@ -17,6 +17,7 @@ from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis.cross_validation import LEAST_GAIN, Gain
+from aacmm_pin.diagnosis.diagnose import MUCH_MORE
 from aacmm_pin.diagnosis.result import MORE, SETTLED
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.unexplained import Unexplained
@@ -181,10 +182,14 @@ def _not_explained(result: Diagnosis) -> str:
         more = f"the residuals stay {left / result.noise:.1f} times the noise"
     else:
         more = f"the residuals stay at {length(left)}, where the stated noise is none"
-    if result.extended.stated and (turned := result.extended.noise.scatters.turn):
+    turned = result.extended.noise.scatters.turn if result.extended.stated else 0.0
+    if turned:
         more += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
     depends, branches = listed(result.unexplained.depends_on), result.unexplained.branches
-    more += f" and depend on {depends} in a way that none of the causes tried has" if depends else ""
+    if depends:
+        way = f"depend on {depends} in a way that none of the causes tried has"
+        larger = left > MUCH_MORE * result.noise or turned > 0.0
+        more = f"{more} and {way}" if larger else f"the residuals {way}"
     return more if branches is None else f"{branches}; {more}"
 
 
