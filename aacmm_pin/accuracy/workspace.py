@@ -85,6 +85,17 @@ class WorkspaceMap(Shown):
         """Number of sectors of the circle."""
         return int(self.data.sizes["sector"])
 
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """That cells in reach have no sectors, where some have none."""
+        without = int((self.data["reachable"].values.astype(bool) & np.isnan(self.data["flexibility"].values)).sum())
+        if not without:
+            return ()
+        return (
+            f"{without} cells in reach have no swivel angle that changes, as where the elbow stays in one plane: they have "
+            "no sectors; accuracy at a point lists the postures there",
+        )
+
     def working_sectors(self) -> dict[int, int]:
         """Number of reachable cells for each number of working sectors."""
         counts = self.data["working_sectors"].values[self.data["reachable"].values.astype(bool)]
@@ -237,7 +248,8 @@ def map_workspace(
                 take(todo[place], found)
     seconds = time.perf_counter() - started
     data = _dataset(arm, merged, box, cells, sectors, method, seconds)
-    told = {"caveats": map_caveats(arm, extent), "not_included": probe.not_included}
+    untold = WorkspaceMap(data, seconds)
+    told = {"caveats": (*untold.caveats, *map_caveats(arm, extent)), "not_included": probe.not_included}
     return WorkspaceMap(data.assign_attrs({name: "; ".join(words) for name, words in told.items()}), seconds)
 
 

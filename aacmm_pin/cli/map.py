@@ -48,8 +48,11 @@ def run(
             note(f"note: {caveat}")
         method_ = cast(Method, method)
         result = map_workspace(model, cells, sectors, extent=extent, method=method_, workers=processes, parts=parts)
+        for caveat in result.caveats:
+            note(f"note: {caveat}")
         if result.unreachable == cells[0] * cells[1]:
-            raise AacmmError(f"{result}; is --extent-mm in another unit?")
+            hint = "use more cells" if extent is None else "is --extent-mm in another unit?"
+            raise AacmmError(f"{result}; {hint}")
         if output is not None:
             result.save(results.file(output))
         results.picture(lambda: result.plot().figure, plot)

@@ -206,6 +206,7 @@ def _crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
     which = order[(np.arange(len(piece)) + np.repeat(last - np.cumsum(last - first), last - first)) % len(angles)]
     ahead, turn = wrapped(angles[which] - pieces.swivel[piece]), pieces.turn[piece]
     passed = np.where(turn >= 0, (ahead >= 0) & (ahead < turn), (ahead <= 0) & (ahead > turn))
+    passed &= np.abs(turn) > SAME_SWIVEL  # an elbow that stays in one plane passes no angle, but by rounding
     return piece[passed], which[passed], ahead[passed]
 
 

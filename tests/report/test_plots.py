@@ -184,7 +184,7 @@ def test_maps(sino6: Arm) -> None:
         np.testing.assert_allclose(np.ma.filled(image.get_array(), np.nan), scale * map_.data[column].values.T, rtol=1e-14)
         np.testing.assert_allclose([*ax.get_xlim(), *ax.get_ylim()], [0.0, 1220.0, -1220.0, 1220.0], atol=1e-9)
     few = map_workspace(sino6, (2, 2), 4, extent=[0.0, 0.02, -0.23, -0.21], progress=False)
-    assert "in reach, no sector within limits" in legend_texts(plot_map(few))
+    assert "in reach, no working sector" in legend_texts(plot_map(few))
 
 
 def test_circles_have_tubes_to_the_point_and_all_is_in_view(circle: ConfigurationCircle, accuracy: AccuracyVolume) -> None:

@@ -66,7 +66,7 @@ def plot_map(map_: WorkspaceMap, quantity: str = "comprehensive_mm3", ax: Axes |
     legend = []
     for cells, colour, text in (
         (~reachable, UNREACHABLE, "out of reach"),
-        (reachable & np.isnan(values), OUTSIDE_LIMITS, "in reach, no sector within limits"),
+        (reachable & np.isnan(values), OUTSIDE_LIMITS, "in reach, no working sector"),
     ):
         if cells.any():
             ax.pcolormesh(x, z, np.where(cells, 0.0, np.nan).T, shading="nearest", cmap=ListedColormap([colour]))

@@ -62,7 +62,7 @@ def map_scene(workspace_map: WorkspaceMap, model: GivenModel) -> Scene:
     _draw_cells(scene, workspace_map, "cells", ~outside & reachable, bar.colours(values[~outside & reachable]))
     if outside.any():
         _draw_cells(scene, workspace_map, "outside limits", outside, np.array([to_rgb(OUTSIDE_LIMITS)]))
-        scene.swatches.insert(0, Swatch(OUTSIDE_LIMITS, "in reach, no sector within limits", "area"))
+        scene.swatches.insert(0, Swatch(OUTSIDE_LIMITS, "in reach, no working sector", "area"))
     texts = {
         "x of the cell": [f"{x / MM:.1f} mm" for x in points[:, 0]],
         "z of the cell": [f"{z / MM:.1f} mm" for z in points[:, 2]],
