@@ -220,6 +220,8 @@ def gain_in_words(result: Diagnosis) -> str:
     low, high = held.interval
     nothing = "" if held.beyond_doubt or high < -LEAST_GAIN else ", not significant"
     counted = f" {count(held.excluded, 'excluded record')} included." if held.excluded else ""
+    if result.findings and result.extended.thinned:
+        counted += " It need not hold at new postures: the extended arm excludes too many records."
     return (
         f"Gain of the extended over the recalibrated arm on held-out {KINDS[held.kind]}: {percent(held.gain)} "
         f"(95 %: {100 * low:z.0f} to {percent(high)}){nothing}.{counted}"
