@@ -1,9 +1,12 @@
-"""Arm files made of SINO6's."""
+"""Arm files made of SINO6's, and arms of tables of their own."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import ArmFile, load_arm_file
 
 
@@ -45,3 +48,11 @@ def nearly_parallel() -> ArmFile:
         change = {"a_mm": a * 1e3, "d_mm": d * 1e3, "limits_rad": (-3.1, 3.1), "mass_kg": None, "com_mm": None}
         joints.append(row.model_copy(update=change | {key: float(angle) for key, angle in angles.items()}))
     return load_arm_file("sino6").model_copy(update={"name": "nearly parallel", "stylus": None, "joints": joints})
+
+
+def by_table(name: str, rows: Iterable[Sequence[float]], limit: float, **each: object) -> Arm:
+    """An arm of standard DH rows a, d [mm], alpha, theta offset [°], its joints within ±limit [°]; ``each``: of all rows."""
+    keys = ("a_mm", "d_mm", "alpha_deg", "theta_offset_deg")
+    joints = [dict(zip(keys, row, strict=True)) | {"limits_deg": [-limit, limit]} | each for row in rows]
+    file = {"schema": "aacmm-pin/arm/1", "name": name, "source": "", "convention": "standard-dh", "joints": joints}
+    return Arm.from_file(ArmFile.model_validate(file))

@@ -13,8 +13,7 @@ def wrapped(angles: Array) -> Array:
 
 
 def spread_angles(count: int, joints: int) -> Array:
-    """Evenly spread configurations (count, joints) [rad]: starts for Newton's method where a curve is so small that no held
-    angle meets it, as at the ends of the reach.
+    """Evenly spread configurations (count, joints), each angle in [-π, π) [rad]; the same at every call.
 
     Additive recurrence with the powers of the root of x^(d+1) = x + 1 (M. Roberts, 2018).
     """

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.arm.dh import DHTable
 
+OF_A_POSE = 6
+"""Joints with which an arm can take a whole pose; one with fewer brings only its point."""
 BASE = 0
 
 

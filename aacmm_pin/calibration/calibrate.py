@@ -293,7 +293,7 @@ def _of_conditions(after: Fit) -> list[str]:
 
 def _of_target(after: Fit) -> list[str]:
     """That an unknown target without a label becomes the tip of the arm."""
-    if after.problem.setup.target != "unknown":
+    if not after.problem.tip_on_target:
         return []
     offsets = [effect for effect in after.solution.effects if isinstance(effect, StylusOffset) and effect.marker is None]
     return [
@@ -306,7 +306,7 @@ def _of_target(after: Fit) -> list[str]:
 def _of_open_tip(after: Fit) -> list[str]:
     """Parameters that move the tip and are known within the widths alone within which they were looked for."""
     spread = np.linalg.norm(after.undetermined.tip_spread, axis=1) / after.problem.widths
-    if not spread.size or not spread.any():
+    if not spread.any():
         return []
     names = [name for name, each in zip(after.problem.vector.names, spread, strict=True) if each > OPEN * spread.max()]
     return [

@@ -63,13 +63,10 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     of_noise = "beyond their noise" if fit.stated else "and their noise was not stated"
     scatters = max(fit.noise.scatters.tip, fit.noise.scatters.turn) > NO_SCATTER
     left = f"the records scatter by {fit.scatter_in_words} per coordinate {of_noise}" if scatters else ""
-    on_target = problem.setup.target == "unknown" and any(
-        isinstance(effect, StylusOffset) and effect.marker is None for effect in vector.effects
-    )
     update: dict[str, Any] = {
         "reference_temperature_c": warm,
         "unexplained": left,
-        "tip_on_target": on_target or arm.tip_on_target,
+        "tip_on_target": problem.tip_on_target or arm.tip_on_target,
         "effects": entries,
     }
     if arm.dh is None:

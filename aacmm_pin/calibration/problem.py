@@ -135,6 +135,12 @@ class Problem:
         return self.setup.external
 
     @property
+    def tip_on_target(self) -> bool:
+        """Whether the tip is placed on a target whose place on the last body nobody stated."""
+        placed = (isinstance(effect, StylusOffset) and effect.marker is None for effect in self.vector.effects)
+        return self.setup.target == "unknown" and any(placed)
+
+    @property
     def names(self) -> list[str]:
         """Names of all columns, the frame's included."""
         turns = [f"target.{axis}{label and ':'}{label}" for label in self.targets for axis in ("rx", "ry", "rz")]

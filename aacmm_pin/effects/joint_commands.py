@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aacmm_pin._support.checks import Array, batch
+from aacmm_pin.arm.chain import OF_A_POSE
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, ShapeError
@@ -20,8 +21,6 @@ LONGEST_STEP = 0.1
 """No step is longer: next to a singular posture the straight one would lead far away [rad]."""
 SINGULAR = 1e-6
 """Motions whose singular value is smaller than this part of the largest are not made."""
-OF_A_POSE = 6
-"""Joints with which an arm can take a whole pose; one with fewer brings only its point."""
 
 
 def joint_commands(

@@ -19,7 +19,7 @@ from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index, vector
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.chain import screws
+from aacmm_pin.arm.chain import OF_A_POSE, screws
 from aacmm_pin.arm.dh import DHTable
 from aacmm_pin.arm.limits import into_limits
 from aacmm_pin.errors import UnsupportedArmError
@@ -33,8 +33,6 @@ WRIST_ROW = 5
 """The wrist is the origin of this frame."""
 SEEN_LEVER = 1e-4
 """A note tells that joint 5 moves the wrist by more than this; that of SINO6 moves it by 0.037 mm [m]."""
-OF_A_POSE = 6
-"""Joints with which an arm can take a whole pose."""
 MOST_LEVER = 0.01
 """A joint 5 that moves frame 5 by more was designed so; the largest residue in SINO6's table is 0.7 mm [m]."""
 GRID = 16

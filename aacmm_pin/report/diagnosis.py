@@ -103,9 +103,15 @@ def verdict_in_words(result: Diagnosis) -> str:
         text = f"{wrong}. After {after}, {_left_in_words(result)}"
     if result.contradicted and result.verdict in ("unexplained", "ambiguous"):
         text += f"; in addition, {'; '.join(result.contradicted)}"
+    return f"{_excluded_in_words(result)}{result.model.arm.name}: {text}."
+
+
+def _excluded_in_words(result: Diagnosis) -> str:
+    """What stays unexplained for being excluded, where these records are no gross errors."""
+    if result.verdict != "unexplained":
+        return ""
     left = exclusions_of(result.extended)
-    excluded = f"{exclusions_in_words(left)} " if result.verdict == "unexplained" and left.doubtful else ""
-    return f"{excluded}{result.model.arm.name}: {text}."
+    return f"{exclusions_in_words(left)} " if left.doubtful else ""
 
 
 def _wrong_in_words(result: Diagnosis) -> str:

@@ -19,13 +19,14 @@ from aacmm_pin.accuracy.map_checkpoint import MapCheckpoint
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_caveats, map_workspace
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile, load_arm_file
+from aacmm_pin.arm.file import load_arm_file
 from aacmm_pin.effects import EncoderEccentricity, LinkBending, SeatError, ThermalExpansion
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import AacmmError, OutputError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import ConfigurationCircle, configuration_circle
 from aacmm_pin.postures.wrist_ik import FEW_PER_TURN, Wrist, wrist_curves
+from tests.arm_files import by_table
 
 CELLS, SECTORS = (4, 6), 12
 
@@ -372,15 +373,9 @@ def test_an_interrupted_map_goes_on_from_its_parts(
 
 def test_an_elbow_that_stays_in_one_plane_has_no_sectors() -> None:
     """A robot with a spherical wrist: its swivel is 0 or 180° but for rounding, which is no sector passed."""
-    rows = [(75, 310, -90), (400, 0, 0), (75, 0, -90), (0, 400, 90), (0, 0, -90), (0, 80, 0)]
-    joints = [
-        {"a_mm": a, "d_mm": d, "alpha_deg": twist, "theta_offset_deg": 0.0, "limits_deg": [-170.0, 170.0]}
-        for a, d, twist in rows
-    ]
-    for joint in joints:
-        joint["uncertainty"] = {"a_mm": 0.02, "d_mm": 0.02, "alpha_rad": 5e-5, "theta_offset_rad": 5e-5}
-    file = {"schema": "aacmm-pin/arm/1", "name": "robot", "convention": "standard-dh", "joints": joints}
-    found = map_workspace(Arm.from_file(ArmFile.model_validate(file)), (4, 4), 12, progress=False)
+    rows = [(75, 310, -90, 0), (400, 0, 0, 0), (75, 0, -90, 0), (0, 400, 90, 0), (0, 0, -90, 0), (0, 80, 0, 0)]
+    known = {"a_mm": 0.02, "d_mm": 0.02, "alpha_rad": 5e-5, "theta_offset_rad": 5e-5}
+    found = map_workspace(by_table("robot", rows, 170.0, uncertainty=known), (4, 4), 12, progress=False)
     reachable = found.data["reachable"].values.astype(bool)
     assert reachable.any()
     assert np.isnan(found.data["flexibility"].values[reachable]).all()

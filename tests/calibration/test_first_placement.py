@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.file import ArmFile
 from aacmm_pin.calibration import calibrate, solver
 from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.calibration.parameters import problem_of
@@ -19,6 +18,7 @@ from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
+from tests.arm_files import by_table
 
 NOISE = 1e-4
 """Of each coordinate [m], which leaves RMS distances of √3 times as much."""
@@ -27,11 +27,7 @@ UNKNOWN = {"reference_frame": "external", "target": "unknown", "hold_out": False
 
 
 def table(*rows: tuple[float, float, float, float]) -> Arm:
-    """An arm of a, d [mm], alpha, theta offset [°]."""
-    keys = ("a_mm", "d_mm", "alpha_deg", "theta_offset_deg")
-    joints = [dict(zip(keys, row, strict=True)) | {"limits_deg": [-360.0, 360.0]} for row in rows]
-    file = {"schema": "aacmm-pin/arm/1", "name": "positioner", "source": "", "convention": "standard-dh", "joints": joints}
-    return Arm.from_file(ArmFile.model_validate(file))
+    return by_table("positioner", rows, 360.0)
 
 
 def seen(

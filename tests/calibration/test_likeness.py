@@ -25,6 +25,7 @@ from aacmm_pin.effects.geometry import JointZeroOffset
 from aacmm_pin.errors import AacmmError, MistakenFileError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
+from tests.arm_files import by_table
 
 Change = Callable[[Measurements], Measurements]
 
@@ -316,11 +317,7 @@ def test_geometry_that_took_up_a_mistake(
 
 
 def table(*rows: tuple[float, float, float, float]) -> Arm:
-    """An arm of a, d [mm], alpha, theta offset [°]."""
-    keys = ("a_mm", "d_mm", "alpha_deg", "theta_offset_deg")
-    joints = [dict(zip(keys, row, strict=True)) | {"limits_deg": [-150.0, 150.0]} for row in rows]
-    file = {"schema": "aacmm-pin/arm/1", "name": "robot", "source": "", "convention": "standard-dh", "joints": joints}
-    return Arm.from_file(ArmFile.model_validate(file))
+    return by_table("robot", rows, 150.0)
 
 
 ROBOT = table((0, 290, -90, 0), (270, 0, 0, -90), (70, 0, -90, 0), (0, 302, 90, 0), (0, 0, -90, 0), (0, 72, 0, 180))
