@@ -61,7 +61,7 @@ def assemble(prediction: Prediction, noise: NoiseModel, points: Array, weights: 
     if not len(observations.labels):
         every = (rows if says.all() else rows[says]).reshape(-1, p + 1)
         return System(every[:, p], every[:, :p], *seen, free, _no_seats)
-    seats = Elimination(observations, points, whiten)
+    seats = Elimination(observations, points, -whiten[:, :, :3])
     along, records, ties, bars = seats.eliminated(rows, residual=True)
     known = observations.known
     free += 3 * int(known.sum()) + len(observations.ends) - 3 * len(observations.labels)

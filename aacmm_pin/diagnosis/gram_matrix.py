@@ -23,6 +23,12 @@ MOST_DOUBLE = 10_000_000
 """More numbers than this are held in single precision: 6e-8 of a column is far below the noise of any record."""
 CHUNK = 400
 """Rows of which products are taken at once."""
+RANK = 150
+"""Directions of the background of all covariates."""
+FINDER_ROWS = 3000
+"""About so many rows show which directions these are."""
+LEAST_TRACE = 1e-12
+"""A block of columns that are zero counts with this, so that it can be divided by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +50,48 @@ class Part:
             found += rows[:, columns].T @ rows
         return found
 
+    @cached_property
+    def background(self) -> tuple[Index, Array]:
+        """All covariates together in few directions: their columns, and weights of these (columns, :data:`RANK`).
+
+        Each covariate block counts with the same mean square, and all together with that of the noise. The directions span
+        the largest of these columns' right singular vectors, by one step of a randomised range finder (Halko, Martinsson,
+        Tropp 2011, SIAM Review 53).
+        """
+        blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
+        columns = np.concatenate([np.arange(b.columns.start, b.columns.stop) for b in blocks] or [np.empty(0, np.intp)])
+        traces = [np.trace(self.insides(None)[q][k]) for q, k in (self.place[id(b)] for b in blocks)]
+        each = [np.sqrt(sum(self.free) / (max(float(t), LEAST_TRACE) * len(blocks))) for t in traces]
+        scale = np.repeat(each, [b.size for b in blocks])
+        every = max(sum(self.free) // FINDER_ROWS, 1)
+        some = np.concatenate([part.rows[::every][:, columns] for part in self.parts]) * scale
+        start = np.random.default_rng(0).standard_normal((columns.size, min(RANK, *some.shape)))
+        basis, _ = np.linalg.qr(some.T @ (some @ start))
+        return columns, scale[:, None] * basis
+
+    def combined(self, part: int) -> tuple[Array, Array]:
+        """Products of the background of one part with all columns and the residual (r, columns + 1), and inside it (r, r)."""
+        if part not in self._combined:
+            self._combined[part] = self.parts[part].combined(*self.background)
+        return self._combined[part]
+
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
         """Products of all columns with residuals that are noise alone (columns, draws)."""
         found = np.zeros((self.rows.shape[1] - 1, draws))
         for rows in self._exact():
             found += rows[:, :-1].T @ rng.standard_normal((len(rows), draws))
         return found
+
+    def combined(self, columns: Index, weights: Array) -> tuple[Array, Array]:
+        """Products of combinations of some columns, ``weights`` (columns, r), with all (r, columns + 1), and with one another
+        (r, r).
+        """
+        with_all, with_own = np.zeros((weights.shape[1], self.rows.shape[1])), np.zeros((weights.shape[1],) * 2)
+        for rows in self._exact():
+            own = rows[:, columns] @ weights
+            with_all += own.T @ rows
+            with_own += own.T @ own
+        return with_all, with_own
 
     def insides(self, columns: Mapping[int, Index]) -> dict[int, Array]:
         """Products of the columns of each block with one another, for columns (blocks, q) of each size q: (blocks, q, q)."""
@@ -87,6 +129,7 @@ class Products:
 
     def __init__(self, design: Design, read: Callable[[], list[Part]]) -> None:
         self.design, self._read = design, read
+        self._combined: dict[int, tuple[Array, Array]] = {}
         self.free = [each.free for each in self.parts]
         self.steps: dict[tuple[frozenset[int], tuple[int, ...]], Array] = {}
         prior = np.zeros((len(design.prior), design.width + 1))
@@ -139,6 +182,31 @@ class Products:
                 self._insides[part] = self.parts[part].insides(self.columns)
         return self._insides[part]
 
+    @cached_property
+    def background(self) -> tuple[Index, Array]:
+        """All covariates together in few directions: their columns, and weights of these (columns, :data:`RANK`).
+
+        Each covariate block counts with the same mean square, and all together with that of the noise. The directions span
+        the largest of these columns' right singular vectors, by one step of a randomised range finder (Halko, Martinsson,
+        Tropp 2011, SIAM Review 53).
+        """
+        blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
+        columns = np.concatenate([np.arange(b.columns.start, b.columns.stop) for b in blocks] or [np.empty(0, np.intp)])
+        traces = [np.trace(self.insides(None)[q][k]) for q, k in (self.place[id(b)] for b in blocks)]
+        each = [np.sqrt(sum(self.free) / (max(float(t), LEAST_TRACE) * len(blocks))) for t in traces]
+        scale = np.repeat(each, [b.size for b in blocks])
+        every = max(sum(self.free) // FINDER_ROWS, 1)
+        some = np.concatenate([part.rows[::every][:, columns] for part in self.parts]) * scale
+        start = np.random.default_rng(0).standard_normal((columns.size, min(RANK, *some.shape)))
+        basis, _ = np.linalg.qr(some.T @ (some @ start))
+        return columns, scale[:, None] * basis
+
+    def combined(self, part: int) -> tuple[Array, Array]:
+        """Products of the background of one part with all columns and the residual (r, columns + 1), and inside it (r, r)."""
+        if part not in self._combined:
+            self._combined[part] = self.parts[part].combined(*self.background)
+        return self._combined[part]
+
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
         """Products of all columns with residuals that are noise alone (columns, draws)."""
         return np.asarray(sum(part.drawn(draws, rng) for part in (self.prior, *self.parts)))
@@ -188,6 +256,12 @@ class Gram:
         """Products of the residual with all columns and itself (columns + 1,)."""
         last = self.products.design.width
         return np.asarray(self.strip(slice(last, last + 1))[0])
+
+    @property
+    def background(self) -> tuple[Array, Array]:
+        """Products of the background with all columns and the residual (r, columns + 1), and inside it (r, r)."""
+        with_all, with_own = zip(*(self.products.combined(part) for part in self.parts), strict=True)
+        return np.sum(with_all, axis=0), np.sum(with_own, axis=0)
 
     def insides(self, size: int) -> Array:
         """Products inside each block of a size (blocks, q, q)."""

@@ -149,8 +149,10 @@ class Elimination:
     two seats, then gives one row more, see :meth:`eliminated`. No loop over records or seats.
     """
 
-    def __init__(self, observations: Observations, points: Array, whiten: Array) -> None:
-        """At seats ``points`` (s, 3), with each record's residual whitened by ``whiten`` (n, 3, 3), or (n, 6, 6)."""
+    def __init__(self, observations: Observations, points: Array, by_seat: Array) -> None:
+        """At seats ``points`` (s, 3), with ``by_seat`` the derivative of each record's whitened residual by the place of the
+        seat that it touches (n, 3 or 6, 3).
+        """
         self.observations = observations
         self.touched = np.flatnonzero(observations.seat >= 0)
         self.numbers = observations.seat[self.touched]
@@ -160,7 +162,7 @@ class Elimination:
         tie = np.where(
             observations.known[:, None], 1.0 / np.where(observations.known[:, None], observations.stated_u, 1.0), 0
         )
-        by, by_tie = -whiten[self.touched, :, :3], tie[:, :, None] * np.eye(3)
+        by, by_tie = by_seat[self.touched], tie[:, :, None] * np.eye(3)
         # Cholesky QR twice: orthonormal to rounding, however uneven a seat's directions are known.
         self._root = np.broadcast_to(np.eye(3), (count, 3, 3))
         for least in (NOTHING_KNOWN, 0.5):

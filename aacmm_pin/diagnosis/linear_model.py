@@ -1,0 +1,353 @@
+"""The linear model of what is left: causes, nuisances and a background, all integrated over (``notebooks/site/posterior.md``).
+
+``r = Z η + Σ G_k β_k + B d + ε`` in units of the records' noise. Nuisances η and the background d are taken out of the inner
+products once for each amplitude of the background; the blocks of a set are then conditioned on by one small Cholesky factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from scipy.linalg.blas import dtrsm
+from scipy.special import gammaln
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.diagnosis.design_matrix import Block
+from aacmm_pin.diagnosis.gram_matrix import Gram
+from aacmm_pin.diagnosis.thresholds import PRIOR
+
+UNKNOWN = 1e-9
+"""What is added to the information of a nuisance: what is known of it beforehand is among the products already."""
+HELD = 1e12
+"""What is added to that of one which is held where it is stated."""
+ROUNDINGS = (1e-14, 1e-12, 1e-10, 1e-8)
+"""Inner products are no more certain than this part of them, the first with which they are positive definite."""
+LARGE = 6
+"""From so many columns on, a Cholesky factor for each width costs less than all eigenvalues."""
+LEAST_CHI2 = 1e-9
+"""χ² is at least this, of data that fit without any residual."""
+
+WIDTHS = np.array(PRIOR.widths)
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Marginal likelihood of the residuals by their χ², the scale of the noise integrated over.
+
+    Where the noise is not stated, ``σ`` has the prior ``1/σ``: ``χ²^(-ν/2)`` (Zellner 1971, ch. 3). Where it is stated, it is
+    as stated but for a small probability, with which ``σ²`` has an inverse gamma prior about one.
+
+    Attributes:
+        dof: degrees of freedom ν.
+        stated: whether the noise is stated.
+    """
+
+    dof: float
+    stated: bool
+
+    def log(self, chi2: Array | float) -> Array:
+        """Log marginal likelihood for values of χ², up to a constant."""
+        chi2 = np.maximum(chi2, LEAST_CHI2)
+        if not self.stated:
+            return np.asarray(-0.5 * self.dof * np.log(chi2))
+        a = 0.5 * PRIOR.scale_dof
+        free = a * np.log(a) - gammaln(a) + gammaln(a + 0.5 * self.dof) - (a + 0.5 * self.dof) * np.log(a + 0.5 * chi2)
+        share = PRIOR.noise_misstated
+        return np.logaddexp(np.log1p(-share) - 0.5 * chi2, np.log(share) + free)
+
+    def variance(self, chi2: float) -> float:
+        """Factor on the variance of the noise that a value of χ² makes most probable."""
+        if self.dof <= 0:
+            return 1.0
+        ratio = max(chi2, LEAST_CHI2) / self.dof
+        as_stated = self.stated and np.log1p(-PRIOR.noise_misstated) - 0.5 * chi2 > self.log(chi2) - np.log(2.0)
+        return 1.0 if as_stated else ratio
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """Inner products with nuisances and the background, of one amplitude, integrated over.
+
+    Attributes:
+        gram: inner products, prior rows of the nuisances included.
+        amplitude: root mean square of the background over that of the noise; 0 without it.
+        as_stated: what is stated of known causes holds exactly.
+    """
+
+    gram: Gram
+    amplitude: float
+    as_stated: bool = False
+
+    @property
+    def nuisances(self) -> int:
+        """Number of nuisance columns."""
+        return self.gram.products.design.nuisances
+
+    @cached_property
+    def _products(self) -> tuple[Array, Array]:
+        """Products of nuisances and background with all columns (b, columns + 1), and with one another (b, b)."""
+        first = slice(0, self.nuisances)
+        rows = self.gram.strip(first)
+        if not self.amplitude:
+            return rows, rows[:, first]
+        with_all, inside = self.gram.background
+        across = with_all[:, first]
+        whole = np.block([[rows[:, first], across.T], [across, inside]])
+        return np.concatenate([rows, with_all]), whole
+
+    @cached_property
+    def prior(self) -> Array:
+        """Prior precision of nuisances and background (b,)."""
+        known = self.gram.products.design.known
+        found = np.full(len(self._products[1]), UNKNOWN)
+        found[known] = HELD if self.as_stated else UNKNOWN
+        found[self.nuisances :] = 1.0 / max(self.amplitude, LEAST_CHI2) ** 2
+        return found
+
+    @cached_property
+    def factor(self) -> Array:
+        """Lower Cholesky factor of their precision, after the records (b, b)."""
+        whole = self._products[1]
+        # A frame without a prior is many metres wide: the rounding of its products may be more than what is known of others.
+        every = np.diag(whole) + 0.0
+        every[: self.nuisances] = np.diag(self.gram.products.strip(None, slice(0, self.nuisances))[:, : self.nuisances])
+        for rounding in ROUNDINGS:
+            found, failed = scipy.linalg.lapack.dpotrf(whole + np.diag(self.prior + rounding * every), lower=1, clean=1)
+            if not failed:
+                break
+        return np.asarray(found)
+
+    @cached_property
+    def whitened(self) -> Array:
+        """``L⁻¹`` times their products with all columns and the residual (b, columns + 1)."""
+        return divided(self.factor, self._products[0])
+
+    @cached_property
+    def log_volume(self) -> float:
+        """``½ log det(1 + a² D)`` of the background's products D, nuisances at their best."""
+        own = np.diag(self.factor)[self.nuisances :]
+        return float(np.log(own * self.amplitude).sum()) if own.size else 0.0
+
+    @cached_property
+    def residual(self) -> Array:
+        """Products of the residual with all columns and itself (columns + 1,)."""
+        return np.asarray(self.gram.residual - self.whitened[:, -1] @ self.whitened)
+
+    @cached_property
+    def _strips(self) -> dict[int, Array]:
+        return {}
+
+    def strip(self, block: int) -> Array:
+        """Products of a block's columns with all and with the residual (q, columns + 1)."""
+        if block not in self._strips:
+            columns = self.gram.products.design.blocks[block].columns
+            self._strips[block] = self.gram.strip(columns) - self.whitened[:, columns].T @ self.whitened
+        return self._strips[block]
+
+    @cached_property
+    def _insides(self) -> dict[int, Array]:
+        return {}
+
+    def insides(self, size: int) -> Array:
+        """Products inside each block of a size (blocks, q, q)."""
+        if size not in self._insides:
+            self._insides[size] = self.gram.insides(size) - squares(self.gram, self.whitened, size)
+        return self._insides[size]
+
+    @cached_property
+    def determined(self) -> float:
+        """How many parameters of nuisances and background the records, apart from priors, determine."""
+        inverse, first = divided(self.factor, np.eye(len(self.factor))), self.nuisances
+        of_nuisances = np.square(inverse[:, :first] @ self.gram.products.prior.rows[:, :first].T).sum()
+        of_others = np.square(inverse[:, first:]).sum(axis=0) @ self.prior[first:]
+        return float(len(self.factor) - of_nuisances - of_others)
+
+
+@dataclass(frozen=True, eq=False)
+class Conditional:
+    """The base with the blocks of a set conditioned on, each parameter ``β ~ N(0, τ²)`` in units of the typical magnitude.
+
+    Attributes:
+        base: nuisances and background integrated over.
+        blocks: numbers of the set's blocks.
+        widths: τ of each.
+        likelihood: of χ².
+    """
+
+    base: Base
+    blocks: tuple[int, ...]
+    widths: tuple[float, ...]
+    likelihood: Likelihood
+
+    @property
+    def design_blocks(self) -> tuple[Block, ...]:
+        """All blocks of the design."""
+        return self.base.gram.products.design.blocks
+
+    @cached_property
+    def columns(self) -> Index:
+        """Numbers of the set's columns (m,)."""
+        own = [self.design_blocks[k].columns for k in self.blocks]
+        return np.concatenate([np.arange(s.start, s.stop) for s in own]) if own else np.empty(0, np.intp)
+
+    @cached_property
+    def places(self) -> dict[int, slice]:
+        """Where each block is among the set's columns."""
+        ends = np.cumsum([0, *(self.design_blocks[k].size for k in self.blocks)])
+        return {k: slice(int(a), int(b)) for k, a, b in zip(self.blocks, ends[:-1], ends[1:], strict=True)}
+
+    @cached_property
+    def scale(self) -> Array:
+        """Prior width of each of the set's parameters (m,)."""
+        return np.repeat(self.widths, [self.design_blocks[k].size for k in self.blocks])
+
+    @cached_property
+    def _scaled(self) -> Array:
+        rows = [self.base.strip(k) for k in self.blocks]
+        return self.scale[:, None] * np.concatenate(rows)
+
+    @cached_property
+    def factor(self) -> Array:
+        """Lower Cholesky factor of ``1 + T G T`` (m, m)."""
+        return np.asarray(np.linalg.cholesky(self._scaled[:, self.columns] * self.scale + np.eye(self.columns.size)))
+
+    @cached_property
+    def whitened(self) -> Array:
+        """``L⁻¹ T G`` of all columns and the residual (m, columns + 1)."""
+        if not self.blocks:
+            return np.zeros((0, self.base.residual.size))
+        return divided(self.factor, self._scaled)
+
+    @cached_property
+    def residual(self) -> Array:
+        """Products of the residual with all columns and itself, the set integrated over (columns + 1,)."""
+        return np.asarray(self.base.residual - self.whitened[:, -1] @ self.whitened)
+
+    @property
+    def chi2(self) -> float:
+        """What is left of χ²."""
+        return float(self.residual[-1])
+
+    @cached_property
+    def log_volume(self) -> float:
+        """``½ log det`` of set and background over their priors."""
+        return self.base.log_volume + (float(np.log(np.diag(self.factor)).sum()) if self.blocks else 0.0)
+
+    @property
+    def log_evidence(self) -> float:
+        """Log marginal likelihood, up to a constant of these records."""
+        return float(self.likelihood.log(self.chi2)) - self.log_volume
+
+    @property
+    def variance(self) -> float:
+        """Factor by which the records scatter more than their noise."""
+        return self.likelihood.variance(self.chi2)
+
+    def informations(self, size: int) -> Array:
+        """Information of every block of a size, the set integrated over (blocks, q, q)."""
+        if not self.blocks:
+            return self.base.insides(size)
+        return np.asarray(self.base.insides(size) - squares(self.base.gram, self.whitened, size))
+
+    def information(self, block: int) -> Array:
+        """The same of one block (q, q)."""
+        own = self.design_blocks[block].columns
+        return np.asarray(self.base.strip(block)[:, own] - self.whitened[:, own].T @ self.whitened[:, own])
+
+    def cross(self, one: int, other: int) -> Array:
+        """Products of the columns of two blocks, the set integrated over (q, q')."""
+        first, second = (self.design_blocks[k].columns for k in (one, other))
+        return np.asarray(self.base.strip(one)[:, second] - self.whitened[:, first].T @ self.whitened[:, second])
+
+    @cached_property
+    def additions(self) -> Array:
+        """Log marginal likelihood of the set with each block more, at each width (blocks, widths); of its own blocks, -inf."""
+        products = self.base.gram.products
+        found = np.full((len(self.design_blocks), WIDTHS.size), -np.inf)
+        for size, own in products.of_size.items():
+            gain, volume = gains(self.informations(size), self.residual[products.columns[size]][:, :, None])
+            found[own] = self.likelihood.log(self.chi2 - 2.0 * gain[:, :, 0]) - volume - self.log_volume
+        found[list(self.blocks)] = -np.inf
+        return found
+
+    @cached_property
+    def estimate(self) -> Array:
+        """Posterior mean of the set's parameters (m,), as a step."""
+        return np.asarray(-self.scale * scipy.linalg.solve_triangular(self.factor, self.whitened[:, -1], lower=True, trans=1))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Their posterior covariance (m, m), in units of the design's scales."""
+        inverse = scipy.linalg.cho_solve((self.factor, True), np.eye(self.columns.size))
+        return np.asarray(self.variance * self.scale[:, None] * inverse * self.scale)
+
+    @cached_property
+    def step(self) -> Array:
+        """Posterior mean step of nuisances, background and set, in this order (b + m,)."""
+        own = self.estimate if self.blocks else np.zeros(0)
+        right = self.base.whitened[:, -1] + self.base.whitened[:, self.columns] @ own
+        return np.concatenate([-scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1), own])
+
+    @cached_property
+    def dof(self) -> float:
+        """Degrees of freedom that the set leaves, of all that it may use."""
+        used = self.columns.size - np.square(divided(self.factor, np.eye(self.columns.size))).sum() if self.blocks else 0.0
+        return float(self.base.gram.free - self.base.determined - used)
+
+
+def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
+    """What blocks gain in log likelihood at each width, and ``½ log det(1 + τ² S)``.
+
+    ``½ γᵀ (S + τ⁻²)⁻¹ γ`` for informations S (b, q, q) and gradients γ (b, q, draws).
+
+    Returns:
+        (b, widths, draws) and (b, widths).
+    """
+    if information.shape[1] >= LARGE and gradient.shape[2] == 1:
+        try:
+            return _by_factors(information, gradient)
+        except np.linalg.LinAlgError:  # rounding left an eigenvalue far below zero
+            pass
+    return _by_eigenvalues(information, gradient)
+
+
+def _by_eigenvalues(information: Array, gradient: Array) -> tuple[Array, Array]:
+    values, vectors = np.linalg.eigh(information)
+    values = np.maximum(values, 0.0)
+    scaled = WIDTHS[:, None] ** 2 * values[:, None]  # (b, widths, q)
+    along = vectors.transpose(0, 2, 1) @ gradient
+    return 0.5 * (WIDTHS[:, None] ** 2 / (1.0 + scaled) @ np.square(along)), 0.5 * np.log1p(scaled).sum(axis=2)
+
+
+def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
+    """The same for one draw, by ``L Lᵀ = S + τ⁻²``, with ``L⁻¹ γ`` as one row more.
+
+    Raises:
+        LinAlgError: rounding left an eigenvalue of ``S`` below the least ``-τ⁻²``.
+    """
+    b, q = information.shape[:2]
+    whole = np.empty((b, WIDTHS.size, q + 1, q + 1))
+    whole[:, :, :q, :q] = information[:, None] + np.eye(q) / WIDTHS[:, None, None] ** 2
+    whole[:, :, q, :q] = gradient[:, None, :, 0]  # of a symmetric matrix the lower triangle is read
+    whole[:, :, q, q] = np.finfo(np.float64).max
+    factor = np.linalg.cholesky(whole)
+    diagonal = np.diagonal(factor, axis1=2, axis2=3)[:, :, :q]
+    return 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3).reshape(b, -1, 1), np.log(diagonal * WIDTHS[:, None]).sum(axis=2)
+
+
+def squares(gram: Gram, rows: Array, size: int) -> Array:
+    """``Rᵀ R`` of the columns of every block of a size (blocks, q, q)."""
+    each = rows[:, gram.products.columns[size]].transpose(1, 0, 2)  # (blocks, rows, q)
+    return np.asarray(each.transpose(0, 2, 1) @ each)
+
+
+def divided(factor: Array, right: Array) -> Array:
+    """``L⁻¹ R``, row by row in memory.
+
+    As ``Rᵀ L⁻ᵀ``, whose arrays lie in memory as BLAS wants them: half the time of LAPACK's solver with its copies.
+    """
+    return np.asarray(dtrsm(1.0, factor.T, np.ascontiguousarray(right).T, side=1, lower=0, overwrite_b=False).T)
