@@ -14,8 +14,8 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import f_sf
 from aacmm_pin.diagnosis.covariates import FEWEST_GROUPS, FEWEST_RECORDS
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.linear_model import Base, Conditional
 from aacmm_pin.diagnosis.model_extension import Choice
-from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.measurements.records import Measurements
 
 ODD = 1e-4
@@ -49,12 +49,12 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     encoders is not stated, both are compared with what the residuals of a group vary by: see :func:`_scatter`.
     """
     found, used, scatter = [], choice.fit.used, _scatter(choice)
-    design, admitted = choice.design.of(sorted(choice.admitted)), tuple(range(len(choice.admitted)))
+    design = choice.design.of(choice.posterior.median)
     for what, names, part in _groupings(choice.fit.problem.measurements, choice):
-        gram = Gram(products_of(design, part))
-        whole = Projection(gram, admitted)
+        gram = Gram(products_of(design, part, choice.held.products.postures))
+        whole = _with_all(choice, gram)
         for number, name in enumerate(names):
-            others = Projection(gram.without(number), admitted)
+            others = _with_all(choice, gram.without(number))
             more = whole.dof - others.dof
             if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
                 continue
@@ -65,6 +65,12 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
                 records = int(np.sum(used & (part == number)))
                 found.append(OddGroup(f"{what} {name}", records, float(np.sqrt(ratio)), p_value))
     return sorted(found, key=lambda group: group.p_value)
+
+
+def _with_all(choice: Choice, gram: Gram) -> Conditional:
+    """The median probability model in some of the records, without the background."""
+    left = choice.posterior.left
+    return Conditional(Base(gram, 0.0), tuple(range(len(left.blocks))), left.widths, left.likelihood)
 
 
 def _scatter(choice: Choice) -> Array:

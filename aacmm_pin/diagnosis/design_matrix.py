@@ -120,10 +120,15 @@ class Design:
                 self._kept[block] = self._of([self.blocks[block].source]) * self.scales[self.blocks[block].columns]
         return self._kept[block]
 
-    def moved(self, admitted: Sequence[int], step: Array, rows: Index | slice = slice(None)) -> Array:
-        """Tips (n, 3 or 6) of some records with a step of the nuisances and of these blocks, in this order [m, rad]."""
-        columns = np.concatenate([self.columns(block)[rows] for block in (None, *admitted)], axis=2)
-        return np.asarray(self.tips[rows] + columns @ step)
+    def combined(self, chosen: Index, weights: Array) -> Array:
+        """Combinations of the columns of some blocks, which are ``chosen``, by ``weights`` (columns, r) (n, 3 or 6, r)."""
+        whole = np.zeros((self.width, weights.shape[1]))
+        whole[chosen] = weights
+        found = np.zeros((*self.tips.shape, weights.shape[1]))
+        for block in self.blocks:
+            if (own := whole[block.columns]).any():
+                found += self._of([block.source]) @ (self.scales[block.columns][:, None] * own)
+        return found
 
     @property
     def of_angles(self) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.design_matrix import Block, Design
+from aacmm_pin.diagnosis.held_postures import HeldPostures
 from aacmm_pin.measurements.observations import Elimination
 
 MOST_DOUBLE = 10_000_000
@@ -49,31 +50,6 @@ class Part:
         for rows in self._exact():
             found += rows[:, columns].T @ rows
         return found
-
-    @cached_property
-    def background(self) -> tuple[Index, Array]:
-        """All covariates together in few directions: their columns, and weights of these (columns, :data:`RANK`).
-
-        Each covariate block counts with the same mean square, and all together with that of the noise. The directions span
-        the largest of these columns' right singular vectors, by one step of a randomised range finder (Halko, Martinsson,
-        Tropp 2011, SIAM Review 53).
-        """
-        blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
-        columns = np.concatenate([np.arange(b.columns.start, b.columns.stop) for b in blocks] or [np.empty(0, np.intp)])
-        traces = [np.trace(self.insides(None)[q][k]) for q, k in (self.place[id(b)] for b in blocks)]
-        each = [np.sqrt(sum(self.free) / (max(float(t), LEAST_TRACE) * len(blocks))) for t in traces]
-        scale = np.repeat(each, [b.size for b in blocks])
-        every = max(sum(self.free) // FINDER_ROWS, 1)
-        some = np.concatenate([part.rows[::every][:, columns] for part in self.parts]) * scale
-        start = np.random.default_rng(0).standard_normal((columns.size, min(RANK, *some.shape)))
-        basis, _ = np.linalg.qr(some.T @ (some @ start))
-        return columns, scale[:, None] * basis
-
-    def combined(self, part: int) -> tuple[Array, Array]:
-        """Products of the background of one part with all columns and the residual (r, columns + 1), and inside it (r, r)."""
-        if part not in self._combined:
-            self._combined[part] = self.parts[part].combined(*self.background)
-        return self._combined[part]
 
     def drawn(self, draws: int, rng: np.random.Generator) -> Array:
         """Products of all columns with residuals that are noise alone (columns, draws)."""
@@ -117,21 +93,19 @@ class Products:
     Args:
         design: the columns.
         read: works out the rows of each part.
+        postures: records that share an error.
 
     Attributes:
         free: of each part, see :class:`Part`.
         of_size: numbers of the blocks of each size.
         columns: of these blocks, for each size q (blocks, q).
         place: size of a block, by its id, and its number among those of that size.
-        steps: best steps of the columns refitted, without some parts and with some blocks, as far as they are known: the
-            same sets are predicted when a cause has to survive, and when it is said what it brings.
     """
 
-    def __init__(self, design: Design, read: Callable[[], list[Part]]) -> None:
-        self.design, self._read = design, read
+    def __init__(self, design: Design, read: Callable[[], list[Part]], postures: HeldPostures) -> None:
+        self.design, self._read, self.postures = design, read, postures
         self._combined: dict[int, tuple[Array, Array]] = {}
         self.free = [each.free for each in self.parts]
-        self.steps: dict[tuple[frozenset[int], tuple[int, ...]], Array] = {}
         prior = np.zeros((len(design.prior), design.width + 1))
         prior[:, : design.nuisances], prior[:, -1] = design.prior[:, :-1], design.prior[:, -1]
         self.prior = Part(prior, 0)
@@ -200,6 +174,11 @@ class Products:
         start = np.random.default_rng(0).standard_normal((columns.size, min(RANK, *some.shape)))
         basis, _ = np.linalg.qr(some.T @ (some @ start))
         return columns, scale[:, None] * basis
+
+    @cached_property
+    def background_columns(self) -> Array:
+        """Displacement of each record by each direction of the background (n, 3 or 6, r) [m, rad]."""
+        return self.design.combined(*self.background)
 
     def combined(self, part: int) -> tuple[Array, Array]:
         """Products of the background of one part with all columns and the residual (r, columns + 1), and inside it (r, r)."""
@@ -276,17 +255,20 @@ class Gram:
         return np.asarray(self.insides(size)[number])
 
 
-def products_of(design: Design, part: Index) -> Products:
+def products_of(design: Design, part: Index, postures: HeldPostures | None = None) -> Products:
     """Of the used records; a seat with records in several parts has coordinates of its own in each.
 
     Args:
         design: the columns.
         part: number of the part of each record, from 0 (n,).
+        postures: records that share an error; None: none do.
     """
-    return Products(design, partial(_parts_of, design, part))
+    alone = np.arange(len(part), dtype=np.intp)
+    held = postures or HeldPostures(alone, np.ones(len(part)), 0.0)
+    return Products(design, partial(_parts_of, design, part, held), held)
 
 
-def _parts_of(design: Design, part: Index) -> list[Part]:
+def _parts_of(design: Design, part: Index, held: HeldPostures) -> list[Part]:
     """Whitened rows."""
     fit = design.fit
     used = fit.used & fit.observations.says
@@ -294,7 +276,7 @@ def _parts_of(design: Design, part: Index) -> list[Part]:
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.solution.point.seats[old]
     whiten = fit.noise.whitening * used[:, None, None]
-    elimination = Elimination(observations, points, whiten)
+    elimination = Elimination(observations, points, held.whitened(-whiten[:, :, :3]))
     off = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)[:, :, None]
     of_bar = of_seat[observations.ends[:, 0]]
     owners = (part, np.where(observations.known, of_seat, -1), of_bar)
@@ -305,7 +287,7 @@ def _parts_of(design: Design, part: Index) -> list[Part]:
     kind = np.float64 if off.size * width <= MOST_DOUBLE else np.float32
     found = [np.empty((count, width + 1), dtype=kind) for count in counts]
     for columns, strip in chain(design.strips(), [(slice(width, width + 1), off)]):
-        _, *whole = elimination.eliminated(whiten @ strip, residual=strip is off)
+        _, *whole = elimination.eliminated(held.whitened(whiten @ strip), residual=strip is off)
         for into, chosen in zip(found, own, strict=True):
             rows = [each[some].reshape(-1, strip.shape[2]) for each, some in zip(whole, chosen, strict=True)]
             into[:, columns] = np.concatenate(rows)

@@ -6,7 +6,6 @@ products once for each amplitude of the background; the blocks of a set are then
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,7 +17,7 @@ from scipy.special import gammaln
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.gram_matrix import Gram
-from aacmm_pin.diagnosis.thresholds import PRIOR
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 UNKNOWN = 1e-9
 """What is added to the information of a nuisance: what is known of it beforehand is among the products already."""
@@ -31,7 +30,7 @@ LARGE = 6
 LEAST_CHI2 = 1e-9
 """χ² is at least this, of data that fit without any residual."""
 
-WIDTHS = np.array(PRIOR.widths)
+WIDTHS = np.array(THRESHOLDS.widths)
 
 
 @dataclass(frozen=True)
@@ -54,17 +53,17 @@ class Likelihood:
         chi2 = np.maximum(chi2, LEAST_CHI2)
         if not self.stated:
             return np.asarray(-0.5 * self.dof * np.log(chi2))
-        a = 0.5 * PRIOR.scale_dof
+        a = 0.5 * THRESHOLDS.scale_dof
         free = a * np.log(a) - gammaln(a) + gammaln(a + 0.5 * self.dof) - (a + 0.5 * self.dof) * np.log(a + 0.5 * chi2)
-        share = PRIOR.noise_misstated
-        return np.logaddexp(np.log1p(-share) - 0.5 * chi2, np.log(share) + free)
+        share = THRESHOLDS.noise_misstated
+        return np.asarray(np.logaddexp(np.log1p(-share) - 0.5 * chi2, np.log(share) + free))
 
     def variance(self, chi2: float) -> float:
         """Factor on the variance of the noise that a value of χ² makes most probable."""
         if self.dof <= 0:
             return 1.0
         ratio = max(chi2, LEAST_CHI2) / self.dof
-        as_stated = self.stated and np.log1p(-PRIOR.noise_misstated) - 0.5 * chi2 > self.log(chi2) - np.log(2.0)
+        as_stated = self.stated and np.log1p(-THRESHOLDS.noise_misstated) - 0.5 * chi2 > self.log(chi2) - np.log(2.0)
         return 1.0 if as_stated else ratio
 
 
@@ -227,6 +226,19 @@ class Conditional:
         """Products of the residual with all columns and itself, the set integrated over (columns + 1,)."""
         return np.asarray(self.base.residual - self.whitened[:, -1] @ self.whitened)
 
+    def of(self, products: Array) -> Array:
+        """The same of other residuals, by their products with all columns (columns, draws) -> (columns, draws)."""
+        base, first = self.base, self.base.nuisances
+        background = np.zeros((len(base.factor) - first, products.shape[1]))
+        if background.size:
+            columns, weights = base.gram.products.background
+            background = weights.T @ products[columns]
+        of_base = divided(base.factor, np.concatenate([products[:first], background]))
+        left = products - base.whitened[:, :-1].T @ of_base
+        if self.blocks:
+            left = left - self.whitened[:, :-1].T @ divided(self.factor, self.scale[:, None] * left[self.columns])
+        return np.asarray(left)
+
     @property
     def chi2(self) -> float:
         """What is left of χ²."""
@@ -277,7 +289,9 @@ class Conditional:
     @cached_property
     def estimate(self) -> Array:
         """Posterior mean of the set's parameters (m,), as a step."""
-        return np.asarray(-self.scale * scipy.linalg.solve_triangular(self.factor, self.whitened[:, -1], lower=True, trans=1))
+        return np.asarray(
+            -self.scale * scipy.linalg.solve_triangular(self.factor, self.whitened[:, -1], lower=True, trans=1)
+        )
 
     @cached_property
     def covariance(self) -> Array:
@@ -291,6 +305,16 @@ class Conditional:
         own = self.estimate if self.blocks else np.zeros(0)
         right = self.base.whitened[:, -1] + self.base.whitened[:, self.columns] @ own
         return np.concatenate([-scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1), own])
+
+    def tips(self, rows: Index | slice = slice(None)) -> Array:
+        """Tips of some records with everything at its posterior mean (n, 3), with orientations (n, 6) [m, rad]."""
+        products = self.base.gram.products
+        design, step = products.design, self.step
+        each = [design.columns(None)[rows]]
+        if self.base.amplitude:
+            each.append(products.background_columns[rows])
+        each += [design.columns(k)[rows] for k in self.blocks]
+        return np.asarray(design.tips[rows] + np.concatenate(each, axis=2) @ step)
 
     @cached_property
     def dof(self) -> float:
@@ -336,7 +360,9 @@ def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
     whole[:, :, q, q] = np.finfo(np.float64).max
     factor = np.linalg.cholesky(whole)
     diagonal = np.diagonal(factor, axis1=2, axis2=3)[:, :, :q]
-    return 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3).reshape(b, -1, 1), np.log(diagonal * WIDTHS[:, None]).sum(axis=2)
+    return 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3).reshape(b, -1, 1), np.log(diagonal * WIDTHS[:, None]).sum(
+        axis=2
+    )
 
 
 def squares(gram: Gram, rows: Array, size: int) -> Array:

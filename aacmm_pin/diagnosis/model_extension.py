@@ -1,10 +1,10 @@
-"""From chosen blocks to an extended arm: refine what was tried in steps, refit everything, choose again until it stands."""
+"""From the posterior to an extended arm: explore, refit at the most probable set, explore there, until the set stands."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,17 +22,16 @@ from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_d
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, design_of
-from aacmm_pin.diagnosis.evidence import Conditional, evidence_of
-from aacmm_pin.diagnosis.forward_backward_selection import SURE, Question, search
+from aacmm_pin.diagnosis.exploration import explore, without_block
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
-from aacmm_pin.diagnosis.nuisance_projection import Projection, freedom
+from aacmm_pin.diagnosis.held_postures import HeldPostures
+from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
+from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.effects import Effect
 from aacmm_pin.measurements.records import Measurements
 
-MOST_ROUNDS = 10
+MOST_ROUNDS = 8
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
-LIBRARY = 0.9
-"""Probability, if anything is there, that it is a cause of the library."""
 FEWEST_BACK = 3
 """So many records have to make sense at once before they are more than gross errors."""
 A_FEW = 0.005
@@ -41,28 +40,30 @@ NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
 EXCEPTIONAL = 2.0
 """An inner value that machines are made with is taken unless the log evidence falls by this."""
-REPLACED = 2
-"""So many times the inner value of a cause in the place of a known one is looked for, and all refitted."""
 RIVALS = 2
 """So many others in the place of a cause are refined too."""
 FINER = 200
 """Parts of a step between inner values that were tried in which their evidence is summed."""
 LETTERS = 40
 """Of the causes found so far, a bar shows this much."""
+FREEDOM = 10.0
+"""Within so many typical magnitudes a cause is refitted …"""
+FREEDOM_OF_MANY = 2.0
+"""… and where its parameters are many, within so many: some may be determined by few records."""
+MANY = 8
+"""From so many parameters on."""
 
-ProblemOf = Callable[..., Problem]
-"""The calibration problem with these effects estimated too, and without those, where any are named that are gone."""
+ProblemOf = Callable[[Sequence[Effect]], Problem]
+"""The calibration problem with these effects estimated too."""
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What was chosen, at the point where the refit with it ended.
+    """What was found, at the point where the last refit ended.
 
     Attributes:
-        fit: refit of geometry and causes.
-        design: columns there; the chosen causes are candidates.
-        question, gram: what the search was asked, and the inner products it used.
-        admitted: blocks, strongest first.
+        fit: refit of geometry and of the causes of the median probability model.
+        posterior: over sets of blocks, linear at the most probable set.
         library, others: the candidates.
         parts: part of each record for leaving out (n,).
         held: inner products from which parts can be left out.
@@ -71,10 +72,7 @@ class Choice:
     """
 
     fit: Fit
-    design: Design
-    question: Question
-    gram: Gram
-    admitted: tuple[int, ...]
+    posterior: Posterior
     library: tuple[Variants, ...]
     others: tuple[Covariate, ...]
     parts: Index
@@ -82,15 +80,15 @@ class Choice:
     otherwise: tuple[str, ...] = ()
     kept_alone: NDArray[np.bool_] | None = None
 
-    @cached_property
-    def left(self) -> Conditional:
-        """What is left beside all that was admitted."""
-        return Conditional.of(self.gram, self.admitted, self.question.stated)
+    @property
+    def candidates(self) -> Candidates:
+        """What may be in a set."""
+        return self.posterior.space.candidates
 
-    @cached_property
-    def bare(self) -> Conditional:
-        """What is left beside the nuisances alone."""
-        return Conditional(Projection(self.gram, ()))
+    @property
+    def design(self) -> Design:
+        """Columns of all candidates."""
+        return self.candidates.design
 
     @property
     def counted(self) -> NDArray[np.bool_]:
@@ -109,20 +107,27 @@ class Choice:
         rows = {number: np.flatnonzero(self.counted & (self.parts == number)) for number in self.held.parts}
         return {number: (own, self.fit.problem.measurements.take(own)) for number, own in rows.items()}
 
-    @property
+    @cached_property
     def tips(self) -> Array:
-        """Tips (n, 3), turns behind them (n, 6), with all that was admitted, covariates included, refitted [m, rad]."""
-        return self.design.moved(self.admitted, self.left.projection.solution())
+        """Tips (n, 3), turns behind them (n, 6), with the median probability model and the background [m, rad]."""
+        return self.posterior.left.tips()
+
+    @property
+    def causes(self) -> Blocks:
+        """Blocks of the median probability model that are causes of the library, the strongest first."""
+        own = [k for k in self.posterior.median if self.candidates.is_cause(k)]
+        return tuple(sorted(own, key=lambda k: -self.posterior.strength(k)))
+
+    @property
+    def covariates(self) -> Blocks:
+        """Its blocks that are covariates, the strongest first."""
+        own = [k for k in self.posterior.median if not self.candidates.is_cause(k)]
+        return tuple(sorted(own, key=lambda k: -self.posterior.strength(k)))
 
     @property
     def effects(self) -> list[Effect]:
-        """The admitted causes of the library, with the values that the refit gave them."""
+        """Its causes."""
         return [self.variant(k) for k in self.causes]
-
-    @property
-    def causes(self) -> tuple[int, ...]:
-        """Admitted blocks that are causes of the library."""
-        return tuple(k for k in self.admitted if self.question.owner(k) < self.design.causes)
 
     def in_one_part(self, block: int) -> bool:
         """Whether a block moves only records that are left out together, so that the others say nothing of it."""
@@ -144,7 +149,7 @@ def choose(
     parts: Index,
     progress: bool = False,
 ) -> Choice:
-    """Search at the recalibrated arm, refit with what was found, search again there, until the choice stays.
+    """Explore at the recalibrated arm, refit with what was found, explore again there, until the set stays.
 
     A strong cause in few records (a moved seat, a place in the room) makes these look like gross errors, which hides it.
     So where records were excluded, the search is tried with the nearer of them, and those of one time, put back too; what it
@@ -154,24 +159,29 @@ def choose(
     found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
     back = int(nearer.sum() - first.used.sum())
     if back >= max(1 if not found.causes else FEWEST_BACK, A_FEW * len(nearer)):
-        found.gram.products.release()  # there is room for one of them
+        doubtful = _doubtful(found, first)
+        _release(found)  # there is room for one of them
         wider = fit(problem_of([]), used=nearer)
         again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress)
-        fewer = _doubtful(found, first) - _doubtful(again, first)
+        fewer = doubtful - _doubtful(again, first)
         if fewer >= FEWEST_BACK:
             found, again = again, found
         elif fewer > 0 and not found.causes:
             found = replace(found, otherwise=tuple(effect.label for effect in again.effects))
-        again.gram.products.release()
+        _release(again)
     found = replace(found, kept_alone=first.used)
     if not _torn(found.design.fit, parts):
         return found
-    found.gram.products.release()
-    return replace(found, held=Gram(products_of(found.design, parts)))
+    _release(found)
+    return replace(found, held=Gram(products_of(found.design, parts, found.held.products.postures)))
+
+
+def _release(choice: Choice) -> None:
+    choice.posterior.space.gram.products.release()
 
 
 def _doubtful(choice: Choice, first: Fit) -> int:
-    """How many records do not fit with all that was admitted, covariates included, by the scatter of the first fit."""
+    """How many records do not fit with all that was found, covariates included, by the scatter of the first fit."""
     return int(np.sum(_times_the_limit(choice.fit, choice.tips, first) > 1.0))
 
 
@@ -199,26 +209,33 @@ def _standing(
     parts: Index,
     progress: bool,
 ) -> Choice:
-    """Rounds of search and refit from one start."""
+    """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the median model."""
+    at, effects, tips = first, list[Effect](), None
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
-        found = _chosen(first, library, others, parts, [])
-        rounds.update()
         for _ in range(MOST_ROUNDS):
-            if not found.causes:
-                return replace(found, fit=first)
-            effects = [_refined(found, k) for k in found.causes]
-            rivals = [rival for k in found.causes for rival in _rivals(found, k)]
-            rounds.set_postfix_str(", ".join(effect.label for effect in effects)[:LETTERS])
-            del found  # its columns are as large as those that come
-            refit = refitted(problem_of, effects)
-            if not refit.tells_noise:  # more causes than these records can carry
-                return replace(_chosen(first, library, others, parts, []), admitted=())
-            found = _chosen(refit, _with_variants(library, [*rivals, *effects]), others, parts, effects)
+            found = _explored(at, library, others, parts, effects, tips)
             rounds.update()
-            if {e.identity for e in found.effects} == {e.identity for e in effects}:
-                return found
-        # Two sets take turns, each the better one beside the other's values: what was admitted last is what is refitted.
-        return replace(found, fit=refitted(problem_of, found.effects)) if found.causes else replace(found, fit=first)
+            best = [_refined(found, k) for k in _top_causes(found)]
+            if {e.identity for e in best} == {e.identity for e in effects}:
+                break
+            refit = refitted(problem_of, best) if best else first
+            if not refit.tells_noise:  # more causes than these records can carry
+                return replace(found, fit=first, posterior=replace(found.posterior, weights={(): 1.0}))
+            rivals = [rival for k in _top_causes(found) for rival in _rivals(found, k)]
+            rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
+            at, effects, tips = refit, best, found.tips
+            library = _with_variants(library, [*rivals, *effects])
+        return replace(found, fit=_extended(problem_of, found, first))
+
+
+def _extended(problem_of: ProblemOf, found: Choice, first: Fit) -> Fit:
+    """The refit at the median probability model; what is uncertain of inner values is in its u."""
+    effects = [effect.at(()) for effect in found.effects]
+    if not effects:
+        return first
+    fitted = {e.identity for e in found.fit.solution.effects[-found.fit.problem.candidates :]}
+    same = found.fit.problem.candidates == len(effects) and fitted == {e.identity for e in effects}
+    return _told_inner(found.fit if same else refitted(problem_of, effects), effects)
 
 
 def refitted(problem_of: ProblemOf, effects: Sequence[Effect]) -> Fit:
@@ -226,30 +243,56 @@ def refitted(problem_of: ProblemOf, effects: Sequence[Effect]) -> Fit:
     return fit(problem_of([free(effect) for effect in effects]))
 
 
-def in_its_place(problem_of: ProblemOf, choice: Choice) -> Fit:
-    """The refit of a choice in which a new cause stands in the place of the known one with another inner value.
+def free(effect: Effect) -> Effect:
+    """The effect, free within many typical magnitudes."""
+    width = FREEDOM if len(effect.terms) < MANY else FREEDOM_OF_MANY
+    return effect.at((), tuple(width * t.typical for t in effect.terms))
 
-    The known one stays beside it where that is as sure as any cause has to be. The new one's inner value is looked for anew
-    where it does not. What is uncertain of inner values is in the u of the result.
-    """
-    effects, at = choice.effects, _told_inner(choice.fit, choice.effects)
-    places = {effect.label for effect in effects if effect.inner and not is_change(effect)}
-    gone = []
-    for effect, own in zip(at.solution.effects, at.problem.vector.slices, strict=True):
-        if effect.label in places and effect.identity not in {cause.identity for cause in effects}:
-            typical = np.array([term.typical for term in effect.terms])
-            information = typical[:, None] * np.linalg.inv(at.covariance[own, own]) * typical
-            if evidence_of(information[None], (information @ (effect.values / typical))[None])[0] < SURE:
-                gone.append(effect)
-    without = partial(problem_of, gone=gone)
-    for _ in range(REPLACED if gone else 0):
-        at = refitted(without, effects)
-        for k, effect in enumerate(effects):
-            if effect.label in {old.label for old in gone} and not (is_change(effect) or effect.exceptional):
-                tried = effect.at(()).refined(at.problem.measurements)
-                rest = [other.at(()) for other in effects if other is not effect]
-                effects[k] = _likeliest(tried, _beside(at, tuple(tried), rest))
-    return _told_inner(refitted(without, effects), effects) if gone else at
+
+def noise_is_known(at: Fit) -> bool:
+    """Whether the stated noise is all that the fit found."""
+    return at.stated and max(at.noise.scatters.tip, at.noise.scatters.turn) == 0.0
+
+
+def _explored(
+    at: Fit,
+    library: tuple[Variants, ...],
+    others: tuple[Covariate, ...],
+    parts: Index,
+    effects: Sequence[Effect],
+    tips: Array | None,
+) -> Choice:
+    """The posterior where a fit with some causes ended; ``tips`` are those that all causes found so far give."""
+    design = design_of(at, library, others, at.problem.candidates)
+    held = HeldPostures.of(at, at.solution.point.prediction.poses if tips is None else tips)
+    # With all records there is no need to take an observation's unknown points apart.
+    gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts, held))
+    candidates = Candidates.of(design, library)
+    space = ModelSpace(candidates, gram, noise_is_known(at))
+    start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
+    return Choice(at, explore(space, [start]), library, others, parts, gram)
+
+
+def _torn(at: Fit, parts: Index) -> bool:
+    """Whether the records of a seat, or of seats that a bar connects, are in several parts."""
+    touched = at.observations.seat >= 0
+    pairs = np.stack([at.observations.clusters[at.observations.seat[touched]], parts[touched]], axis=1)
+    return len(np.unique(pairs, axis=0)) > len(np.unique(pairs[:, 0]))
+
+
+def _top_causes(choice: Choice) -> list[int]:
+    """Blocks of the most probable set that are causes of the library."""
+    return [k for k in choice.posterior.top if choice.candidates.is_cause(k)]
+
+
+def _block_of(candidates: Candidates, library: tuple[Variants, ...], effect: Effect) -> int:
+    for number, block in enumerate(candidates.blocks):
+        if block.candidate < len(library) and library[block.candidate][block.variant].identity == effect.identity:
+            return number
+    raise LookupError(effect.label)
+
+
+# --- inner values: orders, times, time constants
 
 
 def _told_inner(at: Fit, effects: Sequence[Effect]) -> Fit:
@@ -257,7 +300,7 @@ def _told_inner(at: Fit, effects: Sequence[Effect]) -> Fit:
     new, found = {effect.label for effect in effects if not is_change(effect)}, {}
     for effect, own in zip(at.solution.effects, at.problem.vector.slices, strict=True):
         if effect.label in new and not at.problem.start[own].any():
-            rest = [other.at(()) for other in effects if other.label != effect.label]
+            rest = [other for other in effects if other.label != effect.label]
             found[effect.key] = {name: _least_u(at, effect, name, rest) for name in effect.inner_widths()}
     return replace(at, found=found)
 
@@ -277,63 +320,6 @@ def _least_u(at: Fit, effect: Effect, name: str, rest: Sequence[Effect]) -> floa
     low, high = dense[np.searchsorted(share, (0.025, 0.975)).clip(max=len(fine) - 1)]
     value = getattr(effect, name)
     return float(max(high - value, value - low) / 2.0)
-
-
-def free(effect: Effect) -> Effect:
-    """The effect as the search took it: anywhere within a few typical magnitudes."""
-    return effect.at((), tuple(freedom(len(effect.terms)) * t.typical for t in effect.terms))
-
-
-def _chosen(
-    at: Fit,
-    library: tuple[Variants, ...],
-    others: tuple[Covariate, ...],
-    parts: Index,
-    effects: list[Effect],
-) -> Choice:
-    design = design_of(at, library, others, at.problem.candidates)
-    # With all records there is no need to take an observation's unknown points apart.
-    gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts))
-    question = question_of(design, library, at.stated)
-    start = tuple(_block_of(design, library, effect) for effect in effects)
-    admitted = search(question, gram, start)
-    return Choice(at, design, question, gram, admitted, library, others, parts, held=gram)
-
-
-def _torn(at: Fit, parts: Index) -> bool:
-    """Whether the records of a seat, or of seats that a bar connects, are in several parts."""
-    touched = at.observations.seat >= 0
-    pairs = np.stack([at.observations.clusters[at.observations.seat[touched]], parts[touched]], axis=1)
-    return len(np.unique(pairs, axis=0)) > len(np.unique(pairs[:, 0]))
-
-
-def question_of(design: Design, library: Sequence[Variants], stated: bool) -> Question:
-    """The search's question with the prior probabilities of the candidates."""
-    usual = np.array([candidate[0].usual for candidate in library])
-    rest = len(design.names) - len(library)
-    prior = np.concatenate([LIBRARY * usual / usual.sum(), np.full(rest, (1 - LIBRARY) / max(rest, 1))])
-    contained: dict[int, set[int]] = {}
-    number = {(effect.cause, effect.place): k for k, (effect, *_) in enumerate(library)}
-    for k, (effect, *_) in enumerate(library):
-        for freer in effect.contained_in:
-            if (owner := number.get((freer, effect.place))) is not None:
-                contained.setdefault(owner, set()).add(k)
-    inside = {owner: frozenset(causes) for owner, causes in contained.items()}
-    shares = _log_shares([*(effect for variants in library for effect in variants)], design.fit)
-    log_share = np.concatenate([shares, np.zeros(len(design.blocks) - shares.size)])
-    return Question(design, np.log(prior), stated, inside, log_share)
-
-
-def _log_shares(effects: Sequence[Effect], at: Fit) -> Array:
-    """Log of how probable each inner value is before anything was seen (effects,)."""
-    return np.log([effect.share(at.problem.measurements) for effect in effects])
-
-
-def _block_of(design: Design, library: tuple[Variants, ...], effect: Effect) -> int:
-    for number, block in enumerate(design.blocks):
-        if block.candidate < len(library) and library[block.candidate][block.variant].identity == effect.identity:
-            return number
-    raise LookupError(effect.label)
 
 
 def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[Variants, ...]:
@@ -365,18 +351,21 @@ def _rivals(choice: Choice, block: int) -> list[Effect]:
 
     But for those with inner values that machines are made with, such as orders: these are the values that are tried.
     """
-    question, records = choice.question, choice.fit.problem.measurements
-    rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
-    odds, best = question.ranked(choice.left.evidences_without(block), question.struck_out(choice.admitted))
-    found: list[Effect] = []
-    for candidate in np.argsort(-odds[: choice.design.causes]):
-        if candidate not in best or not np.isfinite(odds[candidate]) or len(found) == RIVALS:
+    records, candidates = choice.fit.problem.measurements, choice.candidates
+    values = choice.posterior.space.additions(without_block(choice.posterior.top, block))
+    rest = [choice.variant(k).at(()) for k in _top_causes(choice) if k != block]
+    found = dict[int, Effect]()
+    for other in np.argsort(-values).tolist():
+        if len(found) == RIVALS or not np.isfinite(values[other]):
             break
-        effect = choice.variant(best[int(candidate)])
+        owner = candidates.owner(other)
+        if owner == candidates.owner(block) or owner in found or not candidates.is_cause(other):
+            continue
+        effect = choice.variant(other)
         tried = effect.at(()).refined(records) if effect.inner and not is_change(effect) else []
         if tried and not any(each.exceptional for each in tried):
-            found.append(_likeliest(tried, _beside(choice.fit, tuple(tried), rest)))
-    return found
+            found[owner] = _likeliest(tried, _beside(choice.fit, tuple(tried), rest))
+    return [*found.values()]
 
 
 def _likeliest(tried: list[Effect], evidences: Array) -> Effect:
@@ -395,10 +384,8 @@ def _between(tried: list[Effect], evidences: Array, best: int) -> Effect:
     if not effect.inner_widths() or not 0 < best < len(tried) - 1:
         return effect
     name = next(iter(effect.inner_widths()))
-    places, heights = (
-        np.array(each)
-        for each in zip(*((getattr(tried[k], name), evidences[k]) for k in (best - 1, best, best + 1)), strict=True)
-    )
+    near = (best - 1, best, best + 1)
+    places, heights = np.array([getattr(tried[k], name) for k in near]), evidences[list(near)]
     bend, slope, _ = np.polyfit(places - places[1], heights, 2)
     top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
     inner: dict[str, Any] = {name: float(places[1] + np.clip(top, places[0] - places[1], places[2] - places[1]))}
@@ -406,24 +393,27 @@ def _between(tried: list[Effect], evidences: Array, best: int) -> Effect:
 
 
 def _evidences(choice: Choice, block: int, tried: Sequence[Effect]) -> Array:
-    """Log evidence of each effect in the place of a block, the others held."""
-    rest = [choice.variant(k).at(()) for k in choice.causes if k != block]
-    variants = choice.library[choice.question.owner(block)]
+    """Log evidence of each effect in the place of a block, the other causes of the most probable set held."""
+    rest = [choice.variant(k).at(()) for k in _top_causes(choice) if k != block]
+    variants = choice.library[choice.candidates.owner(block)]
     first = variants[:1] if is_change(variants[0]) else ()  # in the place of a cause that is known
-    return _beside(choice.fit, (*first, *tried), rest)[len(first) :] + _log_shares(tried, choice.fit)
+    shares = np.log([effect.share(choice.fit.problem.measurements) for effect in tried])
+    return _beside(choice.fit, (*first, *tried), rest)[len(first) :] + shares
 
 
 def _beside(at: Fit, variants: Variants, rest: Sequence[Effect]) -> Array:
     """Log evidence of each variant beside the rest, where a refit with one of them and the rest ended."""
-    design = design_of(at, [variants, *((e,) for e in rest)], [], at.problem.candidates)
+    library = (variants, *((effect,) for effect in rest))
+    design = design_of(at, library, [], at.problem.candidates)
     gram = Gram(products_of(design, np.zeros(len(at.used), dtype=np.intp)))
+    space = ModelSpace(Candidates.of(design, library), gram, noise_is_known(at))
     others = tuple(range(len(variants), len(variants) + len(rest)))
-    return Conditional.of(gram, others, at.stated).evidences[: len(variants)]
+    return np.asarray(logsumexp(space.conditional(space.marginal(others).best).additions[: len(variants)], axis=1))
 
 
 @dataclass(frozen=True)
 class Step:
-    """What the records tell of an inner value in which a cause steps, such as the time of a slip [its unit].
+    """What the records determine of an inner value in which a cause steps, such as the time of a slip [its unit].
 
     Of its posterior over the values near it, each of which stands for the gap around it.
 
@@ -438,7 +428,7 @@ class Step:
 
 
 def step_of(choice: Choice, block: int, name: str) -> Step:
-    """What the records tell of the inner value ``name`` of a block."""
+    """What the records determine of the inner value ``name`` of a block."""
     chosen, records = choice.variant(block).at(()), choice.fit.problem.measurements
     tried = chosen.refined(records)
     values = np.array([getattr(effect, name) for effect in tried])

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array, Index
@@ -15,7 +16,7 @@ from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood
-from aacmm_pin.diagnosis.thresholds import PRIOR
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 Blocks = tuple[int, ...]
 """A set of blocks, in the order of their numbers."""
@@ -44,7 +45,7 @@ class Candidates:
         """One cause is expected, shared by the causes' prior weights; of each, one variant is."""
         weights = np.array([candidate[0].usual for candidate in library])
         rest = len(design.names) - len(library)
-        share = [PRIOR.library * weights / weights.sum(), np.full(rest, (1.0 - PRIOR.library) / max(rest, 1))]
+        share = [THRESHOLDS.library * weights / weights.sum(), np.full(rest, (1.0 - THRESHOLDS.library) / max(rest, 1))]
         log_prior = np.log(np.concatenate(share))
         records = design.fit.problem.measurements
         each = [np.log([effect.share(records) for effect in variants]) for variants in library]
@@ -77,7 +78,7 @@ class Candidates:
         inside = {c for members in self.contained.values() for c in members}
         return {c: frozenset(k for k, members in self.contained.items() if c in members) for c in inside}
 
-    def barred(self, blocks: Blocks) -> Array:
+    def barred(self, blocks: Blocks) -> NDArray[np.bool_]:
         """Which blocks cannot stand beside these: of the same candidates, what these contain, and what contains these."""
         owners = {self.owner(k) for k in blocks}
         struck = owners.union(*(self.contained.get(c, ()) for c in owners), *(self.containers.get(c, ()) for c in owners))
@@ -117,12 +118,19 @@ class ModelSpace:
         candidates: what may be in a set.
         gram: inner products of the records that count.
         stated: whether the noise is stated.
+        amplitudes: of the background.
     """
 
-    def __init__(self, candidates: Candidates, gram: Gram, stated: bool) -> None:
+    def __init__(
+        self,
+        candidates: Candidates,
+        gram: Gram,
+        stated: bool,
+        amplitudes: tuple[float, ...] = THRESHOLDS.amplitudes,
+    ) -> None:
         self.candidates, self.gram, self.stated = candidates, gram, stated
-        rest = candidates.design.causes < len(candidates.design.names)
-        self.amplitudes = PRIOR.amplitudes if rest else (0.0,)
+        covariates = candidates.design.causes < len(candidates.design.names)
+        self.amplitudes = amplitudes if covariates else (0.0,)
         self._bases: dict[tuple[int, bool], Base] = {}
         self._marginals: dict[Blocks, Marginal] = {}
         self._expansions: dict[Blocks, Array] = {}
@@ -154,12 +162,12 @@ class ModelSpace:
         Log marginal likelihood, plus the log prior odds of inclusion, plus the equal prior of widths and amplitudes. It does
         not depend on the order of the blocks.
         """
-        order = np.argsort(state.blocks)
-        ordered = State(*(tuple(each[k] for k in order) for each in (state.blocks, state.widths)), state.amplitude)
-        return self.conditional(ordered).log_evidence + self._log_prior(ordered.blocks)
+        order = sorted(range(len(state.blocks)), key=lambda k: state.blocks[k])
+        blocks, widths = (tuple(each[k] for k in order) for each in (state.blocks, state.widths))
+        return self.conditional(State(blocks, widths, state.amplitude)).log_evidence + self._log_prior(blocks)
 
     def _log_prior(self, blocks: Blocks) -> float:
-        return self.log_prior(blocks) - len(blocks) * np.log(WIDTHS.size) - np.log(len(self.amplitudes))
+        return self.log_prior(blocks) - float(len(blocks) * np.log(WIDTHS.size) + np.log(len(self.amplitudes)))
 
     def marginal(self, blocks: Blocks) -> Marginal:
         """The set's log posterior, summed over its widths and the amplitudes; kept.
@@ -213,7 +221,7 @@ class ModelSpace:
         trials[:, member] = np.arange(WIDTHS.size)
         return self._log_posteriors(products, state, trials)
 
-    def _log_posteriors(self, products: Array, state: State, widths: Array) -> Array:
+    def _log_posteriors(self, products: Array, state: State, widths: Index) -> Array:
         """Log posterior of a state with several choices of widths (choices, blocks): (choices,)."""
         sizes = [self.candidates.blocks[k].size for k in state.blocks]
         scale = np.repeat(WIDTHS[widths], sizes, axis=1)

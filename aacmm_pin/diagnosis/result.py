@@ -26,24 +26,18 @@ from aacmm_pin.diagnosis.cross_validation import Brought, Gain
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.residual_tables import residuals_by_group
 from aacmm_pin.diagnosis.significance import Alias
-from aacmm_pin.diagnosis.undetected import Others
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import probability, values_in_words
+from aacmm_pin.effects.labels import probability as in_digits
+from aacmm_pin.effects.labels import values_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SCHEMA = "aacmm-pin/diagnosis/1"
-SETTLED = 0.95
-"""A cause at least this probable, beside its look-alikes, is named without doubt."""
-MORE = 0.95
-"""Probability that a cause acts which was not named, from which on what was named is not all: as a name needs."""
-# 400 blind files: above 0.8 were 4 of 99 without a name, which all hid something, and 1 of 144 explained, which did not.
-LIKELIER = 0.5
-"""From this probability on, that a cause acts which was not named is said."""
 TOO_GOOD = 1e-6
 """Residuals that are so much smaller than the stated noise have less chance than this."""
 Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive"]
@@ -56,6 +50,7 @@ Doubt = Literal[
     "no better",
     "structure left",
     "more causes",
+    "starts disagree",
 ]
 """What keeps a diagnosis from being ``explained`` or ``no-discrepancy``."""
 
@@ -128,7 +123,7 @@ class Finding(Shown):
         values = values_in_words(self.effect, self.parameters, self.slides)
         if (waves := self.effect.spectrum()) is not None:
             values = "waves per turn: " + ", ".join(f"{n:.3g} ({a:.2g} rad)" for n, a in waves[:4])
-        return f"{self.label} (probability {probability(self.probability)}{', ' + values if values else ''})"
+        return f"{self.label} (probability {in_digits(self.probability)}{', ' + values if values else ''})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +132,7 @@ class Diagnosis(Shown):
 
     Attributes:
         verdict, doubts: see :func:`aacmm_pin.diagnosis.verdict.verdict_of` and ``doubts_of`` there.
-        others: what may act beside the causes found.
-        otherwise: what would be found if excluded records counted, or was and is not told.
+        otherwise: what would be found if excluded records counted.
         contradicted: stated places that the records contradict, in words.
         findings: causes, strongest first; geometric values beyond their stated uncertainty last.
         model: the arm recalibrated, with the causes found.
@@ -146,10 +140,9 @@ class Diagnosis(Shown):
         choice: the search behind it.
         held_out: residuals of records left out of choosing and fitting, or None.
         unexplained: structure without a cause.
-        cannot_tell_apart: causes of usual size that these records would not tell apart.
         noise: RMS that the noise alone would give [m].
-        visible: how many causes of usual size these records would have shown, and of how many.
-        notes: what was assumed.
+        visible: how many causes of typical magnitude these records would have shown, and of how many.
+        assumed: notes of the calibration, and of what was done with the records before.
     """
 
     verdict: Verdict
@@ -161,12 +154,10 @@ class Diagnosis(Shown):
     choice: Choice
     held_out: Gain | None
     unexplained: Unexplained
-    cannot_tell_apart: tuple[tuple[str, ...], ...]
     noise: float
     visible: tuple[int, int]
-    notes: tuple[str, ...]
+    assumed: tuple[str, ...]
     doubts: tuple[Doubt, ...]
-    others: Others
     otherwise: tuple[str, ...]
     contradicted: tuple[str, ...]
 
@@ -182,6 +173,29 @@ class Diagnosis(Shown):
     def cause(self, label: str) -> Effect | None:
         """The cause that a label of this result names, as it was tried first; None for a covariate."""
         return next((variants[0] for variants in self.choice.library if variants[0].label == label), None)
+
+    @property
+    def alternatives(self) -> dict[tuple[str, ...], float]:
+        """Probability of each set of causes, by their labels, the most probable first; they add up to one."""
+        return self.choice.posterior.causes
+
+    @property
+    def cannot_tell_apart(self) -> list[tuple[str, ...]]:
+        """Causes of which one set has some and another set, which cannot be excluded, has others instead."""
+        best, *others = self.alternatives.items()
+        rivals = [set(labels) for labels, share in others if share >= THRESHOLDS.rival]
+        exchanged = [tuple(sorted(rival ^ set(best[0]))) for rival in rivals]
+        return [labels for labels in dict.fromkeys(exchanged) if len(labels) > 1]
+
+    @property
+    def more(self) -> float:
+        """Probability that a cause acts that is not among the findings."""
+        return self.choice.posterior.beyond([finding.label for finding in self.findings])
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed, and what limits what is stated."""
+        return tuple(report().diagnosis_notes.notes_of(self))
 
     @cached_property
     def next_measurements(self) -> str:
@@ -265,6 +279,22 @@ class Diagnosis(Shown):
             "rms_rad": self.turns,
             "findings": [_finding(f) for f in self.findings],
             "held_out": None if self.held_out is None else _held_out(self.held_out),
+            "alternatives": [
+                {"causes": list(labels), "probability": probability} for labels, probability in self.alternatives.items()
+            ],
+            "agreement": {
+                "total_variation": self.choice.posterior.total_variation,
+                "agree": self.choice.posterior.agree,
+            },
+            "discrepancy": [
+                {
+                    "covariate": each.covariate,
+                    "rms_mm": each.rms / MM,
+                    "u_mm": each.u / MM,
+                    "probability": each.probability,
+                }
+                for each in self.unexplained.discrepancy
+            ],
             "unexplained": {
                 "p_value": self.unexplained.p_value,
                 "threshold": self.unexplained.threshold,

@@ -6,15 +6,34 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Prior:
-    """What is assumed before anything was seen.
+class Thresholds:
+    """The prior, how far sets are explored, and what the verdicts ask.
 
     Attributes:
-        widths: standard deviations τ of a cause's parameters, in units of the typical magnitude.
-        amplitudes: root mean square of the background over that of the noise.
-        library: probability, if anything is there, that it is a cause of the library.
-        noise_misstated: probability that a stated noise is not the noise.
+        widths: prior standard deviations τ of a cause's parameters, in units of the typical magnitude, each as probable.
+        amplitudes: root mean square of the background over that of the noise, each as probable.
+        library: prior probability, if anything is there, that it is a cause of the library.
+        noise_misstated: prior probability that a stated noise is not the noise.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance in that case.
+        reach: sets whose log posterior is lower than the largest by more are not looked at.
+        beside: additions to a set that are looked at, at most.
+        expansions: sets of which all additions are ranked, at most, from each half of the starts.
+        holds: sets with a larger weight have their members exchanged, for one other and for two.
+        instead: candidates in the place of a member beside which another is tried, besides those that it contains.
+        leading: leading causes of which each is a start.
+        agreement: difference of an inclusion probability between the two halves of the starts up to which they agree.
+        named: inclusion probability from which on a cause is in the extended arm and in sentences.
+        settled: inclusion probability from which on a cause is named without doubt.
+        worth_listing: aliases and sets that are less probable are not listed.
+        same: canonical correlation from which on an alias is listed whatever its probability.
+        shows: noncentrality at which a cause is found more often than not among all others.
+        shown: records that would show more than this part of all causes would show most of them.
+        rival: probability from which on a set without a doubtful cause cannot be excluded.
+        background: size of the background, in parts of the noise, from which on it is structure.
+        left: structure over some covariate with less chance than this is left, even if its probability is small …
+        left_alone: … and with less than this where nothing was named.
+        much_more: residuals larger by this than the stated noise, beyond chance, are not explained.
+        plain_encoder: noise of a reading that a plain encoder has where none is stated [rad].
     """
 
     widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0, 10.0)
@@ -22,25 +41,6 @@ class Prior:
     library: float = 0.9
     noise_misstated: float = 0.05
     scale_dof: float = 2.0
-
-
-PRIOR = Prior()
-
-
-@dataclass(frozen=True)
-class Exploration:
-    """How far the sets of causes are explored.
-
-    Attributes:
-        reach: sets whose log posterior is lower than the largest by more are not looked at.
-        beside: additions to a set that are looked at, at most.
-        expansions: sets of which all additions are ranked, at most, from one half of the starts.
-        holds: sets with a larger weight have their members exchanged, alone and for two others.
-        instead: candidates in the place of a member beside which another is tried, besides those that the member contains.
-        leading: leading causes of which each is a start.
-        agreement: total variation between the two halves of the starts up to which they agree.
-    """
-
     reach: float = 7.0
     beside: int = 8
     expansions: int = 60
@@ -48,6 +48,18 @@ class Exploration:
     instead: int = 3
     leading: int = 4
     agreement: float = 0.02
+    named: float = 0.5
+    settled: float = 0.95
+    worth_listing: float = 1e-3
+    same: float = 0.95
+    shows: float = 15.0
+    shown: float = 0.5
+    rival: float = 0.05
+    background: float = 0.3
+    left: float = 1e-3
+    left_alone: float = 1e-6
+    much_more: float = 1.15
+    plain_encoder: float = 3e-5
 
 
-EXPLORATION = Exploration()
+THRESHOLDS = Thresholds()

@@ -1,4 +1,4 @@
-"""Structure that no cause of the library has: what it depends on, its shape, and the groups that do not fit in."""
+"""What no cause of the library explains: the discrepancy, what it depends on, its size, and groups that do not fit in."""
 
 from __future__ import annotations
 
@@ -9,20 +9,36 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
-from aacmm_pin.diagnosis.covariates import Carried
+from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.model_extension import Choice
-from aacmm_pin.diagnosis.significance import Ratio, Strength
+from aacmm_pin.diagnosis.significance import any_structure, family_wise
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
-LEFT = 1e-3
-"""Structure over some covariate with less chance than this is left, even if nothing is sure about it …"""
-LEFT_ALONE = 1e-6
-"""… and with less than this, where nothing was named: without stated noise far records, which scatter more, look so."""
+BACKGROUND = "background"
+"""Name of the part of the discrepancy that is too diffuse to be named."""
+
+
+@dataclass(frozen=True)
+class Discrepancy(Shown):
+    """A part of what no cause explains.
+
+    Attributes:
+        covariate: what it depends on, or ``background``.
+        rms: root mean square at the tip over the used records [m].
+        u: standard uncertainty of the displacement of a tip by it, root mean square over the used records [m].
+        probability: that it is there.
+    """
+
+    covariate: str
+    rms: float
+    u: float
+    probability: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +49,12 @@ class Unexplained(Shown):
         p_value: chance of as much structure over any covariate when there is none, family-wise.
         threshold: structure with less chance than this is left.
         depends_on: the covariates, strongest first.
+        discrepancy: covariates more probable than not, strongest first; the background last.
+        large: whether the background is as large as structure.
         shapes: for each, one row a record: the covariates; the smooth correction, in x, y, z of the tip [mm], or as angle of
             a joint [µrad] or growth of all lengths [µm/m]; and the same as each record has it (``_of_record``).
         acts_on: for each, in words, what it acts on.
-        gain: by how much the smooth correction lowers the RMS of held-out records below that of the causes alone, or None.
+        gain: by how much the discrepancy lowers the RMS of held-out records below that of the causes alone, or None.
         groups: groups of records that do not agree with the others.
         excluded: what the excluded records share, or None.
         branches: the joint over which the residuals fall into two branches, or None.
@@ -45,6 +63,8 @@ class Unexplained(Shown):
     p_value: float
     threshold: float
     depends_on: tuple[str, ...]
+    discrepancy: tuple[Discrepancy, ...]
+    large: bool
     shapes: dict[str, pd.DataFrame]
     acts_on: dict[str, str]
     gain: float | None
@@ -58,6 +78,11 @@ class Unexplained(Shown):
         return self.p_value < self.threshold
 
     @property
+    def structure(self) -> bool:
+        """Whether the residuals have structure that is more probable than not."""
+        return bool(self.depends_on) or self.large or self.branches is not None
+
+    @property
     def in_words(self) -> tuple[str, ...]:
         """What it depends on, and which groups do not fit in."""
         odd = {group.name: group for group in self.groups}
@@ -69,52 +94,100 @@ class Unexplained(Shown):
         )
 
 
-def unexplained_by(choice: Choice, strong: list[Strength], held: Gain | None, named: bool) -> Unexplained:
-    """What was admitted that is no cause, or else whether anything seems left; ``named``: something was found."""
-    causes = choice.design.causes
-    mine = [s for s in strong if choice.question.owner(s.block) >= causes]
-    covariates_ = [choice.others[choice.question.owner(s.block) - causes] for s in mine]
-    depends = tuple(dict.fromkeys(name for covariate in covariates_ for name in covariate.depends_on))
-    odd = tuple(odd_groups(choice))
-    shapes = {c.name: _shape(choice, s.block) for c, s in zip(covariates_, mine, strict=True)}
-    acts_on = {c.name: _way(choice, s.block).acts_on for c, s in zip(covariates_, mine, strict=True)}
+def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.random.Generator) -> Unexplained:
+    """The discrepancy, or else whether anything seems left; ``named``: something was found."""
+    mine = {k: _covariate(choice, k) for k in choice.covariates}
+    depends = tuple(dict.fromkeys(name for covariate in mine.values() for name in covariate.depends_on))
+    odd, shared = tuple(odd_groups(choice)), shared_by(choice.fit)
     if mine:
-        p_value = min(s.p_value for s in mine)
+        p_value = min(family_wise(choice.candidates, choice.posterior.without(k), k, rng) for k in mine)
     else:
-        p_value = min(_any_structure(choice), *(group.p_value for group in odd), 1.0)
+        p_value = min(any_structure(choice.candidates, choice.posterior.left), *(group.p_value for group in odd), 1.0)
         depends = tuple(group.name for group in odd[:1])
-    shared = shared_by(choice.fit)
     if shared is not None:
         p_value, depends = min(p_value, shared.p_value), tuple(dict.fromkeys((*depends, shared.name)))
-    gain = held.smooth_gain if held is not None and mine else None
-    threshold = LEFT if named else LEFT_ALONE
-    return Unexplained(p_value, threshold, depends, shapes, acts_on, gain, odd, shared, branches_of(choice))
+    background = _background(choice)
+    return Unexplained(
+        p_value,
+        THRESHOLDS.left if named else THRESHOLDS.left_alone,
+        depends,
+        (*(_discrepancy(choice, k, covariate.name) for k, covariate in mine.items()), *background),
+        any(each.rms > THRESHOLDS.background * choice.fit.distance_of(choice.fit.stated_noise) for each in background),
+        {covariate.name: _shape(choice, k) for k, covariate in mine.items()},
+        {covariate.name: _way(choice, k).acts_on for k, covariate in mine.items()},
+        held.smooth_gain if held is not None and (mine or background) else None,
+        odd,
+        shared,
+        branches_of(choice),
+    )
 
 
-def _any_structure(choice: Choice) -> float:
-    """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
-    blocks = [b for b in choice.design.blocks if b.candidate >= choice.design.causes]
-    each = [float(chi2_sf(Ratio.of(choice.left, b).value, b.size)) for b in blocks]
-    return min(1.0, len(each) * min(each, default=1.0))
+def excess_of(extended: Fit) -> float:
+    """By how much χ² is larger than the stated noise explains, over the scatter found in its place; 0 where it is not.
+
+    Of shifts or of rotations. Where the noise of the encoders is not stated, they may have as much as plain ones.
+    """
+    if extended.chi2_stated is None or max(extended.unmodelled, extended.noise.scatters.turn) == 0.0:
+        return 0.0
+    off, explained = extended.solution.system.off, np.diagonal(extended.stated_noise, axis1=1, axis2=2)
+    if extended.problem.setup.encoder_noise is None:
+        point = extended.solution.point
+        by_reading = extended.problem.reading_jacobian(point.x, point.frame)
+        explained = explained + THRESHOLDS.plain_encoder**2 * np.square(by_reading).sum(axis=2)
+    kinds = [(slice(3), extended.used), (slice(3, 6), extended.used & extended.observations.oriented)]
+    limit = THRESHOLDS.much_more**2
+    much = any(np.square(off[some, of]).sum() > limit * explained[some, of].sum() for of, some in kinds)
+    chi2, dof = extended.chi2_stated
+    return max(extended.dof * (1.0 - dof / chi2), 0.0) if much else 0.0
+
+
+def _covariate(choice: Choice, block: int) -> Covariate:
+    return choice.others[choice.candidates.owner(block) - choice.design.causes]
 
 
 def _way(choice: Choice, block: int) -> Carried:
-    b = choice.design.blocks[block]
-    return choice.others[b.candidate - choice.design.causes].variants[b.variant]
+    return _covariate(choice, block).variants[choice.design.blocks[block].variant]
+
+
+def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
+    """The size of a covariate's part, at its posterior mean."""
+    left = choice.posterior.left
+    own = left.places[block]
+    columns = choice.design.columns(block)[choice.fit.used, :3]
+    sizes = _sizes(columns, left.estimate[own], left.covariance[own, own])
+    return Discrepancy(name, *sizes, choice.posterior.probability(block))
+
+
+def _background(choice: Choice) -> list[Discrepancy]:
+    """The size of the background, at its most probable amplitude beside the median probability model."""
+    left, first = choice.posterior.left, choice.posterior.left.base.nuisances
+    if not left.base.amplitude:
+        return []
+    columns = left.base.gram.products.background_columns[choice.fit.used, :3]
+    inverse = np.linalg.inv(left.base.factor)[:, first:]
+    sizes = _sizes(columns, left.step[first : len(left.base.factor)], left.variance * inverse.T @ inverse)
+    return [Discrepancy(BACKGROUND, *sizes, float(1.0 - choice.posterior.amplitudes[0]))]
+
+
+def _sizes(columns: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
+    """Root mean square displacement of tips, and its standard uncertainty, for columns (n, 3, q) [m]."""
+    rms = np.sqrt(np.square(columns @ estimate).sum(axis=1).mean())
+    variance = np.einsum("nij,jk,nik->n", columns, covariance, columns, optimize=True)
+    return float(rms), float(np.sqrt(max(variance.mean(), 0.0)))
 
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
     """The smooth correction over a covariate, record by record, and what the records say of it."""
     design, way = choice.design, _way(choice, block)
-    left, columns = choice.left.projection, design.blocks[block].columns
-    step = left.solution()[np.isin(left.refitted, np.arange(columns.start, columns.stop))]
+    left, columns = choice.posterior.left, design.blocks[block].columns
+    step = left.estimate[left.places[block]]
     count = len(way.quantities)
     # Each function has one column for each quantity; the first function is the constant where there is one.
     sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
     axes = _axes(design, block, way, count)
     off = choice.fit.observations.deviations(choice.tips, choice.fit.solution.point.seats)[:, :3]
     each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
-    covariate = choice.others[design.blocks[block].candidate - design.causes]
+    covariate = _covariate(choice, block)
     table = covariate.values.copy()
     for k, (name, unit) in enumerate(way.quantities.items()):
         table[name], table[f"{name}_of_record"] = sizes[:, k] / unit, each[:, k] / unit

@@ -17,9 +17,8 @@ from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis.cross_validation import LEAST_GAIN, Gain
-from aacmm_pin.diagnosis.diagnose import MUCH_MORE
-from aacmm_pin.diagnosis.result import MORE, SETTLED
 from aacmm_pin.diagnosis.significance import Alias
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect, State
 from aacmm_pin.effects.labels import in_words, listed, name_in_words, probability, several_in_words, values_in_words
@@ -48,8 +47,8 @@ WAVES = 6
 LOOK_ALIKES = 3
 LEAST_SHOWN, ALIKE = 1e-3, 0.9
 """Look-alikes of a cause that are listed: so many, of at least this probability or correlation."""
-POSSIBLE = 0.01
-"""Look-alikes at least this probable are named beside a cause that is in doubt."""
+ALTERNATIVES = 3
+"""So many other sets of causes are named where the mass is on several."""
 WORST = 5
 """Groups that the table names; the figure has all."""
 
@@ -94,16 +93,26 @@ def verdict_in_words(result: Diagnosis) -> str:
     elif result.verdict == "inconclusive":
         text = _inconclusive(result, wrong)
     elif result.verdict == "ambiguous":
-        rivals = [a for f in result.findings if f.probability < SETTLED for a in f.aliases if a.probability >= POSSIBLE]
-        arm = result.model.arm
-        others = listed([f"{alias_in_words(a, arm)} (probability {probability(a.probability)})" for a in rivals], "or")
-        text = f"{wrong}; these records do not settle it against {others or 'chance'}"
+        text = _ambiguous(result, wrong)
     else:
         after = "recalibration and extension" if result.findings else "recalibration"
         text = f"{wrong}. After {after}, {_left_in_words(result)}"
     if result.contradicted and result.verdict in ("unexplained", "ambiguous"):
         text += f"; in addition, {'; '.join(result.contradicted)}"
     return f"{_excluded_in_words(result)}{result.model.arm.name}: {text}."
+
+
+def _ambiguous(result: Diagnosis, wrong: str) -> str:
+    """The sets of causes that share the probability."""
+    found = {finding.label for finding in result.findings}
+    others = [(labels, share) for labels, share in result.alternatives.items() if set(labels) != found]
+    likely = [(labels, share) for labels, share in others if share >= THRESHOLDS.rival][:ALTERNATIVES] or others[:1]
+    named = [
+        f"{labels_in_words(result, labels) or 'nothing'} (probability {probability(share)})" for labels, share in likely
+    ]
+    if not found:
+        return f"these records do not settle what the simulation lacks: {listed(named, 'or')}"
+    return f"{wrong}; instead it may be {listed(named, 'or')}"
 
 
 def _excluded_in_words(result: Diagnosis) -> str:
@@ -119,15 +128,13 @@ def _wrong_in_words(result: Diagnosis) -> str:
     values = [f for f in result.findings if result.geometric(f) or f.effect.corrects_seat]
     causes = [f for f in result.findings if f not in values]
     sound = [f for f in causes if f.borne_out and not (result.no_better or f.below_zero)]
-    sure = [f for f in sound if f.probability >= SETTLED]
-    doubtful = [f for f in causes if f not in sure and f.probability >= POSSIBLE]
-    unlikely = [f for f in causes if f.probability < POSSIBLE]
+    sure = [f for f in sound if f.probability >= THRESHOLDS.settled]
+    doubtful = [f for f in causes if f not in sure]
     told = [
         ("lacks", [f for f in sure if f.was is None]),
         ("has values that are no longer right for", [f for f in sure if f.was]),
         ("may lack", [f for f in doubtful if f.was is None]),
         ("may have values that are no longer right for", [f for f in doubtful if f.was]),
-        ("lacks something that looks a little like", unlikely),
     ]
     text = " and ".join(f"{how} {_named(some, result.model.arm)}" for how, some in told if some)
     text = f"the simulation {text}" if text else "no cause is missing in the simulation"
@@ -138,8 +145,8 @@ def _wrong_in_words(result: Diagnosis) -> str:
 
 def _named(findings: Sequence[Finding], arm: Arm) -> str:
     """Findings in a row, behind those in doubt their probability."""
-    sure = several_in_words([f.effect for f in findings if f.probability >= SETTLED], arm)
-    doubtful = [f for f in findings if f.probability < SETTLED]
+    sure = several_in_words([f.effect for f in findings if f.probability >= THRESHOLDS.settled], arm)
+    doubtful = [f for f in findings if f.probability < THRESHOLDS.settled]
     named = [f"{in_words(f.effect, arm)} (probability {probability(f.probability)})" for f in doubtful]
     return listed([sure, *named] if sure else named)
 
@@ -161,18 +168,17 @@ def _inconclusive(result: Diagnosis, wrong: str) -> str:
 def _doubts_in_words(result: Diagnosis) -> Iterator[str]:
     """What keeps the verdict from being ``explained`` or ``no-discrepancy``, but for what is said of the causes."""
     (seen, of), left, out = result.visible, result.unexplained, int(result.extended.excluded.sum())
-    findings, more, arm = result.findings, probability(result.others.probability), result.model.arm
+    findings, more, arm = result.findings, probability(result.more), result.model.arm
     unconfirmed = [] if "no better" in result.doubts else [f.effect for f in findings if not f.borne_out]
     words = {
         "contradicted references": "; ".join(result.contradicted),
         "few causes shown": f"these records would show only {seen} of {count(of, 'cause')} of usual size",
-        "cause not named": f"{listed(result.otherwise)} would be found with {count(out, 'excluded record')}"
-        if result.choice.otherwise
-        else f"{listed(result.otherwise)} is not sure enough to be named",
+        "cause not named": f"{listed(result.otherwise)} would be found with {count(out, 'excluded record')}",
         "below zero": f"nature has no {several_in_words([f.effect for f in findings if f.below_zero], arm)} below zero",
         "cause not borne out": unconfirmed and f"held-out records do not confirm {several_in_words(unconfirmed, arm)}",
         "structure left": f"structure is left beyond chance ({_beside_threshold(left)})",
-        "more causes": f"something acts that is not named (probability {more}, threshold {MORE:g})",
+        "starts disagree": "two explorations of the sets of causes found different ones",
+        "more causes": f"something acts that is not named (probability {more}, threshold {THRESHOLDS.settled:g})",
     }
     yield from (text for doubt in result.doubts if (text := words.get(doubt)))
 
@@ -194,7 +200,7 @@ def _not_explained(result: Diagnosis) -> str:
     depends, branches = listed(result.unexplained.depends_on), result.unexplained.branches
     if depends:
         way = f"depend on {depends} in a way that none of the causes tried has"
-        larger = left > MUCH_MORE * result.noise or turned > 0.0
+        larger = left > THRESHOLDS.much_more * result.noise or turned > 0.0
         more = f"{more} and {way}" if larger else f"the residuals {way}"
     return more if branches is None else f"{branches}; {more}"
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding
-from aacmm_pin.diagnosis.result import LIKELIER, SETTLED, too_good
-from aacmm_pin.effects import ZeroDrift
+from aacmm_pin.diagnosis.result import too_good
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.effects import Effect, ZeroDrift
 from aacmm_pin.planning import advice
 
 PLACE, SCALE = ("x", "y", "z"), "scale"
@@ -34,8 +35,6 @@ def next_measurements(result: Diagnosis) -> str:
         return f"measure the stated places anew: {'; '.join(result.contradicted)}"
     if verdict == "inconclusive" and not findings:
         return f"more records, at other postures: of {of} causes of usual size these would have shown {seen}"
-    if verdict in ("explained", "no-discrepancy") and result.others.probability >= LIKELIER:
-        return "more records, at other postures: they show whether the cause that a note names acts as well"
     if verdict == "no-discrepancy":
         return (
             f"nothing that these records show is open ({seen} of {of} causes of usual size would have shown); keep them for "
@@ -50,9 +49,11 @@ def next_measurements(result: Diagnosis) -> str:
         )
     if verdict == "unexplained":
         return f"{_otherwise(unexplained.depends_on)}, and repeat some records with all alike"
-    doubtful = [finding for finding in findings if finding.probability < SETTLED]
+    doubtful = [finding for finding in findings if finding.probability < THRESHOLDS.settled]
     if doubtful:
         return _to_tell(result, doubtful)
+    if verdict == "ambiguous":
+        return _to_tell_sets(result)
     seats = [finding for finding in findings if finding.effect.corrects_seat]
     if seats:
         return f"measure again where {'; '.join(map(_off, seats))}; then check the extended model on new records"
@@ -94,10 +95,23 @@ def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
     )
 
 
+def _to_tell_sets(result: Diagnosis) -> str:
+    """How to tell the two most probable sets of causes from each other."""
+    first, second = (set(labels) for labels in [*result.alternatives][:2])
+    split = [next(iter(sorted(own)), None) for own in (first - second, second - first)]
+    effects = [None if label is None else result.cause(label) for label in split]
+    if any(effect is None or effect.refitted for effect in effects):
+        return "more records, at other postures: they show which of the causes that are listed act"
+    return _plan_for(result, effects)  # type: ignore[arg-type]
+
+
 def _planned(result: Diagnosis, finding: Finding, alike: Alias) -> str:
-    """The command that plans how to tell a finding from its look-alike, as it was chosen."""
+    """The command that plans how to tell a finding from its alias, as it was found."""
+    return _plan_for(result, (finding.effect, result.choice.variant(alike.block)))
+
+
+def _plan_for(result: Diagnosis, split: Sequence[Effect]) -> str:
     problem = result.extended.problem
-    split = (finding.effect, result.choice.variant(alike.block))
     return advice(result.before.problem.model, split, problem.measurements, **problem.setup.keywords)
 
 

@@ -1,0 +1,87 @@
+"""Held postures: records of one posture at one target share an error, which is a variance component of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.calibration.fit import Fit
+
+RATIOS = (1e-3, 1e3)
+"""Standard deviation of the error of a posture over that of a record, at least and at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPostures:
+    """Groups of records of one posture and one seat, and the error that each group shares.
+
+    Attributes:
+        group: number of the group of each record, -1 of those that do not count (n,).
+        count: records of each group (groups,).
+        ratio: standard deviation of the shared error over that of a record, both in units of the records' noise.
+    """
+
+    group: Index
+    count: Array
+    ratio: float
+
+    @staticmethod
+    def of(fit: Fit, tips: Array) -> HeldPostures:
+        """By the residuals of a model that puts the tips at ``tips`` (n, 3) [m], with orientations (n, 6) [m, rad].
+
+        The ratio is the restricted maximum likelihood estimate (Patterson, Thompson 1971, Biometrika 58) with the parameters
+        of the fit shared between the means of the groups.
+        """
+        counts = fit.used & fit.observations.says
+        group = np.full(len(counts), -1, dtype=np.intp)
+        pairs = np.stack([fit.problem.measurements.postures, fit.observations.seat], axis=1)[counts]
+        group[counts] = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
+        count = np.bincount(group[counts]).astype(np.float64)
+        whole = HeldPostures(group, count, 0.0)
+        if count.max(initial=1.0) < 2.0:
+            return whole
+        off = fit.observations.deviations(tips, fit.solution.point.seats)
+        return HeldPostures(group, count, whole._estimate(np.einsum("nij,nj->ni", fit.noise.whitening, off), fit.dof))
+
+    def _estimate(self, residual: Array, dof: float) -> float:
+        """The likeliest ratio for whitened residuals (n, k) with so many degrees of freedom left."""
+        means = self._means(residual[:, :, None])[:, :, 0]
+        inside = self.group >= 0
+        within = float(np.square(residual[inside] - means[self.group[inside]]).sum())
+        width = residual.shape[1]
+        of_within = width * float((self.count - 1.0).sum())
+        of_means = max(dof - of_within, 1.0)
+        squares = self.count * np.square(means).sum(axis=1)
+        share = of_means / (width * len(self.count))
+
+        def deviance(log_ratio: float) -> float:
+            scale = 1.0 + self.count * np.exp(2.0 * log_ratio)
+            chi2 = within + float((squares / scale).sum())
+            return float(share * width * np.log(scale).sum() + (of_within + of_means) * np.log(max(chi2, 1e-300)))
+
+        best = minimize_scalar(deviance, bounds=np.log(RATIOS), method="bounded")
+        return float(np.exp(best.x)) if best.fun < deviance(-np.inf) else 0.0
+
+    def _means(self, rows: Array) -> Array:
+        """Mean of the rows (n, k, c) of each group (groups, k, c)."""
+        found = np.zeros((len(self.count), *rows.shape[1:]))
+        inside = self.group >= 0
+        np.add.at(found, self.group[inside], rows[inside])
+        return found / self.count[:, None, None]
+
+    def whitened(self, rows: Array) -> Array:
+        """Rows (n, k, c), whitened record by record, with the shared error whitened too.
+
+        The mean of a group of m has ``1 + m ratio²`` times the variance of independent records; the rest is as it was.
+        """
+        if not self.ratio:
+            return rows
+        less = 1.0 - 1.0 / np.sqrt(1.0 + self.count * self.ratio**2)
+        inside = self.group >= 0
+        taken = (less[:, None, None] * self._means(rows))[self.group[inside]]
+        found = rows.copy()
+        found[inside] -= taken
+        return found

@@ -1,0 +1,142 @@
+"""The posterior over sets of causes, and what is read off it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import logsumexp
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.diagnosis.linear_model import Conditional
+from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Sets of blocks that were visited, with their weights.
+
+    Attributes:
+        space: the model space that was explored.
+        weights: of each set of blocks, the largest first; they add up to one.
+        log_posterior: of the most probable, against the empty set.
+        total_variation: largest difference of an inclusion probability between the two halves of the starts.
+    """
+
+    space: ModelSpace
+    weights: Mapping[Blocks, float]
+    log_posterior: float
+    total_variation: float
+
+    @property
+    def agree(self) -> bool:
+        """Whether the two halves of the starts found the same."""
+        return self.total_variation <= THRESHOLDS.agreement
+
+    @property
+    def top(self) -> Blocks:
+        """The most probable set."""
+        return next(iter(self.weights))
+
+    @cached_property
+    def inclusion(self) -> Array:
+        """Inclusion probability of each candidate (candidates,)."""
+        return inclusion(self.space, self.weights)
+
+    def probability(self, block: int) -> float:
+        """Inclusion probability of a block's candidate."""
+        return float(self.inclusion[self.space.candidates.owner(block)])
+
+    @cached_property
+    def median(self) -> Blocks:
+        """The median probability model: the candidates more probable than not, each by its most probable variant (Barbieri,
+        Berger 2004, Ann. Stat. 32).
+        """
+        of_blocks: dict[int, float] = {}
+        for blocks, weight in self.weights.items():
+            for k in blocks:
+                of_blocks[k] = of_blocks.get(k, 0.0) + weight
+        best: dict[int, int] = {}
+        for k in sorted(of_blocks, key=lambda k: (-of_blocks[k], k)):
+            best.setdefault(self.space.candidates.owner(k), k)
+        return tuple(sorted(k for owner, k in best.items() if self.inclusion[owner] >= THRESHOLDS.named))
+
+    def beside(self, blocks: Blocks) -> Conditional:
+        """What is left beside a set, at its best widths and amplitude."""
+        return self.space.conditional(self.space.marginal(blocks).best)
+
+    @cached_property
+    def left(self) -> Conditional:
+        """What is left beside the median probability model."""
+        return self.beside(self.median)
+
+    def without(self, block: int) -> Conditional:
+        """What is left beside the median probability model without one of its blocks."""
+        return self.beside(tuple(k for k in self.median if k != block))
+
+    def strength(self, block: int) -> float:
+        """Log posterior odds of the median probability model with one of its blocks against without."""
+        without = tuple(k for k in self.median if k != block)
+        return self.space.marginal(self.median).log_posterior - self.space.marginal(without).log_posterior
+
+    @cached_property
+    def causes(self) -> dict[tuple[str, ...], float]:
+        """Probability of each set of causes, by their labels, the most probable first; they add up to one."""
+        names, found = self.space.candidates.design.names, dict[tuple[str, ...], float]()
+        for blocks, weight in self.weights.items():
+            owners = sorted({self.space.candidates.owner(k) for k in blocks if self.space.candidates.is_cause(k)})
+            labels = tuple(names[owner] for owner in owners)
+            found[labels] = found.get(labels, 0.0) + weight
+        return dict(sorted(found.items(), key=lambda pair: -pair[1]))
+
+    def beyond(self, named: Collection[str]) -> float:
+        """Probability that a cause acts which is not among the named."""
+        return float(sum(weight for labels, weight in self.causes.items() if not set(labels) <= set(named)))
+
+    def instead(self, owner: int) -> Array:
+        """Probability that each candidate is in the set and ``owner`` is not (candidates,)."""
+        candidates = self.space.candidates
+        rest = {s: w for s, w in self.weights.items() if owner not in {candidates.owner(k) for k in s}}
+        return inclusion(self.space, rest)
+
+    @cached_property
+    def amplitudes(self) -> Array:
+        """Probability of each amplitude of the background (amplitudes,)."""
+        each = [self.space.marginal(blocks).amplitudes * weight for blocks, weight in self.weights.items()]
+        return np.asarray(np.sum(each, axis=0))
+
+    def uncertainty_of_the_set(self, block: int) -> Array:
+        """By how much a block's covariance is larger than in the median probability model, for other sets hold it too
+        (q, q), in units of the design's scales: law of total variance, about the estimate of that model.
+        """
+        own = self.left.places[block]
+        about, inside = self.left.estimate[own], self.left.covariance[own, own]
+        holding = {s: w for s, w in self.weights.items() if block in s and w >= THRESHOLDS.worth_listing}
+        total = np.zeros_like(inside)
+        for blocks, weight in holding.items():
+            there = self.beside(blocks)
+            place = there.places[block]
+            off = there.estimate[place] - about
+            total += weight * (there.covariance[place, place] + np.outer(off, off))
+        more = total / max(sum(holding.values()), THRESHOLDS.worth_listing) - inside
+        values, vectors = np.linalg.eigh(more)
+        return np.asarray(vectors * np.maximum(values, 0.0) @ vectors.T)
+
+
+def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
+    """Inclusion probability of each candidate (candidates,)."""
+    found = np.zeros(len(space.candidates.design.names))
+    for blocks, weight in weights.items():
+        found[[space.candidates.owner(k) for k in blocks]] += weight
+    return found
+
+
+def weights_of(values: Mapping[Blocks, float]) -> dict[Blocks, float]:
+    """Weights of sets by their log posteriors, the largest first; sets out of reach are not among them."""
+    best = max(values.values())
+    near = {blocks: value for blocks, value in values.items() if value > best - THRESHOLDS.reach}
+    total = logsumexp(list(near.values()))
+    return {blocks: float(np.exp(near[blocks] - total)) for blocks in sorted(near, key=lambda s: (-near[s], s))}
