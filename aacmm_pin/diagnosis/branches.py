@@ -48,12 +48,12 @@ class Branches(Shown):
 
 def branches_of(choice: Choice) -> Branches | None:
     """The joint over which the counted records most clearly fall into two branches; None where none does."""
-    fit, records = choice.fit, choice.fit.problem.measurements
+    fit, records = choice.design.fit, choice.fit.problem.measurements
     chosen = choice.counted & fit.observations.says
     if records.conditions.approach is not None or chosen.sum() < FEWEST_RECORDS:
         return None
     whiten = fit.noise.whitening[chosen, :3, :3]
-    off = fit.observations.deviations(choice.tips, fit.solution.point.seats)[chosen, :3]
+    off = choice.design.deviations(choice.tips)[chosen, :3]
     off, columns = np.einsum("nij,nj->ni", whiten, off), whiten @ choice.design.of_angles[chosen, :3]
     chain = fit.problem.model.arm.chain
     found = []

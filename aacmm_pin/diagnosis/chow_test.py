@@ -79,12 +79,12 @@ def _scatter(choice: Choice) -> Array:
     Else a part of the scatter, the likeliest of ``BY_READINGS``, is taken to be of the readings, whose errors move far tips
     more, and in few directions.
     """
-    fit, alike = choice.fit, np.broadcast_to(np.eye(3), (len(choice.tips), 3, 3))
+    fit, alike = choice.design.fit, np.broadcast_to(np.eye(3), (len(choice.tips), 3, 3))
     used = fit.used & fit.observations.says
     if fit.problem.setup.encoder_noise is not None or not used.any():
         return alike
     whiten = fit.noise.whitening[:, :3, :3]
-    off = fit.observations.deviations(choice.tips, fit.solution.point.seats)[:, :3]
+    off = choice.design.deviations(choice.tips)[:, :3]
     left = np.einsum("nij,nj->ni", whiten, off)[used]
     point = fit.solution.point
     by_reading = whiten @ fit.problem.reading_jacobian(point.x, point.frame)[:, :3]

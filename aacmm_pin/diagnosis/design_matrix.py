@@ -14,6 +14,7 @@ from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.parameter_vector import ParameterVector
+from aacmm_pin.calibration.variance_components import information_of_seats
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Effect, JointZeroOffset
@@ -129,6 +130,19 @@ class Design:
             if (own := whole[block.columns]).any():
                 found += self._of([block.source]) @ (self.scales[block.columns][:, None] * own)
         return found
+
+    def deviations(self, tips: Array) -> Array:
+        """How far tips are from their targets, the places of seats at their best for these tips (n, 3 or 6) [m, rad]."""
+        observations, solution = self.fit.observations, self.fit.solution
+        points, touched = solution.point.seats, np.flatnonzero(observations.seat >= 0)
+        off = observations.deviations(tips, points)
+        if not touched.size:
+            return off
+        whole, tie, of_records = information_of_seats(solution)
+        pull = -tie * np.nan_to_num(points - observations.stated)
+        np.add.at(pull, observations.seat[touched], np.einsum("nij,nj->ni", of_records, off[touched, :3]))
+        moved = np.einsum("sij,sj->si", np.linalg.pinv(whole, hermitian=True), pull)
+        return observations.deviations(tips, points + moved)
 
     @property
     def of_angles(self) -> Array:

@@ -29,8 +29,8 @@ class HeldPostures:
     ratio: float
 
     @staticmethod
-    def of(fit: Fit, tips: Array) -> HeldPostures:
-        """By the residuals of a model that puts the tips at ``tips`` (n, 3) [m], with orientations (n, 6) [m, rad].
+    def of(fit: Fit, off: Array) -> HeldPostures:
+        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad].
 
         The ratio is the restricted maximum likelihood estimate (Patterson, Thompson 1971, Biometrika 58) with the parameters
         of the fit shared between the means of the groups.
@@ -43,7 +43,6 @@ class HeldPostures:
         whole = HeldPostures(group, count, 0.0)
         if count.max(initial=1.0) < 2.0:
             return whole
-        off = fit.observations.deviations(tips, fit.solution.point.seats)
         return HeldPostures(group, count, whole._estimate(np.einsum("nij,nj->ni", fit.noise.whitening, off), fit.dof))
 
     def _estimate(self, residual: Array, dof: float) -> float:

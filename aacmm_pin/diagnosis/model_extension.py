@@ -30,7 +30,7 @@ from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.effects import Effect
 from aacmm_pin.measurements.records import Measurements
 
-MOST_ROUNDS = 8
+MOST_ROUNDS = 6
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
 FEWEST_BACK = 3
 """So many records have to make sense at once before they are more than gross errors."""
@@ -182,21 +182,20 @@ def _release(choice: Choice) -> None:
 
 def _doubtful(choice: Choice, first: Fit) -> int:
     """How many records do not fit with all that was found, covariates included, by the scatter of the first fit."""
-    return int(np.sum(_times_the_limit(choice.fit, choice.tips, first) > 1.0))
+    return int(np.sum(_times_the_limit(choice.design.fit, choice.design.deviations(choice.tips), first) > 1.0))
 
 
 def _put_back(first: Fit) -> NDArray[np.bool_]:
     """The records that count, and those that were excluded but not by far, or all at one time (n,)."""
-    far = _times_the_limit(first, first.solution.point.prediction.poses, first)
+    far = _times_the_limit(first, first.solution.system.off, first)
     stretch, _ = together(first.excluded, first.used, first.problem.measurements)
     return np.asarray(first.used | (first.excluded & ((far < NOT_FAR) | stretch)))
 
 
-def _times_the_limit(at: Fit, tips: Array, judge: Fit) -> Array:
-    """Distance of each record's tip from its target, over what a good one may have by the scatter of ``judge`` (n,)."""
+def _times_the_limit(at: Fit, off: Array, judge: Fit) -> Array:
+    """Residual of each record (n, 3 or 6), over what a good one may have by the scatter of ``judge`` (n,)."""
     says = at.observations.says
-    off = at.observations.deviations(tips, at.solution.point.seats)
-    found, limit = np.zeros(len(tips)), chi2_isf(FALSE_EXCLUSION / len(tips), at.observations.counts[says])
+    found, limit = np.zeros(len(off)), chi2_isf(FALSE_EXCLUSION / len(off), at.observations.counts[says])
     found[says] = np.sqrt(squared_distances(off[says], judge.residual_noise[says]) / limit)
     return found
 
@@ -210,13 +209,13 @@ def _standing(
     progress: bool,
 ) -> Choice:
     """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the median model."""
-    at, effects, tips = first, list[Effect](), None
+    at, effects, tips, seen = first, list[Effect](), None, {frozenset[Any]()}
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_ROUNDS):
             found = _explored(at, library, others, parts, effects, tips)
             rounds.update()
             best = [_refined(found, k) for k in _top_causes(found)]
-            if {e.identity for e in best} == {e.identity for e in effects}:
+            if (identities := frozenset(e.identity for e in best)) in seen:
                 break
             refit = refitted(problem_of, best) if best else first
             if not refit.tells_noise:  # more causes than these records can carry
@@ -224,6 +223,7 @@ def _standing(
             rivals = [rival for k in _top_causes(found) for rival in _rivals(found, k)]
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
             at, effects, tips = refit, best, found.tips
+            seen.add(identities)
             library = _with_variants(library, [*rivals, *effects])
         return replace(found, fit=_extended(problem_of, found, first))
 
@@ -264,7 +264,7 @@ def _explored(
 ) -> Choice:
     """The posterior where a fit with some causes ended; ``tips`` are those that all causes found so far give."""
     design = design_of(at, library, others, at.problem.candidates)
-    held = HeldPostures.of(at, at.solution.point.prediction.poses if tips is None else tips)
+    held = HeldPostures.of(at, design.deviations(at.solution.point.prediction.poses if tips is None else tips))
     # With all records there is no need to take an observation's unknown points apart.
     gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts, held))
     candidates = Candidates.of(design, library)
@@ -354,18 +354,17 @@ def _rivals(choice: Choice, block: int) -> list[Effect]:
     records, candidates = choice.fit.problem.measurements, choice.candidates
     values = choice.posterior.space.additions(without_block(choice.posterior.top, block))
     rest = [choice.variant(k).at(()) for k in _top_causes(choice) if k != block]
-    found = dict[int, Effect]()
-    for other in np.argsort(-values).tolist():
-        if len(found) == RIVALS or not np.isfinite(values[other]):
-            break
-        owner = candidates.owner(other)
-        if owner == candidates.owner(block) or owner in found or not candidates.is_cause(other):
-            continue
-        effect = choice.variant(other)
+    best = {candidates.owner(block): block}
+    for k in np.argsort(-values, kind="stable").tolist():
+        if candidates.is_cause(k) and np.isfinite(values[k]):
+            best.setdefault(candidates.owner(k), k)
+    others = [*best.values()][1 : RIVALS + 1]
+    found = []
+    for effect in map(choice.variant, others):
         tried = effect.at(()).refined(records) if effect.inner and not is_change(effect) else []
         if tried and not any(each.exceptional for each in tried):
-            found[owner] = _likeliest(tried, _beside(choice.fit, tuple(tried), rest))
-    return [*found.values()]
+            found.append(_likeliest(tried, _beside(choice.fit, tuple(tried), rest)))
+    return found
 
 
 def _likeliest(tried: list[Effect], evidences: Array) -> Effect:

@@ -22,8 +22,10 @@ Blocks = tuple[int, ...]
 """A set of blocks, in the order of their numbers."""
 FIRST_WIDTH = 2
 """Number of the width with which the search for a block's best width begins."""
-SWEEPS = 8
-"""The best widths of a set are found in fewer rounds over its members than this."""
+SWEEPS = 4
+"""Best widths and best amplitude are found in turn, at most so often."""
+LEAST_GAIN = 1e-9
+"""A width is better if the log posterior is larger by more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +135,8 @@ class ModelSpace:
         self.amplitudes = amplitudes if covariates else (0.0,)
         self._bases: dict[tuple[int, bool], Base] = {}
         self._marginals: dict[Blocks, Marginal] = {}
-        self._expansions: dict[Blocks, Array] = {}
+        self._additions: dict[Blocks, Array] = {}
+        self._widths: dict[Blocks, Array] = {}
 
     def base(self, amplitude: int, as_stated: bool = False) -> Base:
         """Nuisances and the background of an amplitude integrated over."""
@@ -181,75 +184,86 @@ class ModelSpace:
     def _summed(self, blocks: Blocks) -> Marginal:
         best = self._near(blocks)
         for _ in range(SWEEPS):
-            before, along = best, []
-            best, amplitudes = self._over_amplitudes(best)
-            products = self._products(blocks, best.amplitude)
-            for member in range(len(blocks)):
-                values = self._over_widths(products, best, member)
-                along.append(values)
-                widths = (*best.widths[:member], int(np.argmax(values)), *best.widths[member + 1 :])
-                best = best._replace(widths=widths)
-            if best == before:
+            before = best
+            best, along = self._best_widths(best)
+            amplitudes = self._over_amplitudes(best)
+            best = best._replace(amplitude=int(np.argmax(amplitudes)))
+            if best.amplitude == before.amplitude:
                 break
-        top = max([amplitudes.max(), *(values.max() for values in along)])
-        excess = sum(logsumexp(values) - values.max() for values in (*along, amplitudes))
-        return Marginal(float(top + excess), best, np.exp(amplitudes - logsumexp(amplitudes)))
+        excess = sum(log_sum(values) - values.max() for values in (*along, amplitudes))
+        return Marginal(float(amplitudes.max() + excess), best, np.exp(amplitudes - log_sum(amplitudes)))
 
     def _near(self, blocks: Blocks) -> State:
         """A state of the set near the best: widths and amplitude of a set with one block less, if one is known."""
         for k, block in enumerate(blocks):
             if (known := self._marginals.get((*blocks[:k], *blocks[k + 1 :]))) is not None:
-                widths = known.best.widths
-                return State(blocks, (*widths[:k], self._first_width(known.best, block), *widths[k:]), known.best.amplitude)
+                widths, first = known.best.widths, self._first_width(known.best.blocks, block)
+                return State(blocks, (*widths[:k], first, *widths[k:]), known.best.amplitude)
         return State(blocks, (FIRST_WIDTH,) * len(blocks), 0)
 
-    def _first_width(self, beside: State, block: int) -> int:
-        expansion = self._expansions.get(beside.blocks)
-        return FIRST_WIDTH if expansion is None else int(np.argmax(expansion[block]))
+    def _first_width(self, beside: Blocks, block: int) -> int:
+        return int(self._widths[beside][block]) if beside in self._widths else FIRST_WIDTH
+
+    def _best_widths(self, state: State) -> tuple[State, Array]:
+        """The state with its best widths, changed one at a time; its log posterior along each (blocks, widths)."""
+        count = len(state.blocks)
+        if not count:
+            return state, np.empty((0, WIDTHS.size))
+        products = self._products(state.blocks, state.amplitude)
+        while True:
+            trials = np.tile(np.array(state.widths, dtype=np.intp), (count, WIDTHS.size, 1))
+            trials[np.arange(count), :, np.arange(count)] = np.arange(WIDTHS.size)
+            values = self._log_posteriors(products, state, trials.reshape(-1, count)).reshape(count, -1)
+            member, width = np.unravel_index(int(np.argmax(values)), values.shape)
+            if values[member, width] <= values[member, state.widths[member]] + LEAST_GAIN:
+                return state, values
+            state = state._replace(widths=tuple(trials[member, width].tolist()))
 
     def _products(self, blocks: Blocks, amplitude: int) -> Array:
         """Products of the set's columns with one another and with the residual, which is last (m + 1, m + 1)."""
         base, design = self.base(amplitude), self.candidates.design
-        columns = [np.arange(design.blocks[k].columns.start, design.blocks[k].columns.stop) for k in blocks]
-        own = np.concatenate([*columns, [design.width]]).astype(np.intp)
-        rows = [base.strip(k)[:, own] for k in blocks]
-        return np.concatenate([*rows, base.residual[None, own]])
-
-    def _over_widths(self, products: Array, state: State, member: int) -> Array:
-        """Log posterior of a state with each width of one of its blocks (widths,)."""
-        trials = np.tile(state.widths, (WIDTHS.size, 1))
-        trials[:, member] = np.arange(WIDTHS.size)
-        return self._log_posteriors(products, state, trials)
+        each = [design.blocks[k].columns for k in blocks]
+        own = np.concatenate([*(np.arange(s.start, s.stop) for s in each), [design.width]]).astype(np.intp)
+        rows = [self.gram.strip(s, own) for s in each]
+        whitened = base.whitened[:, own]
+        return np.concatenate([*rows, self.gram.residual[None, own]]) - whitened.T @ whitened
 
     def _log_posteriors(self, products: Array, state: State, widths: Index) -> Array:
         """Log posterior of a state with several choices of widths (choices, blocks): (choices,)."""
         sizes = [self.candidates.blocks[k].size for k in state.blocks]
-        scale = np.repeat(WIDTHS[widths], sizes, axis=1)
-        scale = np.concatenate([scale, np.ones((len(widths), 1))], axis=1)
+        scale = np.ones((len(widths), sum(sizes) + 1))
+        scale[:, :-1] = np.repeat(WIDTHS[widths], sizes, axis=1)
         whole = scale[:, :, None] * products * scale[:, None, :]
-        whole[:, range(scale.shape[1] - 1), range(scale.shape[1] - 1)] += 1.0
+        inside = np.arange(scale.shape[1] - 1)
+        whole[:, inside, inside] += 1.0
         whole[:, -1, -1] = np.finfo(np.float64).max
         factor = np.linalg.cholesky(whole)
         chi2 = products[-1, -1] - np.square(factor[:, -1, :-1]).sum(axis=1)
         volume = np.log(np.diagonal(factor, axis1=1, axis2=2)[:, :-1]).sum(axis=1) + self.base(state.amplitude).log_volume
         return np.asarray(self.likelihood.log(chi2) - volume + self._log_prior(state.blocks))
 
-    def _over_amplitudes(self, state: State) -> tuple[State, Array]:
-        """The state with the best amplitude, and the log posterior with each (amplitudes,)."""
+    def _over_amplitudes(self, state: State) -> Array:
+        """Log posterior of the state with each amplitude (amplitudes,)."""
         widths = np.array([state.widths], dtype=np.intp)
         each = [state._replace(amplitude=k) for k in range(len(self.amplitudes))]
-        found = [self._log_posteriors(self._products(s.blocks, s.amplitude), s, widths)[0] for s in each]
-        return each[int(np.argmax(found))], np.array(found)
+        return np.array([self._log_posteriors(self._products(s.blocks, s.amplitude), s, widths)[0] for s in each])
 
     def additions(self, blocks: Blocks) -> Array:
-        """Log posterior of the set with each block more, about (blocks,); minus infinity for those that are barred.
+        """Log posterior of the set with each block more, about (blocks,); minus infinity for those that are barred; kept.
 
         Widths and amplitude are the best without it, and summed over as there.
         """
-        marginal = self.marginal(blocks)
-        if blocks not in self._expansions:
-            found = self.conditional(marginal.best).additions - np.log(WIDTHS.size)
-            found[self.candidates.barred(blocks)] = -np.inf
-            self._expansions[blocks] = found
-        gain = logsumexp(self._expansions[blocks], axis=1) - self.conditional(marginal.best).log_evidence
-        return np.asarray(marginal.log_posterior + gain + self.candidates.log_odds)
+        if blocks not in self._additions:
+            marginal = self.marginal(blocks)
+            beside = self.conditional(marginal.best)
+            values = beside.additions
+            self._widths[blocks] = np.argmax(values, axis=1)
+            gain = np.logaddexp.reduce(values, axis=1) - np.log(WIDTHS.size) - beside.log_evidence
+            gain[self.candidates.barred(blocks)] = -np.inf
+            self._additions[blocks] = marginal.log_posterior + gain + self.candidates.log_odds
+        return self._additions[blocks]
+
+
+def log_sum(values: Array) -> float:
+    """Logarithm of the sum of exponentials."""
+    return float(np.logaddexp.reduce(values))

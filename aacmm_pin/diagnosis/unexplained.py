@@ -30,8 +30,8 @@ class Discrepancy(Shown):
 
     Attributes:
         covariate: what it depends on, or ``background``.
-        rms: root mean square at the tip over the used records [m].
-        u: standard uncertainty of the displacement of a tip by it, root mean square over the used records [m].
+        rms: root mean square displacement of the tips by what recalibration leaves of it [m].
+        u: standard uncertainty of that displacement, root mean square over the records [m].
         probability: that it is there.
     """
 
@@ -112,7 +112,7 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
         THRESHOLDS.left if named else THRESHOLDS.left_alone,
         depends,
         (*(_discrepancy(choice, k, covariate.name) for k, covariate in mine.items()), *background),
-        any(each.rms > THRESHOLDS.background * choice.fit.distance_of(choice.fit.stated_noise) for each in background),
+        any(each.rms > THRESHOLDS.background * choice.fit.distance_of(choice.fit.residual_noise) for each in background),
         {covariate.name: _shape(choice, k) for k, covariate in mine.items()},
         {covariate.name: _way(choice, k).acts_on for k, covariate in mine.items()},
         held.smooth_gain if held is not None and (mine or background) else None,
@@ -151,29 +151,35 @@ def _way(choice: Choice, block: int) -> Carried:
 
 def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
     """The size of a covariate's part, at its posterior mean."""
-    left = choice.posterior.left
+    left, columns = choice.posterior.left, choice.design.blocks[block].columns
     own = left.places[block]
-    columns = choice.design.columns(block)[choice.fit.used, :3]
-    sizes = _sizes(columns, left.estimate[own], left.covariance[own, own])
+    information = choice.posterior.space.base(0).strip(block)[:, columns]
+    sizes = _sizes(choice, information, left.estimate[own], left.covariance[own, own])
     return Discrepancy(name, *sizes, choice.posterior.probability(block))
 
 
 def _background(choice: Choice) -> list[Discrepancy]:
     """The size of the background, at its most probable amplitude beside the median probability model."""
-    left, first = choice.posterior.left, choice.posterior.left.base.nuisances
-    if not left.base.amplitude:
+    left = choice.posterior.left
+    base, first = left.base, left.base.nuisances
+    if not base.amplitude:
         return []
-    columns = left.base.gram.products.background_columns[choice.fit.used, :3]
-    inverse = np.linalg.inv(left.base.factor)[:, first:]
-    sizes = _sizes(columns, left.step[first : len(left.base.factor)], left.variance * inverse.T @ inverse)
+    precision = base.factor[first:, first:] @ base.factor[first:, first:].T
+    information = precision - np.eye(len(precision)) / base.amplitude**2
+    covariance = left.variance * np.linalg.inv(precision)
+    sizes = _sizes(choice, information, left.step[first : len(base.factor)], covariance)
     return [Discrepancy(BACKGROUND, *sizes, float(1.0 - choice.posterior.amplitudes[0]))]
 
 
-def _sizes(columns: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
-    """Root mean square displacement of tips, and its standard uncertainty, for columns (n, 3, q) [m]."""
-    rms = np.sqrt(np.square(columns @ estimate).sum(axis=1).mean())
-    variance = np.einsum("nij,jk,nik->n", columns, covariance, columns, optimize=True)
-    return float(rms), float(np.sqrt(max(variance.mean(), 0.0)))
+def _sizes(choice: Choice, information: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
+    """Root mean square displacement of tips, and its standard uncertainty [m]: of what recalibration leaves of it.
+
+    ``information`` (q, q) is of the records in units of their noise, geometry at its best.
+    """
+    rows, noise = choice.posterior.space.gram.free, choice.design.fit.distance_of(choice.design.fit.residual_noise)
+    squares = estimate @ information @ estimate, np.einsum("ij,ji->", information, covariance)
+    rms, u = (noise * np.sqrt(max(float(each), 0.0) / rows) for each in squares)
+    return float(rms), float(u)
 
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
@@ -185,7 +191,7 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     # Each function has one column for each quantity; the first function is the constant where there is one.
     sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
     axes = _axes(design, block, way, count)
-    off = choice.fit.observations.deviations(choice.tips, choice.fit.solution.point.seats)[:, :3]
+    off = design.deviations(choice.tips)[:, :3]
     each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
     covariate = _covariate(choice, block)
     table = covariate.values.copy()
