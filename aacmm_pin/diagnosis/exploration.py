@@ -32,6 +32,7 @@ def explore(space: ModelSpace, starts: Iterable[Blocks] = ()) -> Posterior:
 def explored_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
     """The sets that hold the mass near some starts, for a part of the records: nothing is exchanged."""
     walk = Walk(space, starts)
+    walk.expansions = THRESHOLDS.expansions_of_part
     walk.run(exchanges=False)
     return Posterior(space, weights_of(walk.values), walk.best - space.marginal(()).log_posterior, 0.0)
 

@@ -18,6 +18,7 @@ class Thresholds:
         reach: sets whose log posterior is lower than the largest by more are not looked at.
         beside: additions to a set that are looked at, at most.
         expansions: sets of which all additions are ranked, at most, from each half of the starts.
+        expansions_of_part: the same where a part of the records is left out.
         holds: sets with a larger weight have their members exchanged, for one other and for two.
         instead: candidates in the place of a member beside which another is tried, besides those that it contains.
         leading: leading causes of which each is a start.
@@ -44,6 +45,7 @@ class Thresholds:
     reach: float = 7.0
     beside: int = 8
     expansions: int = 60
+    expansions_of_part: int = 12
     holds: float = 0.1
     instead: int = 3
     leading: int = 4
