@@ -20,7 +20,8 @@ READING_ERROR_K = 0.2
 @dataclass(frozen=True, eq=False)
 class Conditions:
     """n records: clock [s], temperature of the arm and its reading [°C], approach (n, R) of each row, index of the seat
-    (-1: none), session, operator, relative humidity [%], payload at the tip [kg], number of the marker on the last body.
+    (-1: none), session, operator, relative humidity [%], payload at the tip [kg], number of the marker on the last body,
+    number of the held posture.
     """
 
     time: Array
@@ -33,12 +34,14 @@ class Conditions:
     humidity: Array
     payload: Array
     marker: NDArray[np.int_]
+    posture: NDArray[np.int_]
 
     @staticmethod
     def still(n: int, rows: int) -> Conditions:
         """That leave a sound arm of R rows as it is."""
         zero, none = np.zeros(n), np.zeros(n, dtype=int)
-        return Conditions(zero, zero + 20.0, zero + 20.0, np.ones((n, rows)), none - 1, none, none, zero, zero, none)
+        approach = np.ones((n, rows))
+        return Conditions(zero, zero + 20.0, zero + 20.0, approach, none - 1, none, none, zero, zero, none, np.arange(n))
 
     def take(self, rows: NDArray[np.int_]) -> Conditions:
         return Conditions(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})

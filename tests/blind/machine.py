@@ -42,9 +42,20 @@ class Machine:
                 assert fault.joint is not None
                 i = fault.joint - 1
                 angles[:, i] = ENCODER[fault.cause](angles[:, i], fault.parameters, conditions, fault.joint)
-            elif fault.parameters.get("kind") == "joint_product":
-                angles = outside.joint_product(angles, fault.parameters)
+            elif "joints" in fault.parameters:
+                angles[:, fault.parameters["joints"][0] - 1] += self._outside(angles, q, conditions, fault.parameters)
         return angles if self.small is None else self.small.added(angles, conditions)
+
+    def _outside(self, angles: Array, q: Array, conditions: Conditions, p: Parameters) -> Array:
+        """Term of the angle of a joint (n,) [rad] that no cause of the contract describes."""
+        if p["kind"] == "joint_product":
+            return outside.joint_product(angles, p)
+        if p["kind"] == "other_joint":
+            return outside.other_joint(angles, p)
+        if p["kind"] == "branch":
+            return outside.branch(conditions, p)
+        sound = replace(self, values=self.arm.exact, faults=(), small=None)
+        return outside.loaded_gear(angles, self.arm.all_angles(sound.torque(q, conditions)), p)
 
     def geometry(self) -> Array:
         """``values`` with the faults of a DH table."""

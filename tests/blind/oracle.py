@@ -9,11 +9,12 @@ the plant.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2, ncx2
 
 from blind import workshop
 from blind.kinematics import Array
@@ -25,6 +26,8 @@ STEP = 1e-2
 """Of finite differences, in typical sizes of the parameter."""
 SPLIT = 14
 """Bumps round a turn that stand for any curve."""
+ALPHA = 1e-4
+"""A chance of 0.01 that anything of about a hundred causes is seen where nothing is."""
 ALIKE = 0.95
 """Cosine of the effects of two causes above which nobody could tell them apart."""
 
@@ -52,10 +55,19 @@ class Oracle:
         column = np.concatenate([np.einsum("nij,nj->ni", self.whiten, shift).ravel(), np.zeros(self.extra)])
         return np.asarray(column - self.basis @ (self.basis.T @ column))
 
-    def visible(self, fault: Hidden) -> float:
-        """λ of a hidden fault, beside all others."""
+    def visible(self, fault: Hidden, refitted: Sequence[Hidden] = ()) -> float:
+        """λ of a hidden fault, beside all others, whose values are known unless they are ``refitted``."""
         left = self.projected(self.real.shift_by(fault, self.q, self.conditions))
+        columns = [column for other in refitted for column in self._columns_of(_as_named(other))]
+        if columns:
+            basis = self._basis(columns)
+            left = left - basis @ (basis.T @ left)
         return float(left @ left)
+
+    def power(self, fault: Hidden, refitted: Sequence[Hidden] = ()) -> float:
+        """Chance that one who knows everything else sees the fault at :data:`ALPHA`."""
+        parameters = max(1, len(self._columns_of(_as_named(fault))))
+        return float(ncx2.sf(chi2.isf(ALPHA, parameters), parameters, self.visible(fault, refitted)))
 
     def cosine(self, fault: Hidden, finding: Mapping[str, Any]) -> float:
         """Of what a hidden fault leaves with the columns of a named cause; 0 where the plant has no such cause."""
@@ -63,9 +75,13 @@ class Oracle:
         columns = self._columns_of(finding)
         if not columns:
             return 0.0
-        u, s, _ = np.linalg.svd(np.stack([self.projected(c) for c in columns], axis=1), full_matrices=False)
-        basis = u[:, s > 1e-8 * max(s[0], 1e-30)]
+        basis = self._basis(columns)
         return float(np.linalg.norm(basis.T @ left) / max(float(np.linalg.norm(left)), 1e-30))
+
+    def _basis(self, columns: Sequence[Array]) -> Array:
+        """Orthonormal, of what is left of the columns."""
+        u, s, _ = np.linalg.svd(np.stack([self.projected(c) for c in columns], axis=1), full_matrices=False)
+        return np.asarray(u[:, s > 1e-8 * max(s[0], 1e-30)])
 
     def _effects(self, faults: list[Hidden]) -> list[Array]:
         """What each moves the records by, in typical sizes of its parameter."""
@@ -120,6 +136,11 @@ class Oracle:
         for seat in range(len(file.fitted_seats)):
             columns += self._seat(seat)
         priors += [0.0] * (first - len(priors)) + [1.0 / file.seat_u] * (len(columns) - first)
+        if file.posture_u:
+            postures = np.unique(self.conditions.posture)
+            held = self.conditions.posture[:, None] == postures
+            columns += [np.where(of[:, None], axis, 0.0) for of in held.T for axis in np.eye(3)]
+            priors += [1.0 / file.posture_u] * (3 * len(postures))
         records = np.stack([np.einsum("nij,nj->ni", self.whiten, c).ravel() for c in columns], axis=1)
         bars = np.zeros((len(file.bars), len(columns)))
         for row, (a, b) in zip(bars, file.bars, strict=True):
@@ -127,6 +148,11 @@ class Oracle:
             along = along / (np.linalg.norm(along) * file.bar_u)
             row[first + 3 * a : first + 3 * a + 3], row[first + 3 * b : first + 3 * b + 3] = along, -along
         return np.concatenate([records, np.diag(priors), bars])
+
+
+def _as_named(fault: Hidden) -> dict[str, Any]:
+    """A hidden fault as a diagnosis names it."""
+    return {**fault.parameters, "cause": fault.cause, "joint": fault.joint}
 
 
 def _small_faults(cause: str, row: int | None, inner: Mapping[str, Any]) -> list[Hidden]:

@@ -22,13 +22,28 @@ DEPENDS_ON = {
 
 
 def joint_product(angles: Array, p: Parameters) -> Array:
-    """(n, R) angles with a term at one joint that depends on two: A sin(θj - a) sin(θk - b)."""
+    """(n,) term of joint j that depends on two: A sin(m θj - a) sin(θk - b); m is one unless ``order`` states it."""
     j, k = p["joints"]
-    out = angles.copy()
-    out[:, j - 1] += (
-        p["amplitude_rad"] * np.sin(angles[:, j - 1] - p["phases_rad"][0]) * np.sin(angles[:, k - 1] - p["phases_rad"][1])
-    )
-    return out
+    a, b = p["phases_rad"]
+    own = np.sin(p.get("order", 1) * angles[:, j - 1] - a)
+    return np.asarray(p["amplitude_rad"] * own * np.sin(angles[:, k - 1] - b))
+
+
+def other_joint(angles: Array, p: Parameters) -> Array:
+    """(n,) term of joint j that depends on joint k alone: A sin(m θk - b)."""
+    k = p["joints"][1]
+    return np.asarray(p["amplitude_rad"] * np.sin(p["order"] * angles[:, k - 1] - p["phase_rad"]))
+
+
+def loaded_gear(angles: Array, torque: Array, p: Parameters) -> Array:
+    """(n,) term of a joint: a wave over its angle as high as the torque (n, R) [N·m] of its load, A τ sin(m θ - a)."""
+    i = p["joints"][0] - 1
+    return np.asarray(p["amplitude_rad_per_nm"] * torque[:, i] * np.sin(p["order"] * angles[:, i] - p["phase_rad"]))
+
+
+def branch(conditions: Conditions, p: Parameters) -> Array:
+    """(n,) term of a joint: one sign by either direction of approach."""
+    return np.asarray(p["half_width_rad"] * conditions.approach[:, p["joints"][0] - 1])
 
 
 def swelling(p: Parameters, conditions: Conditions) -> Array:
@@ -40,6 +55,10 @@ def shift(p: Parameters, tip: Array, conditions: Conditions) -> Array:
     """(n, 3) what is added to the coordinates of the tip."""
     if p["kind"] == "operator":
         return np.where(conditions.operator[:, None] == 1, np.asarray(p["shift_m"]), 0.0)
+    if p["kind"] == "column":
+        return ((conditions.humidity - 48.0) / 7.0)[:, None] * np.asarray(p["shift_m"])
+    if p["kind"] == "posture":
+        return np.asarray(p["shift_m"])[conditions.posture]
     if p["kind"] == "frame_walk":
         walk = np.asarray(p["walk_m"])
         return np.stack([np.interp(conditions.time, p["knots_s"], walk[:, axis]) for axis in range(3)], axis=1)

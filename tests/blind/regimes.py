@@ -7,14 +7,14 @@ the evidence, its amount and noise, gross errors and what is hidden. Words for t
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blind import chains, plans, table, workshop
+from blind import chains, plans, structures, table, workshop
 from blind.chains import Chain
 from blind.conditions import SESSIONS, Conditions, run
 from blind.kinematics import Array, rotation
@@ -53,7 +53,12 @@ class Regime:
         external: references in a frame of their own.
         torque: the file has torques, and payloads that nobody states.
         own_u: the file states the uncertainty of every reference, which differs from record to record.
+        payload_by_session: a payload for each session, in place of one for each record.
         environment: the file has times, temperatures and directions of approach.
+        approaches: the last of these too.
+        noted: further columns of the file, of :data:`NOTED`.
+        held: records of each posture, in one row or scattered.
+        scattered: see ``held``.
         encoder_u: true noise of an encoder [rad].
         reference_u: true noise of a coordinate of a reference or contact [m].
         noise_stated: ``all``, ``reference`` or ``none``, on the command line.
@@ -63,6 +68,9 @@ class Regime:
         joint: of that; None: drawn.
         size: factor on the sizes of workshops.
         value: the size of the first fault itself, in the unit of its parameter, in place of a drawn one; None: drawn.
+        places: causes and rows of all faults, in place of drawn ones.
+        structure: kind outside the library, see :mod:`blind.structures`; empty: none.
+        structure_size: of that, in rms at the tip over that of the noise.
     """
 
     arm: str
@@ -73,8 +81,13 @@ class Regime:
     seats: int = 0
     external: bool = False
     torque: bool = False
+    payload_by_session: bool = False
     own_u: bool = False
     environment: bool = True
+    approaches: bool = True
+    noted: tuple[str, ...] = ()
+    held: int = 1
+    scattered: bool = False
     encoder_u: float = ENCODER_U
     reference_u: float = REFERENCE_U
     noise_stated: str = "all"
@@ -84,6 +97,9 @@ class Regime:
     joint: int | None = None
     size: float = 1.0
     value: float | None = None
+    places: tuple[tuple[str, int | None], ...] = ()
+    structure: str = ""
+    structure_size: float = 0.0
 
     @property
     def at_seats(self) -> bool:
@@ -129,7 +145,18 @@ class RegimeFile:
 
     @property
     def hidden(self) -> tuple[Hidden, ...]:
-        return self.machine.faults
+        """Causes of the library."""
+        return tuple(fault for fault in self.machine.faults if fault.cause != "unexplained")
+
+    @property
+    def structure(self) -> Hidden | None:
+        """What no cause of the library describes."""
+        return next((fault for fault in self.machine.faults if fault.cause == "unexplained"), None)
+
+    @property
+    def noise_rms(self) -> float:
+        """What readings and references alone leave at the tip [m]."""
+        return tip_noise(self.machine, self.read, self.encoder_u, self.reference_u)
 
     # --- what the records leave unknown (see :mod:`blind.oracle`)
 
@@ -140,6 +167,14 @@ class RegimeFile:
     @property
     def external(self) -> bool:
         return self.regime.external
+
+    @property
+    def posture_u(self) -> float:
+        """Standard uncertainty of each coordinate that is common to the records of a held posture [m]; 0: none."""
+        structure = self.structure
+        if structure is None or structure.parameters["kind"] != "posture":
+            return 0.0
+        return 1e-6 * structure.size_um / np.sqrt(3.0)
 
     @property
     def targets(self) -> int:
@@ -237,10 +272,28 @@ def regime_file(seed: int, most_records: int = SIZES[-1][1], **given: object) ->
     geometry = bounds * rng("geometry").uniform(-1.0, 1.0, bounds.shape)
     rig = Machine(arm, geometry, (), SmallTerms.of(rng("small"), arm), _targets(rng("targets"), regime))
     q, conditions, seats = _route(rng("route"), rng("weather"), regime, rig)
-    wanted = workshop.Wanted(regime.cause, regime.joint, regime.size, regime.faults, regime.value, regime.seats)
-    rig = rig.with_faults(workshop.hide_all(rng("faults"), rig, q, conditions, wanted, lambda _: causes_of(regime)))
+    rig = rig.with_faults(_faults(rng("faults"), rig, regime, q, conditions))
+    if regime.structure:
+        rms = regime.structure_size * tip_noise(rig, q, regime.encoder_u, np.array([regime.reference_u]))
+        outside = structures.structure(rng("structure"), rig, regime.structure, q, conditions, rms)
+        rig = rig.with_faults([*rig.faults, outside])
     jumps = Jumps.of(rng("outliers"), rig, q, round(regime.outliers * len(q)))
     return _measured(rng("noise"), jumps, regime, rig, q, conditions, seats)
+
+
+def _faults(rng: np.random.Generator, rig: Machine, regime: Regime, q: Array, conditions: Conditions) -> tuple[Hidden, ...]:
+    """Of the library."""
+    if regime.places:
+        clock = (float(conditions.time[0]), float(conditions.time[-1]))
+        return tuple(workshop.hide(rng, rig.arm, cause, row, regime.size, clock) for cause, row in regime.places)
+    wanted = workshop.Wanted(regime.cause, regime.joint, regime.size, regime.faults, regime.value, regime.seats)
+    return workshop.hide_all(rng, rig, q, conditions, wanted, lambda _: causes_of(regime))
+
+
+def tip_noise(machine: Machine, q: Array, encoder_u: float, reference_u: Array) -> float:
+    """What noise of readings [rad] and of coordinates of references [m] leaves at the tip, rms over q (n, nq) [m]."""
+    readings = encoder_u**2 * (machine.jacobian(q) ** 2).sum(axis=(1, 2)).mean()
+    return float(np.sqrt(readings + 3.0 * (reference_u**2).mean()))
 
 
 def _route(
@@ -253,10 +306,17 @@ def _route(
         seats, seat = _seats(rng, arm, regime), plans.round_trips(session, regime.seats)
         q = _at_seats(rng, arm, seats[seat])
     else:
-        q = plans.free_postures(rng, arm, n)
+        q = plans.free_postures(rng, arm, -(-n // regime.held))
+    posture = np.arange(n) // regime.held
+    if regime.scattered:
+        posture = rng.permutation(posture)
+    q = q if regime.at_seats else q[posture]
     payload = rng.choice(PAYLOADS_KG, n) if regime.torque else np.zeros(n)
+    if regime.payload_by_session:
+        payload = rng.permutation(PAYLOADS_KG)[session]
     marker = rng.integers(0, 1 if rig.targets is None else len(rig.targets), n)
-    return q, replace(run(weather, arm, seat, session, 1.0, True), payload=payload, marker=marker), seats
+    conditions = replace(run(weather, arm, seat, session, 1.0, True), payload=payload, marker=marker, posture=posture)
+    return q, conditions, seats
 
 
 def _measured(
@@ -336,7 +396,7 @@ def causes_of(regime: Regime) -> list[str]:
     """Causes that can be hidden: those whose columns the file has, and whose loads the arm states."""
     causes = ["encoder_eccentricity", "encoder_ellipticity", "joint_periodic_error", "joint_error_curve", "encoder_gain"]
     if regime.environment:
-        causes += ["encoder_slip", "zero_drift", "joint_hysteresis", "thermal_expansion"]
+        causes += ["encoder_slip", "zero_drift"] + ["joint_hysteresis"] * regime.approaches + ["thermal_expansion"]
     causes += ["joint_compliance", "joint_compliance"] if regime.masses or regime.torque else []
     if regime.masses and not regime.torque:
         causes += ["bearing_tilt", "link_bending", "torsional_windup", "base_compliance"]
@@ -350,6 +410,13 @@ def causes_of(regime: Regime) -> list[str]:
 
 
 # --- the file
+
+NOTED: dict[str, Callable[[Conditions], Sequence[str]]] = {
+    "humidity_pct": lambda conditions: table.fixed(conditions.humidity, 1),
+    "operator": lambda conditions: ["AB"[i] for i in conditions.operator],
+    "payload_kg": lambda conditions: table.fixed(conditions.payload, 1),
+}
+"""Columns that no cause of the contract needs."""
 
 
 def _text(file: RegimeFile, reference: Array, torque: Array | None, bar_error: Array) -> str:
@@ -370,7 +437,9 @@ def _text(file: RegimeFile, reference: Array, torque: Array | None, bar_error: A
         columns["time_s"] = table.fixed(conditions.time, 1)
         columns["temperature_c"] = table.fixed(conditions.temperature_reading, 2)
         columns["session"] = [f"S{s + 1}" for s in conditions.session]
+    if regime.environment and regime.approaches:
         columns |= table.approaches(conditions, file.machine.arm.moving)
+    columns |= {name: NOTED[name](conditions) for name in regime.noted}
     if torque is not None:
         columns |= {f"torque{k + 1}_nm": table.fixed(column, 4) for k, column in enumerate(torque.T)}
     return table.csv(columns)

@@ -8,12 +8,14 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from blind.study import __main__ as command
 from blind.study import sources
 from blind.study.outcomes import count, outcome, rate, table
+from blind.study.stored import stored
 
 Row = dict[str, Any]
 ROOT = Path(__file__).parents[2]
@@ -21,7 +23,8 @@ PAGE = ROOT / "notebooks" / "site" / "study.md"
 
 
 def fault(key: str, *aliases: str) -> Row:
-    return {"key": key, "parameters": {}, "size_um": 50.0, "lambda": 100.0, "aliases": dict.fromkeys(aliases, 0.97)}
+    seen = {"lambda": 100.0, "power": 0.99}
+    return {"key": key, "parameters": {}, "size_um": 50.0, "aliases": dict.fromkeys(aliases, 0.97)} | seen
 
 
 def finding(key: str, probability: float = 0.9) -> Row:
@@ -35,8 +38,16 @@ def row(said: tuple[Any, ...] = (), hidden: tuple[Row, ...] = (), verdict: str =
     findings = [finding(f) if isinstance(f, str) else f for f in said]
     answer = {"verdict": verdict or ("explained" if said else "no-discrepancy"), "findings": findings}
     regime = {"arm": "sino6", "evidence": "free", "records": 50}
-    made = {"seed": seed, "regime": regime, "error": None, "seconds": 2.0, "said": answer, "sources": sources.digest()}
-    return made | {"truth": {"hidden": list(hidden), "outliers": []}} | more
+    made = {
+        "seed": seed,
+        "family": "regimes",
+        "regime": regime,
+        "error": None,
+        "seconds": 2.0,
+        "said": answer,
+        "sources": sources.digest(),
+    }
+    return made | {"truth": {"hidden": list(hidden), "structure": None, "outliers": []}} | more
 
 
 TILT = fault("bearing_tilt:1", "base_compliance", "joint_error_curve:1")
@@ -75,19 +86,46 @@ def test_nothing_hidden_wants_silence() -> None:
     assert broken["verdict"] == "error"
 
 
+def test_structure_outside_is_to_be_named_and_no_cause_for_it() -> None:
+    structure = {"kind": "joint_product", "covariates": ["joint 2", "joint 4"], "times_noise": 2.0, "rms_mm": 0.04}
+    product = {"covariate": "joint 2 × joint 4", "rms_mm": 0.04, "u_mm": 0.01, "probability": 0.9}
+    for said, more, named, false, right in [
+        ((), {"unexplained": {"depends_on": ["joint 4", "joint 2", "time"], "branches": None}}, True, 0, True),
+        ((), {"unexplained": {"depends_on": ["joint 4"], "branches": {"joint": 2}}}, True, 0, True),
+        ((), {"discrepancy": [product]}, True, 0, True),
+        ((), {"discrepancy": [product | {"probability": 0.4}]}, False, 0, True),
+        ((finding("encoder_gain:3", 0.6),), {}, False, 1, False),
+        ((finding("encoder_gain:3", 0.4),), {}, False, 0, True),
+    ]:
+        made = row(said, verdict="unexplained", family="outside-alone")
+        made["truth"]["structure"] = structure
+        made["said"] |= more
+        found = outcome(made)
+        assert (found["structure named"], found["false"], found["right"]) == (named, false, right)
+
+
+def test_what_the_oracle_sees_is_to_be_stated_surely() -> None:
+    weak = GAIN | {"power": 0.5}
+    for p, hidden, seen, found in [(0.96, GAIN, 1, 1), (0.9, GAIN, 1, 0), (0.96, weak, 0, 0)]:
+        made = outcome(row((finding("encoder_gain:3", p),), (hidden,)))
+        assert (made["seen"], made["found"]) == (seen, found)
+
+
 def test_counts() -> None:
     """Wilson's interval: Brown, Cai, DasGupta 2001, 10 of 10 leaves 0.7225; 90 % said of four names, one of them right."""
     assert rate(pd.Series([True] * 10 + [None] * 3)) == "10/10 (0.72 to 1.00)"
     assert rate(pd.Series(dtype=bool)) == ""
     rows = [row(("encoder_slip:3",), (GAIN,)), row(("encoder_gain:3",), (GAIN,)), row(("encoder_slip:1",))]
     rows += [row(("encoder_slip:3",), verdict="inconclusive"), row(regime={"arm": "a", "evidence": "b", "records": 400})]
-    found = count(rows)[0].set_index("records")
-    assert found["files"].to_dict() == {"20 to 60": 4, "301 to 3000": 1, "all": 5}
-    few = found.loc["20 to 60"]
-    assert few["sure and wrong"].startswith("2/3 ")
+    found = count(rows)[0].set_index("class")
+    assert found["files"].to_dict() == {"20 to 60 records": 4, "301 to 3000 records": 1, "all": 5}
+    few = found.loc["20 to 60 records"]
+    assert few["explained with a wrong cause"].startswith("2/3 ")
     assert few["named where nothing is hidden"].startswith("1/2 ")
     assert few["hidden cause named"].startswith("1/2 ")
-    assert (few["stated minus true"], few["of statements"]) == (f"{0.9 - 0.25:+.3f}", 4)
+    half = 1.96 * np.sqrt(4 / 3 * (3 * 0.25**2 + 0.75**2)) / 4
+    assert (few["stated minus true"], few["statements"]) == (f"{0.9 - 0.25:+.3f} ± {half:.3f}", 4)
+    assert few["0.8 to 0.95"].startswith("0.90, 1/4 ")
     assert len({line.count("|") for line in table(count(rows)[0]).splitlines()}) == 1
 
 
@@ -97,10 +135,10 @@ def test_a_study_is_taken_up_where_it_was_cut_off(tmp_path: Path, capsys: pytest
     rows = [row((said,), (TILT,), seed=first + k) for k, said in enumerate(("bearing_tilt:1", "encoder_gain:5"))]
     other = row(seed=first + 2, sources="0")
     path.write_text("".join(json.dumps(r) + "\n" for r in (*rows, other)) + '{"seed": 100003, "se', encoding="utf-8")
-    assert [*command.taken_up(path, sources.digest())] == [first, first + 1]
+    assert [*stored(path, sources.digest())] == [("regimes", first), ("regimes", first + 1)]
     assert command.main(["--count", "2", "-o", str(tmp_path)]) == 0
     assert "1/2 (0.09 to 0.91)" in capsys.readouterr().out
-    assert pd.read_csv(tmp_path / "wrong.csv")["said"].tolist() == ["encoder_gain:5"]
+    assert pd.read_csv(tmp_path / "wrong.csv")["said"].tolist() == ["encoder_gain:5 (0.90)"]
 
 
 # --- the page
@@ -128,4 +166,4 @@ def test_the_diagnosis_code_is_the_one_measured() -> None:
     assert {package / "diagnosis" / "forward_backward_selection.py", package / "effects" / "compliance.py"} <= modules
     assert not {path for path in modules if "plots" in path.parts or "cli" in path.parts}
     if stated("diagnosis code") != sources.digest():
-        pytest.skip(f"the tables of {PAGE.name} are of older diagnosis code: measure again with --table")
+        pytest.skip(f"the tables of {PAGE.name} are of older diagnosis code: measure again")

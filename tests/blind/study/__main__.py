@@ -6,16 +6,17 @@ import argparse
 import json
 import os
 import sys
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from aacmm_pin._support.workers import Workers, results
-from blind.study import page, sources
+from blind.families import FAMILIES
+from blind.study import sources
 from blind.study.outcomes import count, table
 from blind.study.runs import Task, perform
+from blind.study.stored import stored
 
 FIRST = 100_000
 """Seed of the first file."""
@@ -29,31 +30,14 @@ def main(words: list[str]) -> int:
     asked.output.mkdir(parents=True, exist_ok=True)
     path, digest = asked.output / "runs.jsonl", sources.digest()
     seeds = range(FIRST + asked.skip, FIRST + asked.skip + asked.count)
-    there = {seed: row for seed, row in taken_up(path, digest).items() if seed in seeds}
-    tasks = [Task(seed, limit=asked.limit) for seed in seeds if seed not in there]
+    there = {seed: row for (family, seed), row in stored(path, digest).items() if family == asked.family and seed in seeds}
+    tasks = [Task(seed, asked.family, limit=asked.limit) for seed in seeds if seed not in there]
     rows = [*there.values(), *run(tasks, path, asked.jobs, {"sources": digest})]
     counted, outcomes = count(rows)
     outcomes[~outcomes["right"]].to_csv(asked.output / "wrong.csv", index=False)
     print(table(counted))
     print(f"{len(rows)} runs; {int((~outcomes['right']).sum())} of them not answered right: {asked.output / 'wrong.csv'}")
-    if asked.table:
-        page.write(asked.table, counted, datetime.now(UTC), "python -m tests.blind.study " + " ".join(words))
     return 0
-
-
-def taken_up(path: Path, digest: str) -> dict[int, Row]:
-    """Rows of an earlier study by seed, so that it can be taken up where it was stopped; not those of other diagnosis code,
-    nor the torn last line of a run that was cut off.
-    """
-    found: dict[int, Row] = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        try:
-            row = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        if row["sources"] == digest:
-            found[row["seed"]] = row
-    return found
 
 
 def run(tasks: list[Task], path: Path, workers: Workers, made_by: Row) -> list[Row]:
@@ -72,11 +56,11 @@ def run(tasks: list[Task], path: Path, workers: Workers, made_by: Row) -> list[R
 
 def _arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tests.blind.study", description=__doc__)
+    parser.add_argument("--family", choices=FAMILIES, default="regimes", help="kind of files (default regimes)")
     parser.add_argument("--count", type=int, default=1000, help="files (default 1000)")
     parser.add_argument("--skip", type=int, default=0, help="start at this one: seeds that nobody has looked at")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--limit", type=float, default=60.0, help="CPU seconds a command may take (default 60)")
-    parser.add_argument("--table", type=Path, help="page for the table")
     parser.add_argument("-o", "--output", type=Path, default=Path("study"), help="folder (default ./study)")
     return parser
 

@@ -1,16 +1,21 @@
-"""The page of the documentation with the table of a study, and whether the diagnosis code has changed since."""
+"""``python -m tests.blind.study.page FOLDER … --table PAGE``: the page of the documentation with a table for each family."""
 
 from __future__ import annotations
 
+import argparse
 import subprocess
-from datetime import datetime
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-import pandas as pd
-
+from blind.families import FAMILIES
 from blind.study import sources
-from blind.study.outcomes import table
+from blind.study.outcomes import count, table
+from blind.study.stored import stored
 
+Row = dict[str, Any]
 FORM = """# Diagnosis, measured
 
 *This page is written by `{command}`; do not edit it.*
@@ -24,22 +29,46 @@ FORM = """# Diagnosis, measured
 | command | `{command}` |
 | diagnosis code | `{digest}` |
 
-`python -m tests.blind.study` hides faults in files that a plant without a line of this package makes (exact physics, small
-unmodelled terms always on), asks `aacmm-pin diagnose` for each at the shell, and only then looks at the truth.
+`python -m tests.blind.study --family NAME` hides faults in files that a plant without a line of this package makes: exact
+physics, small unmodelled terms always on. It asks `aacmm-pin diagnose` for each at the shell, and then looks at the truth.
+`tests/blind/families.py` draws the files.
 
-Files of many arms and kinds of evidence (`tests/blind/regimes.py`), by number of records. `sure and wrong`: of
-the verdicts `explained`, those that name a cause that is neither hidden nor, by the cosine of the effects beside all that is
-refitted (over 0.95), the same as a hidden one; an `inconclusive` verdict is an abstention. `hidden cause named`: one of the
-hidden causes, or the same as one, is among the findings, whatever the verdict. `stated minus true`: mean of the stated
-probabilities less the share of the names that are those of hidden causes: a probability is of this very name, so that one
-which is only like a hidden cause does not count here.
+A cause is named if its probability is at least 0.5. Intervals cover 95 %.
 
-{table}
+| column | meaning |
+|---|---|
+| right | a hidden cause, or the same as one, is named; if nothing is hidden, nothing is named |
+| explained | share of the files with a hidden cause that have the verdict `explained` |
+| explained with a wrong cause | of these verdicts, those that name a cause neither hidden nor the same as a hidden one |
+| named where nothing is hidden | a cause is named; an `inconclusive` verdict is an abstention |
+| hidden cause named | one of the hidden causes, or the same as one, is named, whatever the verdict |
+| causes seen, stated ≥ 0.95 | of the hidden causes that an oracle with power 0.9 sees, those with that probability |
+| files with false names | a name is not that of a hidden cause, nor the same as one |
+| structure named | all covariates of the structure outside the library are named |
+| stated minus true | mean stated probability of the findings less the share of those that are hidden under this very name |
+| 0.5 to 0.8, … | mean of the stated probabilities in this bin, and how many of them are true |
+
+Two causes are the same if the cosine of their effects, beside all that is refitted, is above 0.95. The oracle knows the
+structure outside the library, fits the other hidden causes, and has a false alarm in 1 of 10 000 tests.
+
+{tables}
 """
 
 
-def write(path: Path, counted: pd.DataFrame, date: datetime, command: str) -> None:
-    """The page of these figures, which are of the present diagnosis code.
+def main(words: list[str]) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.blind.study.page", description=__doc__)
+    parser.add_argument("folders", type=Path, nargs="+", help="folders of studies")
+    parser.add_argument("--table", type=Path, required=True, help="page to write")
+    asked = parser.parse_args(words)
+    rows: dict[tuple[str, int], Row] = {}
+    for folder in asked.folders:
+        rows |= stored(folder / "runs.jsonl", sources.digest())
+    write(asked.table, [*rows.values()], datetime.now(UTC), f"{parser.prog} {' '.join(words)}")
+    return 0
+
+
+def write(path: Path, rows: Sequence[Row], date: datetime, command: str) -> None:
+    """The page of these rows, which are of the present diagnosis code.
 
     Raises:
         ValueError: the package is not as it was committed.
@@ -51,10 +80,23 @@ def write(path: Path, counted: pd.DataFrame, date: datetime, command: str) -> No
         digest=sources.digest(),
         commit=_git("rev-parse", "HEAD"),
         date=date.isoformat(timespec="seconds"),
-        table=table(counted),
+        tables="\n\n".join(_tables(rows)),
     )
     path.write_text(text, encoding="utf-8")
 
 
+def _tables(rows: Sequence[Row]) -> list[str]:
+    """One for each family, with what its files are."""
+    found = []
+    for family, drawn in FAMILIES.items():
+        if of_family := [row for row in rows if row["family"] == family]:
+            found.append(f"## {family}\n\n{drawn.__doc__}\n\n{table(count(of_family)[0])}")
+    return found
+
+
 def _git(*words: str) -> str:
     return subprocess.run(["git", *words], cwd=sources.ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

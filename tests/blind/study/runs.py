@@ -16,9 +16,10 @@ import numpy as np
 from typer.testing import CliRunner
 
 from aacmm_pin.cli.root_command import app
+from blind.families import family_file
 from blind.machine import GEOMETRY
 from blind.oracle import ALIKE, Oracle
-from blind.regimes import RegimeFile, regime_file
+from blind.regimes import RegimeFile
 from blind.study.outcomes import key_of
 from blind.truth import Hidden
 
@@ -28,11 +29,12 @@ TRIES, FAR_AWAY = 10, 10_000_000
 
 @dataclass(frozen=True)
 class Task:
-    """The file of a seed, with fields of :class:`~blind.regimes.Regime` that are not drawn; ``limit`` is the CPU time that
-    the command may take [s].
+    """The file of a seed in a family, with fields of :class:`~blind.regimes.Regime` that are not drawn; ``limit`` is the
+    CPU time that the command may take [s].
     """
 
     seed: int
+    family: str = "regimes"
     given: Mapping[str, Any] = field(default_factory=dict)
     limit: float = 60.0
 
@@ -40,7 +42,7 @@ class Task:
 def perform(task: Task) -> Row:
     """The row of a task; what goes wrong stands under ``error``."""
     file = _file(task)
-    row: Row = {"seed": task.seed, "regime": vars(file.regime), "error": None, "said": None}
+    row: Row = {"seed": task.seed, "family": task.family, "regime": vars(file.regime), "error": None, "said": None}
     with TemporaryDirectory() as name:
         folder = Path(name)
         file.write(folder)
@@ -63,7 +65,7 @@ def _file(task: Task) -> RegimeFile:
     """The file of a seed; of another far away where the arm does not get to the seats that this one draws."""
     for tried in range(TRIES):
         try:
-            return regime_file(task.seed + tried * FAR_AWAY, **task.given)
+            return family_file(task.family, task.seed + tried * FAR_AWAY, **task.given)
         except (ValueError, RuntimeError):
             if tried == TRIES - 1:
                 raise
@@ -87,8 +89,11 @@ def _limited(seconds: float) -> Iterator[None]:
 
 
 def _truth(file: RegimeFile, said: Row | None) -> Row:
-    """What was hidden, and which of the named causes nobody could tell from it."""
-    oracle = Oracle(file) if file.hidden else None
+    """What was hidden, what the oracle sees of it, and which of the named causes nobody could tell from it.
+
+    ``lambda`` of a cause is beside known values of all others, ``power`` beside values of the other causes that are fitted.
+    """
+    oracle = Oracle(file) if file.machine.faults else None
     named = {key_of(finding): finding for finding in (said or {}).get("findings", [])}
     hidden = []
     for fault in file.hidden:
@@ -98,8 +103,20 @@ def _truth(file: RegimeFile, said: Row | None) -> Row:
         cosines = {name: oracle.cosine(fault, finding) for name, finding in named.items() if name != key}
         row: Row = {"key": key, "parameters": _parameters(file, fault), "size_um": fault.size_um}
         row |= {"lambda": oracle.visible(fault), "aliases": {name: c for name, c in cosines.items() if c > ALIKE}}
+        others = [other for other in file.hidden if other is not fault]
+        row |= {"lambda_refitted": oracle.visible(fault, others), "power": oracle.power(fault, others)}
         hidden.append(row)
-    return {"hidden": hidden, "outliers": file.outliers}
+    structure = _structure(file, oracle)
+    return {"hidden": hidden, "structure": structure, "noise_mm": 1e3 * file.noise_rms, "outliers": file.outliers}
+
+
+def _structure(file: RegimeFile, oracle: Oracle | None) -> Row | None:
+    """What no cause describes: its kind, what names it, its size."""
+    if file.structure is None or oracle is None:
+        return None
+    row: Row = {"kind": file.structure.parameters["kind"], "covariates": file.structure.depends_on}
+    row |= {"times_noise": file.regime.structure_size, "rms_mm": 1e-3 * file.structure.size_um}
+    return row | {"lambda": oracle.visible(file.structure)}
 
 
 def _parameters(file: RegimeFile, fault: Hidden) -> Row:
