@@ -89,6 +89,7 @@ def held_postures(rng: np.random.Generator, seed: int) -> Given:
         "size": _size(rng),
         "structure": "posture",
         "structure_size": float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))),
+        "commanded": bool(rng.uniform() < 0.5),
     }
 
 

@@ -59,6 +59,7 @@ class Regime:
         noted: further columns of the file, of :data:`NOTED`.
         held: records of each posture, in one row or scattered.
         scattered: see ``held``.
+        commanded: the file notes where the arm was sent, the same for each record of a posture, in place of readings.
         encoder_u: true noise of an encoder [rad].
         reference_u: true noise of a coordinate of a reference or contact [m].
         noise_stated: ``all``, ``reference`` or ``none``, on the command line.
@@ -88,6 +89,7 @@ class Regime:
     noted: tuple[str, ...] = ()
     held: int = 1
     scattered: bool = False
+    commanded: bool = False
     encoder_u: float = ENCODER_U
     reference_u: float = REFERENCE_U
     noise_stated: str = "all"
@@ -325,6 +327,7 @@ def _measured(
     n = len(q)
     u = regime.reference_u * (np.exp(noise.uniform(-0.7, 0.9, n)) if regime.own_u else np.ones(n))
     encoder = regime.encoder_u * noise.standard_normal(q.shape)
+    q = q - encoder if regime.commanded else q  # the arm misses the posture that is noted
     contact = u[:, None] * noise.standard_normal((n, 3)) + jumps.contact
     if regime.at_seats:
         places = seats + (regime.reference_u if regime.evidence == "seats" else 0.0) * noise.standard_normal(seats.shape)

@@ -19,13 +19,15 @@ from aacmm_pin.measurements.records import Measurements
 from blind import Hidden, chains, draw, workshop
 from blind.chains import Chain
 from blind.conditions import Conditions, run
+from blind.families import FAMILIES, family_file
 from blind.kinematics import Array
 from blind.machine import Machine
 from blind.oracle import Oracle
 from blind.plans import PLANS
 from blind.plant import ENCODER_NOISE, REFERENCE_NOISE
-from blind.regimes import ARMS, EVIDENCE, SIZES, draw_regime, regime_file
+from blind.regimes import ARMS, EVIDENCE, SIZES, RegimeFile, draw_regime, regime_file
 from blind.statics import Elastic, settle
+from blind.structures import AMPLITUDES
 
 ARM = chains.read()
 FELT = {
@@ -245,6 +247,7 @@ def test_a_seed_says_everything() -> None:
     made: list[Callable[[int], object]] = [
         lambda seed: draw(seed, "any", records=50).csv_text,
         lambda seed: regime_file(seed, most_records=60).files,
+        *(lambda seed, family=family: family_file(family, seed).files for family in FAMILIES if family != "regimes"),
     ]
     for make in made:
         assert make(5) == make(5) != make(6)
@@ -341,3 +344,102 @@ def test_the_oracle_knows_what_nobody_can_tell_apart() -> None:
     assert oracle.cosine(fault, {"cause": "encoder_gain", "joint": 4}) < 0.5
     assert oracle.cosine(fault, {"cause": "gremlins", "joint": 4}) == 0.0
     assert oracle.visible(Hidden("encoder_gain", 4, {"gain": 0.0})) == pytest.approx(0.0)
+
+
+# --- structure outside the library
+
+
+@pytest.mark.parametrize("kind", AMPLITUDES)
+def test_structure_has_the_size_that_was_asked_for(kind: str) -> None:
+    for size in (0.5, 2.0):
+        file = family_file("outside", 7, structure=kind, structure_size=size, records=120)
+        assert file.structure is not None
+        assert file.structure.size_um == pytest.approx(1e6 * size * file.noise_rms, rel=0.03)
+        assert [h.cause for h in file.hidden] == [h.cause for h in file.machine.faults if h is not file.structure]
+
+
+def test_structure_of_joints_depends_on_what_names_it(rng: np.random.Generator) -> None:
+    """Other joints move, and nothing changes; nor does it without weights, or by the other direction of approach."""
+    for kind in ("joint_product", "other_joint", "loaded_gear", "branch"):
+        file = family_file("outside", 7, structure=kind, records=120, arm="ur5", evidence="free")
+        assert file.structure is not None
+        alone = replace(file.machine, faults=(file.structure,), small=None)
+        joint = file.structure.parameters["joints"][0] - 1
+        named = [int(name.removeprefix("joint ")) - 1 for name in file.structure.depends_on]
+        q, c = file.read, file.conditions
+
+        def term(q: Array, c: Conditions, machine: Machine = alone) -> Array:
+            return machine.joint_angles(q, c) - machine.with_faults([]).joint_angles(q, c)
+
+        assert np.flatnonzero(np.abs(term(q, c)).max(axis=0)).tolist() == [joint]
+        elsewhere = postures(rng, len(q), alone.arm)
+        elsewhere[:, named] = q[:, named]
+        if kind != "loaded_gear":
+            np.testing.assert_allclose(term(elsewhere, c), term(q, c), atol=1e-15)
+        weightless = replace(alone, arm=replace(alone.arm, gravity=np.zeros(3)))
+        assert (np.abs(term(q, c, weightless)).max() == 0.0) == (kind == "loaded_gear")
+        back = term(q, replace(c, approach=-c.approach))
+        np.testing.assert_allclose(back, term(q, c) * (-1.0 if kind == "branch" else 1.0), atol=1e-15)
+
+
+def test_structure_at_the_tip_is_where_and_when_it_says() -> None:
+    def of(kind: str, **changed: Array) -> tuple[Array, RegimeFile]:
+        """How far the tip is shifted (n,) [m], in changed conditions."""
+        file = family_file("outside", 7, structure=kind, arm="sino6", evidence="free")
+        assert file.structure is not None
+        alone = replace(file.machine, faults=(), small=None)
+        moved = alone.shift_by(file.structure, file.read, replace(file.conditions, **changed))
+        return np.linalg.norm(moved, axis=1), file
+
+    field, file = of("tip_field")
+    assert file.structure is not None
+    away = np.linalg.norm(file.machine.arm.tips(file.read) - file.structure.parameters["centre_m"], axis=1)
+    assert (np.diff(field[np.argsort(away)]) < 1e-7).all()
+    shifted, file = of("operator")
+    assert np.ptp(shifted[file.conditions.operator == 1]) < 1e-12
+    assert shifted[file.conditions.operator == 0].max() == 0.0
+    for kind in ("column", "humidity"):
+        plain, file = of(kind)
+        away_from_48 = file.conditions.humidity - 48.0
+        np.testing.assert_allclose(of(kind, humidity=48.0 + 2.0 * away_from_48)[0], 2.0 * plain, rtol=1e-3)
+
+
+def test_held_postures_share_readings_and_one_error() -> None:
+    for seed in range(4):
+        file = family_file("held-postures", seed)
+        held, posture = file.regime.held, file.conditions.posture
+        assert set(np.bincount(posture)) == {held}
+        assert (np.diff(posture) >= 0).all() == (not file.regime.scattered)
+        order = np.argsort(posture, kind="stable")
+        apart = np.ptp(file.read[order].reshape(-1, held, file.read.shape[1]), axis=1)
+        assert apart.max() < (1e-14 if file.regime.commanded else 10.0 * file.encoder_u)
+        assert file.structure is not None
+        error = file.machine.shift_by(file.structure, file.read, file.conditions)[order].reshape(-1, held, 3)
+        np.testing.assert_allclose(error, error[:, :1].repeat(held, axis=1), atol=1e-12)
+        assert error[:, 0].std() == pytest.approx(file.posture_u, rel=0.1)
+
+
+def test_one_payload_a_session() -> None:
+    file = family_file("payload-sessions", 1)
+    pairs = set(zip(file.conditions.session, file.conditions.payload, strict=True))
+    assert len(pairs) == len({session for session, _ in pairs}) == len({payload for _, payload in pairs}) == 3
+    assert "joint_compliance" in [h.cause for h in file.hidden]
+
+
+def test_an_error_common_to_a_posture_hides_more_than_noise_does() -> None:
+    """Held postures count once: what the oracle sees of a constant cause of one joint falls as the error grows."""
+    seen = [
+        Oracle(file).visible(file.hidden[0])
+        for size in (0.01, 2.0)
+        for file in [family_file("held-postures", 1, structure_size=size, held=4, records=200, arm="sino6", size=1.0)]
+    ]
+    assert seen[1] < 0.2 * seen[0]
+
+
+def test_values_of_others_that_are_fitted_take_from_a_cause() -> None:
+    file = family_file("imitated", 4, arm="sino6", records=100)
+    stand = next(h for h in file.hidden if h.cause == "base_compliance")
+    others = [h for h in file.hidden if h is not stand]
+    oracle = Oracle(file)
+    assert oracle.visible(stand, others) < 0.1 * oracle.visible(stand)
+    assert oracle.power(stand) > 0.99 > oracle.power(stand, others)

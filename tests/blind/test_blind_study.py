@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from blind.study import __main__ as command
-from blind.study import sources
+from blind.study import page, sources
 from blind.study.outcomes import count, outcome, rate, table
 from blind.study.stored import stored
 
@@ -142,6 +142,13 @@ def test_a_study_is_taken_up_where_it_was_cut_off(tmp_path: Path, capsys: pytest
 
 
 # --- the page
+
+
+def test_each_family_has_its_table() -> None:
+    rows = [row(family=family, seed=seed) for family in ("nothing", "outside-alone") for seed in range(3)]
+    found = page.tables(rows)
+    assert [text.splitlines()[0] for text in found] == ["## outside-alone", "## nothing"]
+    assert all("| all | 3 |" in text for text in found)
 
 
 def stated(name: str) -> str:

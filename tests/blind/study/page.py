@@ -80,12 +80,12 @@ def write(path: Path, rows: Sequence[Row], date: datetime, command: str) -> None
         digest=sources.digest(),
         commit=_git("rev-parse", "HEAD"),
         date=date.isoformat(timespec="seconds"),
-        tables="\n\n".join(_tables(rows)),
+        tables="\n\n".join(tables(rows)),
     )
     path.write_text(text, encoding="utf-8")
 
 
-def _tables(rows: Sequence[Row]) -> list[str]:
+def tables(rows: Sequence[Row]) -> list[str]:
     """One for each family, with what its files are."""
     found = []
     for family, drawn in FAMILIES.items():
