@@ -54,8 +54,12 @@ class Machine:
             return outside.other_joint(angles, p)
         if p["kind"] == "branch":
             return outside.branch(conditions, p)
+        return outside.loaded_gear(angles, self.load(q, conditions), p)
+
+    def load(self, q: Array, conditions: Conditions) -> Array:
+        """Torques of all rows (n, R) [N·m] that the sound arm holds."""
         sound = replace(self, values=self.arm.exact, faults=(), small=None)
-        return outside.loaded_gear(angles, self.arm.all_angles(sound.torque(q, conditions)), p)
+        return self.arm.all_angles(sound.torque(q, conditions))
 
     def geometry(self) -> Array:
         """``values`` with the faults of a DH table."""

@@ -22,11 +22,11 @@ DEPENDS_ON = {
 
 
 def joint_product(angles: Array, p: Parameters) -> Array:
-    """(n,) term of joint j that depends on two: A sin(m θj - a) sin(θk - b); m is one unless ``order`` states it."""
+    """(n,) term of joint j that depends on two: A sin(m θj - a) (sin(θk - b) - c); m is one, c zero unless stated."""
     j, k = p["joints"]
     a, b = p["phases_rad"]
     own = np.sin(p.get("order", 1) * angles[:, j - 1] - a)
-    return np.asarray(p["amplitude_rad"] * own * np.sin(angles[:, k - 1] - b))
+    return np.asarray(p["amplitude_rad"] * own * (np.sin(angles[:, k - 1] - b) - p.get("mean", 0.0)))
 
 
 def other_joint(angles: Array, p: Parameters) -> Array:
@@ -36,9 +36,10 @@ def other_joint(angles: Array, p: Parameters) -> Array:
 
 
 def loaded_gear(angles: Array, torque: Array, p: Parameters) -> Array:
-    """(n,) term of a joint: a wave over its angle as high as the torque (n, R) [N·m] of its load, A τ sin(m θ - a)."""
+    """(n,) term of a joint: a wave over its angle by the torque (n, R) [N·m] of its load, A (τ - c) sin(m θ - a)."""
     i = p["joints"][0] - 1
-    return np.asarray(p["amplitude_rad_per_nm"] * torque[:, i] * np.sin(p["order"] * angles[:, i] - p["phase_rad"]))
+    wave = np.sin(p["order"] * angles[:, i] - p["phase_rad"])
+    return np.asarray(p["amplitude_rad_per_nm"] * (torque[:, i] - p["mean_nm"]) * wave)
 
 
 def branch(conditions: Conditions, p: Parameters) -> Array:

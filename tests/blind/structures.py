@@ -30,8 +30,8 @@ AMPLITUDES = {
 ANGLE = 2e-4
 """Of a joint's structure before it has its size [rad]."""
 LOAD_NM = 5.0
-WIDTHS_M = (0.15, 0.35)
-"""Of a field in the room."""
+WIDTHS = (0.5, 0.8)
+"""Of a field in the room, over the rms distance of the tips from their middle: it has many records in it."""
 GEAR_ORDERS = (2, 3, 4, 6)
 TRIES = 100
 
@@ -43,7 +43,7 @@ def structure(rng: np.random.Generator, machine: Machine, kind: str, q: Array, c
         ValueError: the kind moves nothing in these records.
     """
     for _ in range(TRIES):
-        drawn = _drawn(rng, machine.arm, kind, q, conditions)
+        drawn = _drawn(rng, machine, kind, q, conditions)
         if machine.moves(drawn, q, conditions) > SMALLEST:
             break
     else:
@@ -58,25 +58,30 @@ def _scaled(drawn: Hidden, factor: float) -> Hidden:
     return replace(drawn, parameters={**drawn.parameters, name: factor * np.asarray(drawn.parameters[name])})
 
 
-def _drawn(rng: np.random.Generator, arm: Chain, kind: str, q: Array, conditions: Conditions) -> Hidden:
+def _drawn(rng: np.random.Generator, machine: Machine, kind: str, q: Array, conditions: Conditions) -> Hidden:
     if kind in ("joint_product", "other_joint", "loaded_gear", "branch"):
-        return _of_joints(rng, arm, kind)
-    parameters, depends_on = _of_tip(rng, arm, kind, q, conditions)
+        return _of_joints(rng, machine, kind, q, conditions)
+    parameters, depends_on = _of_tip(rng, machine.arm, kind, q, conditions)
     return Hidden("unexplained", None, {"kind": kind, **parameters}, depends_on=depends_on)
 
 
-def _of_joints(rng: np.random.Generator, arm: Chain, kind: str) -> Hidden:
-    """Of one joint, or of two; what a joint does is named by the angles that it depends on."""
-    joints = rng.permutation(np.flatnonzero(arm.moving) + 1)[:2].tolist()
+def _of_joints(rng: np.random.Generator, machine: Machine, kind: str, q: Array, conditions: Conditions) -> Hidden:
+    """Of one joint, or of two; what a joint does is named by the angles that it depends on.
+
+    What a wave is multiplied by has no mean over the records: a mean is a wave of that joint, which the library has.
+    """
+    joints = rng.permutation(np.flatnonzero(machine.arm.moving) + 1)[:2].tolist()
     phases = rng.uniform(0.0, 2.0 * np.pi, 2)
     p: dict[str, Any] = {"kind": kind, "joints": joints}
     if kind == "joint_product":
         p |= {"amplitude_rad": ANGLE, "phases_rad": phases, "order": int(rng.choice([1, 1, *GEAR_ORDERS]))}
+        p |= {"mean": float(np.sin(machine.arm.all_angles(q)[:, joints[1] - 1] - phases[1]).mean())}
     elif kind == "other_joint":
         p |= {"amplitude_rad": ANGLE, "phase_rad": phases[0], "order": int(rng.integers(1, 4))}
         joints = joints[1:]
     elif kind == "loaded_gear":
         p |= {"amplitude_rad_per_nm": ANGLE / LOAD_NM, "phase_rad": phases[0], "order": int(rng.choice(GEAR_ORDERS))}
+        p |= {"mean_nm": float(machine.load(q, conditions)[:, joints[0] - 1].mean())}
         joints = joints[:1]
     else:
         p |= {"half_width_rad": ANGLE}
@@ -98,5 +103,7 @@ def _of_tip(
         return shift, ("operator",)
     if kind == "column":
         return shift, ("humidity_pct",)
-    centre = arm.tips(q[[int(rng.integers(len(q)))]])[0]
-    return shift | {"centre_m": centre, "width_m": float(rng.uniform(*WIDTHS_M))}, ("x", "y", "z")
+    tips = arm.tips(q)
+    spread = np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean())
+    centre = tips[rng.integers(len(tips))]
+    return shift | {"centre_m": centre, "width_m": float(spread * rng.uniform(*WIDTHS))}, ("x", "y", "z")

@@ -377,7 +377,7 @@ def test_structure_of_joints_depends_on_what_names_it(rng: np.random.Generator) 
         if kind != "loaded_gear":
             np.testing.assert_allclose(term(elsewhere, c), term(q, c), atol=1e-15)
         weightless = replace(alone, arm=replace(alone.arm, gravity=np.zeros(3)))
-        assert (np.abs(term(q, c, weightless)).max() == 0.0) == (kind == "loaded_gear")
+        assert np.allclose(term(q, c, weightless), term(q, c), atol=1e-9) == (kind != "loaded_gear")
         back = term(q, replace(c, approach=-c.approach))
         np.testing.assert_allclose(back, term(q, c) * (-1.0 if kind == "branch" else 1.0), atol=1e-15)
 

@@ -87,7 +87,7 @@ def test_nothing_hidden_wants_silence() -> None:
 
 
 def test_structure_outside_is_to_be_named_and_no_cause_for_it() -> None:
-    structure = {"kind": "joint_product", "covariates": ["joint 2", "joint 4"], "times_noise": 2.0, "rms_mm": 0.04}
+    structure = {"kind": "joint_product", "covariates": ["joint 2", "joint 4"], "times_noise": 2.0, "lambda": 90.0}
     product = {"covariate": "joint 2 × joint 4", "rms_mm": 0.04, "u_mm": 0.01, "probability": 0.9}
     for said, more, named, false, right in [
         ((), {"unexplained": {"depends_on": ["joint 4", "joint 2", "time"], "branches": None}}, True, 0, True),

@@ -19,6 +19,8 @@ NAMED, SURE = 0.5, 0.95
 """Probabilities from which a cause counts as named, and as named surely."""
 SEEN = 0.9
 """Power of the oracle from which a cause counts as one that the records show."""
+STRUCTURE_SEEN = 50.0
+"""λ of structure from which the records show it: smooth functions with 20 parameters have power 0.9 at 1e-4."""
 BINS = ((0.5, 0.8), (0.8, 0.95), (0.95, 1.0))
 """Of stated probabilities."""
 PLACE = ("x", "y", "z")
@@ -51,7 +53,8 @@ def outcome(row: Row) -> Row:
     - ``right``: ``alike``, or nothing named where nothing is hidden;
     - ``seen``, ``found``: hidden causes that the oracle sees, and those of them that are named surely;
     - ``false``: names that are neither hidden nor like something hidden;
-    - ``structure named``: what is said of the unexplained holds all covariates of the structure outside the library;
+    - ``structure named``: what is said of the unexplained holds all covariates of a structure outside the library that the
+      records show;
     - ``stated``, ``hits``: the stated probability of each finding, and whether it is of a hidden cause.
     """
     hidden, said, error = row["truth"]["hidden"], row["said"] or {}, row["error"]
@@ -93,8 +96,8 @@ def outcome(row: Row) -> Row:
 
 
 def _all_named(structure: Row | None, said: Row) -> bool | None:
-    """None where there is no structure, or none that a covariate names."""
-    if structure is None or not structure["covariates"]:
+    """None if there is no structure, or none that records show or a covariate names."""
+    if structure is None or structure["lambda"] < STRUCTURE_SEEN or not structure["covariates"]:
         return None
     return set(structure["covariates"]) <= covariates_of(said)
 

@@ -44,7 +44,7 @@ A cause is named if its probability is at least 0.5. Intervals cover 95 %.
 | hidden cause named | one of the hidden causes, or the same as one, is named, whatever the verdict |
 | causes seen, stated ≥ 0.95 | of the hidden causes that an oracle with power 0.9 sees, those with that probability |
 | files with false names | a name is not that of a hidden cause, nor the same as one |
-| structure named | all covariates of the structure outside the library are named |
+| structure named | all covariates of the structure outside the library are named; of structures with λ ≥ 50 |
 | stated minus true | mean stated probability of the findings less the share of those that are hidden under this very name |
 | 0.5 to 0.8, … | mean of the stated probabilities in this bin, and how many of them are true |
 

@@ -106,17 +106,18 @@ def _truth(file: RegimeFile, said: Row | None) -> Row:
         others = [other for other in file.hidden if other is not fault]
         row |= {"lambda_refitted": oracle.visible(fault, others), "power": oracle.power(fault, others)}
         hidden.append(row)
-    structure = _structure(file, oracle)
+    structure = _structure(file, oracle, named)
     return {"hidden": hidden, "structure": structure, "noise_mm": 1e3 * file.noise_rms, "outliers": file.outliers}
 
 
-def _structure(file: RegimeFile, oracle: Oracle | None) -> Row | None:
-    """What no cause describes: its kind, what names it, its size."""
+def _structure(file: RegimeFile, oracle: Oracle | None, named: Mapping[str, Row]) -> Row | None:
+    """What no cause describes: its kind, what names it, its size, and how like it the named causes are."""
     if file.structure is None or oracle is None:
         return None
     row: Row = {"kind": file.structure.parameters["kind"], "covariates": file.structure.depends_on}
     row |= {"times_noise": file.regime.structure_size, "rms_mm": 1e-3 * file.structure.size_um}
-    return row | {"lambda": oracle.visible(file.structure)}
+    cosines = {name: oracle.cosine(file.structure, finding) for name, finding in named.items()}
+    return row | {"lambda": oracle.visible(file.structure), "cosines": cosines}
 
 
 def _parameters(file: RegimeFile, fault: Hidden) -> Row:
