@@ -31,7 +31,7 @@ def main(words: list[str]) -> int:
     path, digest = asked.output / "runs.jsonl", sources.digest()
     seeds = range(FIRST + asked.skip, FIRST + asked.skip + asked.count)
     there = {seed: row for (family, seed), row in stored(path, digest).items() if family == asked.family and seed in seeds}
-    tasks = [Task(seed, asked.family, limit=asked.limit) for seed in seeds if seed not in there]
+    tasks = [Task(seed, limit=asked.limit, family=asked.family) for seed in seeds if seed not in there]
     rows = [*there.values(), *run(tasks, path, asked.jobs, {"sources": digest})]
     counted, outcomes = count(rows)
     outcomes[~outcomes["right"]].to_csv(asked.output / "wrong.csv", index=False)

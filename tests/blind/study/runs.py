@@ -34,9 +34,9 @@ class Task:
     """
 
     seed: int
-    family: str = "regimes"
     given: Mapping[str, Any] = field(default_factory=dict)
     limit: float = 60.0
+    family: str = "regimes"
 
 
 def perform(task: Task) -> Row:
