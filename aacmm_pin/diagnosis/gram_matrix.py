@@ -8,6 +8,7 @@ observations are projected out of the rows.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -16,6 +17,7 @@ from itertools import chain
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.held_postures import HeldPostures
 from aacmm_pin.measurements.observations import Elimination
@@ -26,8 +28,6 @@ CHUNK = 400
 """Rows of which products are taken at once."""
 RANK = 150
 """Directions of the background of all covariates."""
-FINDER_ROWS = 3000
-"""About so many rows show which directions these are."""
 LEAST_TRACE = 1e-12
 """A block of columns that are zero counts with this, so that it can be divided by."""
 
@@ -68,6 +68,14 @@ class Part:
             with_all += own.T @ rows
             with_own += own.T @ own
         return with_all, with_own
+
+    def squared(self, columns: Index, weights: Array) -> Array:
+        """``Rᵀ R`` of some columns times ``weights`` (columns, r), to the precision of the rows (columns, r)."""
+        found, single = np.zeros(weights.shape), weights.astype(self.rows.dtype)
+        for first in range(0, len(self.rows), CHUNK):
+            rows = self.rows[first : first + CHUNK, columns]
+            found += rows.T @ (rows @ single)
+        return found
 
     def insides(self, columns: Mapping[int, Index]) -> dict[int, Array]:
         """Products of the columns of each block with one another, for columns (blocks, q) of each size q: (blocks, q, q)."""
@@ -161,19 +169,24 @@ class Products:
         """All covariates together in few directions: their columns, and weights of these (columns, :data:`RANK`).
 
         Each covariate block counts with the same mean square, and all together with that of the noise. The directions span
-        the largest of these columns' right singular vectors, by one step of a randomised range finder (Halko, Martinsson,
-        Tropp 2011, SIAM Review 53).
+        about the largest of these columns' right singular vectors: one step of a randomised range finder (Halko,
+        Martinsson, Tropp 2011, SIAM Review 53), whose start depends on the names of the covariates and on no order.
         """
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
         columns = np.concatenate([np.arange(b.columns.start, b.columns.stop) for b in blocks] or [np.empty(0, np.intp)])
         traces = [np.trace(self.insides(None)[q][k]) for q, k in (self.place[id(b)] for b in blocks)]
         each = [np.sqrt(sum(self.free) / (max(float(t), LEAST_TRACE) * len(blocks))) for t in traces]
         scale = np.repeat(each, [b.size for b in blocks])
-        every = max(sum(self.free) // FINDER_ROWS, 1)
-        some = np.concatenate([part.rows[::every][:, columns] for part in self.parts]) * scale
-        start = np.random.default_rng(0).standard_normal((columns.size, min(RANK, *some.shape)))
-        basis, _ = np.linalg.qr(some.T @ (some @ start))
-        return columns, scale[:, None] * basis
+        rank = min(RANK, columns.size, sum(self.free))
+        start = np.concatenate([self._start(b, rank) for b in blocks] or [np.empty((0, rank))])
+        along = sum(part.squared(columns, scale[:, None] * start) for part in self.parts)
+        return columns, scale[:, None] * np.linalg.qr(scale[:, None] * along)[0]
+
+    def _start(self, block: Block, rank: int) -> Array:
+        """Random numbers that belong to a covariate block (q, rank)."""
+        carrier = block.source.carrier if isinstance(block.source, Carried) else ""
+        words = f"{self.design.names[block.candidate]} {carrier} {block.size}"
+        return np.random.default_rng(zlib.crc32(words.encode())).standard_normal((block.size, rank))
 
     @cached_property
     def background_columns(self) -> Array:

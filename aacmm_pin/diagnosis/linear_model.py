@@ -323,6 +323,69 @@ class Conditional:
         return float(self.base.gram.free - self.base.determined - used)
 
 
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """The parameters of a set's blocks together, nuisances and background integrated over.
+
+    Attributes:
+        products: of the set's columns with one another and with the residual, which is last (m + 1, m + 1).
+        sizes: of its blocks.
+        widths: numbers of their prior widths.
+    """
+
+    products: Array
+    sizes: tuple[int, ...]
+    widths: tuple[int, ...]
+
+    @cached_property
+    def scale(self) -> Array:
+        """Prior width of each parameter (m,)."""
+        return np.repeat(WIDTHS[list(self.widths)], self.sizes)
+
+    @cached_property
+    def factor(self) -> Array:
+        """Lower Cholesky factor of the parameters' precision ``G + T⁻²`` (m, m)."""
+        precision = self.products[:-1, :-1].copy()
+        precision.flat[:: len(precision) + 1] += self.scale**-2.0
+        return np.asarray(np.linalg.cholesky(precision))
+
+    @cached_property
+    def mean(self) -> Array:
+        """Posterior mean, but for its sign (m,)."""
+        if not self.sizes:
+            return np.zeros(0)
+        return np.asarray(scipy.linalg.lapack.dpotrs(self.factor, self.products[:-1, -1], lower=1)[0])
+
+    @cached_property
+    def chi2(self) -> float:
+        """What is left of χ²."""
+        return float(self.products[-1, -1] - self.products[:-1, -1] @ self.mean)
+
+    @cached_property
+    def log_volume(self) -> float:
+        """``½ log det`` of the set over its prior."""
+        return float(np.log(np.diag(self.factor) * self.scale).sum())
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Posterior covariance (m, m), noise of unit variance."""
+        lower = scipy.linalg.lapack.dpotri(self.factor, lower=1)[0]
+        whole = lower + lower.T
+        whole.flat[:: len(whole) + 1] *= 0.5
+        return np.asarray(whole)
+
+    def beside_others(self, member: int) -> tuple[Array, Array]:
+        """Information of one block, and its gradient, the others integrated over (q, q), (q,).
+
+        The posterior of all, less the prior of this one.
+        """
+        last = sum(self.sizes[: member + 1])
+        own = slice(last - self.sizes[member], last)
+        precision = np.linalg.inv(self.covariance[own, own])
+        information = precision - np.eye(len(precision)) / WIDTHS[self.widths[member]] ** 2
+        return information, precision @ self.mean[own]
+
+
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
     """What blocks gain in log likelihood at each width, and ``½ log det(1 + τ² S)``.
 
@@ -363,6 +426,11 @@ def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
     return 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3).reshape(b, -1, 1), np.log(diagonal * WIDTHS[:, None]).sum(
         axis=2
     )
+
+
+def log_sum(logs: Array) -> Array:
+    """Log of the sum of exponentials over the last axis: a tenth of the time of SciPy's, for a handful of numbers."""
+    return np.asarray(np.logaddexp.reduce(logs, axis=-1))
 
 
 def squares(gram: Gram, rows: Array, size: int) -> Array:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.gram_matrix import Gram
-from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood
+from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Joint, Likelihood, gains, log_sum
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 Blocks = tuple[int, ...]
@@ -26,6 +25,8 @@ SWEEPS = 4
 """Best widths and best amplitude are found in turn, at most so often."""
 LEAST_GAIN = 1e-9
 """A width is better if the log posterior is larger by more."""
+NEGLIGIBLE = 12.0
+"""A log posterior that is lower than the largest by more adds nothing to a sum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ class Candidates:
         records = design.fit.problem.measurements
         each = [np.log([effect.share(records) for effect in variants]) for variants in library]
         each += [np.zeros(count) for count in np.bincount([b.candidate for b in design.blocks])[len(library) :]]
-        within = np.concatenate([shares - logsumexp(shares) for shares in each])
+        within = np.concatenate([shares - log_sum(shares) for shares in each])
         owners = np.array([b.candidate for b in design.blocks], dtype=np.intp)
         return Candidates(design, log_prior[owners] + within, _contained(library))
 
@@ -184,14 +185,14 @@ class ModelSpace:
     def _summed(self, blocks: Blocks) -> Marginal:
         best = self._near(blocks)
         for _ in range(SWEEPS):
-            before = best
+            before = best.amplitude
             best, along = self._best_widths(best)
             amplitudes = self._over_amplitudes(best)
             best = best._replace(amplitude=int(np.argmax(amplitudes)))
-            if best.amplitude == before.amplitude:
+            if best.amplitude == before:
                 break
-        excess = sum(log_sum(values) - values.max() for values in (*along, amplitudes))
-        return Marginal(float(amplitudes.max() + excess), best, np.exp(amplitudes - log_sum(amplitudes)))
+        excess = sum(float(log_sum(values) - values.max()) for values in (*along, amplitudes))
+        return Marginal(float(amplitudes.max()) + excess, best, np.exp(amplitudes - log_sum(amplitudes)))
 
     def _near(self, blocks: Blocks) -> State:
         """A state of the set near the best: widths and amplitude of a set with one block less, if one is known."""
@@ -204,49 +205,54 @@ class ModelSpace:
     def _first_width(self, beside: Blocks, block: int) -> int:
         return int(self._widths[beside][block]) if beside in self._widths else FIRST_WIDTH
 
-    def _best_widths(self, state: State) -> tuple[State, Array]:
-        """The state with its best widths, changed one at a time; its log posterior along each (blocks, widths)."""
-        count = len(state.blocks)
-        if not count:
-            return state, np.empty((0, WIDTHS.size))
-        products = self._products(state.blocks, state.amplitude)
+    def _best_widths(self, state: State) -> tuple[State, list[Array]]:
+        """The state with its best widths, changed one at a time; its log posterior along each."""
+        joint = self._joint(state)
         while True:
-            trials = np.tile(np.array(state.widths, dtype=np.intp), (count, WIDTHS.size, 1))
-            trials[np.arange(count), :, np.arange(count)] = np.arange(WIDTHS.size)
-            values = self._log_posteriors(products, state, trials.reshape(-1, count)).reshape(count, -1)
-            member, width = np.unravel_index(int(np.argmax(values)), values.shape)
-            if values[member, width] <= values[member, state.widths[member]] + LEAST_GAIN:
+            values = [self._over_widths(joint, state, member) for member in range(len(state.blocks))]
+            more = [each.max() - each[width] for each, width in zip(values, state.widths, strict=True)]
+            if max(more, default=0.0) <= LEAST_GAIN:
                 return state, values
-            state = state._replace(widths=tuple(trials[member, width].tolist()))
+            member = int(np.argmax(more))
+            widths = (*state.widths[:member], int(np.argmax(values[member])), *state.widths[member + 1 :])
+            state, joint = state._replace(widths=widths), replace(joint, widths=widths)
 
-    def _products(self, blocks: Blocks, amplitude: int) -> Array:
-        """Products of the set's columns with one another and with the residual, which is last (m + 1, m + 1)."""
-        base, design = self.base(amplitude), self.candidates.design
-        each = [design.blocks[k].columns for k in blocks]
-        own = np.concatenate([*(np.arange(s.start, s.stop) for s in each), [design.width]]).astype(np.intp)
-        rows = [self.gram.strip(s, own) for s in each]
+    def _joint(self, state: State) -> Joint:
+        """The blocks of a state together."""
+        base, design = self.base(state.amplitude), self.candidates.design
+        columns = [design.blocks[k].columns for k in state.blocks]
+        own = np.concatenate([*(np.arange(s.start, s.stop) for s in columns), [design.width]]).astype(np.intp)
         whitened = base.whitened[:, own]
-        return np.concatenate([*rows, self.gram.residual[None, own]]) - whitened.T @ whitened
+        products = np.concatenate([*(self.gram.strip(s, own) for s in columns), self.gram.residual[None, own]])
+        sizes = tuple(design.blocks[k].size for k in state.blocks)
+        return Joint(products - whitened.T @ whitened, sizes, state.widths)
 
-    def _log_posteriors(self, products: Array, state: State, widths: Index) -> Array:
-        """Log posterior of a state with several choices of widths (choices, blocks): (choices,)."""
-        sizes = [self.candidates.blocks[k].size for k in state.blocks]
-        scale = np.ones((len(widths), sum(sizes) + 1))
-        scale[:, :-1] = np.repeat(WIDTHS[widths], sizes, axis=1)
-        whole = scale[:, :, None] * products * scale[:, None, :]
-        inside = np.arange(scale.shape[1] - 1)
-        whole[:, inside, inside] += 1.0
-        whole[:, -1, -1] = np.finfo(np.float64).max
-        factor = np.linalg.cholesky(whole)
-        chi2 = products[-1, -1] - np.square(factor[:, -1, :-1]).sum(axis=1)
-        volume = np.log(np.diagonal(factor, axis1=1, axis2=2)[:, :-1]).sum(axis=1) + self.base(state.amplitude).log_volume
-        return np.asarray(self.likelihood.log(chi2) - volume + self._log_prior(state.blocks))
+    def _over_widths(self, joint: Joint, state: State, member: int) -> Array:
+        """Log posterior of a state with each width of one of its blocks (widths,)."""
+        information, gradient = joint.beside_others(member)
+        gain, volume = gains(information[None], gradient[None, :, None])
+        more, larger = (each - each[state.widths[member]] for each in (gain[0, :, 0], volume[0]))
+        return self._log_posteriors(joint.chi2 - 2.0 * more, joint.log_volume + larger, state)
 
     def _over_amplitudes(self, state: State) -> Array:
-        """Log posterior of the state with each amplitude (amplitudes,)."""
-        widths = np.array([state.widths], dtype=np.intp)
-        each = [state._replace(amplitude=k) for k in range(len(self.amplitudes))]
-        return np.array([self._log_posteriors(self._products(s.blocks, s.amplitude), s, widths)[0] for s in each])
+        """Log posterior of the state with each amplitude (amplitudes,).
+
+        It has one top: upwards and downwards from the state's amplitude, those beyond a negligible one are not asked.
+        """
+        found = np.full(len(self.amplitudes), -np.inf)
+        for way in (range(state.amplitude, found.size), range(state.amplitude - 1, -1, -1)):
+            for k in way:
+                there = state._replace(amplitude=k)
+                joint = self._joint(there)
+                found[k] = self._log_posteriors(joint.chi2, joint.log_volume, there)
+                if found[k] < found.max() - NEGLIGIBLE:
+                    break
+        return found
+
+    def _log_posteriors(self, chi2: Array | float, log_volume: Array | float, state: State) -> Array:
+        """Log posterior of a state by its χ² and by ½ log det of its blocks over their priors."""
+        volume = log_volume + self.base(state.amplitude).log_volume
+        return np.asarray(self.likelihood.log(chi2) - volume + self._log_prior(state.blocks))
 
     def additions(self, blocks: Blocks) -> Array:
         """Log posterior of the set with each block more, about (blocks,); minus infinity for those that are barred; kept.
@@ -262,8 +268,3 @@ class ModelSpace:
             gain[self.candidates.barred(blocks)] = -np.inf
             self._additions[blocks] = marginal.log_posterior + gain + self.candidates.log_odds
         return self._additions[blocks]
-
-
-def log_sum(values: Array) -> float:
-    """Logarithm of the sum of exponentials."""
-    return float(np.logaddexp.reduce(values))
