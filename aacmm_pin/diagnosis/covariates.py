@@ -177,11 +177,9 @@ def _cosines(numbers: pd.Series, count: int) -> Array:
 def _product(q: Array, one: tuple[int, int], other: tuple[int, int]) -> Covariate:
     """The angle of one of two joints depends on where both stand."""
     (j, row), (k, further) = one, other
-    wave = {n: np.stack([np.cos(q[:, n]), np.sin(q[:, n])], axis=1) for n in (j, k)}
-    variants = []
-    for acts, turns, at in ((j, k, row), (k, j, further)):
-        own = np.hstack([np.ones((len(q), 1)), wave[acts]])
-        variants.append(Carried(_of_size_one(np.einsum("na,nb->nab", own, wave[turns]).reshape(len(q), -1)), f"angle {at}"))
+    wave = [np.stack([np.ones(len(q)), np.cos(q[:, n]), np.sin(q[:, n])], axis=1) for n in (j, k)]
+    whole = _of_size_one(np.einsum("na,nb->nab", *wave).reshape(len(q), -1)[:, 1:])
+    variants = [Carried(whole, f"angle {at}") for at in (row, further)]
     names = (f"joint {row}", f"joint {further}")
     return Covariate(" × ".join(names), names, tuple(variants), _table(names[0], q[:, j]).join(_table(names[1], q[:, k])))
 

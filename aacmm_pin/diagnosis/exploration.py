@@ -74,7 +74,8 @@ class Walk:
     def run(self, exchanges: bool = True) -> None:
         """Expand the best sets; when they are, exchange members of those that hold the mass; until nothing is new."""
         while self.expansions > 0:
-            open_ = [s for s, v in self.values.items() if s not in self.expanded and v > self.best - THRESHOLDS.reach]
+            near = self.best - THRESHOLDS.expanded
+            open_ = [s for s, v in self.values.items() if s not in self.expanded and v > near]
             if open_:
                 self._expand(max(open_, key=lambda s: (self.values[s], s)))
                 continue

@@ -15,7 +15,8 @@ class Thresholds:
         library: prior probability, if anything is there, that it is a cause of the library.
         noise_misstated: prior probability that a stated noise is not the noise.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance in that case.
-        reach: sets whose log posterior is lower than the largest by more are not looked at.
+        reach: sets whose log posterior is lower than the largest by more have no weight …
+        expanded: … and of those that are lower by more than this, no additions are ranked.
         beside: additions to a set that are looked at, at most.
         expansions: sets of which all additions are ranked, at most, from each half of the starts.
         expansions_of_part: the same where a part of the records is left out.
@@ -43,12 +44,13 @@ class Thresholds:
     noise_misstated: float = 0.05
     scale_dof: float = 2.0
     reach: float = 7.0
+    expanded: float = 4.6
     beside: int = 8
     expansions: int = 60
     expansions_of_part: int = 12
     holds: float = 0.1
     instead: int = 3
-    leading: int = 4
+    leading: int = 3
     agreement: float = 0.02
     named: float = 0.5
     settled: float = 0.95
