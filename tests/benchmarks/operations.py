@@ -30,13 +30,12 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from tests.benchmarks.environments import MissingError, PlainC, Seconds, ask, by_itself, child, install
+from tests.benchmarks.real_like import OPTIONS, real_like, with_errors
 
 OURS = "aacmm_pin"
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 COORDINATE_NOISE = 1e-5
 """Standard deviation of every coordinate that the peers calibrate with [m]."""
-GEOMETRY_ERRORS = np.array([2e-4, 2e-4, 5e-4, 5e-4])
-"""Standard deviations of the errors of a, d, alpha, theta_offset [m, m, rad, rad]."""
 GROSS_ERROR = 3e-4
 """Standard deviation of each coordinate of a gross error that is not far from what is believed [m]."""
 IN_C, PINOCCHIO, CALIBRATE = "loop in C, -O2", "loop over Pinocchio", "aacmm_pin calibrate"
@@ -49,9 +48,14 @@ TARGETS = {
     ("calibration", "100 records", "robotkinecal"): 1 / 25,
     ("calibration", "100 records", "figaroh"): 1 / 50,
     ("diagnosis", "300 records", CALIBRATE): 8.0,
-    ("diagnosis", "3000 records", CALIBRATE): 12.0,
+    ("diagnosis", "3000 records", CALIBRATE): 6.0,
     ("diagnosis", "12000 records, 0% gross errors, by itself", OURS): 1e9,
     ("diagnosis", "12000 records, 2% gross errors, by itself", OURS): 1e9,
+    ("real-like", "180 postures × 1 markers", CALIBRATE): 8.0,
+    ("real-like", "60 postures × 3 markers", CALIBRATE): 8.0,
+    ("real-like", "200 postures × 3 markers", CALIBRATE): 8.0,
+    ("real-like", "2500 postures × 1 markers", CALIBRATE): 6.0,
+    ("real-like", "12000 postures × 1 markers, by itself", OURS): 1e9,
     ("start-up", "--help", "python -c 'import typer'"): 3.0,
     ("start-up", "accuracy", "python -c 'import pinocchio, scipy.spatial'"): 2.5,
 }
@@ -242,8 +246,7 @@ def calibration(table: Table) -> None:
     file, rng, n = load_arm_file("sino6"), np.random.default_rng(3), 100
     arm, dh = Arm.from_file(file), file.dh
     q = rng.uniform(*file.limits.T, (n, len(file.limits)))
-    a, d, alpha, theta = (rng.normal(size=(dh.rows, 4)) * GEOMETRY_ERRORS).T
-    real = replace(dh, a=dh.a + a, d=dh.d + d, alpha=dh.alpha + alpha, theta_offset=dh.theta_offset + theta)
+    real = with_errors(dh, rng)
     tips = real.positions(q) + rng.normal(size=(n, 3)) * COORDINATE_NOISE
     records, urdf = Measurements.of(q, reference=tips), urdf_text(file)
     plain: dict[str, Any] = {"reference_noise": COORDINATE_NOISE, "prior": False, "robust": False, "hold_out": False}
@@ -292,6 +295,21 @@ def diagnosis(table: Table) -> None:
         table.by_itself(what, f"given = measured({n}, {gross})", "diagnose(*given, **NOISE, progress=False)")
 
 
+def diagnosis_of_real_like(table: Table) -> None:
+    """Diagnosis of files like those of real robots, beside the calibration of the same file."""
+    files = ((60, 3), (180, 1), (200, 3), (2500, 1))
+    for postures, markers in files[:1] if table.quick else files:
+        arm, data = real_like(postures, markers)
+        ways: dict[str, Callable[[], object]] = {
+            who: lambda work=work, arm=arm, data=data: work(arm, data, **OPTIONS, progress=False)
+            for who, work in ((f"{OURS} diagnose", diagnose), (CALIBRATE, calibrate))
+        }
+        table.beside(f"{postures} postures × {markers} markers", ways, turns=3)
+    most = 60 if table.quick else 12_000
+    what = f"{most} postures × 1 markers, by itself"
+    table.by_itself(what, f"given = real_like({most})", "diagnose(*given, **OPTIONS, progress=False)")
+
+
 def volume_of_work(table: Table) -> None:
     """Long files and many configurations; measured with --long."""
     records, configurations = (200_000, 10_000_000) if table.long else (200, 1000)
@@ -338,6 +356,7 @@ OPERATIONS: dict[str, Callable[[Table], None]] = {
     "map": map_cells,
     "calibration": calibration,
     "diagnosis": diagnosis,
+    "real-like": diagnosis_of_real_like,
     "long-files": volume_of_work,
     "start-up": start_up,
     "demo": demo,
