@@ -372,7 +372,7 @@ class _Estimation:
         alone, weights = self.noise(point, Scatters()), used.astype(np.float64)
         here = standing(self.problem, alone, point, weights)
         total, dof = here.chi2
-        judged = Chi2(total - here.spectrum.promise(), dof)
+        judged = Chi2(total - here.promise, dof)
         if not judged.acceptable:
             return None, judged
         solution = solve(self.problem, alone, point, weights)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_isf, chi2_sf
@@ -46,6 +47,8 @@ LEAST_KNOWN = 0.1
 """A direction about which data and stated uncertainties together say less than this, one over its width, is not known."""
 ROUNDING = 1e-12
 """χ² is no more certain than this part of it."""
+MOVABLE = 1e-9
+"""A direction with a singular value below this, of columns times their widths, is one along which no step can be taken."""
 SINGULAR = 1e-13
 """Directions with smaller singular values, beside the largest, are rounding."""
 AT_ONCE = 4000
@@ -72,6 +75,36 @@ class Point:
 
 
 @dataclass(frozen=True, eq=False)
+class Triangle:
+    """R of a system's columns and, last, its residual.
+
+    Attributes:
+        rows: at most one more than there are columns (p + 1, p + 1).
+        least: a direction with a singular value above this can be moved along.
+    """
+
+    rows: Array
+    least: float
+
+    @cached_property
+    def inverse(self) -> Array | None:
+        """Inverse of the columns' R (p, p); None unless all directions are certain to be movable.
+
+        The smallest singular value is no smaller than one over the inverse's norm.
+        """
+        p = self.rows.shape[1] - 1
+        if not 0 < p <= len(self.rows):
+            return None
+        found, singular = scipy.linalg.lapack.dtrtri(self.rows[:p, :p])
+        return None if singular or not np.linalg.norm(found) * self.least < 1.0 else np.triu(found)
+
+    @property
+    def along(self) -> Array:
+        """Residual along the columns (p,)."""
+        return np.asarray(self.rows[: self.rows.shape[1] - 1, -1])
+
+
+@dataclass(frozen=True, eq=False)
 class Spectrum:
     """Singular values of the scaled system with its prior rows.
 
@@ -88,9 +121,8 @@ class Spectrum:
     assumed: Array
 
     @staticmethod
-    def of(problem: Problem, system: System, x: Array) -> Spectrum:
-        """Of a system at ``x``, prior rows included."""
-        triangle = _triangle(problem, system, x)
+    def of(problem: Problem, triangle: Array) -> Spectrum:
+        """Of a system's R, prior rows and residual included (p + 1 columns)."""
         p = problem.scales.size
         u, values, vt = np.linalg.svd(triangle[:, :p], full_matrices=len(triangle) < p)
         missing = p - values.size
@@ -108,7 +140,7 @@ class Spectrum:
     @property
     def movable(self) -> NDArray[np.bool_]:
         """(p,) True for directions along which a step can be taken at all."""
-        return np.asarray(self.values > 1e-9)
+        return np.asarray(self.values > MOVABLE)
 
     def promise(self) -> float:
         """How much the Gauss–Newton step lowers χ² if the problem is linear."""
@@ -162,14 +194,25 @@ class Solution:
     @cached_property
     def spectrum(self) -> Spectrum:
         """Singular values of the system; not asked for where the search is only a start."""
-        return Spectrum.of(self.problem, self.system, self.point.x)
+        return Spectrum.of(self.problem, self.triangle.rows)
+
+    @cached_property
+    def triangle(self) -> Triangle:
+        """R of the scaled system with its prior rows."""
+        return Triangle(_triangle(self.problem, self.system, self.point.x), MOVABLE)
+
+    @property
+    def promise(self) -> float:
+        """How much the Gauss–Newton step lowers χ² if the problem is linear."""
+        return self.spectrum.promise() if self.triangle.inverse is None else float(np.sum(self.triangle.along**2))
 
     @cached_property
     def chi2(self) -> Chi2:
         """χ² and its degrees of freedom: rows that count, less what the data determine of the parameters."""
         system = self.system
         # A parameter that its prior determines costs nothing: trace of (data's information) (whole information)⁻¹.
-        determined = float(np.linalg.norm(system.jacobian @ self.scaled)) ** 2
+        prior = csr_array(self.problem.prior) @ self._steps[: self.problem.widths.size]
+        determined = self._steps.shape[1] - float(np.linalg.norm(prior)) ** 2
         left_out = int(self.noise.observations.counts[self.weights == 0.0].sum())
         return Chi2(float(system.residual @ system.residual), system.free - left_out - determined)
 
@@ -185,9 +228,16 @@ class Solution:
 
     @property
     def scaled(self) -> Array:
-        """From directions of which something is known to steps of the parameters (p, k), each of unit variance."""
+        """Steps of the parameters (p, k), independent, each of unit variance, that span all of which something is known."""
+        return self._steps * self.problem.scales[:, None]
+
+    @cached_property
+    def _steps(self) -> Array:
+        """The same in units of the scales: R⁻¹, or by the directions that can be moved along where some cannot."""
+        if self.triangle.inverse is not None:
+            return self.triangle.inverse
         spectrum, movable = self.spectrum, self.spectrum.movable
-        return spectrum.directions[:, movable] / spectrum.values[movable] * self.problem.scales[:, None]
+        return np.asarray(spectrum.directions[:, movable] / spectrum.values[movable])
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -350,45 +400,59 @@ class _Step:
     Attributes:
         units: those lengths, never less than in the steps before (p,).
         scales: of the parameters (p,).
-        values, directions, along: its singular values, in these units.
+        triangle: R in these units.
     """
 
     units: Array
     scales: Array
-    values: Array
-    directions: Array
-    along: Array
+    triangle: Triangle
 
     @staticmethod
     def of(problem: Problem, system: System, x: Array, units: Array) -> _Step:
-        p = problem.scales.size
         triangle = _triangle(problem, system, x)
-        units = np.maximum(units, np.linalg.norm(triangle[:, :p], axis=0))
-        divided = triangle[:, :p] / np.where(units > 0.0, units, 1.0)
-        u, values, vt = np.linalg.svd(divided, full_matrices=False)
-        movable = values > SINGULAR * values.max(initial=0.0)
-        return _Step(units, problem.scales, values[movable], vt[movable].T, (u.T @ triangle[:, p])[movable])
+        units = np.maximum(units, np.linalg.norm(triangle[:, :-1], axis=0))
+        divided = triangle / np.append(np.where(units > 0.0, units, 1.0), 1.0)
+        return _Step(units, problem.scales, Triangle(divided, SINGULAR * float(np.linalg.norm(divided[:, :-1]))))
 
-    @property
+    @cached_property
+    def _spectrum(self) -> tuple[Array, Array, Array]:
+        """Singular values, directions and the residual along them; asked for where a step is too long, or some are unknown."""
+        u, values, vt = np.linalg.svd(self.triangle.rows[:, :-1], full_matrices=False)
+        movable = values > SINGULAR * values.max(initial=0.0)
+        return values[movable], vt[movable].T, (u.T @ self.triangle.rows[:, -1])[movable]
+
+    @cached_property
+    def _whole(self) -> Array | None:
+        """The Gauss–Newton step in these units (p,); None where some directions are unknown."""
+        inverse = self.triangle.inverse
+        return None if inverse is None else -inverse @ self.triangle.along
+
+    @cached_property
     def promise(self) -> float:
         """How much the Gauss–Newton step lowers χ² if the problem is linear."""
-        return float(np.sum(self.along**2))
+        return float(np.sum((self._spectrum[2] if self._whole is None else self.triangle.along) ** 2))
 
     def within(self, radius: float) -> tuple[Array, float, float]:
         """The best step no longer than ``radius``: in units of the parameters, its length, and what it promises."""
+        if self._whole is not None and (length := float(np.linalg.norm(self._whole))) <= radius:
+            return self._in_parameters(self._whole), length, self.promise
+        values, directions, along = self._spectrum
         damping = 0.0
-        if np.linalg.norm(self.along / self.values) > radius:
-            top = float(np.linalg.norm(self.values * self.along) / radius)
+        if np.linalg.norm(along / values) > radius:
+            top = float(np.linalg.norm(values * along) / radius)
             low, high = 1e-300, max(top, 1e-290)
             damping = float(np.exp(scipy.optimize.brentq(self._too_long, np.log(low), np.log(high), (radius,), rtol=1e-3)))
-        part = -self.values * self.along / (self.values**2 + damping)
-        left = damping / (self.values**2 + damping)
-        delta = self.directions @ part / np.where(self.units > 0.0, self.units, 1.0) * self.scales
-        return delta, float(np.linalg.norm(part)), float(np.sum(self.along**2 * (1.0 - left**2)))
+        part = -values * along / (values**2 + damping)
+        left = damping / (values**2 + damping)
+        promised = float(np.sum(along**2 * (1.0 - left**2)))
+        return self._in_parameters(directions @ part), float(np.linalg.norm(part)), promised
+
+    def _in_parameters(self, step: Array) -> Array:
+        return np.asarray(step / np.where(self.units > 0.0, self.units, 1.0) * self.scales)
 
     def _too_long(self, log_damping: float, radius: float) -> float:
-        part = self.values * self.along / (self.values**2 + np.exp(log_damping))
-        return float(np.linalg.norm(part) - radius)
+        values, _, along = self._spectrum
+        return float(np.linalg.norm(values * along / (values**2 + np.exp(log_damping))) - radius)
 
 
 def standing(problem: Problem, noise: NoiseModel, point: Point, weights: Array) -> Solution:
@@ -405,7 +469,7 @@ def _triangle(problem: Problem, system: System, x: Array) -> Array:
     """R of the scaled system with its prior rows and, last, its residual (p + 1 columns)."""
     triangle = np.zeros((len(problem.prior), problem.scales.size + 1))
     triangle[:, : x.size], triangle[:, -1] = problem.prior, problem.beside_prior(x)
-    for first in range(0, len(system.residual), AT_ONCE):
+    for first in range(0, max(len(system.residual), 1), AT_ONCE):
         some, above = slice(first, first + AT_ONCE), len(triangle)
         rows = np.concatenate([triangle, np.empty((len(system.residual[some]), problem.scales.size + 1))])
         np.multiply(system.jacobian[some], problem.scales, out=rows[above:, :-1])
