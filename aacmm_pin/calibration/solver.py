@@ -416,7 +416,7 @@ class _Step:
 
     @cached_property
     def _spectrum(self) -> tuple[Array, Array, Array]:
-        """Singular values, directions and the residual along them; asked for where a step is too long, or some are unknown."""
+        """Singular values, directions, the residual along them; for steps that are too long, or where some are unknown."""
         u, values, vt = np.linalg.svd(self.triangle.rows[:, :-1], full_matrices=False)
         movable = values > SINGULAR * values.max(initial=0.0)
         return values[movable], vt[movable].T, (u.T @ self.triangle.rows[:, -1])[movable]
