@@ -166,6 +166,11 @@ class Problem:
         rows = combinations.T / np.sqrt(np.where(variances > UNTOLD_VARIANCE, variances, 1.0))[:, None]
         return np.concatenate([rows, HELD * self.held]) if self.held.size else rows
 
+    @cached_property
+    def prior_information(self) -> Array:
+        """Information of those rows (p, p)."""
+        return np.asarray(self.prior.T @ self.prior)
+
     def beside_prior(self, x: Array) -> Array:
         """Residuals of those rows at ``x`` (p,)."""
         return np.asarray(self.prior @ ((x - self.start) / self.widths))
