@@ -36,10 +36,19 @@ def other_joint(angles: Array, p: Parameters) -> Array:
 
 
 def loaded_gear(angles: Array, torque: Array, p: Parameters) -> Array:
-    """(n,) term of a joint: a wave over its angle by the torque (n, R) [N·m] of its load, A (τ - c) sin(m θ - a)."""
+    """(n,) term of a joint: a wave over its angle by the torque (n, R) [N·m] of its load, A (τ - c) sin(m θ - a).
+
+    c is the part of τ that the joint's own angle gives.
+    """
     i = p["joints"][0] - 1
     wave = np.sin(p["order"] * angles[:, i] - p["phase_rad"])
-    return np.asarray(p["amplitude_rad_per_nm"] * (torque[:, i] - p["mean_nm"]) * wave)
+    own = first_order(angles[:, i]) @ np.asarray(p["own_nm"])
+    return np.asarray(p["amplitude_rad_per_nm"] * (torque[:, i] - own) * wave)
+
+
+def first_order(angle: Array) -> Array:
+    """(n, 3): one, cosine and sine of an angle (n,)."""
+    return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
 
 
 def branch(conditions: Conditions, p: Parameters) -> Array:

@@ -12,6 +12,7 @@ from blind.chains import Chain
 from blind.conditions import Conditions
 from blind.kinematics import Array
 from blind.machine import Machine
+from blind.outside import first_order
 from blind.truth import Hidden
 from blind.workshop import SMALLEST
 
@@ -68,7 +69,7 @@ def _drawn(rng: np.random.Generator, machine: Machine, kind: str, q: Array, cond
 def _of_joints(rng: np.random.Generator, machine: Machine, kind: str, q: Array, conditions: Conditions) -> Hidden:
     """Of one joint, or of two; what a joint does is named by the angles that it depends on.
 
-    What a wave is multiplied by has no mean over the records: a mean is a wave of that joint, which the library has.
+    What a wave is multiplied by has nothing that is constant or depends on the wave's own joint: the library has that.
     """
     joints = rng.permutation(np.flatnonzero(machine.arm.moving) + 1)[:2].tolist()
     phases = rng.uniform(0.0, 2.0 * np.pi, 2)
@@ -81,12 +82,18 @@ def _of_joints(rng: np.random.Generator, machine: Machine, kind: str, q: Array, 
         joints = joints[1:]
     elif kind == "loaded_gear":
         p |= {"amplitude_rad_per_nm": ANGLE / LOAD_NM, "phase_rad": phases[0], "order": int(rng.choice(GEAR_ORDERS))}
-        p |= {"mean_nm": float(machine.load(q, conditions)[:, joints[0] - 1].mean())}
+        p |= {"own_nm": _own_torque(machine, joints[0] - 1, q, conditions)}
         joints = joints[:1]
     else:
         p |= {"half_width_rad": ANGLE}
         joints = joints[:1]
     return Hidden("unexplained", None, p, depends_on=tuple(f"joint {joint}" for joint in joints))
+
+
+def _own_torque(machine: Machine, row: int, q: Array, conditions: Conditions) -> Array:
+    """Coefficients (3,) [N·m] of the torque of a joint over its own angle, by least squares over the records."""
+    own = first_order(machine.arm.all_angles(q)[:, row])
+    return np.asarray(np.linalg.lstsq(own, machine.load(q, conditions)[:, row], rcond=None)[0])
 
 
 def _of_tip(
