@@ -113,6 +113,8 @@ class Walk:
         for k in blocks:
             rest = without_block(blocks, k)
             order = self._visit_additions(rest)
+            for first in order:
+                self._visit(with_block(rest, first))
             for first in dict.fromkeys([*order[: THRESHOLDS.instead], *self._contained_in(rest, k)]):
                 if candidates.owner(first) != candidates.owner(k):
                     self._visit_additions(with_block(rest, first))
