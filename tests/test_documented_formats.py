@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pandas as pd
 import pytest
@@ -17,6 +18,7 @@ import aacmm_pin
 from aacmm_pin.arm import file as arm_file
 from aacmm_pin.cli.root_command import app
 from aacmm_pin.effects import CAUSES
+from aacmm_pin.effects.smooth_functions import Smooth
 from aacmm_pin.measurements import csv_columns as measurement_columns
 from aacmm_pin.verification.touches import ACCEPTANCE
 
@@ -24,6 +26,8 @@ PAGE = (Path(__file__).parents[1] / "notebooks" / "site" / "formats.md").read_te
 SECTIONS = dict(re.findall(r"^#+ (.+?)\n(.*?)(?=^#+ |\Z)", PAGE, re.MULTILINE | re.DOTALL))
 NAMED = ("inner", "parameters", "acts_on", "working_sectors", "alone_mm")
 """Objects whose keys are names or numbers that vary."""
+LISTS = ("joints", "effects", "discrepancy", "parts")
+"""Parts of an arm file that it may have several of."""
 NOT_OF_A_COMMAND = ("aacmm-pin/arm/1",)
 
 
@@ -128,14 +132,21 @@ def fields_of(model: type[BaseModel], at: str = "") -> Iterator[str]:
     joint = arm_file.Row if model is arm_file.ArmFile else arm_file.UrdfJoint
     parts = {"joints": joint, "urdf": arm_file.Urdf, "uncertainty": arm_file.Uncertainty, "stylus": arm_file.Stylus}
     parts |= {"effects": arm_file.EffectEntry, "covariance": arm_file.Covariance}
+    parts |= {"discrepancy": arm_file.DiscrepancyEntry, "parts": arm_file.DiscrepancyPart}
     for name, field in model.model_fields.items():
         key = f"{at}{field.alias or name}"
         if model is arm_file.EffectEntry and name in ("parameters", "uncertainty"):
             yield f"{key}.*"
         elif name in parts:
-            yield from fields_of(parts[name], f"{key}[]." if name in ("joints", "effects") else f"{key}.")
+            yield from fields_of(parts[name], f"{key}[]." if name in LISTS else f"{key}.")
+        elif model is arm_file.DiscrepancyPart and name == "functions":
+            yield from (f"{key}[].{field}" for kind in get_args(Smooth) for field in names_of(kind))
         else:
             yield key
+
+
+def names_of(functions: type) -> list[str]:
+    return [each.name for each in fields(functions)]
 
 
 def test_keys_of_the_arm_file() -> None:

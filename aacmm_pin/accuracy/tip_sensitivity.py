@@ -252,15 +252,17 @@ def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
         alone = ErrorModel(model)
     except UnknownNameError as error:
         raise AacmmError(f"{model.name}: {error}; pass its ErrorModel (ErrorModel.load), not the arm alone") from None
-    if model.file is None or not model.file.effects:
+    if model.file is None or not (model.file.effects or model.file.discrepancy):
         return alone, []
     from aacmm_pin.effects.causes import CAUSES  # loads every cause
+    from aacmm_pin.effects.discrepancy import discrepancy_of
 
     labels = []
     for entry in model.file.effects:
         where = next((entry.structure[k] for k in ("joint", "link", "seat", "marker") if k in entry.structure), None)
         if entry.cause not in CAUSES or not CAUSES[entry.cause].of_reference:
             labels.append(entry.cause if where is None else f"{entry.cause}:{where}")
+    labels += [discrepancy_of(entry).label for entry in model.file.discrepancy]
     return alone, labels
 
 

@@ -68,6 +68,14 @@ _KEY = re.compile(rf"#[^\n]*+|{_STRING}|(?P<key>{_PART}(?:[ \t]*+\.[ \t]*+{_PART
 MOST_EFFECTS = 1000
 """Causes of error that a file may add; `diagnose` finds a handful."""
 
+MOST_DISCREPANCIES = 100
+"""Entries of what no cause explains; `diagnose` writes one for each covariate that structure depends on, and one more."""
+MOST_COEFFICIENTS = 10_000
+"""Numbers of one of these; those of all covariates together are about a thousand."""
+
+MOST_FACTORS = 4
+"""Functions of so many kinds are multiplied; those of two joints are two."""
+
 LARGEST_DEG = 1e6
 """Whole numbers of TOML may be larger than any float; no angle is."""
 
@@ -174,6 +182,29 @@ class EffectEntry(_Part):
         return {k: tuple(v) if isinstance(v, list) else v for k, v in (self.model_extra or {}).items()}
 
 
+_Coefficients = Annotated[tuple[FiniteFloat, ...], Field(strict=False, max_length=MOST_COEFFICIENTS)]
+
+
+class DiscrepancyPart(_Part):
+    """Smooth functions of a discrepancy, and what they act on; see :mod:`aacmm_pin.effects.discrepancy`, above this module.
+
+    Each row of ``directions`` is of one coefficient, with a number for each of the entry's values.
+    """
+
+    acts_on: Name
+    functions: Annotated[list[dict[str, Any]], Field(max_length=MOST_FACTORS)] = Field(default_factory=list)
+    directions: Annotated[tuple[_Coefficients, ...], Field(strict=False, max_length=MOST_COEFFICIENTS)] = ()
+
+
+class DiscrepancyEntry(_Part):
+    """What no cause explains, as smooth functions of what was recorded."""
+
+    depends_on: Name
+    parts: Annotated[list[DiscrepancyPart], Field(min_length=1, max_length=MOST_EFFECTS)]
+    values_si: Annotated[_Coefficients, Field(min_length=1)]
+    standard_uncertainty_si: Annotated[tuple[StandardUncertainty, ...], _FROM_ARRAY] = ()
+
+
 class Covariance(_Part):
     """What a calibration knows of parameters together; it overrides the half-widths of the parameters that it names.
 
@@ -234,6 +265,7 @@ class AnyArmFile(_Part):
     unexplained: Text = ""
     tip_on_target: bool = False
     effects: Annotated[list[EffectEntry], Field(max_length=MOST_EFFECTS)] = Field(default_factory=list)
+    discrepancy: Annotated[list[DiscrepancyEntry], Field(max_length=MOST_DISCREPANCIES)] = Field(default_factory=list)
     covariance: Covariance | None = None
 
 
@@ -493,6 +525,8 @@ def _problem(item: Any, kind: type[AnyArmFile]) -> tuple[str, str]:
                 "urdf": Urdf,
                 "uncertainty": Uncertainty,
                 "stylus": Stylus,
+                "discrepancy": DiscrepancyEntry,
+                "parts": DiscrepancyPart,
                 "covariance": Covariance,
             }
             parents = [part for part in item["loc"][:-1] if isinstance(part, str)]
@@ -519,7 +553,7 @@ def arm_text(arm: ArmFile | UrdfArmFile, comment: str = "", path: str | Path | N
         path: where the text will be, from which the path to a URDF is told; None is beside the URDF.
     """
     content = {"schema": arm.schema_} | arm.model_dump(by_alias=True, exclude_none=True, exclude_defaults=True)
-    for last in ("effects", "covariance"):
+    for last in ("effects", "discrepancy", "covariance"):
         if last in content:
             content[last] = content.pop(last)
     if isinstance(arm, UrdfArmFile):

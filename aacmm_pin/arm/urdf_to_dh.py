@@ -94,7 +94,7 @@ def _file(arm: Arm, file: UrdfArmFile, rows: list[tuple[Row, int | None]], frame
                 entry["mass_kg"] = float(arm.masses[joint])
                 entry["com_mm"] = (frame[:3, :3].T @ (centre - frame[:3, 3]) / MM).tolist()
         joints.append(entry)
-    kept = file.model_dump(by_alias=True, include=set(AnyArmFile.model_fields) - {"effects", "covariance"})
+    kept = file.model_dump(by_alias=True, include=set(AnyArmFile.model_fields) - {"effects", "discrepancy", "covariance"})
     source = f"DH table of: {file.source or file.name}"
     return validated(ArmFile, kept | {"source": source, "convention": "standard-dh", "joints": joints}, file.name)
 

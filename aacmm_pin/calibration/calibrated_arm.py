@@ -16,7 +16,7 @@ from aacmm_pin.arm.file import ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import NEGLIGIBLE
 from aacmm_pin.effects import Effect, StylusOffset
-from aacmm_pin.effects.error_model import ErrorModel, entry_of
+from aacmm_pin.effects.error_model import ErrorModel, entries_of
 from aacmm_pin.errors import AacmmError
 
 FIELDS = {"a": ("a_mm", MM), "d": ("d_mm", MM), "alpha": ("alpha_rad", 1.0), "theta_offset": ("theta_offset_rad", 1.0)}
@@ -57,9 +57,9 @@ def calibrated_model(fit: Fit) -> ErrorModel:
     columns = [*range(vector.size), *range(problem.scales.size, len(fit.with_inner))]  # between them those of the frame
     matrix = fit.with_inner[np.ix_(columns, columns)]
     matrix[: vector.size, : vector.size] += of_tip @ of_tip.T
-    known = _covariance(arm, names, matrix, " ".join(records))
+    known = joined(arm, names, matrix, " ".join(records))
     every = (*problem.model.effects, *effects)
-    entries, warm = [entry_of(effect) for effect in every], temperature_of(fit)
+    warm = temperature_of(fit)
     of_noise = "beyond their noise" if fit.stated else "and their noise was not stated"
     scatters = max(fit.noise.scatters.tip, fit.noise.scatters.turn) > NO_SCATTER
     left = f"the records scatter by {fit.scatter_in_words} per coordinate {of_noise}" if scatters else ""
@@ -67,7 +67,7 @@ def calibrated_model(fit: Fit) -> ErrorModel:
         "reference_temperature_c": warm,
         "unexplained": left,
         "tip_on_target": problem.tip_on_target or arm.tip_on_target,
-        "effects": entries,
+        **entries_of(every),
     }
     if arm.dh is None:
         twists = np.array([steps.get(p.name, 0.0) for p in arm.parameters]).reshape(-1, 6)
@@ -91,8 +91,15 @@ def temperature_of(fit: Fit) -> float:
     return round(float(stated.mean()), 2)
 
 
-def _covariance(arm: Arm, names: list[str], matrix: Array, records: str) -> Covariance | None:
-    """The new covariance, beside what was known together of parameters that were not estimated now; from which records."""
+def joined(arm: Arm, names: list[str], matrix: Array, records: str) -> Covariance | None:
+    """The covariance of new estimates, beside what the arm's file knows together of other parameters.
+
+    Args:
+        arm: the arm.
+        names: of the parameters that were estimated (p,); "" for one to leave out.
+        matrix: their covariance (p, p) [their units].
+        records: fingerprints of the records that all is known from.
+    """
     keep = [i for i, name in enumerate(names) if name and matrix[i, i] > 0]
     chosen, matrix = [names[i] for i in keep], matrix[np.ix_(keep, keep)]
     u = np.sqrt(np.diag(matrix))

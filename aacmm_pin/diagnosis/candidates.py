@@ -10,6 +10,7 @@ from aacmm_pin.calibration.parameters import found_anew
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import CAUSES, Effect, ReferenceFrame, StylusOffset, all_candidates
+from aacmm_pin.effects.discrepancy import Discrepancy
 from aacmm_pin.effects.effect import require_row
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.errors import UnknownNameError
@@ -76,8 +77,9 @@ def _needs(cause: type[Effect]) -> tuple[str, ...]:
 
 
 def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
-    """The causes that the arm is known to have, with a stated uncertainty that counts."""
-    stated = (effect for effect in model.effects if setup.prior and any(effect.u))
+    """The causes that the arm is known to have, with a stated uncertainty that counts; a discrepancy is none."""
+    causes = (effect for effect in model.effects if not isinstance(effect, Discrepancy))
+    stated = (effect for effect in causes if setup.prior and any(effect.u))
     return [effect for effect in stated if not found_anew(effect, setup, measurements)]
 
 

@@ -24,6 +24,7 @@ from aacmm_pin._support.units import DEG, MM, prefixed
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis as axis
 from aacmm_pin.arm.chain import skew
+from aacmm_pin.arm.file import DiscrepancyEntry, EffectEntry
 from aacmm_pin.arm.parameter import Parameter, Scope
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.state import State
@@ -459,6 +460,15 @@ class Effect(Shown, ABC):
     def described_jacobian(self) -> Array:
         """∂(described values)/∂(parameters), (described, p)."""
         return np.diag([1.0 / t.scale for t in self.terms])
+
+    def filed(self) -> EffectEntry | DiscrepancyEntry:
+        """The effect as an arm file has it."""
+        structure = {name: getattr(self, name) for name in self.structure()}
+        stated = {k: list(v) if isinstance(v, tuple) else v for k, v in structure.items() if v not in (None, ())}
+        u = {term.key: float(u / term.scale) for term, u in zip(self.terms, self.u, strict=True) if any(self.u)}
+        u |= {name: float(u) for name, u in zip(self.inner, self.inner_u, strict=False) if u}
+        entry = {"cause": self.cause, **stated, "parameters": self.described(), "uncertainty": u}
+        return EffectEntry.model_validate(entry)
 
     @classmethod
     def from_description(

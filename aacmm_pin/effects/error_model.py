@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.arm import Arm, GivenArm, as_arm
-from aacmm_pin.arm.file import ArmFile, EffectEntry, UrdfArmFile, arm_text, validated
+from aacmm_pin.arm.file import ArmFile, DiscrepancyEntry, EffectEntry, UrdfArmFile, arm_text, validated
 from aacmm_pin.arm.limits import AT_LIMIT, other_turns
 from aacmm_pin.arm.parameter import Parameter
 from aacmm_pin.effects.conditions import COLUMNS, Conditions
@@ -108,7 +108,7 @@ class ErrorModel(Shown):
         file = self.arm.file
         if file is None or (isinstance(file, UrdfArmFile) and not file.urdf.file):
             raise AacmmError(f"{self.arm.name}: was made from no file that could be named or extended; a pipe is none")
-        file = file.model_copy(update={"effects": [entry_of(effect) for effect in self.effects]})
+        file = file.model_copy(update=entries_of(self.effects))
         return validated(UrdfArmFile, file.model_dump(by_alias=True), file.name) if isinstance(file, UrdfArmFile) else file
 
     def text(self, comment: str = "", path: str | Path | None = None) -> str:
@@ -337,13 +337,12 @@ def _in_words(values: NDArray[Any]) -> str:
     return ", ".join(labels[:MOST_LABELS]) + f", … ({len(labels)} in all)" * (len(labels) > MOST_LABELS)
 
 
-def entry_of(effect: Effect) -> EffectEntry:
-    """The effect as an arm file has it."""
-    structure = {name: getattr(effect, name) for name in effect.structure()}
-    fields = {k: list(v) if isinstance(v, tuple) else v for k, v in structure.items() if v not in (None, ())}
-    u = {term.key: float(u / term.scale) for term, u in zip(effect.terms, effect.u, strict=True) if any(effect.u)}
-    u |= {name: float(u) for name, u in zip(effect.inner, effect.inner_u, strict=False) if u}
-    return EffectEntry.model_validate({"cause": effect.cause, **fields, "parameters": effect.described(), "uncertainty": u})
+def entries_of(effects: Iterable[Effect]) -> dict[str, list[EffectEntry | DiscrepancyEntry]]:
+    """The effects as an arm file has them: causes by their names, and what no cause explains."""
+    found: dict[str, list[EffectEntry | DiscrepancyEntry]] = {"effects": [], "discrepancy": []}
+    for entry in (effect.filed() for effect in effects):
+        found["discrepancy" if isinstance(entry, DiscrepancyEntry) else "effects"].append(entry)
+    return found
 
 
 GivenCause = Effect | str
@@ -386,7 +385,10 @@ def loaded(model: GivenModel) -> Arm | ErrorModel:
 def _extended(arm: Arm, path: str) -> ErrorModel:
     """An arm with the effects of its file; ``path`` is what errors call this."""
     entries = [] if arm.file is None else arm.file.effects
-    effects = tuple(_effect(entry, arm, path, f"effects[{number}]") for number, entry in enumerate(entries, start=1))
+    causes = [_effect(entry, arm, path, f"effects[{number}]") for number, entry in enumerate(entries, start=1)]
+    described = [] if arm.file is None else arm.file.discrepancy
+    others = [_discrepancy(entry, arm, path, f"discrepancy[{n}]") for n, entry in enumerate(described, start=1)]
+    effects = (*causes, *others)
     try:
         return ErrorModel(arm, effects)
     except UnknownNameError as error:
@@ -404,6 +406,20 @@ def _require_all(entry: EffectEntry, effect: Effect) -> None:
     ):
         if stated and (missing := [name for name in names if name not in stated]):
             raise AacmmError(f"{effect.label}: {what}: missing {', '.join(missing)} beside {', '.join(stated)}")
+
+
+def _discrepancy(entry: DiscrepancyEntry, arm: Arm, path: str, key: str) -> Effect:
+    """The discrepancy of an entry, if it can act on the arm."""
+    from aacmm_pin.effects.discrepancy import discrepancy_of  # few arms have one
+
+    try:
+        found = discrepancy_of(entry)
+        nothing = np.zeros(0)
+        conditions = Conditions(0, time=nothing, temperature=nothing)
+        found.displacements(State(arm, np.zeros((0, arm.nq)), conditions, arm.chain.tip))
+        return found
+    except AacmmError as error:
+        raise ArmFileError(path, key, str(error)) from None
 
 
 def _effect(entry: EffectEntry, arm: Arm, path: str, key: str) -> Effect:

@@ -1,0 +1,194 @@
+"""Smooth functions of what is recorded, as plain data: they have the same values at new records."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.effects.state import State
+from aacmm_pin.errors import AacmmError
+
+MOST_KNOTS = 50
+"""Between so many quantiles the rank of a value is interpolated; fewer different values have their own."""
+MOST_FUNCTIONS = 100
+"""Functions of one kind in a file; those that diagnosis looks at are 25 at most."""
+
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Cosines:
+    """``cos kπp`` for k from 0 to ``count``, p the part of the fitted records whose value is below.
+
+    p is interpolated between knots. Outside the range of the fitted records it is that of the nearest of them.
+
+    Attributes:
+        of: ``joint 2``, ``time`` or ``temperature``.
+        at_si: values at the knots, ascending [rad, m of a joint that slides, s, °C].
+        below: how many of the fitted records are below each of them, half of those that are there included.
+        records: how many fitted records there are.
+        count: k of the last one.
+    """
+
+    of: str
+    at_si: tuple[float, ...]
+    below: tuple[float, ...]
+    records: int
+    count: int
+    kind: Literal["cosines"] = "cosines"
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    def __post_init__(self) -> None:
+        if not len(self.at_si) == len(self.below) >= 1 or np.any(np.diff(self.at_si) <= 0.0):
+            raise AacmmError(f"cosines of {self.of}: expected ascending values in at_si, and a number in below for each")
+        if self.records < 1 or not 0 <= self.count <= MOST_FUNCTIONS:
+            raise AacmmError(f"cosines of {self.of}: expected records above 0, and a count from 0 to {MOST_FUNCTIONS}")
+
+    @property
+    def number(self) -> int:
+        """How many functions there are."""
+        return self.count + 1
+
+    @staticmethod
+    def over(of: str, values: ArrayLike, count: int) -> Cosines:
+        """The cosines over the ranks of ``values`` (n,)."""
+        at, first, times = np.unique(np.asarray(values, dtype=np.float64), return_inverse=True, return_counts=True)
+        below = np.cumsum(times) - 0.5 * times
+        if at.size > MOST_KNOTS:
+            knots = np.unique(np.searchsorted(below, np.linspace(below[0], below[-1], MOST_KNOTS)))
+            at, below = at[knots], below[knots]
+        return Cosines(of, tuple(at.tolist()), tuple(below.tolist()), int(first.size), count)
+
+    def of_values(self, values: ArrayLike) -> Array:
+        """The functions of values (n,): (n, count + 1)."""
+        part = np.interp(np.asarray(values, dtype=np.float64), self.at_si, self.below) / self.records
+        return np.asarray(np.cos(np.pi * np.arange(self.count + 1) * part[:, None]))
+
+    def values(self, state: State) -> Array:
+        """The functions in records (n, count + 1)."""
+        return self.of_values(_recorded(self.of, state))
+
+
+@dataclass(frozen=True)
+class Waves:
+    """``cos q`` and ``sin q`` of one joint, behind a constant where asked for.
+
+    Attributes:
+        of: ``joint 2``.
+        constant: whether the constant is there.
+    """
+
+    of: str
+    constant: bool = False
+    kind: Literal["waves"] = "waves"
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    @property
+    def number(self) -> int:
+        """How many functions there are."""
+        return 2 + self.constant
+
+    def values(self, state: State) -> Array:
+        """The functions in records (n, 2 or 3)."""
+        angle = _recorded(self.of, state)
+        constant = [np.ones_like(angle)] if self.constant else []
+        return np.stack([*constant, np.cos(angle), np.sin(angle)], axis=1)
+
+
+@dataclass(frozen=True)
+class Bumps:
+    """``exp(-½ (r / width)²)`` of the tip's distance r from each of some places.
+
+    Attributes:
+        centres_si: places in the base [m].
+        width_si: [m].
+    """
+
+    centres_si: tuple[Point, ...]
+    width_si: float
+    kind: Literal["bumps"] = "bumps"
+    of: ClassVar[str] = "place"
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    def __post_init__(self) -> None:
+        if not (0 < len(self.centres_si) <= MOST_FUNCTIONS and self.width_si > 0.0):
+            raise AacmmError(f"bumps: expected 1 to {MOST_FUNCTIONS} places in centres_si, and width_si above 0")
+
+    @property
+    def number(self) -> int:
+        """How many functions there are."""
+        return len(self.centres_si)
+
+    def values(self, state: State) -> Array:
+        """The functions in records (n, centres)."""
+        tip = state.origin[state.arm.chain.tip]
+        distance = np.linalg.norm(tip[:, None] - np.array(self.centres_si), axis=2)
+        return np.asarray(np.exp(-0.5 * np.square(distance / self.width_si)))
+
+
+Smooth = Cosines | Waves | Bumps
+_FILED: TypeAdapter[Smooth] = TypeAdapter(Annotated[Smooth, Field(discriminator="kind")])
+
+_JOINT = r"joint [1-9]\d{0,2}"
+OF_KIND = {"cosines": rf"{_JOINT}|time|temperature", "waves": _JOINT, "bumps": "place"}
+"""What functions of each kind may be of."""
+
+
+def product_of(functions: Sequence[Smooth], state: State) -> Array:
+    """Products of one function of each of these (n, m), the last one varying fastest; without any the constant 1 (n, 1)."""
+    return reduce(products, (each.values(state) for each in functions), np.ones((state.n, 1)))
+
+
+def products(one: Array, other: Array) -> Array:
+    """Products of each function (n, a) with each other one (n, b), the other one varying fastest (n, a · b)."""
+    each = np.einsum("na,nb->nab", one, other)
+    return np.asarray(each.reshape(len(one), one.shape[1] * other.shape[1]))
+
+
+def needs_of(functions: Iterable[Smooth]) -> tuple[str, ...]:
+    """Conditions that the functions are of."""
+    return tuple(dict.fromkeys(each.of for each in functions if each.of in ("time", "temperature")))
+
+
+def as_filed(functions: Smooth) -> dict[str, Any]:
+    """The functions as a file has them."""
+    fields: dict[str, Any] = _FILED.dump_python(functions)
+    return {"kind": functions.kind} | fields
+
+
+def as_read(filed: dict[str, Any]) -> Smooth:
+    """The functions that a file has.
+
+    Raises:
+        AacmmError: it has none.
+    """
+    try:
+        found = _FILED.validate_json(json.dumps(filed, default=str), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"][1:]))
+        raise AacmmError(f"functions: {key + ': ' if key else ''}{first['msg']}") from None
+    if not re.fullmatch(OF_KIND[found.kind], found.of):
+        raise AacmmError(f"functions: {found.kind} of {found.of!r}, expected {OF_KIND[found.kind]}")
+    return found
+
+
+def _recorded(of: str, state: State) -> Array:
+    """What was recorded (n,) [rad, m, s, °C].
+
+    Raises:
+        MissingConditionError: the records lack it.
+        AacmmError: the arm has no such joint.
+    """
+    what, _, row = of.partition(" ")
+    return state.angle(int(row)) if what == "joint" else state.conditions.require(what, f"the discrepancy over {of}")

@@ -1,0 +1,197 @@
+"""Discrepancies: smooth functions at any records, what they act on, and how an arm file has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
+from aacmm_pin.accuracy.volume import accuracy_volume
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.smooth_functions import MOST_KNOTS, Bumps, Cosines, Smooth, Waves
+from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError
+from tests.by_pinocchio import placements
+
+TIME = Cosines("time", (0.0, 100.0, 400.0), (0.5, 5.0, 9.5), 10, 2)
+PLACES = Bumps(((0.1, 0.2, 0.3), (-0.3, 0.4, 0.5)), 0.4)
+WAVES = (Waves("joint 2", constant=True), Waves("joint 4"))
+N = 7
+
+
+def records(arm: Arm, rng: np.random.Generator) -> tuple[Array, Conditions]:
+    low, high = arm.limits.T
+    return rng.uniform(low, high, (N, arm.nq)), Conditions(N, time=rng.uniform(-100.0, 500.0, N))
+
+
+def one(carrier: str, *functions: Smooth) -> Discrepancy:
+    """Its coefficients are 1, 2, 3 … times 1e-6."""
+    part = Part(Carrier(carrier), functions)
+    values = 1e-6 * (1.0 + np.arange(part.coefficients))
+    return Discrepancy("something", (part,), part.coefficients, values=tuple(values), u=tuple(0.1 * values))
+
+
+def shared() -> Discrepancy:
+    """Two parts with two parameters in common."""
+    rng = np.random.default_rng(3)
+    parts = [Part(Carrier("room"), (PLACES,)), Part(Carrier("angle 4"), (TIME,))]
+    directions = [tuple(map(tuple, rng.normal(0.0, 1e-4, (part.coefficients, 2)).tolist())) for part in parts]
+    filled = tuple(Part(p.carrier, p.functions, d) for p, d in zip(parts, directions, strict=True))
+    return Discrepancy("several", filled, 2, values=(1.0, 0.0), u=(0.1, 1.0))
+
+
+def by_hand(functions: tuple[Smooth, ...], tip: Array, q: Array, time: Array) -> Array:
+    """The functions of this file, once more (n, m)."""
+    if functions == (TIME,):
+        below = np.interp(time, [0.0, 100.0, 400.0], [0.05, 0.5, 0.95])
+        return np.stack([np.cos(k * np.pi * below) for k in range(3)], axis=1)
+    if functions == (PLACES,):
+        return np.stack([np.exp(-(np.sum((tip - c) ** 2, axis=1)) / 0.32) for c in PLACES.centres_si], axis=1)
+    own = [np.ones(len(q)), np.cos(q[:, 1]), np.sin(q[:, 1])]
+    return np.stack([f * g for f in own for g in (np.cos(q[:, 3]), np.sin(q[:, 3]))], axis=1)
+
+
+@pytest.mark.parametrize("carrier", ["room", "target", "lengths", "before 4", "angle 4"])
+@pytest.mark.parametrize("functions", [(TIME,), (PLACES,), WAVES], ids=["time", "place", "waves"])
+def test_moves_the_tip_as_pinocchio_says(
+    sino6: Arm, rng: np.random.Generator, carrier: str, functions: tuple[Smooth, ...]
+) -> None:
+    q, conditions = records(sino6, rng)
+    effect = one(carrier, *functions)
+    frames = placements(sino6, q)
+    tip, time = frames[:, -1, :3, 3], conditions.require("time", "test")
+    sizes = by_hand(functions, tip, q, time) @ np.reshape(effect.values, (-1, effect.parts[0].carrier.axes))
+    if carrier == "angle 4":
+        turned = q.copy()
+        turned[:, 3] += sizes[:, 0]
+        wanted = sino6.poses(turned).position
+    else:
+        axes = {"target": frames[:, -1, :3, :3], "before 4": frames[:, 3, :3, :3]}.get(carrier, np.eye(3))
+        wanted = tip + (tip * sizes if carrier == "lengths" else np.squeeze(axes @ sizes[:, :, None], axis=2))
+    model = ErrorModel(sino6, [effect])
+    np.testing.assert_allclose(model.predict(q, conditions), wanted, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        model.sensitivity(q, conditions)[:, :, -effect.size :] @ effect.values, wanted - tip, rtol=0, atol=1e-7
+    )
+
+
+def test_ranks_are_the_same_at_new_records(rng: np.random.Generator) -> None:
+    few = rng.permutation(np.repeat([3.0, 1.0, 7.0], [4, 2, 6]))
+    below = np.array([1.0, 4.0, 9.0])[np.searchsorted([1.0, 3.0, 7.0], few)] / 12.0
+    wanted = np.cos(np.pi * np.arange(4) * below[:, None])
+    np.testing.assert_allclose(Cosines.over("time", few, 3).of_values(few), wanted, atol=1e-15)
+    many = rng.normal(size=1000)
+    cosines, ranks = Cosines.over("time", many, 5), (np.argsort(np.argsort(many)) + 0.5) / 1000.0
+    assert len(cosines.at_si) == MOST_KNOTS
+    assert np.abs(cosines.of_values(many) - np.cos(np.pi * np.arange(6) * ranks[:, None])).max() < 0.1
+    ends = cosines.of_values([-9.0, many.min(), many.max(), 9.0])
+    np.testing.assert_array_equal(ends[[0, 3]], ends[[1, 2]])
+
+
+@pytest.mark.parametrize("effect", [one("before 3", TIME), one("angle 2", *WAVES), one("lengths"), shared()])
+def test_arm_file_brings_it_back(sino6: Arm, rng: np.random.Generator, tmp_path: Path, effect: Discrepancy) -> None:
+    q, conditions = records(sino6, rng)
+    model, path = ErrorModel(sino6, ["encoder_gain:3,gain=1e-4", effect]), tmp_path / "extended.toml"
+    model.save(path)
+    again = ErrorModel.load(path)
+    assert again.effects[0] == model.effects[0]
+    assert [p.name for p in again.parameters] == [p.name for p in model.parameters]
+    np.testing.assert_allclose(again.predict(q, conditions), model.predict(q, conditions), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        accuracy_volume(again, q, conditions=conditions, method="ellipsoid").u,
+        accuracy_volume(model, q, conditions=conditions, method="ellipsoid").u,
+        rtol=1e-6,
+    )
+    again.save(tmp_path / "again.toml")
+    assert (tmp_path / "again.toml").read_bytes() == path.read_bytes()
+
+
+def test_of_an_arm_that_came_as_urdf(robot_file: Callable[[str], Path], rng: np.random.Generator, tmp_path: Path) -> None:
+    """The finger of Panda slides, and is off by what the joint before it does."""
+    arm = Arm.from_urdf(robot_file("panda.urdf"), "panda_leftfinger")
+    effect = one("slide 8", Waves("joint 7"))
+    ErrorModel(arm, [effect]).save(tmp_path / "extended.toml")
+    model, q = ErrorModel.load(tmp_path / "extended.toml"), rng.uniform(-0.1, 0.1, (N, 8))
+    moved = q.copy()
+    moved[:, 7] += np.stack([np.cos(q[:, 6]), np.sin(q[:, 6])], axis=1) @ effect.values
+    np.testing.assert_allclose(model.predict(q), arm.poses(moved).position, rtol=0, atol=1e-12)
+
+
+ENTRY = {
+    "depends_on": "joint 2 × time",
+    "parts": [
+        {
+            "acts_on": "angle 2",
+            "functions": [
+                {"kind": "waves", "of": "joint 2"},
+                {"kind": "cosines", "of": "time", "at_si": [0.0, 60.0], "below": [0.5, 9.5], "records": 10, "count": 1},
+            ],
+        }
+    ],
+    "values_si": [1e-5, 2e-5, 3e-5, 4e-5],
+}
+TURNED = {"acts_on": "angle 2", "functions": [], "directions": [[1e-5, 2e-5]]}
+MISTAKES: list[tuple[dict[str, object], str, str]] = [
+    ({"values_si": [1e-5]}, "discrepancy[1]", "expected 4 coefficients"),
+    ({"values_si": [1e-5, 2e-5, 3e-5, 1.0]}, "discrepancy[1]", "expected at most"),
+    ({"values_si": []}, "discrepancy[1].values_si", "at least 1"),
+    ({"standard_uncertainty_si": [1e-6]}, "discrepancy[1]", "expected 4"),
+    ({"colour": "red"}, "discrepancy[1].colour", "known here: depends_on"),
+    ({"parts": [{"acts_on": "angle 9", "functions": []}], "values_si": [1e-5]}, "discrepancy[1]", "no row 9"),
+    ({"parts": [{"acts_on": "elbow", "functions": []}], "values_si": [1e-5]}, "discrepancy[1]", "expected room"),
+    ({"parts": [{"acts_on": "room", "offset": 1}]}, "discrepancy[1].parts[1].offset", "known here: acts_on"),
+    ({"parts": [TURNED, {"acts_on": "room"}], "values_si": [1.0, 0.0]}, "discrepancy[1]", "directions of 3"),
+    ({"parts": [TURNED], "values_si": [1.0]}, "discrepancy[1]", "1 numbers each"),
+]
+OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
+    ({"kind": "splines"}, "expected tags"),
+    ({"kind": "waves", "of": "time"}, "waves of 'time'"),
+    ({"kind": "waves", "of": "joint 2", "order": 3}, "order: Unexpected"),
+    ({"kind": "bumps", "centres_si": [[0.0, 0.0, math.inf]], "width_si": 1.0}, "finite"),
+    ({"kind": "bumps", "centres_si": [[0.0, 0.0, 0.0]], "width_si": 0.0}, "width_si above 0"),
+    ({"kind": "bumps", "centres_si": [[0.0, 0.0, "0"]], "width_si": 1.0}, "valid number"),
+    ({"kind": "cosines", "of": "time", "at_si": [1, 0], "below": [0, 1], "records": 2, "count": 1}, "ascending"),
+    ({"kind": "cosines", "of": "time", "at_si": [0, 1], "below": [0, 1], "records": 2, "count": 10**9}, "to 100"),
+]
+
+
+def test_each_mistake_in_a_file_is_named(sino6: Arm, tmp_path: Path) -> None:
+    content, path = ErrorModel(sino6).file().model_dump(mode="json", by_alias=True, exclude_none=True), tmp_path / "bad.toml"
+    parts = [({"parts": [{"acts_on": "angle 2", "functions": [odd]}]}, "discrepancy[1]", word) for odd, word in OF_FUNCTIONS]
+    for change, key, word in [*MISTAKES, *parts]:
+        path.write_text(tomli_w.dumps(content | {"discrepancy": [ENTRY | change]}), encoding="utf-8")
+        with pytest.raises(ArmFileError) as caught:
+            ErrorModel.load(path)
+        assert (caught.value.key, word in str(caught.value)) == (key, True), str(caught.value)
+    path.write_text(tomli_w.dumps(content | {"discrepancy": [ENTRY]}), encoding="utf-8")
+    assert ErrorModel.load(path).effects[0].needs == ("time",)
+
+
+def test_records_without_its_condition_and_outside_its_range(sino6: Arm, rng: np.random.Generator) -> None:
+    q, conditions = records(sino6, rng)
+    model = ErrorModel(sino6, [one("room", TIME)])
+    with pytest.raises(MissingConditionError):
+        model.predict(q)
+    outside = int(np.sum((conditions.time < 0.0) | (conditions.time > 400.0)))  # type: ignore[operator]
+    (line,) = model.effects[0].to_be_told(conditions)
+    assert line.startswith(f"{outside} of {N} records are outside")
+    assert ErrorSources.of(model, None, None, q, None).not_included == (model.effects[0].label,)
+
+
+def test_the_arm_alone_is_without_it(sino6: Arm, tmp_path: Path) -> None:
+    ErrorModel(sino6, [one("angle 2", *WAVES)]).save(tmp_path / "extended.toml")
+    sources = ErrorSources.of(Arm.load(tmp_path / "extended.toml"), None, None, np.zeros((1, 6)), None)
+    assert sources.not_included == ("discrepancy:something on angle 2",)
+
+
+def test_parts_need_directions_of_as_many_parameters() -> None:
+    with pytest.raises(AacmmError, match="directions"):
+        Discrepancy("two", (Part(Carrier("angle 2"), ()), Part(Carrier("angle 3"), ())), 1)
