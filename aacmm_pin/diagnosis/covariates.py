@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,10 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers
 from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.discrepancy import Carrier
 from aacmm_pin.effects.encoder import LEAST_SPREAD
+from aacmm_pin.effects.smooth_functions import Bumps, Cosines, Smooth, Waves, product_of
+from aacmm_pin.effects.state import State
 from aacmm_pin.measurements.records import Measurements
 
 FEWEST_GROUPS = 3
@@ -42,35 +45,31 @@ class Carried:
 
     Attributes:
         functions: (n, m), root mean square one, the constant first: whatever depends on something also has a mean.
-        carrier: ``room`` (the tip shifts along the axes of the reference frame), ``target`` (along those of the last body),
-            ``before j`` (along those of the body before row j), ``angle j`` (the angle of row j; ``slide j`` where it
-            slides), ``lengths`` (all lengths grow).
+        carrier: name of a :class:`aacmm_pin.effects.discrepancy.Carrier`; the axes of ``room`` are those of the references.
+        smooth: the same functions at any records, but for their ``size``; None of what new records do not have.
+        size: root mean square of each at these records (m,).
     """
 
     functions: Array
     carrier: str
+    smooth: tuple[Smooth, ...] | None = None
+    size: Array = field(default_factory=lambda: np.ones(1))
+
+    @staticmethod
+    def of(smooth: tuple[Smooth, ...], carrier: str, state: State) -> Carried:
+        """Functions that new records have too."""
+        values = product_of(smooth, state)
+        return Carried(_of_size_one(values), carrier, smooth, _size(values))
 
     @property
     def acts_on(self) -> str:
         """The carrier in words."""
-        what, _, row = self.carrier.partition(" ")
-        words = {
-            "room": "the tip shifts in the room",
-            "target": "the target sits elsewhere on the last body",
-            "before": f"the tip shifts along the body before joint {row}",
-            "angle": f"the angle of joint {row} is off",
-            "slide": f"the position of joint {row} is off",
-            "lengths": "all lengths grow",
-        }
-        return words[what]
+        return Carrier(self.carrier).in_words
 
     @property
     def quantities(self) -> dict[str, float]:
         """What it changes: names with unit, and how many SI units one of them is."""
-        what, _, row = self.carrier.partition(" ")
-        if what in ("angle", "slide"):
-            return {f"delta{row}_{'urad' if what == 'angle' else 'um'}": 1e-6}
-        return {"growth_um_per_m": 1e-6} if what == "lengths" else dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
+        return Carrier(self.carrier).quantities
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,37 +92,37 @@ class Covariate:
 def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     """Everything known of the records that residuals may depend on."""
     conditions = measurements.conditions
+    state = State(arm, measurements.q, conditions, arm.chain.tip)
     rows = [place // 2 for place in arm.chain.moving_axes()]
     angles = [f"angle {row}" for row in rows]
     numbers = [(j, row) for j, row in enumerate(rows) if np.ptp(measurements.q[:, j]) > LEAST_SPREAD]
-    found = [_of(f"joint {row}", measurements.q[:, j], [f"before {row}"]) for j, row in numbers]
-    named: list[tuple[str, Iterable[object], list[str]]] = [
-        (name, known, ["room", *angles, "lengths"])
-        for name in ("time", "temperature", "session")
-        if (known := getattr(conditions, name)) is not None
-    ]
+    found = [_of(f"joint {row}", measurements.q[:, j], [f"before {row}"], state) for j, row in numbers]
+    named: list[tuple[str, Iterable[object], list[str], State | None]] = []
+    for name in ("time", "temperature", "session"):
+        if (known := getattr(conditions, name)) is not None:
+            named.append((name, known, ["room", *angles, "lengths"], None if name == "session" else state))
     if conditions.torque is not None:
-        named += [(f"torque {row}", conditions.torque[:, j], ["room", *angles]) for j, row in enumerate(rows)]
+        named += [(f"torque {row}", conditions.torque[:, j], ["room", *angles], None) for j, row in enumerate(rows)]
     if measurements.operator is not None:
-        named.append(("operator", measurements.operator, ["room", *angles]))
-    named += [(str(name), measurements.extra[name], ["room", *angles, "lengths"]) for name in measurements.extra]
-    found += [_of(name, values, carriers) for name, values, carriers in named]
-    products = [_product(measurements.q, one, other) for one, other in itertools.combinations(numbers, 2)]
+        named.append(("operator", measurements.operator, ["room", *angles], None))
+    named += [(str(name), measurements.extra[name], ["room", *angles, "lengths"], None) for name in measurements.extra]
+    found += [_of(*each) for each in named]
+    products = [_product(state, one, other) for one, other in itertools.combinations(numbers, 2)]
     if conditions.time is not None and np.ptp(conditions.time) > 0.0:
-        products += [_over_time(measurements.q[:, j], row, conditions.time) for j, row in numbers]
+        products += [_over_time(state, j, row) for j, row in numbers]
     single = [_with_time(c, conditions) for c in found if c is not None]
     sliding = [row for row, slides in zip(rows, arm.chain.prismatic, strict=True) if slides]
     of_joints = [_along(covariate, sliding) for covariate in (*single, *products)]
-    return [*of_joints, _place(arm, measurements), _scale(arm, measurements), *_groups(measurements)]
+    return [*of_joints, _place(state), _scale(state), *_groups(measurements)]
 
 
-def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covariate | None:
-    """A column of numbers or labels that may act on each of the carriers."""
+def _of(name: str, values: Iterable[object], carriers: Sequence[str], state: State | None) -> Covariate | None:
+    """A column of numbers or labels that may act on each of the carriers; numbers of a ``state`` new records have too."""
     if (numbers := as_numbers(values)) is not None:
-        slow, quick = (_cosines(numbers, count) for count in SMOOTH)
-        variants = [Carried(slow, carrier) for carrier in carriers]
+        slow, quick = (Cosines.over(name, numbers, count) for count in SMOOTH)
+        variants = [_carried(slow, numbers, carrier, state) for carrier in carriers]
         if carriers[0] == "room" and len(numbers) > 3 * SMOOTH[1]:
-            variants.append(Carried(quick, "room"))
+            variants.append(_carried(quick, numbers, "room", state))
         return Covariate(name, (name,), tuple(variants), _table(name, numbers.to_numpy(dtype=np.float64)))
     labels = pd.Series(values).astype(str)
     if not 2 <= labels.nunique() <= MOST_LABELS:
@@ -132,6 +131,13 @@ def _of(name: str, values: Iterable[object], carriers: Sequence[str]) -> Covaria
     return Covariate(
         name, (name,), tuple(Carried(dummies, carrier) for carrier in carriers), _table(name, labels.to_numpy())
     )
+
+
+def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | None) -> Carried:
+    """Cosines on a carrier."""
+    if state is None:
+        return Carried(_of_size_one(cosines.of_values(numbers)), carrier)
+    return Carried.of((cosines,), carrier, state)
 
 
 def _along(covariate: Covariate, sliding: Sequence[int]) -> Covariate:
@@ -169,47 +175,40 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
     return replace(covariate, variants=(*covariate.variants, Carried(_of_size_one(np.hstack(powers)), "room")))
 
 
-def _cosines(numbers: pd.Series, count: int) -> Array:
-    turned = np.pi * (numbers.rank(method="average").to_numpy() - 0.5) / len(numbers)
-    return _of_size_one(np.cos(np.arange(count + 1) * turned[:, None]))
-
-
-def _product(q: Array, one: tuple[int, int], other: tuple[int, int]) -> Covariate:
+def _product(state: State, one: tuple[int, int], other: tuple[int, int]) -> Covariate:
     """The angle of one of two joints depends on where both stand."""
     (j, row), (k, further) = one, other
-    wave = [np.stack([np.ones(len(q)), np.cos(q[:, n]), np.sin(q[:, n])], axis=1) for n in (j, k)]
-    whole = _of_size_one(np.einsum("na,nb->nab", *wave).reshape(len(q), -1)[:, 1:])
-    variants = [Carried(whole, f"angle {at}") for at in (row, further)]
     names = (f"joint {row}", f"joint {further}")
-    return Covariate(" × ".join(names), names, tuple(variants), _table(names[0], q[:, j]).join(_table(names[1], q[:, k])))
+    waves = tuple(Waves(name, constant=True) for name in names)
+    variants = [Carried.of(waves, f"angle {at}", state) for at in (row, further)]
+    values = _table(names[0], state.q[:, j]).join(_table(names[1], state.q[:, k]))
+    return Covariate(" × ".join(names), names, tuple(variants), values)
 
 
-def _over_time(angle: Array, row: int, time: Array) -> Covariate:
+def _over_time(state: State, number: int, row: int) -> Covariate:
     """The angle of a joint is off by where it stands, and otherwise later: an encoder that was knocked midway."""
-    wave, later = np.stack([np.cos(angle), np.sin(angle)], axis=1), _cosines(pd.Series(time), LATER)
-    variant = Carried(_of_size_one(np.einsum("na,nb->nab", wave, later).reshape(len(angle), -1)), f"angle {row}")
-    values = _table(f"joint {row}", angle).join(_table("time", time))
-    return Covariate(f"joint {row} × time", (f"joint {row}", "time"), (variant,), values)
+    name, time = f"joint {row}", state.conditions.require("time", "a change with time")
+    waves = Waves(name), Cosines.over("time", time, LATER)
+    values = _table(name, state.q[:, number]).join(_table("time", time))
+    return Covariate(f"{name} × time", (name, "time"), (Carried.of(waves, f"angle {row}", state),), values)
 
 
-def _place(arm: Arm, measurements: Measurements) -> Covariate:
+def _place(state: State) -> Covariate:
     """Where the tip is: a field of shifts in the room, as a table that bends or a tracker's own error would give."""
-    tip = arm.chain.walk(measurements.q)[1][-1]
+    tip = state.position
     apart = len(np.unique(np.round(tip / NARROWEST), axis=0))
     count = int(np.clip(apart // 2, 1, CENTRES))
     centres, nearest = scipy.cluster.vq.kmeans2(tip, count, minit="++", rng=np.random.default_rng(count))
     width = max(1.5 * float(np.sqrt(np.square(tip - centres[nearest]).sum(axis=1).mean())), NARROWEST)
-    distance = np.linalg.norm(tip[:, None] - centres, axis=2)
+    bumps = Bumps(tuple((float(x), float(y), float(z)) for x, y, z in centres), width)
     values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
-    bumps = np.exp(-0.5 * (distance / width) ** 2)
-    return Covariate("place", ("x", "y", "z"), (Carried(_of_size_one(bumps), "room"),), values)
+    return Covariate("place", ("x", "y", "z"), (Carried.of((bumps,), "room", state),), values)
 
 
-def _scale(arm: Arm, measurements: Measurements) -> Covariate:
+def _scale(state: State) -> Covariate:
     """All lengths are too long or too short by one factor: a wrong unit, another reference temperature."""
-    tip = arm.chain.walk(measurements.q)[1][-1]
-    values = pd.DataFrame({"distance_mm": np.linalg.norm(tip, axis=1) / MM})
-    return Covariate("scale", ("scale",), (Carried(np.ones((len(tip), 1)), "lengths"),), values)
+    values = pd.DataFrame({"distance_mm": np.linalg.norm(state.position, axis=1) / MM})
+    return Covariate("scale", ("scale",), (Carried.of((), "lengths", state),), values)
 
 
 def _groups(measurements: Measurements) -> list[Covariate]:
@@ -227,4 +226,9 @@ def _groups(measurements: Measurements) -> list[Covariate]:
 
 
 def _of_size_one(functions: Array) -> Array:
-    return np.asarray(functions / np.sqrt(np.maximum(np.square(functions).mean(axis=0), 1e-12)))
+    return np.asarray(functions / _size(functions))
+
+
+def _size(functions: Array) -> Array:
+    """Root mean square of each function (n, m): (m,)."""
+    return np.asarray(np.sqrt(np.maximum(np.square(functions).mean(axis=0), 1e-12)))

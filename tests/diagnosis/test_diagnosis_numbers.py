@@ -14,7 +14,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from blind import chains, draw
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ from aacmm_pin.diagnosis import findings as geometric
 from aacmm_pin.diagnosis import gram_matrix, model_extension
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import candidates
-from aacmm_pin.diagnosis.covariates import _cosines, covariates
+from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.design_matrix import Block
 from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
@@ -43,6 +42,7 @@ from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.smooth_functions import Cosines
 from aacmm_pin.measurements.records import Measurements
 
 Array = NDArray[np.float64]
@@ -438,9 +438,10 @@ def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> N
         same(way.functions, [f * g(other) for f in (np.ones(n), np.cos(own), np.sin(own)) for g in (np.cos, np.sin)])
 
 
-def test_smooth_functions_are_orthonormal_over_the_records(rng: np.random.Generator) -> None:
-    functions = _cosines(pd.Series(rng.permutation(40) ** 2.0), 6)
-    np.testing.assert_allclose(functions.T @ functions / 40.0, np.eye(7), atol=1e-12)
+def test_smooth_functions_are_orthogonal_over_the_records(rng: np.random.Generator) -> None:
+    values = rng.permutation(40) ** 2.0
+    functions = Cosines.over("time", values, 6).of_values(values)
+    np.testing.assert_allclose(functions.T @ functions / 40.0, np.diag([1.0] + [0.5] * 6), atol=1e-12)
 
 
 def test_ratio_and_its_directions() -> None:
