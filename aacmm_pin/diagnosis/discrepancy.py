@@ -1,0 +1,171 @@
+"""Covariates that structure depends on, as effects that an arm file can have: described, and not named."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import count, pairwise
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.calibration.calibrated_arm import joined
+from aacmm_pin.diagnosis.covariates import Carried
+from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
+from aacmm_pin.effects.error_model import ErrorModel
+
+FACTORS = 10
+"""So many independent factors stand for the covariance of a background, beside the size of the whole; with 20 u is off by
+10 %, and the file is twice as large."""
+BACKGROUND = "all that was recorded"
+"""What a background depends on."""
+
+Described = tuple[str, Carried]
+"""Name of a covariate, and the way in which it acts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """Effects, and what is known of their parameters together.
+
+    Attributes:
+        effects: with values and u.
+        covariance: of all their parameters, in their order (p, p) [their units].
+    """
+
+    effects: tuple[Discrepancy, ...]
+    covariance: Array
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the parameters."""
+        return [parameter.name for effect in self.effects for parameter in effect.parameters()]
+
+
+def lost(described: Sequence[Described]) -> list[str]:
+    """Covariates that no arm file can have, for new records do not have them: labels, torques, unknown columns."""
+    return list(dict.fromkeys(name for name, way in described if way.smooth is None))
+
+
+def discrepancy_effects(
+    described: Sequence[Described],
+    estimate: Array,
+    covariance: Array,
+    rotation: Array | None = None,
+    taken: Collection[str] = (),
+) -> Coefficients:
+    """One effect for each covariate that new records have too, see :func:`lost` for the others.
+
+    With an estimate of zero and the covariance of the prior they are effects to be estimated, beside geometry and causes.
+
+    Args:
+        described: covariates, each with its variant.
+        estimate: coefficients of their functions, those of each on all axes together, one covariate after the other (p,)
+            [m, rad, m/m].
+        covariance: of these (p, p).
+        rotation: axes of the base in the frame of the references (3, 3), along whose axes the tip shifts in the room; None
+            where the two frames are one.
+        taken: labels of effects that the arm has already: another one has a number behind its name.
+    """
+    rows, effects, labels = list[Array](), list[Discrepancy](), set(taken)
+    for (name, way), place in zip(described, _places(described), strict=True):
+        if way.smooth is None:
+            continue
+        own = np.zeros((place.stop - place.start, len(estimate)))
+        own[:, place] = _as_effects(way, rotation)
+        u = np.sqrt(np.maximum(np.diag(own @ covariance @ own.T), 0.0))
+        effect = _new(name, (_part(way),), len(own), labels).at(own @ estimate, u)
+        rows.append(own)
+        effects.append(effect)
+        labels.add(effect.label)
+    every = np.concatenate([np.zeros((0, len(estimate))), *rows])
+    return Coefficients(tuple(effects), every @ covariance @ every.T)
+
+
+def background_effect(
+    described: Sequence[Described],
+    weights: Array,
+    estimate: Array,
+    covariance: Array,
+    rotation: Array | None = None,
+    taken: Collection[str] = (),
+) -> Discrepancy:
+    """A background of many covariates as one effect: its size, 1 ± u, and :data:`FACTORS` factors, each 0 ± 1.
+
+    Ten principal axes of its covariance have a tenth of the variance: all are alike. So the factors are orthogonal
+    combinations of all axes, drawn at random, as large as all axes together. Over such draws the mean square of u is right
+    at every posture; in one draw u is off by 15 % (standard deviation).
+
+    Args:
+        described: covariates, each with one of its variants; :func:`lost` ones are left out.
+        weights: coefficients of all their functions, as in :func:`discrepancy_effects`, for each direction of the background
+            (p, r) [m, rad, m/m].
+        estimate: of the directions (r,), not all zero.
+        covariance: of these, positive definite (r, r).
+        rotation, taken: see :func:`discrepancy_effects`.
+    """
+    size_u, factors = _factors(estimate, covariance)
+    directions = np.column_stack([weights @ estimate, _rounded(weights @ factors)])
+    parts = []
+    for (_, way), place in zip(described, _places(described), strict=True):
+        if way.smooth is not None:
+            rows = _as_effects(way, rotation) @ directions[place]
+            parts.append(replace(_part(way), directions=tuple(map(tuple, rows.tolist()))))
+    size = directions.shape[1]
+    values, u = np.eye(size)[0], np.ones(size)
+    u[0] = size_u
+    return _new(BACKGROUND, tuple(parts), size, taken).at(values, u)
+
+
+def with_discrepancy(model: ErrorModel, found: Coefficients) -> ErrorModel:
+    """The model with these effects too, and what is known of their parameters together, independent of the others'."""
+    arm = model.arm
+    known = joined(arm, found.names, found.covariance, "" if arm.covariance is None else arm.covariance.records)
+    file = None if arm.file is None else arm.file.model_copy(update={"covariance": known})
+    return ErrorModel(replace(arm, covariance=known, file=file), (*model.effects, *found.effects))
+
+
+def _factors(estimate: Array, covariance: Array) -> tuple[float, Array]:
+    """u of the size of the whole, 1, and factors that are independent of it (r, factors).
+
+    ``Σ = u² d dᵀ + L (1 - v vᵀ) Lᵀ`` with ``Σ = L Lᵀ``, ``v = u L⁻¹ d`` of length one.
+    """
+    root = np.linalg.cholesky(covariance)
+    along = solve_triangular(root, estimate, lower=True)
+    size_u = 1.0 / float(np.linalg.norm(along))
+    rest = len(estimate) - 1
+    factors = min(FACTORS, rest)
+    drawn = np.random.default_rng(0).standard_normal((len(estimate), factors))
+    axes, _ = np.linalg.qr(np.column_stack([along, drawn]))
+    return size_u, np.asarray(root @ axes[:, 1:] * np.sqrt(rest / max(factors, 1)))
+
+
+def _rounded(numbers: Array) -> Array:
+    """To three significant digits: u has two."""
+    unit = 10.0 ** (np.floor(np.log10(np.maximum(np.abs(numbers), 1e-300))) - 2.0)
+    return np.asarray(np.round(numbers / unit) * unit, dtype=np.float64)
+
+
+def _places(described: Sequence[Described]) -> list[slice]:
+    """Where the coefficients of each are."""
+    ends = np.cumsum([0, *(way.functions.shape[1] * Carrier(way.carrier).axes for _, way in described)]).tolist()
+    return [slice(first, last) for first, last in pairwise(ends)]
+
+
+def _as_effects(way: Carried, rotation: Array | None) -> Array:
+    """What makes coefficients of an effect, along the axes of the base, of those of a covariate (q, q)."""
+    axes = np.eye(Carrier(way.carrier).axes)
+    if rotation is not None and way.carrier == "room":
+        axes = rotation.T
+    return np.asarray(np.kron(np.diag(1.0 / way.size), axes), dtype=np.float64)
+
+
+def _part(way: Carried) -> Part:
+    return Part(Carrier(way.carrier), way.smooth or ())
+
+
+def _new(name: str, parts: tuple[Part, ...], size: int, taken: Collection[str]) -> Discrepancy:
+    """A discrepancy of value zero with a label that is not taken."""
+    names = (name if number == 1 else f"{name} ({number})" for number in count(1))
+    return next(found for each in names if (found := Discrepancy(each, parts, size)).label not in taken)

@@ -1,0 +1,220 @@
+"""What diagnosis describes without naming it, as effects of an arm file: the same columns, and right at new records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.calibration import calibrate
+from aacmm_pin.calibration.fit import fit
+from aacmm_pin.calibration.parameters import problem_of
+from aacmm_pin.calibration.setup import Setup
+from aacmm_pin.cli.root_command import app
+from aacmm_pin.diagnosis.candidates import candidates
+from aacmm_pin.diagnosis.covariates import Carried, covariates
+from aacmm_pin.diagnosis.design_matrix import _Calibrated
+from aacmm_pin.diagnosis.discrepancy import (
+    Coefficients,
+    Described,
+    background_effect,
+    discrepancy_effects,
+    lost,
+    with_discrepancy,
+)
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.effects.discrepancy import Carrier, Discrepancy
+from aacmm_pin.effects.error_model import ErrorModel
+from aacmm_pin.effects.state import State
+from aacmm_pin.measurements.records import Measurements
+
+NOISE = 15e-6
+COUPLING = "joint 2 × joint 4"
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """SINO6 whose joint 4 is turned by what joint 2 does, which no cause of the library is."""
+
+    arm: Arm
+    rng: np.random.Generator
+
+    def touched(self, n: int) -> tuple[Array, Array]:
+        """Indications (n, 6) [rad], and where the tip really is (n, 3) [m]."""
+        low, high = self.arm.limits.T
+        q = self.rng.uniform(low, high, (n, 6))
+        real = q.copy()
+        real[:, 3] += 1.5e-4 * np.cos(q[:, 1] - 0.7) + 0.7e-4 * np.sin(q[:, 1] + q[:, 3])
+        return q, self.arm.poses(real).position
+
+    def measured(self, n: int) -> Measurements:
+        """The same with noise, and with a clock."""
+        q, tip = self.touched(n)
+        conditions = Conditions(n, time=np.sort(self.rng.uniform(0.0, 3600.0, n)))
+        return Measurements.of(q, tip + NOISE * self.rng.standard_normal((n, 3)), conditions=conditions)
+
+
+@pytest.fixture
+def plant(sino6: Arm, rng: np.random.Generator) -> Plant:
+    return Plant(sino6, rng)
+
+
+def all_described(arm: Arm, records: Measurements) -> list[Described]:
+    return [(each.name, way) for each in covariates(arm, records) for way in each.variants]
+
+
+def size_of(way: Carried) -> int:
+    return way.functions.shape[1] * Carrier(way.carrier).axes
+
+
+def prior(described: list[Described], width: float) -> Coefficients:
+    """Nothing known but how large it may be."""
+    size = sum(size_of(way) for _, way in described)
+    return discrepancy_effects(described, np.zeros(size), width**2 * np.eye(size))
+
+
+def test_columns_are_those_of_the_design(plant: Plant) -> None:
+    """With orientations and an unknown frame of the references, in which a shift in the room has other axes."""
+    records, axes = plant.measured(40), Rotation.from_euler("xyz", (0.4, -1.0, 2.0)).as_matrix()
+    turned = Rotation.from_matrix(axes @ plant.arm.poses(records.q).placement[:, :3, :3])
+    records = Measurements.of(
+        records.q,
+        records.reference @ axes.T,
+        conditions=records.conditions,
+        orientation=np.roll(turned.as_quat(), 1, axis=1),
+    )
+    setup = Setup.of(plant.arm, "external", encoder_noise=8e-6, reference_noise=NOISE)
+    at = _Calibrated(fit(problem_of(ErrorModel.of(plant.arm), records, "zero-offsets", setup)))
+    for name, way in all_described(plant.arm, records):
+        stated = at.carried(way)
+        estimate = np.linspace(1e-5, 2e-5, stated.shape[2])
+        (effect,) = discrepancy_effects([(name, way)], estimate, np.eye(len(estimate)), at.frame).effects
+        shifts, turns = np.split(effect.sensitivity(at.state) @ effect.values, 2, axis=1)
+        found = np.concatenate([shifts @ at.frame.T, turns @ at.frame.T], axis=1)
+        # The place of the tip is that of the calibrated arm, a millimetre or less from that of the arm as it was.
+        tolerance = 1e-9 if name == "place" else 1e-14
+        np.testing.assert_allclose(found, stated @ estimate, rtol=0, atol=tolerance, err_msg=f"{name} on {way.carrier}")
+
+
+def least_squares(arm: Arm, records: Measurements, way: Carried) -> tuple[Array, Array]:
+    """Coefficients of functions on the angle of a joint, and their covariance, by columns of the arm's Jacobian alone."""
+    columns = way.functions[:, None] * arm.jacobian(records.q)[:, :, int(way.carrier[-1]) - 1, None]
+    columns, left = columns.reshape(-1, way.functions.shape[1]), (records.reference - arm.positions(records.q)).ravel()
+    inverse = np.linalg.inv(columns.T @ columns)
+    return inverse @ columns.T @ left, NOISE**2 * inverse
+
+
+def test_new_readings_are_corrected_within_u(plant: Plant, tmp_path: Path) -> None:
+    """Twenty files: what is off at new records is what their covariance says."""
+    squares = []
+    for number in range(20):
+        records = plant.measured(200)
+        way = next(way for name, way in all_described(plant.arm, records) if (name, way.carrier) == (COUPLING, "angle 4"))
+        found = discrepancy_effects([(COUPLING, way)], *least_squares(plant.arm, records, way))
+        path = tmp_path / f"{number}.toml"
+        with_discrepancy(ErrorModel(plant.arm), found).save(path)
+        model = ErrorModel.load(path)
+        q, tip = plant.touched(50)
+        columns, covariance = model.sensitivity(q)[:, :, -6:], model.covariance()[-6:, -6:]
+        off = np.concatenate(list(model.correct(q) - tip))
+        # In all directions that six coefficients can move these tips.
+        moved = np.concatenate(list(columns)) @ np.linalg.cholesky(covariance)
+        squares.append(np.square(np.linalg.lstsq(moved, off, rcond=None)[0]).sum())
+    assert 4.0 < np.mean(squares) < 8.5, "χ² of six degrees of freedom, twenty times"
+    table = pd.DataFrame(q / DEG, columns=[f"theta{j}_deg" for j in range(1, 7)])
+    table.assign(**dict(zip(("x_mm", "y_mm", "z_mm"), tip.T / MM, strict=True))).to_csv(tmp_path / "new.csv", index=False)
+    done = CliRunner().invoke(app, ["correct", str(path), str(tmp_path / "new.csv"), "-o", str(tmp_path / "out.csv")])
+    assert done.exit_code == 0, done.output
+    corrected = pd.read_csv(tmp_path / "out.csv")[["corrected_x_mm", "corrected_y_mm", "corrected_z_mm"]].to_numpy() * MM
+    before, after = (np.sqrt(np.square(each - tip).sum(axis=1).mean()) for each in (plant.arm.positions(q), corrected))
+    assert after < 0.2 * before
+
+
+def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
+    """A calibration estimates it as any effect, its covariance with the geometry included, and holds it the next time."""
+    records = plant.measured(200)
+    way = next(way for name, way in all_described(plant.arm, records) if (name, way.carrier) == (COUPLING, "angle 4"))
+    noise = {"encoder_noise": 1e-9, "reference_noise": NOISE, "hold_out": False}
+    found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4).effects], **noise)  # type: ignore[arg-type]
+    found.model.save(tmp_path / "extended.toml")
+    model, (q, tip) = ErrorModel.load(tmp_path / "extended.toml"), plant.touched(200)
+    moves = model.sensitivity(q)
+    u = np.sqrt(np.einsum("nip,pq,niq->n", moves, model.covariance(), moves))
+    off = np.linalg.norm(model.correct(q) - tip, axis=1)
+    assert 0.6 < np.sqrt(np.square(off).mean() / np.square(u).mean()) < 1.5
+    assert np.square(u).mean() < np.square(0.5 * NOISE)
+    again = calibrate(model, plant.measured(100), "geometry", **noise)  # type: ignore[arg-type]
+    assert again.model.effects == model.effects
+
+
+def test_it_is_no_candidate(plant: Plant) -> None:
+    records = plant.measured(60)
+    name, way = all_described(plant.arm, records)[0]
+    (effect,) = discrepancy_effects([(name, way)], np.full(size_of(way), 1e-6), np.eye(size_of(way)) * 1e-12).effects
+    model, setup = ErrorModel(plant.arm, [effect]), Setup.of(plant.arm, reference_noise=NOISE)
+    library = candidates(model, records, problem_of(model, records, "geometry", setup))
+    assert not any(isinstance(each, Discrepancy) for variants in library for each in variants)
+
+
+def test_what_cannot_be_predicted_is_lost(plant: Plant) -> None:
+    q, tip = plant.touched(60)
+    extra = pd.DataFrame({"humidity_pct": plant.rng.uniform(30.0, 50.0, 60)})
+    session = np.array(["a", "b"] * 30, dtype=object)
+    conditions = Conditions(60, time=np.arange(60.0), temperature=plant.rng.uniform(19.0, 22.0, 60), session=session)
+    described = all_described(plant.arm, Measurements.of(q, tip, conditions=conditions, extra=extra, operator=session[::-1]))
+    assert lost(described) == ["time", "session", "operator", "humidity_pct"]
+    kept = {(name, way.carrier) for name, way in described if way.smooth is not None}
+    assert {("time", "room"), ("temperature", "lengths"), ("joint 3 × time", "angle 3"), ("place", "room")} < kept
+    assert [effect.covariate for effect in prior(described, 1e-5).effects] == [
+        n for n, w in described if w.smooth is not None
+    ]
+
+
+def test_labels_of_several(plant: Plant) -> None:
+    described = [each for each in all_described(plant.arm, plant.measured(60)) if each[0] == "time"][:1]
+    (first,) = prior(described, 1e-5).effects
+    second, third = discrepancy_effects(described * 2, np.zeros(36), np.eye(36), taken=[first.label]).effects
+    assert [first.label, second.label, third.label] == [f"discrepancy:time{k} on room" for k in ("", " (2)", " (3)")]
+
+
+def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
+    """The same mean at new records; u with the right mean square, and not far off anywhere."""
+    records, rng = plant.measured(150), plant.rng
+    described = [each for each in all_described(plant.arm, records) if each[1].smooth is not None]
+    every = prior(described, 1.0).effects
+    scales = np.concatenate([way.size.repeat(Carrier(way.carrier).axes) for _, way in described])
+    q = plant.touched(300)[0]
+    states = State(plant.arm, q, Conditions(300, time=rng.uniform(0.0, 3600.0, 300)), plant.arm.chain.tip)
+    columns = np.concatenate([effect.sensitivity(states) for effect in every], axis=2) / scales
+    weights = (
+        np.linalg.qr(rng.standard_normal((columns.shape[2], 120)))[0] / np.square(columns).sum(axis=(0, 1))[:, None] ** 0.5
+    )
+    estimate, root = rng.normal(0.0, 1e-4, 120), rng.normal(0.0, 1e-5, (120, 200))
+    covariance = root @ root.T
+    model = ErrorModel(plant.arm, [background_effect(described, weights, estimate, covariance)])
+    model.save(tmp_path / "background.toml")
+    (effect,) = ErrorModel.load(tmp_path / "background.toml").effects
+    moves, directions = effect.sensitivity(states), columns @ weights
+    np.testing.assert_allclose(
+        moves @ effect.values, directions @ estimate, rtol=0, atol=1e-6 * np.abs(directions @ estimate).max()
+    )
+    u = np.sqrt(np.square(moves * effect.u).sum(axis=(1, 2)))
+    wanted = np.sqrt(np.einsum("nip,pq,niq->n", directions, covariance, directions))
+    assert 0.9 < np.sqrt(np.square(u).mean() / np.square(wanted).mean()) < 1.1
+    assert 0.55 < (u / wanted).min() < (u / wanted).max() < 1.6
+    assert (tmp_path / "background.toml").stat().st_size < 400_000
+
+
+def test_a_background_of_one_direction_is_its_size(plant: Plant) -> None:
+    described = [each for each in all_described(plant.arm, plant.measured(60)) if each[0] == COUPLING][:1]
+    weights = np.arange(1.0, 7.0)[:, None]
+    effect = background_effect(described, weights, np.array([3e-6]), np.array([[4e-12]]))
+    assert (effect.values, effect.u) == ((1.0,), (pytest.approx(2.0 / 3.0),))
