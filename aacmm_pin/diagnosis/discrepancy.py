@@ -7,10 +7,14 @@ from dataclasses import dataclass, replace
 from itertools import count, pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin.calibration.calibrated_arm import joined
+from aacmm_pin.arm.arm import Arm
+from aacmm_pin.arm.file import calibrated
+from aacmm_pin.calibration.calibrated_arm import calibrated_model, joined
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.linear_system import assemble
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.error_model import ErrorModel
@@ -90,7 +94,7 @@ def background_effect(
     covariance: Array,
     rotation: Array | None = None,
     taken: Collection[str] = (),
-) -> Discrepancy:
+) -> Coefficients:
     """A background of many covariates as one effect: its size, 1 ± u, and :data:`FACTORS` factors, each 0 ± 1.
 
     Ten principal axes of its covariance have a tenth of the variance: all are alike. So the factors are orthogonal
@@ -115,15 +119,77 @@ def background_effect(
     size = directions.shape[1]
     values, u = np.eye(size)[0], np.ones(size)
     u[0] = size_u
-    return _new(BACKGROUND, tuple(parts), size, taken).at(values, u)
+    return Coefficients((_new(BACKGROUND, tuple(parts), size, taken).at(values, u),), np.diag(np.square(u)))
+
+
+def together(*found: Coefficients) -> Coefficients:
+    """Effects of several sources, independent of one another."""
+    effects = [effect for each in found for effect in each.effects]
+    return Coefficients(tuple(effects), block_diag(*(each.covariance for each in found)))
 
 
 def with_discrepancy(model: ErrorModel, found: Coefficients) -> ErrorModel:
     """The model with these effects too, and what is known of their parameters together, independent of the others'."""
-    arm = model.arm
-    known = joined(arm, found.names, found.covariance, "" if arm.covariance is None else arm.covariance.records)
+    arm = _knowing(model.arm, found.names, found.covariance)
+    return ErrorModel(arm, (*model.effects, *found.effects))
+
+
+def calibrated_beside(fit: Fit, found: Coefficients) -> ErrorModel:
+    """The calibrated arm of a fit that held these effects, with what their uncertainty does to the estimates.
+
+    The estimates answer to the coefficients by ``R = ∂x/∂β``: with the covariance ``K`` of the fit and ``Σ`` of the
+    coefficients, that of both is ``[[K + R Σ Rᵀ, R Σ], [Σ Rᵀ, Σ]]``. If they counted as independent, what both can explain
+    would be uncertain twice.
+
+    Args:
+        fit: of a problem that has the effects among those that stay as they are.
+        found: the effects.
+    """
+    model = calibrated_model(fit)
+    names, inside = _known_together(model.arm, found.names)
+    place = {name: number for number, name in enumerate(fit.problem.vector.names)}
+    answers = np.concatenate([_answers(fit, found), np.zeros((1, len(found.covariance)))])
+    response = answers[[place.get(name, -1) for name in names]]
+    across = response @ found.covariance
+    joint = np.block([[inside + across @ response.T, across], [across.T, found.covariance]])
+    return ErrorModel(_knowing(model.arm, [*names, *found.names], joint), model.effects)
+
+
+def _known_together(arm: Arm, others: Collection[str]) -> tuple[list[str], Array]:
+    """Names of the parameters that the arm knows together, but for ``others``, and their covariance (p, p)."""
+    known = arm.covariance
+    known = None if known is None else known.restricted(name for name in known.parameters if name not in others)
+    if known is None:
+        return [], np.zeros((0, 0))
+    u = np.array(known.standard_uncertainty_si)
+    return list(known.parameters), known.matrix_of_correlation() * np.outer(u, u)
+
+
+def _answers(fit: Fit, found: Coefficients) -> Array:
+    """How the estimates of a fit answer to one unit of each coefficient of effects that it held (p, q)."""
+    solution, problem = fit.solution, fit.problem
+    point = solution.point
+    rest = tuple(effect for effect in problem.model.effects if effect not in found.effects)
+    columns = []
+    for number, effect in enumerate(found.effects):
+        for k, u in enumerate(effect.u):
+            step = u or effect.terms[k].typical
+            values = np.array(effect.values)
+            values[k] += step
+            others = (*found.effects[:number], effect.at(values), *found.effects[number + 1 :])
+            moved = replace(problem, model=replace(problem.model, effects=(*rest, *others)))
+            poses = moved.predict(point.x, point.frame).poses
+            system = assemble(replace(point.prediction, poses=poses), solution.noise, point.seats, solution.weights)
+            change = solution.system.jacobian.T @ (system.residual - solution.system.residual)
+            columns.append(-(solution.scaled @ (solution.scaled.T @ change)) / step)
+    return np.column_stack(columns)[: problem.vector.size]
+
+
+def _knowing(arm: Arm, names: list[str], covariance: Array) -> Arm:
+    """The arm that knows these parameters together, beside what it knows of others."""
+    known = joined(arm, names, covariance, "" if arm.covariance is None else arm.covariance.records)
     file = None if arm.file is None else arm.file.model_copy(update={"covariance": known})
-    return ErrorModel(replace(arm, covariance=known, file=file), (*model.effects, *found.effects))
+    return replace(arm, parameters=calibrated(arm.parameters, known), covariance=known, file=file)
 
 
 def _factors(estimate: Array, covariance: Array) -> tuple[float, Array]:

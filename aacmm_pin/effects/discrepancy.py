@@ -179,7 +179,8 @@ class Discrepancy(Effect):
         """The coefficients; of shared directions, their factors."""
         part = self.parts[0]
         unit, typical = ("1", 1.0) if part.directions else part.carrier.typical
-        return tuple(Term(f"c{k}", unit, typical, f"c{k}") for k in range(1, self.size + 1))
+        read_in = ("1", 1.0) if part.directions else None
+        return tuple(Term(f"c{k}", unit, typical, f"c{k}", read_in=read_in) for k in range(1, self.size + 1))
 
     @property
     def _functions(self) -> list[Smooth]:

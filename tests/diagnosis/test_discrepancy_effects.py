@@ -13,9 +13,11 @@ from typer.testing import CliRunner
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.calibration.fit import fit
+from aacmm_pin.calibration.calibrated_arm import calibrated_model
+from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.cli.root_command import app
@@ -26,6 +28,7 @@ from aacmm_pin.diagnosis.discrepancy import (
     Coefficients,
     Described,
     background_effect,
+    calibrated_beside,
     discrepancy_effects,
     lost,
     with_discrepancy,
@@ -155,6 +158,27 @@ def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
     assert again.model.effects == model.effects
 
 
+def test_estimates_answer_to_what_is_held(plant: Plant) -> None:
+    """Held where a common fit has them, within its covariance, the tips are as uncertain as by that fit."""
+    records = plant.measured(150)
+    described = [each for each in all_described(plant.arm, records) if each[0] in (COUPLING, "joint 5")]
+    setup = Setup.of(plant.arm, encoder_noise=8e-6, reference_noise=NOISE, probe_noise=NOISE)
+
+    def solved(model: ErrorModel, *more: Discrepancy) -> Fit:
+        return fit(problem_of(model, records, ["geometry", *more], setup), robust=False)
+
+    common = solved(ErrorModel(plant.arm), *prior(described, 5e-5).effects)
+    own = slice(common.problem.vector.slices[-len(described)].start, common.problem.vector.size)
+    found = Coefficients(common.solution.effects[-len(described) :], common.covariance[own, own])  # type: ignore[arg-type]
+    held = ErrorModel(plant.arm, found.effects)
+    model, wanted = calibrated_beside(solved(held), found), calibrated_model(common)
+    q, conditions = plant.touched(50)[0], Conditions(50, time=np.linspace(0.0, 3600.0, 50))
+    u = [accuracy_volume(each, q, conditions=conditions, method="ellipsoid").u for each in (model, wanted)]
+    np.testing.assert_allclose(*u, rtol=1e-3)
+    independent = with_discrepancy(ErrorModel(calibrated_model(solved(held)).arm), found)
+    assert np.mean(accuracy_volume(independent, q, conditions=conditions, method="ellipsoid").u) > 1.2 * np.mean(u[1])
+
+
 def test_it_is_no_candidate(plant: Plant) -> None:
     records = plant.measured(60)
     name, way = all_described(plant.arm, records)[0]
@@ -199,7 +223,7 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     )
     estimate, root = rng.normal(0.0, 1e-4, 120), rng.normal(0.0, 1e-5, (120, 200))
     covariance = root @ root.T
-    model = ErrorModel(plant.arm, [background_effect(described, weights, estimate, covariance)])
+    model = with_discrepancy(ErrorModel(plant.arm), background_effect(described, weights, estimate, covariance))
     model.save(tmp_path / "background.toml")
     (effect,) = ErrorModel.load(tmp_path / "background.toml").effects
     moves, directions = effect.sensitivity(states), columns @ weights
@@ -216,5 +240,5 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
 def test_a_background_of_one_direction_is_its_size(plant: Plant) -> None:
     described = [each for each in all_described(plant.arm, plant.measured(60)) if each[0] == COUPLING][:1]
     weights = np.arange(1.0, 7.0)[:, None]
-    effect = background_effect(described, weights, np.array([3e-6]), np.array([[4e-12]]))
+    (effect,) = background_effect(described, weights, np.array([3e-6]), np.array([[4e-12]])).effects
     assert (effect.values, effect.u) == ((1.0,), (pytest.approx(2.0 / 3.0),))
