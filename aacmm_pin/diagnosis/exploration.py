@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -14,18 +14,22 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 def explore(space: ModelSpace, starts: Iterable[Blocks] = ()) -> Posterior:
     """The sets that hold the posterior's mass.
 
-    One half of the starts is nothing; the other half is what is given and each of the leading causes. Where they do not find
-    the same, all sets that either found are explored on.
+    One half of the starts is nothing; the other half is what is given, each of the leading causes, and what could be instead
+    of each member of the most probable set. Where they do not find the same, all sets that either found are explored on.
     """
-    walk, other = Walk(space, [()]), Walk(space, [*starts, *_leading(space)])
+    walk = Walk(space, [()])
     walk.run()
+    top = max(walk.values, key=lambda s: (walk.values[s], s))
+    other = Walk(space, [*starts, *_leading(space), *(_grown_without(space, top, k) for k in top)])
     other.run()
-    apart = _total_variation(walk, other)
+    apart = _total_variation(space, walk.values, other.values)
     walk.values.update(other.values)
     if apart > THRESHOLDS.agreement:
+        before = dict(walk.values)
         walk.exchanged.clear()
         walk.expansions += THRESHOLDS.expansions
         walk.run()
+        apart = _total_variation(space, before, walk.values)
     return Posterior(space, weights_of(walk.values), walk.best - space.marginal(()).log_posterior, apart)
 
 
@@ -46,8 +50,23 @@ def _leading(space: ModelSpace) -> list[Blocks]:
     return [(int(k),) for k in leading if np.isfinite(odds[k])]
 
 
-def _total_variation(one: Walk, other: Walk) -> float:
-    first, second = (inclusion(walk.space, weights_of(walk.values)) for walk in (one, other))
+def _grown_without(space: ModelSpace, blocks: Blocks, block: int) -> Blocks:
+    """The set that the rest of some blocks leads to, step by step uphill, if the candidate of one of them does not act."""
+    without = space.candidates.owners == space.candidates.owner(block)
+    at = without_block(blocks, block)
+    while True:
+        values = np.where(without, -np.inf, space.additions(at))
+        near = [at, *(without_block(at, k) for k in at)]
+        if np.isfinite(values.max()):
+            near.append(with_block(at, int(np.argmax(values))))
+        best = max(near, key=lambda s: space.marginal(s).log_posterior)
+        if best == at:
+            return at
+        at = best
+
+
+def _total_variation(space: ModelSpace, one: Mapping[Blocks, float], other: Mapping[Blocks, float]) -> float:
+    first, second = (inclusion(space, weights_of(values)) for values in (one, other))
     return float(np.abs(first - second).max(initial=0.0))
 
 
@@ -72,18 +91,18 @@ class Walk:
         return max(self.values.values())
 
     def run(self, exchanges: bool = True) -> None:
-        """Expand the best sets; when they are, exchange members of those that hold the mass; until nothing is new."""
+        """Expand the best sets, and exchange members of those that hold the mass before weaker ones are expanded."""
         while self.expansions > 0:
-            near = self.best - THRESHOLDS.expanded
-            open_ = [s for s, v in self.values.items() if s not in self.expanded and v > near]
-            if open_:
-                self._expand(max(open_, key=lambda s: (self.values[s], s)))
-                continue
-            weights = weights_of(self.values).items()
-            held = [s for s, w in weights if w >= THRESHOLDS.holds and s not in self.exchanged]
-            if not (held and exchanges):
+            weights = weights_of(self.values)
+            least = weights[next(iter(weights))] * THRESHOLDS.expanded
+            open_ = [s for s, w in weights.items() if s not in self.expanded and w >= least]
+            held = [s for s, w in weights.items() if exchanges and w >= THRESHOLDS.holds and s not in self.exchanged]
+            if open_ and (not held or weights[open_[0]] >= THRESHOLDS.holds):
+                self._expand(open_[0])
+            elif held:
+                self._exchange(held[0])
+            else:
                 break
-            self._exchange(held[0])
 
     def _visit(self, blocks: Blocks) -> None:
         if blocks not in self.values:
@@ -100,11 +119,12 @@ class Walk:
         self.expansions -= blocks not in self.expanded
         self.expanded.add(blocks)
         values = self.space.additions(blocks)
-        order = [int(k) for k in np.argsort(-values, kind="stable")[: THRESHOLDS.beside]]
-        for k in order:
-            if values[k] > self.best - THRESHOLDS.reach:
-                self._visit(with_block(blocks, k))
-        return order
+        order = [int(k) for k in np.argsort(-values, kind="stable")]
+        for place, k in enumerate(order):
+            if values[k] <= self.best - (THRESHOLDS.reach if place < THRESHOLDS.beside else THRESHOLDS.counts):
+                break
+            self._visit(with_block(blocks, k))
+        return order[: THRESHOLDS.beside]
 
     def _exchange(self, blocks: Blocks) -> None:
         """Visit the set with others in the place of each member: one, or two; until a better set is found."""

@@ -21,8 +21,10 @@ Blocks = tuple[int, ...]
 """A set of blocks, in the order of their numbers."""
 FIRST_WIDTH = 2
 """Number of the width with which the search for a block's best width begins."""
-SWEEPS = 4
-"""Best widths and best amplitude are found in turn, at most so often."""
+COUNTS = 6.0
+"""At an amplitude whose log posterior is lower than the largest by more, the widths need not be the best."""
+LEAST_WEIGHT = 1e-12
+"""An amplitude has at least this weight where additions are ranked."""
 LEAST_GAIN = 1e-9
 """A width is better if the log posterior is larger by more."""
 NEGLIGIBLE = 12.0
@@ -114,6 +116,14 @@ class Marginal(NamedTuple):
     amplitudes: Array
 
 
+class Peak(NamedTuple):
+    """At one amplitude: the largest log posterior over the widths of a set, the sum over the widths, the best state."""
+
+    largest: float
+    total: float
+    state: State
+
+
 class ModelSpace:
     """The posterior over sets of blocks.
 
@@ -176,23 +186,25 @@ class ModelSpace:
     def marginal(self, blocks: Blocks) -> Marginal:
         """The set's log posterior, summed over its widths and the amplitudes; kept.
 
-        The sum is taken along each width alone from the best widths, as if they were independent.
+        At each amplitude, the sum is taken along each width alone from the best widths there, as if they were independent.
         """
         if blocks not in self._marginals:
             self._marginals[blocks] = self._summed(blocks)
         return self._marginals[blocks]
 
     def _summed(self, blocks: Blocks) -> Marginal:
-        best = self._near(blocks)
-        for _ in range(SWEEPS):
-            before = best.amplitude
-            best, along = self._best_widths(best)
-            amplitudes = self._over_amplitudes(best)
-            best = best._replace(amplitude=int(np.argmax(amplitudes)))
-            if best.amplitude == before:
-                break
-        excess = sum(float(log_sum(values) - values.max()) for values in (*along, amplitudes))
-        return Marginal(float(amplitudes.max()) + excess, best, np.exp(amplitudes - log_sum(amplitudes)))
+        state = self._near(blocks)
+        found, peaks = self._over_amplitudes(state), dict[int, Peak]()
+        while (best := int(np.argmax(found))) not in peaks:
+            peaks[best] = self._peak(state._replace(amplitude=best))
+            state = peaks[best].state
+            found = self._over_amplitudes(state)
+        for k in np.flatnonzero(found > found.max() - COUNTS).tolist():
+            peaks.setdefault(k, self._peak(state._replace(amplitude=k)))
+        for k, peak in peaks.items():
+            found[k] = peak.total
+        top = max(peaks.values(), key=lambda peak: peak.largest)
+        return Marginal(float(log_sum(found)), top.state, np.exp(found - log_sum(found)))
 
     def _near(self, blocks: Blocks) -> State:
         """A state of the set near the best: widths and amplitude of a set with one block less, if one is known."""
@@ -205,17 +217,19 @@ class ModelSpace:
     def _first_width(self, beside: Blocks, block: int) -> int:
         return int(self._widths[beside][block]) if beside in self._widths else FIRST_WIDTH
 
-    def _best_widths(self, state: State) -> tuple[State, list[Array]]:
-        """The state with its best widths, changed one at a time; its log posterior along each."""
+    def _peak(self, state: State) -> Peak:
+        """The best widths at the state's amplitude, changed one at a time."""
         joint = self._joint(state)
         while True:
             values = [self._over_widths(joint, state, member) for member in range(len(state.blocks))]
             more = [each.max() - each[width] for each, width in zip(values, state.widths, strict=True)]
             if max(more, default=0.0) <= LEAST_GAIN:
-                return state, values
+                break
             member = int(np.argmax(more))
             widths = (*state.widths[:member], int(np.argmax(values[member])), *state.widths[member + 1 :])
             state, joint = state._replace(widths=widths), replace(joint, widths=widths)
+        largest = float(self._log_posteriors(joint.chi2, joint.log_volume, state))
+        return Peak(largest, largest + sum(float(log_sum(each) - each.max()) for each in values), state)
 
     def _joint(self, state: State) -> Joint:
         """The blocks of a state together."""
@@ -257,14 +271,23 @@ class ModelSpace:
     def additions(self, blocks: Blocks) -> Array:
         """Log posterior of the set with each block more, about (blocks,); minus infinity for those that are barred; kept.
 
-        Widths and amplitude are the best without it, and summed over as there.
+        Widths are the best without it. Amplitudes are the best and the next lower: a block takes over what the background
+        did without it.
         """
         if blocks not in self._additions:
             marginal = self.marginal(blocks)
-            beside = self.conditional(marginal.best)
-            values = beside.additions
-            self._widths[blocks] = np.argmax(values, axis=1)
-            gain = np.logaddexp.reduce(values, axis=1) - np.log(WIDTHS.size) - beside.log_evidence
+            factors = self._factors(marginal)
+            self._widths[blocks] = np.argmax(factors, axis=1)
+            gain = log_sum(factors) - np.log(WIDTHS.size)
             gain[self.candidates.barred(blocks)] = -np.inf
             self._additions[blocks] = marginal.log_posterior + gain + self.candidates.log_odds
         return self._additions[blocks]
+
+    def _factors(self, marginal: Marginal) -> Array:
+        """Log of the factors on the likelihood of a set with each block more, at each width (blocks, widths)."""
+        best = marginal.best.amplitude
+        amplitudes = sorted({best, max(best - 1, 0)})
+        beside = [self.conditional(marginal.best._replace(amplitude=k)) for k in amplitudes]
+        weights = np.log(np.maximum(marginal.amplitudes[amplitudes], LEAST_WEIGHT))
+        each = [one.additions - one.log_evidence + w for one, w in zip(beside, weights - log_sum(weights), strict=True)]
+        return np.asarray(np.logaddexp.reduce(each, axis=0))

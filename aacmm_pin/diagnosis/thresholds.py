@@ -16,8 +16,9 @@ class Thresholds:
         noise_misstated: prior probability that a stated noise is not the noise.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance in that case.
         reach: sets whose log posterior is lower than the largest by more have no weight …
-        expanded: … and of those that are lower by more than this, no additions are ranked.
-        beside: additions to a set that are looked at, at most.
+        expanded: … and of those that are less probable than this part of the most probable, no additions are ranked.
+        beside: additions to a set that are looked at, the most probable ones first; more only if they count …
+        counts: … which a set does whose log posterior is lower than the largest by less.
         expansions: sets of which all additions are ranked, at most, from each half of the starts.
         expansions_of_part: the same where a part of the records is left out.
         holds: sets with a larger weight have their members exchanged, for one other and for two.
@@ -44,8 +45,9 @@ class Thresholds:
     noise_misstated: float = 0.05
     scale_dof: float = 2.0
     reach: float = 7.0
-    expanded: float = 4.6
+    expanded: float = 0.01
     beside: int = 8
+    counts: float = 5.0
     expansions: int = 60
     expansions_of_part: int = 12
     holds: float = 0.1
