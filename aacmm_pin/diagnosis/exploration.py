@@ -119,7 +119,7 @@ class Walk:
         self.expansions -= blocks not in self.expanded
         self.expanded.add(blocks)
         values = self.space.additions(blocks)
-        order = [int(k) for k in np.argsort(-values, kind="stable")]
+        order = [int(k) for k in np.argsort(-values, kind="stable") if np.isfinite(values[k])]
         for place, k in enumerate(order):
             if values[k] <= self.best - (THRESHOLDS.reach if place < THRESHOLDS.beside else THRESHOLDS.counts):
                 break
@@ -146,7 +146,8 @@ class Walk:
         candidates, values = self.space.candidates, self.space.additions(rest)
         inside = candidates.contained.get(candidates.owner(block), frozenset())
         own = [np.flatnonzero(candidates.owners == owner) for owner in sorted(inside)]
-        return [int(some[np.argmax(values[some])]) for some in own if some.size]
+        best = [int(some[np.argmax(values[some])]) for some in own if some.size]
+        return [k for k in best if np.isfinite(values[k])]
 
 
 def with_block(blocks: Blocks, more: int) -> Blocks:
