@@ -86,13 +86,23 @@ def two_branches(along: Array, size: Array) -> tuple[float, float]:
         along: residuals (n,).
         size: what one unit of the joint does to each (n,).
     """
-    rms = float(np.sqrt(np.square(along).mean()))
-    s = STEPS[:, None] * rms
-    half_widths = np.append(0.0, STEPS) * rms / float(np.sqrt(np.square(size).mean()))
-    two, one = [], []
-    for half_width in half_widths:
-        off = [-0.5 * ((along + sign * half_width * size) / s) ** 2 for sign in (-1.0, 1.0)]
-        variance = s**2 + (half_width * size) ** 2
-        two.append(float((np.logaddexp(*off) - np.log(2.0 * s)).sum(axis=1).max()))
-        one.append(float((-0.5 * along**2 / variance - 0.5 * np.log(variance)).sum(axis=1).max()))
-    return float(half_widths[np.argmax(two)]), max(two) - max(one)
+    rms, squared = float(np.sqrt(np.square(along).mean())), np.square(size)
+    unit = rms / float(np.sqrt(squared.mean()))
+    h, s = STEPS[:, None] * unit, STEPS * rms
+    # Steps are powers of one ratio: h/s and h/s² have far fewer values than there are pairs of h and s.
+    last, ratio = STEPS.size - 1, STEPS[1] / STEPS[0]
+    order = np.arange(last + 1)
+    over_s = unit / rms * ratio ** np.arange(-last, last + 1.0)
+    over_variance = unit / rms**2 / STEPS[0] * ratio ** np.arange(-2 * last, last + 1.0)
+    product = np.abs(along * size)
+    apart = np.array([np.log1p(np.exp(-2.0 * each * product)).sum() + each * product.sum() for each in over_variance])
+    wider = [1.0 + each**2 * squared for each in over_s]
+    inside = np.array([(np.square(along) / each).sum() for each in wider])
+    volume = np.array([np.log(each).sum() for each in wider])
+    none = -0.5 * along.size / STEPS**2 - along.size * np.log(s)
+    two = -0.5 * (along.size * rms**2 + h**2 * squared.sum()) / s**2 - along.size * np.log(2.0 * s)
+    two += apart[order[:, None] - 2 * order + 2 * last]
+    pairs = order[:, None] - order + last
+    one = -0.5 * (inside[pairs] / s**2 + volume[pairs]) - along.size * np.log(s)
+    half_width = 0.0 if none.max() >= two.max() else float(h[np.unravel_index(np.argmax(two), two.shape)[0], 0])
+    return half_width, float(max(two.max(), none.max()) - max(one.max(), none.max()))

@@ -120,11 +120,13 @@ class Walk:
         self.expanded.add(blocks)
         values = self.space.additions(blocks)
         order = [int(k) for k in np.argsort(-values, kind="stable") if np.isfinite(values[k])]
-        for place, k in enumerate(order):
-            if values[k] <= self.best - (THRESHOLDS.reach if place < THRESHOLDS.beside else THRESHOLDS.counts):
-                break
+        likely = order[: THRESHOLDS.beside]
+        near = [k for k in likely if values[k] > self.best - THRESHOLDS.reach]
+        near += [k for k in order[THRESHOLDS.beside :] if values[k] > self.best - THRESHOLDS.counts]
+        self.space.gram.prepare(near)
+        for k in near:
             self._visit(with_block(blocks, k))
-        return order[: THRESHOLDS.beside]
+        return likely
 
     def _exchange(self, blocks: Blocks) -> None:
         """Visit the set with others in the place of each member: one, or two; until a better set is found."""
