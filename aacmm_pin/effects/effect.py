@@ -23,7 +23,6 @@ from aacmm_pin._support.plausible import LATEST, LEAST_KNOWN, MOST_ROWS, MOST_TY
 from aacmm_pin._support.units import DEG, MM, prefixed
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import axis as axis
-from aacmm_pin.arm.chain import skew
 from aacmm_pin.arm.file import DiscrepancyEntry, EffectEntry
 from aacmm_pin.arm.parameter import Parameter, Scope
 from aacmm_pin.effects.conditions import Conditions
@@ -583,12 +582,17 @@ def moved(state: State, displacement: Displacement) -> Array:
 
     With ``state.turns`` the turn ``R ω`` behind it: (n, 6, p), as ``LOCAL_WORLD_ALIGNED`` has it.
     """
-    place, columns = displacement.place, displacement.columns
-    lever = state.in_axes_of(place, state.position - state.origin[place])
-    v, w = columns[:, :3], columns[:, 3:]
-    local = v - skew(lever) @ w if w.any() else np.broadcast_to(v, (state.n, *v.shape[1:]))
-    motion = np.asarray(state.rotation[place] @ local)
-    return np.concatenate([motion, state.rotation[place] @ w], axis=1) if state.turns else motion
+    rotation, columns = state.rotation[displacement.place], displacement.columns
+    lever = state.position - state.origin[displacement.place]
+    motion = None
+    for k in np.flatnonzero([columns[:, k].any() for k in range(6)]):  # most displacements have one component, or three
+        direction = rotation[:, :, k % 3]
+        by_unit = direction if k < 3 else np.cross(direction, lever)
+        own = by_unit[:, :, None] * columns[:, k, None]
+        motion = own if motion is None else np.add(motion, own, out=motion)
+    if motion is None:
+        motion = np.zeros((state.n, 3, columns.shape[2]))
+    return np.concatenate([motion, rotation @ columns[:, 3:]], axis=1) if state.turns else motion
 
 
 def about_axis(state: State, row: int, columns: Array) -> Displacement:
