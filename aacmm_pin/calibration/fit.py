@@ -249,11 +249,15 @@ def fit(problem: Problem, *, robust: bool = True, used: Mask | None = None) -> F
     if used is None and robust:
         near = search.approached(point, says, robust=True)
         if redundant(near):
-            solution, belongs = search.without_outliers(near)
-            everyone = None if (belongs == says).all() else search.all_belong(solution.point)
-            return everyone or search.final(solution, belongs)
+            noise, point, belongs = search.without_outliers(near)
+            del near  # its rows are as large as those that come
+            everyone = None if (belongs == says).all() else search.all_belong(point)
+            return everyone or search.final(noise, point, belongs)
     used = says if used is None else used & says
-    return search.final(search.approached(point, used, robust=False), used)
+    near = search.approached(point, used, robust=False)
+    noise, point = near.noise, near.point
+    del near
+    return search.final(noise, point, used)
 
 
 class _Estimation:
@@ -289,8 +293,10 @@ class _Estimation:
                 break
         return solution
 
-    def without_outliers(self, near: Solution) -> tuple[Solution, Mask]:
-        """The search without the records that do not belong, judged by the scatter of the better half; and the others."""
+    def without_outliers(self, near: Solution) -> tuple[NoiseModel, Point, Mask]:
+        """The search without the records that do not belong, judged by the scatter of the better half: noise, end, and the
+        others.
+        """
         says = self.observations.says
         count, dof, of_each = int(says.sum()), max(near.chi2.dof, 1.0), np.maximum(self.observations.counts, 3)
         share = min(1.0, dof / int(self.observations.counts.sum()))
@@ -308,7 +314,7 @@ class _Estimation:
                 break
             used = belongs
             solution = solve(self.problem, noise, solution.point, used.astype(np.float64))
-        return solution, used
+        return solution.noise, solution.point, used
 
     def all_belong(self, point: Point) -> Fit | None:
         """The fit of all records, if the stated noise and what is stated of the parameters explain it and each of them.
@@ -342,9 +348,9 @@ class _Estimation:
             return 0.0
         return float(np.sqrt(root(excess, deviation)))
 
-    def final(self, near: Solution, used: Mask) -> Fit:
+    def final(self, noise: NoiseModel, point: Point, used: Mask) -> Fit:
         """The final fit, with the stated noise alone or with the scatter with which χ² meets its degrees of freedom."""
-        noise, point, weights, judged = near.noise, near.point, used.astype(np.float64), None
+        weights, judged = used.astype(np.float64), None
         if self.stated:
             found, judged = self.by_stated_noise(point, used)
             if found:

@@ -120,9 +120,12 @@ class Columns:
         of_reference = self._twists(x, True)
         return replace(state, twists=_sum(dict(state.twists), of_reference)) if of_reference else state
 
-    def jacobian(self, state: State) -> Array:
-        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; see :meth:`Effect.sensitivity` for turns."""
-        total = np.zeros((state.coordinates, self.vector.size, state.n)).transpose(2, 0, 1)
+    def jacobian(self, state: State, more: int = 0) -> Array:
+        """∂(position)/∂parameters in ``state``, (n, 3, p) [m/unit]; see :meth:`Effect.sensitivity` for turns.
+
+        Behind them there is room for so many columns ``more``, which are zero.
+        """
+        total = np.zeros((state.coordinates, self.vector.size + more, state.n)).transpose(2, 0, 1)
         if self.same.place.size:
             total[:, :, self.same.number] = self._same_columns(state)
         for part in self.varying:

@@ -27,6 +27,8 @@ UNTOLD_VARIANCE = 1e-9
 """A combination of correlated parameters with less variance than this, each of unit variance, was not told."""
 HELD = 1e4
 """A parameter that is held may move by this part, inverted, of its width where the records pull it by as much as u."""
+AT_ONCE = 50
+"""Columns of the derivative that are turned into the frame of the references at once."""
 FRAME = ("frame.x", "frame.y", "frame.z", "frame.rx", "frame.ry", "frame.rz")
 
 
@@ -221,14 +223,13 @@ class Problem:
         """
         state = self._columns.at(np.concatenate([self._fixed, x]))
         seen = state if looked_at is None else replace(state, looked_at=frame.back(looked_at))
-        jacobian = self._columns.jacobian(seen)[:, :, self._fixed.size :]
+        of_frame = len(FRAME) if self.external else 0
+        jacobian = self._columns.jacobian(seen, of_frame)[:, :, self._fixed.size :]
         if self.external:
-            of_base = np.concatenate([np.broadcast_to(np.eye(3), (state.n, 3, 3)), -skew(seen.position)], axis=2)
-            if self.turns:
-                of_base = np.concatenate([of_base, np.broadcast_to(np.eye(3, 6, 3), (state.n, 3, 6))], axis=1)
-            columns = np.concatenate([part.transpose(1, 2, 0) for part in (jacobian, of_base)], axis=1)
-            turned = frame.rotation @ columns.reshape(state.coordinates // 3, 3, -1)
-            jacobian = turned.reshape(columns.shape).transpose(2, 0, 1)
+            jacobian[:, :3, -6:-3] = np.eye(3)
+            jacobian[:, :3, -3:] = -skew(seen.position)
+            jacobian[:, 3:, -3:] = np.eye(3, jacobian.shape[1] - 3).T
+            _turn(frame.rotation, jacobian)
         poses = self._poses(state, frame)
         if self.turns:
             one = np.arange(len(self.targets)) == self._target[:, None]
@@ -294,6 +295,14 @@ class Problem:
     def of(self, measurements: Measurements) -> Problem:
         """The same problem with other records."""
         return replace(self, measurements=measurements)
+
+
+def _turn(rotation: Array, columns: Array) -> None:
+    """Turn columns (n, 3 or 6, p) in place, some at once: a copy of all would take as much memory as they do."""
+    for first in range(0, columns.shape[2], AT_ONCE):
+        some = columns[:, :, first : first + AT_ONCE].transpose(1, 2, 0)
+        for half in range(0, len(some), 3):
+            some[half : half + 3] = np.tensordot(rotation, some[half : half + 3], 1)
 
 
 def registered(tips: Array, references: Array, rounds: int = 60) -> Frame:

@@ -330,25 +330,28 @@ class _Search:
         for count in range(1, MOST_STEPS + 1):
             if self.robust:
                 self.weights = _by_fit(np.fmax(system.distance, system.turn_distance))
+                del system
                 system = self.system(point)
             point, system = self.seats_at_best(point, system)
             step = _Step.of(self.problem, system, point.x, self.units)
-            self.units = step.units
-            if step.promise < (NO_STEP if self.ends == SETTLED else self.ends):  # of a mere start it need not be taken
+            self.units, promise = step.units, step.promise
+            if promise < (NO_STEP if self.ends == SETTLED else self.ends):  # of a mere start it need not be taken
                 held_up = ""
                 break
             delta, length, promised = step.within(self.radius)
             first = first or length
-            trial = self.advanced(point, system, delta)
-            before, gained = _cost(self.problem, system, point.x), -np.inf
+            before, seats = _cost(self.problem, system, point.x), point.seats + system.seats(delta)
+            del step, system  # the rows of one system are most of what a search holds
+            trial, gained = self.advanced(point, seats, delta), -np.inf
             if trial is not None:
                 lower = before - _cost(self.problem, trial[1], trial[0].x)
                 gained = lower if np.isfinite(lower) else -np.inf
             share = gained / promised if promised > 0 else 0.0
             self.radius = length / 4 if not share > 0.25 else max(self.radius, 2 * length) if share > 0.75 else self.radius
-            if trial is not None and gained >= -ROUNDING * before:
-                point, system = trial
-            if step.promise < self.ends or (step.promise < FLAT and gained < SETTLED):
+            accepted = trial is not None and gained >= -ROUNDING * before
+            point, system = trial if accepted and trial is not None else (point, self.system(point))
+            del trial
+            if promise < self.ends or (promise < FLAT and gained < SETTLED):
                 held_up = ""
                 break
             if self.radius < SMALLEST_STEP * first:
@@ -361,8 +364,8 @@ class _Search:
     def system(self, point: Point) -> System:
         return assemble(point.prediction, self.noise, point.seats, self.weights)
 
-    def advanced(self, point: Point, system: System, step: Array) -> tuple[Point, System] | None:
-        """The trial; None where the arm cannot be evaluated there, such as one too soft to carry its weight."""
+    def advanced(self, point: Point, seats: Array, step: Array) -> tuple[Point, System] | None:
+        """The trial, with the seats there; None where the arm cannot be evaluated there, such as one too soft to carry its weight."""
         p = point.x.size
         frame = point.frame.moved(step[p:])
         x = point.x + step[:p]
@@ -370,7 +373,7 @@ class _Search:
             prediction = self.problem.predict(x, frame)
         except AacmmError:  # it could be evaluated where the search began
             return None
-        trial = self.answered(Point(x, frame, point.seats + system.seats(step), prediction))
+        trial = self.answered(Point(x, frame, seats, prediction))
         return trial, self.system(trial)
 
     def answered(self, point: Point) -> Point:
