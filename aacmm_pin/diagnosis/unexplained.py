@@ -166,7 +166,7 @@ def _background(choice: Choice) -> list[Discrepancy]:
         return []
     precision = base.factor[first:, first:] @ base.factor[first:, first:].T
     information = precision - np.eye(len(precision)) / base.amplitude**2
-    covariance = left.variance * np.linalg.inv(precision)
+    covariance = np.asarray(left.variance * np.linalg.inv(precision), dtype=np.float64)
     sizes = _sizes(choice, information, left.step[first : len(base.factor)], covariance)
     return [Discrepancy(BACKGROUND, *sizes, float(1.0 - choice.posterior.amplitudes[0]))]
 

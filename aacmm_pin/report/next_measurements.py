@@ -98,11 +98,10 @@ def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
 def _to_tell_sets(result: Diagnosis) -> str:
     """How to tell the two most probable sets of causes from each other."""
     first, second = (set(labels) for labels in [*result.alternatives][:2])
-    split = [next(iter(sorted(own)), None) for own in (first - second, second - first)]
-    effects = [None if label is None else result.cause(label) for label in split]
-    if any(effect is None or effect.refitted for effect in effects):
+    one, other = (next(map(result.cause, sorted(own)), None) for own in (first - second, second - first))
+    if one is None or other is None or one.refitted or other.refitted:
         return "more records, at other postures: they show which of the causes that are listed act"
-    return _plan_for(result, effects)  # type: ignore[arg-type]
+    return _plan_for(result, (one, other))
 
 
 def _planned(result: Diagnosis, finding: Finding, alike: Alias) -> str:
@@ -110,7 +109,7 @@ def _planned(result: Diagnosis, finding: Finding, alike: Alias) -> str:
     return _plan_for(result, (finding.effect, result.choice.variant(alike.block)))
 
 
-def _plan_for(result: Diagnosis, split: Sequence[Effect]) -> str:
+def _plan_for(result: Diagnosis, split: tuple[Effect, Effect]) -> str:
     problem = result.extended.problem
     return advice(result.before.problem.model, split, problem.measurements, **problem.setup.keywords)
 
