@@ -13,6 +13,8 @@ from aacmm_pin._support.text_escaping import note
 from aacmm_pin.cli.arm_options import ArmAndData, MeasuredHow
 from aacmm_pin.cli.common import Force, Json, Results, Seed, command
 from aacmm_pin.diagnosis import diagnose
+from aacmm_pin.effects.labels import listed
+from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 
 
@@ -21,6 +23,10 @@ def run(
     arm: ArmAndData,
     how: MeasuredHow,
     no_held_out: Annotated[bool, typer.Option("--no-held-out", help="Do not measure the gain.")] = False,
+    with_discrepancy: Annotated[
+        bool,
+        typer.Option("--with-discrepancy", help="Save in the extended arm what no cause explains too, with its u."),
+    ] = False,
     seed: Seed = 1,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="HTML page of all that was found.")] = None,
     extended_arm: Annotated[Path | None, typer.Option(help="Arm file for the extended model.")] = None,
@@ -32,11 +38,14 @@ def run(
     from aacmm_pin.report.diagnosis import diagnosis_document
 
     with Results(force, output, extended_arm, json_=json_) as results:
+        if with_discrepancy and extended_arm is None:
+            raise AacmmError("--with-discrepancy requires --extended-arm")
         model, path = arm.model_and_data()
         if extended_arm is not None:
             model.file()  # or refused before the work
         records, rng = Measurements.read(path, model.arm.nq), np.random.default_rng(seed)
-        result = diagnose(model, records, hold_out=not no_held_out, rng=rng, **how.keywords())
+        held_out = not no_held_out
+        result = diagnose(model, records, hold_out=held_out, with_discrepancy=with_discrepancy, rng=rng, **how.keywords())
         told = diagnosis_document(result)
         if extended_arm is not None:
             if result.no_better:
@@ -50,6 +59,8 @@ def run(
                     f"warning: {extended_arm}: {out} records do not fit the extended arm and were excluded, too many for "
                     "gross errors; at new postures it may be worse than the arm that aacmm-pin calibrate writes"
                 )
+            if with_discrepancy and result.not_saved:
+                note(f"warning: {extended_arm}: {listed(result.not_saved)}: not saved, new records do not have them")
             results.arm(result.model, extended_arm, f"Extended by aacmm-pin diagnose from {path}: {result}")
         summary = result.summary() | {"source": path, "seed": seed}
         if output is not None:

@@ -21,6 +21,7 @@ from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_i
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.cross_validation import Training, gain_of
+from aacmm_pin.diagnosis.discrepancy import described_model
 from aacmm_pin.diagnosis.findings import findings_of
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding, no_better
@@ -28,6 +29,7 @@ from aacmm_pin.diagnosis.significance import visible
 from aacmm_pin.diagnosis.unexplained import Unexplained, excess_of, unexplained_by
 from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
 from aacmm_pin.effects import Effect
+from aacmm_pin.effects.discrepancy import Discrepancy
 from aacmm_pin.effects.error_model import ErrorModel, GivenCause, GivenModel, as_causes
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import GivenRecords, Measurements
@@ -49,6 +51,7 @@ def diagnose(
     probe_noise: float | None = None,
     length_noise: float | None = None,
     hold_out: bool = True,
+    with_discrepancy: bool = False,
     extra_causes: Sequence[GivenCause] = (),
     rng: np.random.Generator | None = None,
     progress: Progress = True,
@@ -66,6 +69,7 @@ def diagnose(
         reference_frame, target, prior, encoder_noise, reference_noise, probe_noise, length_noise: see
             :func:`aacmm_pin.calibration.calibrate`.
         hold_out: measure the gain.
+        with_discrepancy: the extended arm has what no cause explains too, as far as new records can have it.
         extra_causes: causes to try besides, at places or with inner values (orders, times, other fields) that are not
             tried anyway; causes of your own are, once they are registered (:func:`aacmm_pin.effects.register`). They
             compete with the others, by the ``typical`` size of their terms; their values do not count.
@@ -115,12 +119,15 @@ def diagnose(
         contradicted,
         choice.posterior.agree,
     )
+    extended = calibrated_model(choice.fit)
+    if with_discrepancy:
+        extended = described_model(model, choice, problem)
     structure = unexplained.structure or excess_of(choice.fit) > 0.0
     noise = choice.fit.distance_of(choice.fit.stated_noise)
     result = Diagnosis(
         verdict=verdict_of(findings, structure, more, doubts, (recalibrated, choice.fit)),
         findings=tuple(findings),
-        model=_as_found(choice.fit, findings, unexplained),
+        model=_as_found(extended, choice.fit.stated, findings, unexplained),
         before=before,
         recalibrated=recalibrated,
         extended=choice.fit,
@@ -154,31 +161,33 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
     where a cause of the same name is estimated: it may have changed.
     """
     known = {effect.identity: effect for effect in known_causes(model, measurements, setup)}
-    others = [e for e in model.effects if e.identity not in known and not found_anew(e, setup, measurements)]
+    free_ones = (effect for effect in model.effects if not isinstance(effect, Discrepancy))
+    others = [e for e in free_ones if e.identity not in known and not found_anew(e, setup, measurements)]
     unstated = [effect.at(effect.values, free(effect).u) for effect in others]
     held = length_held(problem_of(model, measurements, ["geometry", *unstated, *known.values()], setup))
     setup = replace(setup, held=held)
 
-    def problem(causes: Sequence[Effect]) -> Problem:
+    def problem(causes: Sequence[Effect], held_causes: Sequence[Effect] = ()) -> Problem:
         freed = [replace(c, values=known[c.identity].values) if c.identity in known else c for c in causes]
         keys = {cause.key for cause in causes}
         places = {cause.label for cause in causes if cause.inner and cause.identity not in known}
         rest = [effect for effect in known.values() if effect.key not in keys]
         beside = [effect.at(effect.values, free(effect).u) for effect in rest if effect.label in places]
         within = [effect for effect in rest if effect.label not in places]
-        asked = problem_of(model, measurements, ["geometry", *unstated, *within, *beside, *freed], setup)
+        whole = replace(model, effects=(*model.effects, *held_causes))
+        asked = problem_of(whole, measurements, ["geometry", *unstated, *within, *beside, *freed], setup)
         return replace(asked, candidates=len(beside) + len(freed))
 
     return problem
 
 
-def _as_found(extended: Fit, findings: Sequence[Finding], left: Unexplained) -> ErrorModel:
+def _as_found(model: ErrorModel, stated: bool, findings: Sequence[Finding], left: Unexplained) -> ErrorModel:
     """The arm, whose effects have the fields that were found, such as between which times a slip was; and what is left.
 
     Where the noise was not stated, and no structure was found, the scatter is the noise.
     """
-    model, found = calibrated_model(extended), {finding.effect.identity: finding.effect for finding in findings}
+    found = {finding.effect.identity: finding.effect for finding in findings}
     each = ((e, found.get(e.identity, e)) for e in model.effects)
-    scatter = [model.arm.unexplained] if extended.stated and model.arm.unexplained else []
+    scatter = [model.arm.unexplained] if stated and model.arm.unexplained else []
     arm = model.arm.with_unexplained("; ".join([*left.in_words, *scatter]))
     return ErrorModel(arm, tuple(replace(f, values=e.values, u=e.u, inner_u=e.inner_u) for e, f in each))

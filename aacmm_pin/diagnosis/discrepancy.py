@@ -14,8 +14,10 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import calibrated
 from aacmm_pin.calibration.calibrated_arm import calibrated_model, joined
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.fit import fit as fit_of
 from aacmm_pin.calibration.linear_system import assemble
 from aacmm_pin.diagnosis.covariates import Carried
+from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, free
 from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.error_model import ErrorModel
 
@@ -132,6 +134,47 @@ def with_discrepancy(model: ErrorModel, found: Coefficients) -> ErrorModel:
     """The model with these effects too, and what is known of their parameters together, independent of the others'."""
     arm = _knowing(model.arm, found.names, found.covariance)
     return ErrorModel(arm, (*model.effects, *found.effects))
+
+
+def described_model(known: ErrorModel, choice: Choice, problem_of: ProblemOf) -> ErrorModel:
+    """The extended arm, refitted with the discrepancy as effects: covariates are estimated, the background is held.
+
+    Args:
+        known: the arm as it was, whose labels are taken.
+        choice: what was found.
+        problem_of: the calibration problem with causes estimated, and with others held.
+    """
+    design, posterior, fit = choice.design, choice.posterior, choice.design.fit
+    rotation = fit.solution.point.frame.rotation if fit.problem.external else None
+    left, taken = posterior.left, {effect.label for effect in known.effects}
+    ways = [(choice.covariate(k).name, choice.way(k)) for k in choice.covariates]
+    widths = [left.scale[left.places[k]] * design.scales[design.blocks[k].columns] for k in choice.covariates]
+    prior = np.square(np.concatenate([np.empty(0), *widths]))
+    named = discrepancy_effects(ways, np.zeros(prior.size), np.diag(prior), rotation, taken)
+    taken |= {effect.label for effect in named.effects}
+    held = _background(choice, rotation, taken)
+    causes = [free(effect) for effect in choice.effects]
+    refit = fit_of(problem_of([*causes, *named.effects], held.effects if held else ()), used=choice.fit.used)
+    return calibrated_beside(refit, held) if held else calibrated_model(refit)
+
+
+def _background(choice: Choice, rotation: Array | None, taken: Collection[str]) -> Coefficients | None:
+    """The background at its most probable amplitude; None where that is zero."""
+    design, base = choice.design, choice.posterior.left.base
+    if not base.amplitude:
+        return None
+    columns, weights = base.gram.products.background
+    blocks = [k for k, b in enumerate(design.blocks) if b.candidate >= design.causes]
+    first = base.nuisances
+    inverse = np.linalg.inv(base.factor[first:, first:])
+    return background_effect(
+        [(choice.covariate(k).name, choice.way(k)) for k in blocks],
+        design.scales[columns][:, None] * weights,
+        choice.posterior.left.step[first : len(base.factor)],
+        choice.posterior.left.variance * inverse.T @ inverse,
+        rotation,
+        taken,
+    )
 
 
 def calibrated_beside(fit: Fit, found: Coefficients) -> ErrorModel:

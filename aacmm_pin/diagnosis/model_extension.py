@@ -20,7 +20,7 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.shared_exclusions import together
 from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
 from aacmm_pin.diagnosis.candidates import Variants, is_change
-from aacmm_pin.diagnosis.covariates import Covariate
+from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, design_of
 from aacmm_pin.diagnosis.exploration import explore, without_block
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
@@ -53,8 +53,8 @@ FREEDOM_OF_MANY = 2.0
 MANY = 8
 """From so many parameters on."""
 
-ProblemOf = Callable[[Sequence[Effect]], Problem]
-"""The calibration problem with these effects estimated too."""
+ProblemOf = Callable[..., Problem]
+"""The calibration problem with some effects estimated too, and with others held."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +134,14 @@ class Choice:
         moved = self.design.columns(block).any(axis=(1, 2))
         inside, every = (np.unique(self.parts[records]).size for records in (moved & self.fit.used, self.fit.used))
         return bool(inside == 1 < every)
+
+    def covariate(self, block: int) -> Covariate:
+        """The covariate of a block."""
+        return self.others[self.candidates.owner(block) - self.design.causes]
+
+    def way(self, block: int) -> Carried:
+        """How it acts."""
+        return self.covariate(block).variants[self.design.blocks[block].variant]
 
     def variant(self, block: int) -> Effect:
         """The effect of a block."""

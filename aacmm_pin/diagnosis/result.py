@@ -23,6 +23,7 @@ from aacmm_pin.calibration.parameter_vector import geometric_parameters
 from aacmm_pin.diagnosis.branches import Branches
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
+from aacmm_pin.diagnosis.discrepancy import lost
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.residual_tables import residuals_by_group
 from aacmm_pin.diagnosis.significance import Alias
@@ -191,6 +192,11 @@ class Diagnosis(Shown):
     def more(self) -> float:
         """Probability that a cause acts that is not among the findings."""
         return self.choice.posterior.beyond([finding.label for finding in self.findings])
+
+    @property
+    def not_saved(self) -> list[str]:
+        """Covariates of the discrepancy that no arm file can have."""
+        return lost([(self.choice.covariate(k).name, self.choice.way(k)) for k in self.choice.covariates])
 
     @cached_property
     def notes(self) -> tuple[str, ...]:

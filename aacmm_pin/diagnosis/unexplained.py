@@ -13,7 +13,7 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
-from aacmm_pin.diagnosis.covariates import Carried, Covariate
+from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.model_extension import Choice
@@ -96,7 +96,7 @@ class Unexplained(Shown):
 
 def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.random.Generator) -> Unexplained:
     """The discrepancy, or else whether anything seems left; ``named``: something was found."""
-    mine = {k: _covariate(choice, k) for k in choice.covariates}
+    mine = {k: choice.covariate(k) for k in choice.covariates}
     depends = tuple(dict.fromkeys(name for covariate in mine.values() for name in covariate.depends_on))
     odd, shared = tuple(odd_groups(choice)), shared_by(choice.fit)
     if mine:
@@ -114,7 +114,7 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
         (*(_discrepancy(choice, k, covariate.name) for k, covariate in mine.items()), *background),
         any(each.rms > THRESHOLDS.background * choice.fit.distance_of(choice.fit.residual_noise) for each in background),
         {covariate.name: _shape(choice, k) for k, covariate in mine.items()},
-        {covariate.name: _way(choice, k).acts_on for k, covariate in mine.items()},
+        {covariate.name: choice.way(k).acts_on for k, covariate in mine.items()},
         held.smooth_gain if held is not None and (mine or background) else None,
         odd,
         shared,
@@ -139,14 +139,6 @@ def excess_of(extended: Fit) -> float:
     much = any(np.square(off[some, of]).sum() > limit * explained[some, of].sum() for of, some in kinds)
     chi2, dof = extended.chi2_stated
     return max(extended.dof * (1.0 - dof / chi2), 0.0) if much else 0.0
-
-
-def _covariate(choice: Choice, block: int) -> Covariate:
-    return choice.others[choice.candidates.owner(block) - choice.design.causes]
-
-
-def _way(choice: Choice, block: int) -> Carried:
-    return _covariate(choice, block).variants[choice.design.blocks[block].variant]
 
 
 def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
@@ -184,7 +176,7 @@ def _sizes(choice: Choice, information: Array, estimate: Array, covariance: Arra
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
     """The smooth correction over a covariate, record by record, and what the records say of it."""
-    design, way = choice.design, _way(choice, block)
+    design, way = choice.design, choice.way(block)
     left, columns = choice.posterior.left, design.blocks[block].columns
     step = left.estimate[left.places[block]]
     count = len(way.quantities)
@@ -193,7 +185,7 @@ def _shape(choice: Choice, block: int) -> pd.DataFrame:
     axes = _axes(design, block, way, count)
     off = design.deviations(choice.tips)[:, :3]
     each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
-    covariate = _covariate(choice, block)
+    covariate = choice.covariate(block)
     table = covariate.values.copy()
     for k, (name, unit) in enumerate(way.quantities.items()):
         table[name], table[f"{name}_of_record"] = sizes[:, k] / unit, each[:, k] / unit
