@@ -121,7 +121,7 @@ def diagnose(
     )
     extended = calibrated_model(choice.fit)
     if with_discrepancy:
-        extended = described_model(model, choice, problem)
+        extended = described_model(model, choice, problem, unexplained.has_background)
     structure = unexplained.structure or excess_of(choice.fit) > 0.0
     noise = choice.fit.distance_of(choice.fit.stated_noise)
     result = Diagnosis(

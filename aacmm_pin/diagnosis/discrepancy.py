@@ -136,13 +136,14 @@ def with_discrepancy(model: ErrorModel, found: Coefficients) -> ErrorModel:
     return ErrorModel(arm, (*model.effects, *found.effects))
 
 
-def described_model(known: ErrorModel, choice: Choice, problem_of: ProblemOf) -> ErrorModel:
+def described_model(known: ErrorModel, choice: Choice, problem_of: ProblemOf, background: bool) -> ErrorModel:
     """The extended arm, refitted with the discrepancy as effects: covariates are estimated, the background is held.
 
     Args:
         known: the arm as it was, whose labels are taken.
         choice: what was found.
         problem_of: the calibration problem with causes estimated, and with others held.
+        background: whether the background is there.
     """
     design, posterior, fit = choice.design, choice.posterior, choice.design.fit
     rotation = fit.solution.point.frame.rotation if fit.problem.external else None
@@ -152,17 +153,15 @@ def described_model(known: ErrorModel, choice: Choice, problem_of: ProblemOf) ->
     prior = np.square(np.concatenate([np.empty(0), *widths]))
     named = discrepancy_effects(ways, np.zeros(prior.size), np.diag(prior), rotation, taken)
     taken |= {effect.label for effect in named.effects}
-    held = _background(choice, rotation, taken)
+    held = _background(choice, rotation, taken) if background else None
     causes = [free(effect) for effect in choice.effects]
     refit = fit_of(problem_of([*causes, *named.effects], held.effects if held else ()), used=choice.fit.used)
     return calibrated_beside(refit, held) if held else calibrated_model(refit)
 
 
-def _background(choice: Choice, rotation: Array | None, taken: Collection[str]) -> Coefficients | None:
-    """The background at its most probable amplitude; None where that is zero."""
+def _background(choice: Choice, rotation: Array | None, taken: Collection[str]) -> Coefficients:
+    """The background at its most probable amplitude."""
     design, base = choice.design, choice.posterior.left.base
-    if not base.amplitude:
-        return None
     columns, weights = base.gram.products.background
     blocks = [k for k, b in enumerate(design.blocks) if b.candidate >= design.causes]
     first = base.nuisances

@@ -32,7 +32,7 @@ class Thresholds:
         shows: noncentrality at which a cause is found more often than not among all others.
         shown: records that would show more than this part of all causes would show most of them.
         rival: probability from which on a set without a doubtful cause cannot be excluded.
-        background: size of the background, in parts of the noise, from which on it is structure.
+        negligible: a background that is smaller than this part of the noise is none.
         left: structure over some covariate with less chance than this is left, even if its probability is small …
         left_alone: … and with less than this where nothing was named.
         much_more: residuals larger by this than the stated noise, beyond chance, are not explained.
@@ -61,7 +61,7 @@ class Thresholds:
     shows: float = 15.0
     shown: float = 0.5
     rival: float = 0.05
-    background: float = 0.3
+    negligible: float = 0.1
     left: float = 1e-3
     left_alone: float = 1e-6
     much_more: float = 1.15

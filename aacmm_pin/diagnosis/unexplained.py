@@ -49,8 +49,7 @@ class Unexplained(Shown):
         p_value: chance of as much structure over any covariate when there is none, family-wise.
         threshold: structure with less chance than this is left.
         depends_on: the covariates, strongest first.
-        discrepancy: covariates more probable than not, strongest first; the background last.
-        large: whether the background is as large as structure.
+        discrepancy: covariates more probable than not, strongest first; last the background, if it is not negligible.
         shapes: for each, one row a record: the covariates; the smooth correction, in x, y, z of the tip [mm], or as angle of
             a joint [µrad] or growth of all lengths [µm/m]; and the same as each record has it (``_of_record``).
         acts_on: for each, in words, what it acts on.
@@ -64,7 +63,6 @@ class Unexplained(Shown):
     threshold: float
     depends_on: tuple[str, ...]
     discrepancy: tuple[Discrepancy, ...]
-    large: bool
     shapes: dict[str, pd.DataFrame]
     acts_on: dict[str, str]
     gain: float | None
@@ -78,9 +76,14 @@ class Unexplained(Shown):
         return self.p_value < self.threshold
 
     @property
+    def has_background(self) -> bool:
+        """Whether a part of it is too diffuse to be named."""
+        return any(each.covariate == BACKGROUND for each in self.discrepancy)
+
+    @property
     def structure(self) -> bool:
         """Whether the residuals have structure that is more probable than not."""
-        return bool(self.depends_on) or self.large or self.branches is not None
+        return bool(self.depends_on or self.discrepancy) or self.branches is not None
 
     @property
     def in_words(self) -> tuple[str, ...]:
@@ -112,7 +115,6 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
         THRESHOLDS.left if named else THRESHOLDS.left_alone,
         depends,
         (*(_discrepancy(choice, k, covariate.name) for k, covariate in mine.items()), *background),
-        any(each.rms > THRESHOLDS.background * choice.fit.distance_of(choice.fit.residual_noise) for each in background),
         {covariate.name: _shape(choice, k) for k, covariate in mine.items()},
         {covariate.name: choice.way(k).acts_on for k, covariate in mine.items()},
         held.smooth_gain if held is not None and (mine or background) else None,
@@ -151,7 +153,7 @@ def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
 
 
 def _background(choice: Choice) -> list[Discrepancy]:
-    """The size of the background, at its most probable amplitude beside the median probability model."""
+    """The background at its most probable amplitude beside the median probability model; none if it is negligible."""
     left = choice.posterior.left
     base, first = left.base, left.base.nuisances
     if not base.amplitude:
@@ -159,8 +161,10 @@ def _background(choice: Choice) -> list[Discrepancy]:
     precision = base.factor[first:, first:] @ base.factor[first:, first:].T
     information = precision - np.eye(len(precision)) / base.amplitude**2
     covariance = np.asarray(left.variance * np.linalg.inv(precision), dtype=np.float64)
-    sizes = _sizes(choice, information, left.step[first : len(base.factor)], covariance)
-    return [Discrepancy(BACKGROUND, *sizes, float(1.0 - choice.posterior.amplitudes[0]))]
+    rms, u = _sizes(choice, information, left.step[first : len(base.factor)], covariance)
+    noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
+    there = float(1.0 - choice.posterior.amplitudes[0])
+    return [Discrepancy(BACKGROUND, rms, u, there)] if rms > THRESHOLDS.negligible * noise else []
 
 
 def _sizes(choice: Choice, information: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
