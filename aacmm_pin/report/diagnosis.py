@@ -19,7 +19,7 @@ from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis.cross_validation import LEAST_GAIN, Gain
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import Unexplained
+from aacmm_pin.diagnosis.unexplained import BACKGROUND, Unexplained
 from aacmm_pin.effects import Effect, State
 from aacmm_pin.effects.labels import in_words, listed, name_in_words, probability, several_in_words, values_in_words
 from aacmm_pin.report import plots
@@ -47,6 +47,8 @@ WAVES = 6
 LOOK_ALIKES = 3
 LEAST_SHOWN, ALIKE = 1e-3, 0.9
 """Look-alikes of a cause that are listed: so many, of at least this probability or correlation."""
+SETS, LEAST_SET = 6, 0.01
+"""Sets of causes that are listed: so many, of at least this probability."""
 ALTERNATIVES = 3
 """So many other sets of causes are named where the mass is on several."""
 WORST = 5
@@ -198,11 +200,18 @@ def _not_explained(result: Diagnosis) -> str:
     if turned:
         more += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
     depends, branches = listed(result.unexplained.depends_on), result.unexplained.branches
-    if depends:
+    if not depends and result.unexplained.has_background:
+        more = f"the residuals have structure of {_background(result.unexplained)} that no single column explains"
+    elif depends:
         way = f"depend on {depends} in a way that none of the causes tried has"
         larger = left > THRESHOLDS.much_more * result.noise or turned > 0.0
         more = f"{more} and {way}" if larger else f"the residuals {way}"
     return more if branches is None else f"{branches}; {more}"
+
+
+def _background(left: Unexplained) -> str:
+    """The size of the background."""
+    return next(f"{length(each.rms)} RMS" for each in left.discrepancy if each.covariate == BACKGROUND)
 
 
 def alias_in_words(alias: Alias, arm: Arm) -> str:
@@ -255,8 +264,16 @@ def unexplained_document(left: Unexplained) -> Document:
 
 def unexplained_in_words(left: Unexplained) -> str:
     """What structure is left, or that none is."""
-    p, covariates = p_equals(left.p_value), [name for name in left.depends_on if name in left.acts_on]
+    p, covariates = p_equals(left.p_value), [*left.acts_on]
     branches = "" if left.branches is None else f"{capital(str(left.branches))}. "
+    if not covariates and left.has_background:
+        worth = (
+            "" if left.gain is None else f" On held-out records it removes {percent(left.gain)} of what the causes leave."
+        )
+        return (
+            f"{branches}Structure of {_background(left)} is left that no single column explains. The extended arm does not "
+            f"have it; --with-discrepancy saves it.{worth}"
+        )
     if not covariates:
         if left.groups:
             return f"{branches}Groups of records do not agree with the others ({p})."
@@ -265,7 +282,7 @@ def unexplained_in_words(left: Unexplained) -> str:
     worth = "" if left.gain is None else f" On held-out records it removes {percent(left.gain)} of what the causes leave."
     return (
         f"{branches}The residuals depend on {listed(covariates)} ({p}) in a way that no cause of the library has. The "
-        f"smooth correction only describes this; it is not part of the extended arm.{worth}"
+        f"extended arm does not have this; --with-discrepancy saves it.{worth}"
     )
 
 
@@ -296,8 +313,15 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
     return Table(pd.DataFrame(rows)).cells()
 
 
+def alternatives(result: Diagnosis) -> pd.DataFrame:
+    """The sets of causes, most probable first: causes, probability."""
+    likely = [(labels, share) for labels, share in result.alternatives.items() if share >= LEAST_SET]
+    rows = [(labels_in_words(result, labels) or "none", probability(share)) for labels, share in likely[:SETS]]
+    return pd.DataFrame(rows, columns=["causes", "probability"])
+
+
 def look_alikes(result: Diagnosis) -> pd.DataFrame:
-    """What looks like each cause in these records: cause, looks like, correlation r, probability in its place, label."""
+    """Aliases of each cause in these records: cause, alias, correlation r, probability of the alias alone, label."""
     shown = [
         (finding, alias)
         for finding in result.findings
@@ -307,7 +331,7 @@ def look_alikes(result: Diagnosis) -> pd.DataFrame:
     rows = [
         {
             "cause": in_words(finding.effect, result.model.arm),
-            "looks like": alias_in_words(alias, result.model.arm),
+            "alias": alias_in_words(alias, result.model.arm),
             "r": alias.correlation,
             "probability": probability(alias.probability),
             "label": alias.label,
@@ -315,6 +339,15 @@ def look_alikes(result: Diagnosis) -> pd.DataFrame:
         for finding, alias in shown
     ]
     return pd.DataFrame(rows)
+
+
+def discrepancy_table(left: Unexplained) -> pd.DataFrame:
+    """What no cause explains: covariate, size at the tip, u, probability."""
+    rows = [
+        {"depends on": each.covariate, "rms_mm": each.rms / MM, "u_mm": each.u / MM, "p": probability(each.probability)}
+        for each in left.discrepancy
+    ]
+    return pd.DataFrame(rows).rename(columns={"p": "probability"})
 
 
 def residuals_table(result: Diagnosis) -> pd.DataFrame:
@@ -396,28 +429,30 @@ def _causes(result: Diagnosis) -> list[Block]:
         for words, found in waves.items()
         if found
     ]
-    mine = {f.label for f in result.findings}
-    alike = [labels_in_words(result, group) for group in sorted(result.cannot_tell_apart, key=mine.isdisjoint)]
     return [
         Heading("The causes"),
-        Paragraph("" if mine else "No cause was found, and none was added to the model.", detail=True),
+        Paragraph("" if result.findings else "No cause is more probable than not, and none was added.", detail=True),
         Table(
             ranking(result),
             "Causes in the extended model",
-            explained="Strongest first; geometric values last. At the tip: RMS over all records. Probability: of this cause "
-            "against its look-alikes and none. p: chance that the best of all causes looks as good when none is there. "
-            "Retained: part of the effect that a recalibration leaves.",
+            explained="Strongest first; geometric values last. At the tip: RMS over all records. Probability: that the cause "
+            "acts. p: chance that the best of all causes looks as good when none is there. Retained: part of the effect that "
+            "a recalibration leaves.",
         ),
         Bullets(curves),
         *causes_drawn(result),
         Table(
-            look_alikes(result),
-            "What looks like them, with the probability of the other cause in its place",
-            {"r": ".2f"},
-            explained="r: correlation of the two in these records, geometry refitted; near 1 they are hard to tell apart. "
-            "The probability also weighs the number of values and their usual sizes.",
+            alternatives(result),
+            "Sets of causes that may act, with their probabilities",
+            explained="The probabilities of all sets add up to one; those of less than 1 % are not listed.",
         ),
-        Bullets(alike, "Causes that these records cannot tell apart at their usual size:", detail=True),
+        Table(
+            look_alikes(result),
+            "Aliases: causes with a similar effect in these records",
+            {"r": ".2f"},
+            explained="r: correlation of the two in these records, geometry refitted. Probability: that the alias acts and the "
+            "cause does not.",
+        ),
     ]
 
 
@@ -509,7 +544,13 @@ def _left(result: Diagnosis) -> list[Block]:
 def _structure(left: Unexplained) -> list[Block]:
     groups = pd.DataFrame([asdict(group) for group in left.groups])
     return [
-        Paragraph(unexplained_in_words(left), finding=bool(left.depends_on) or left.branches is not None),
+        Paragraph(unexplained_in_words(left), finding=left.structure),
+        Table(
+            discrepancy_table(left),
+            "The discrepancy at the tip",
+            explained="RMS of what recalibration leaves of it, with its standard uncertainty, and the probability that it is "
+            "there.",
+        ),
         Bullets([f"Over {name}: {way}." for name, way in left.acts_on.items()]),
         Table(
             groups,
