@@ -153,7 +153,7 @@ def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
 
 
 def _background(choice: Choice) -> list[Discrepancy]:
-    """The background at its most probable amplitude beside the median probability model; none if it is negligible."""
+    """The background at its most probable amplitude beside the median probability model; none where it may be zero, or is negligible."""
     left = choice.posterior.left
     base, first = left.base, left.base.nuisances
     if not base.amplitude:
@@ -164,7 +164,9 @@ def _background(choice: Choice) -> list[Discrepancy]:
     rms, u = _sizes(choice, information, left.step[first : len(base.factor)], covariance)
     noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
     there = float(1.0 - choice.posterior.amplitudes[0])
-    return [Discrepancy(BACKGROUND, rms, u, there)] if rms > THRESHOLDS.negligible * noise else []
+    if there < THRESHOLDS.settled or rms < THRESHOLDS.negligible * noise:
+        return []
+    return [Discrepancy(BACKGROUND, rms, u, there)]
 
 
 def _sizes(choice: Choice, information: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
