@@ -365,7 +365,7 @@ class _Search:
         return assemble(point.prediction, self.noise, point.seats, self.weights)
 
     def advanced(self, point: Point, seats: Array, step: Array) -> tuple[Point, System] | None:
-        """The trial, with the seats there; None where the arm cannot be evaluated there, such as one too soft to carry its weight."""
+        """The trial; None where the arm cannot be evaluated there, such as one too soft to carry its weight."""
         p = point.x.size
         frame = point.frame.moved(step[p:])
         x = point.x + step[:p]

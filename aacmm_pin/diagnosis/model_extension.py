@@ -225,10 +225,11 @@ def _standing(
             best = [_refined(found, k) for k in _top_causes(found)]
             if (identities := frozenset(e.identity for e in best)) in seen:
                 break
+            rivals = [rival for k in _top_causes(found) for rival in _rivals(found, k)]
+            _release(found)  # there is room for its rows or for those of the refit
             refit = refitted(problem_of, best) if best else first
             if not refit.tells_noise:  # more causes than these records can carry
                 return replace(found, fit=first, posterior=replace(found.posterior, weights={(): 1.0}))
-            rivals = [rival for k in _top_causes(found) for rival in _rivals(found, k)]
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
             at, effects, tips = refit, best, found.tips
             seen.add(identities)
@@ -349,7 +350,8 @@ def _refined(choice: Choice, block: int) -> Effect:
         series.append(special[int(np.argmax(_evidences(choice, block, special)))].refined(records))
     if len(series[0]) < 2 and len(series) < 2:
         return effect
-    evidences = [_evidences(choice, block, tried) for tried in series]
+    every = _evidences(choice, block, [tried for several in series for tried in several])
+    evidences = np.split(every, np.cumsum([len(several) for several in series])[:-1])
     best = int(np.argmax([each.max() for each in evidences]))
     return _likeliest(series[best], evidences[best])
 
