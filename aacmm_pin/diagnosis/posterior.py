@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.diagnosis.linear_model import Conditional
@@ -90,11 +89,11 @@ class Posterior:
             owners = sorted({self.space.candidates.owner(k) for k in blocks if self.space.candidates.is_cause(k)})
             labels = tuple(names[owner] for owner in owners)
             found[labels] = found.get(labels, 0.0) + weight
-        return dict(sorted(found.items(), key=lambda pair: -pair[1]))
+        return {labels: min(found[labels], 1.0) for labels in sorted(found, key=lambda labels: -found[labels])}
 
     def beyond(self, named: Collection[str]) -> float:
         """Probability that a cause acts which is not among the named."""
-        return float(sum(weight for labels, weight in self.causes.items() if not set(labels) <= set(named)))
+        return min(float(sum(weight for labels, weight in self.causes.items() if not set(labels) <= set(named))), 1.0)
 
     def instead(self, owner: int) -> Array:
         """Probability that each candidate is in the set and ``owner`` is not (candidates,)."""
@@ -131,12 +130,13 @@ def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
     found = np.zeros(len(space.candidates.design.names))
     for blocks, weight in weights.items():
         found[[space.candidates.owner(k) for k in blocks]] += weight
-    return found
+    return np.minimum(found, 1.0)
 
 
 def weights_of(values: Mapping[Blocks, float]) -> dict[Blocks, float]:
     """Weights of sets by their log posteriors, the largest first; sets out of reach are not among them."""
     best = max(values.values())
     near = {blocks: value for blocks, value in values.items() if value > best - THRESHOLDS.reach}
-    total = logsumexp(list(near.values()))
-    return {blocks: float(np.exp(near[blocks] - total)) for blocks in sorted(near, key=lambda s: (-near[s], s))}
+    weights = {blocks: float(np.exp(near[blocks] - best)) for blocks in sorted(near, key=lambda s: (-near[s], s))}
+    total = sum(weights.values())
+    return {blocks: weight / total for blocks, weight in weights.items()}
