@@ -51,7 +51,7 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     found, used, scatter = [], choice.fit.used, _scatter(choice)
     design = choice.design.of(choice.posterior.median)
     for what, names, part in _groupings(choice.fit.problem.measurements, choice):
-        gram = Gram(products_of(design, part, choice.held.products.postures))
+        gram = Gram(products_of(design, part, choice.held.products.noise))
         whole = _with_all(choice, gram)
         for number, name in enumerate(names):
             others = _with_all(choice, gram.without(number))

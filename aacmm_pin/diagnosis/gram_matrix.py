@@ -19,7 +19,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.design_matrix import Block, Design
-from aacmm_pin.diagnosis.held_postures import HeldPostures
+from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.measurements.observations import Elimination
 
 MOST_DOUBLE = 10_000_000
@@ -101,7 +101,7 @@ class Products:
     Args:
         design: the columns.
         read: works out the rows of each part.
-        postures: records that share an error.
+        noise: of the records.
 
     Attributes:
         free: of each part, see :class:`Part`.
@@ -110,8 +110,8 @@ class Products:
         place: size of a block, by its id, and its number among those of that size.
     """
 
-    def __init__(self, design: Design, read: Callable[[], list[Part]], postures: HeldPostures) -> None:
-        self.design, self._read, self.postures = design, read, postures
+    def __init__(self, design: Design, read: Callable[[], list[Part]], noise: RecordNoise) -> None:
+        self.design, self._read, self.noise = design, read, noise
         self._combined: dict[int, tuple[Array, Array]] = {}
         self.free = [each.free for each in self.parts]
         prior = np.zeros((len(design.prior), design.width + 1))
@@ -268,27 +268,26 @@ class Gram:
         return np.asarray(self.insides(size)[number])
 
 
-def products_of(design: Design, part: Index, postures: HeldPostures | None = None) -> Products:
+def products_of(design: Design, part: Index, noise: RecordNoise | None = None) -> Products:
     """Of the used records; a seat with records in several parts has coordinates of its own in each.
 
     Args:
         design: the columns.
         part: number of the part of each record, from 0 (n,).
-        postures: records that share an error; None: none do.
+        noise: of the records; None: that of the fit, of records that share nothing.
     """
-    alone = np.arange(len(part), dtype=np.intp)
-    held = postures or HeldPostures(alone, np.ones(len(part)), 0.0)
-    return Products(design, partial(_parts_of, design, part, held), held)
+    known = noise or RecordNoise.alone(design.fit.noise.whitening)
+    return Products(design, partial(_parts_of, design, part, known), known)
 
 
-def _parts_of(design: Design, part: Index, held: HeldPostures) -> list[Part]:
+def _parts_of(design: Design, part: Index, noise: RecordNoise) -> list[Part]:
     """Whitened rows."""
     fit = design.fit
     used = fit.used & fit.observations.says
     part = np.where(used, part, -1)
     observations, old, of_seat = fit.observations.divided(part)
     points = fit.solution.point.seats[old]
-    whiten = fit.noise.whitening * used[:, None, None]
+    whiten, held = noise.whitening * used[:, None, None], noise.postures
     elimination = Elimination(observations, points, held.whitened(-whiten[:, :, :3]))
     off = np.where(used[:, None], observations.deviations(design.tips, points), 0.0)[:, :, None]
     of_bar = of_seat[observations.ends[:, 0]]

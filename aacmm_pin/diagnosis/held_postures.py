@@ -29,8 +29,8 @@ class HeldPostures:
     ratio: float
 
     @staticmethod
-    def of(fit: Fit, off: Array) -> HeldPostures:
-        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad].
+    def of(fit: Fit, off: Array, whitening: Array) -> HeldPostures:
+        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad], and what gives each unit variance.
 
         The ratio is the restricted maximum likelihood estimate (Patterson, Thompson 1971, Biometrika 58) with the parameters
         of the fit shared between the means of the groups.
@@ -43,7 +43,7 @@ class HeldPostures:
         whole = HeldPostures(group, count, 0.0)
         if count.max(initial=1.0) < 2.0:
             return whole
-        return HeldPostures(group, count, whole._estimate(np.einsum("nij,nj->ni", fit.noise.whitening, off), fit.dof))
+        return HeldPostures(group, count, whole._estimate(np.einsum("nij,nj->ni", whitening, off), fit.dof))
 
     def _estimate(self, residual: Array, dof: float) -> float:
         """The likeliest ratio for whitened residuals (n, k) with so many degrees of freedom left."""
@@ -84,3 +84,22 @@ class HeldPostures:
         found = rows.copy()
         found[inside] -= taken
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class RecordNoise:
+    """The noise of records: what gives each residual unit variance, and what records of one posture share.
+
+    Attributes:
+        whitening: (n, 3, 3) [1/m], with orientations (n, 6, 6).
+        postures: records that share an error.
+    """
+
+    whitening: Array
+    postures: HeldPostures
+
+    @staticmethod
+    def alone(whitening: Array) -> RecordNoise:
+        """Of records that share nothing."""
+        count = len(whitening)
+        return RecordNoise(whitening, HeldPostures(np.arange(count, dtype=np.intp), np.ones(count), 0.0))

@@ -24,9 +24,11 @@ from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, design_of
 from aacmm_pin.diagnosis.exploration import explore, without_block
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
-from aacmm_pin.diagnosis.held_postures import HeldPostures
+from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import Posterior
+from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 from aacmm_pin.measurements.records import Measurements
 
@@ -67,6 +69,7 @@ class Choice:
         library, others: the candidates.
         parts: part of each record for leaving out (n,).
         held: inner products from which parts can be left out.
+        scatter: of readings beyond the stated noise; None where the records show none.
         otherwise: labels of causes that would be found if excluded records counted, where without these there is none.
         kept_alone: records that the arm recalibrated alone, by its own scatter, does not exclude (n,); None: the used ones.
     """
@@ -77,6 +80,7 @@ class Choice:
     others: tuple[Covariate, ...]
     parts: Index
     held: Gram
+    scatter: ReadingScatter | None = None
     otherwise: tuple[str, ...] = ()
     kept_alone: NDArray[np.bool_] | None = None
 
@@ -181,7 +185,7 @@ def choose(
     if not _torn(found.design.fit, parts):
         return found
     _release(found)
-    return replace(found, held=Gram(products_of(found.design, parts, found.held.products.postures)))
+    return replace(found, held=Gram(products_of(found.design, parts, found.held.products.noise)))
 
 
 def _release(choice: Choice) -> None:
@@ -217,24 +221,47 @@ def _standing(
     progress: bool,
 ) -> Choice:
     """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the median model."""
-    at, effects, tips, seen = first, list[Effect](), None, {frozenset[Any]()}
+    at, effects, before, seen = first, list[Effect](), None, {frozenset[Any]()}
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_ROUNDS):
-            found = _explored(at, library, others, parts, effects, tips)
+            found = _explored(at, library, others, parts, effects, before)
             rounds.update()
             best = [_refined(found, k) for k in _top_causes(found)]
-            if (identities := frozenset(e.identity for e in best)) in seen:
+            identities, before = frozenset(e.identity for e in best), _Before.of(found)
+            if identities in seen and (before.scatter is None) == (found.scatter is None):
                 break
             rivals = [rival for k in _top_causes(found) for rival in _rivals(found, k)]
-            _release(found)  # there is room for its rows or for those of the refit
-            refit = refitted(problem_of, best) if best else first
-            if not refit.tells_noise:  # more causes than these records can carry
-                return replace(found, fit=first, posterior=replace(found.posterior, weights={(): 1.0}))
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
-            at, effects, tips = refit, best, found.tips
+            _release(found)  # there is room for its rows or for those of the refit
+            if identities != frozenset(e.identity for e in effects):
+                at = refitted(problem_of, best) if best else first
+            if not at.tells_noise:  # more causes than these records can carry
+                return replace(found, fit=first, posterior=replace(found.posterior, weights={(): 1.0}))
+            effects = best
             seen.add(identities)
             library = _with_variants(library, [*rivals, *effects])
         return replace(found, fit=_extended(problem_of, found, first))
+
+
+@dataclass(frozen=True, eq=False)
+class _Before:
+    """What a round leaves for the next one.
+
+    Attributes:
+        tips: with all that was found.
+        scatter: of readings beyond the stated noise; None where the records show none.
+    """
+
+    tips: Array
+    scatter: ReadingScatter | None
+
+    @staticmethod
+    def of(found: Choice) -> _Before:
+        at, tips = found.design.fit, found.tips
+        if noise_is_known(at):
+            return _Before(tips, None)
+        scatter = ReadingScatter.of(at, found.design.deviations(tips))
+        return _Before(tips, scatter if scatter.log_ratio > THRESHOLDS.readings else None)
 
 
 def _extended(problem_of: ProblemOf, found: Choice, first: Fit) -> Fit:
@@ -269,17 +296,20 @@ def _explored(
     others: tuple[Covariate, ...],
     parts: Index,
     effects: Sequence[Effect],
-    tips: Array | None,
+    before: _Before | None,
 ) -> Choice:
-    """The posterior where a fit with some causes ended; ``tips`` are those that all causes found so far give."""
+    """The posterior where a fit with some causes ended, with the noise that the round before found."""
     design = design_of(at, library, others, at.problem.candidates)
-    held = HeldPostures.of(at, design.deviations(at.solution.point.prediction.poses if tips is None else tips))
+    tips = at.solution.point.prediction.poses if before is None else before.tips
+    scatter = None if before is None else before.scatter
+    whitening = at.noise.whitening if scatter is None else scatter.whitening
+    noise = RecordNoise(whitening, HeldPostures.of(at, design.deviations(tips), whitening))
     # With all records there is no need to take an observation's unknown points apart.
-    gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts, held))
+    gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts, noise))
     candidates = Candidates.of(design, library)
     space = ModelSpace(candidates, gram, noise_is_known(at))
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
-    return Choice(at, explore(space, [start]), library, others, parts, gram)
+    return Choice(at, explore(space, [start]), library, others, parts, gram, scatter)
 
 
 def _torn(at: Fit, parts: Index) -> bool:

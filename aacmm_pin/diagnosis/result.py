@@ -309,6 +309,10 @@ class Diagnosis(Shown):
                 "smooth_correction_gain": self.unexplained.gain,
                 "groups": [asdict(group) for group in self.unexplained.groups],
                 "branches": _branches(self.unexplained.branches),
+                "scattered_readings": [
+                    {"joint": each.joint, **_amount("scatter", each.scatter, each.slides), "rms_mm": each.at_tips / MM}
+                    for each in self.unexplained.readings
+                ],
             },
             "not_tried": [
                 {"column": COLUMNS[need], "causes": [cause.cause for cause in causes]}
@@ -381,8 +385,12 @@ def _inner_fields(effect: Effect) -> list[str]:
 def _branches(branches: Branches | None) -> dict[str, Any] | None:
     if branches is None:
         return None
-    half_width = ("half_width_mm", branches.half_width / MM) if branches.slides else ("half_width_rad", branches.half_width)
-    return {"joint": branches.joint, half_width[0]: half_width[1]}
+    return {"joint": branches.joint, **_amount("half_width", branches.half_width, branches.slides)}
+
+
+def _amount(name: str, value: float, slides: bool) -> dict[str, float]:
+    """An amount of a joint with its unit in its name."""
+    return {f"{name}_mm": value / MM} if slides else {f"{name}_rad": value}
 
 
 def _held_out(gain: Gain) -> dict[str, Any]:

@@ -15,6 +15,7 @@ class Thresholds:
         library: prior probability, if anything is there, that it is a cause of the library.
         noise_misstated: prior probability that a stated noise is not the noise.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance in that case.
+        readings: log likelihood by which readings that scatter more than stated have to be likelier than tips that do.
         reach: sets whose log posterior is lower than the largest by more have no weight …
         expanded: … and of those that are less probable than this part of the most probable, no additions are ranked.
         beside: additions to a set that are looked at, the most probable ones first; more only if they count …
@@ -32,6 +33,7 @@ class Thresholds:
         shows: noncentrality at which a cause is found more often than not among all others.
         shown: records that would show more than this part of all causes would show most of them.
         rival: probability from which on a set without a doubtful cause cannot be excluded.
+        large: readings of a joint that move tips by this part of the noise scatter more than stated.
         negligible: a background that is smaller than this part of the noise is none.
         left: structure over some covariate with less chance than this is left, even if its probability is small …
         left_alone: … and with less than this where nothing was named.
@@ -44,6 +46,7 @@ class Thresholds:
     library: float = 0.9
     noise_misstated: float = 0.05
     scale_dof: float = 2.0
+    readings: float = 10.0
     reach: float = 7.0
     expanded: float = 0.01
     beside: int = 8
@@ -61,6 +64,7 @@ class Thresholds:
     shows: float = 15.0
     shown: float = 0.5
     rival: float = 0.05
+    large: float = 0.5
     negligible: float = 0.1
     left: float = 1e-3
     left_alone: float = 1e-6

@@ -9,6 +9,7 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
+from aacmm_pin._support.units import UM
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.branches import Branches, branches_of
@@ -41,6 +42,27 @@ class Discrepancy(Shown):
     probability: float
 
 
+@dataclass(frozen=True)
+class ScatteredReadings(Shown):
+    """Readings of a joint that scatter more than stated.
+
+    Attributes:
+        joint: row of the joint.
+        scatter: standard deviation beyond the stated noise [rad; m where the joint slides].
+        slides: whether the joint slides.
+        at_tips: what it moves tips by, root mean square [m].
+    """
+
+    joint: int
+    scatter: float
+    slides: bool
+    at_tips: float
+
+    def __str__(self) -> str:
+        unit = "µm" if self.slides else "µrad"
+        return f"readings of joint {self.joint} scatter by {self.scatter / UM:.2g} {unit} more than stated"
+
+
 @dataclass(frozen=True, eq=False)
 class Unexplained(Shown):
     """Structure that no cause of the library has.
@@ -57,6 +79,7 @@ class Unexplained(Shown):
         groups: groups of records that do not agree with the others.
         excluded: what the excluded records share, or None.
         branches: the joint over which the residuals fall into two branches, or None.
+        readings: joints whose readings scatter more than stated.
     """
 
     p_value: float
@@ -69,6 +92,7 @@ class Unexplained(Shown):
     groups: tuple[OddGroup, ...] = ()
     excluded: Shared | None = None
     branches: Branches | None = None
+    readings: tuple[ScatteredReadings, ...] = ()
 
     @property
     def left(self) -> bool:
@@ -83,7 +107,7 @@ class Unexplained(Shown):
     @property
     def structure(self) -> bool:
         """Whether the residuals have structure that is more probable than not."""
-        return bool(self.depends_on or self.discrepancy) or self.branches is not None
+        return bool(self.depends_on or self.discrepancy or self.readings) or self.branches is not None
 
     @property
     def in_words(self) -> tuple[str, ...]:
@@ -94,6 +118,7 @@ class Unexplained(Shown):
             *([f"something that no cause explains depends on {', '.join(covariates)}"] if covariates else []),
             *(f"{g.name} does not agree with the other records: {g.times:.1f} times as far off" for g in self.groups),
             *([] if self.branches is None else [str(self.branches)]),
+            *map(str, self.readings),
         )
 
 
@@ -121,7 +146,19 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
         odd,
         shared,
         branches_of(choice),
+        scattered_readings(choice),
     )
+
+
+def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
+    """The joints whose readings scatter more than stated, the largest first."""
+    fit, scatter = choice.design.fit, choice.scatter
+    if scatter is None or fit.problem.setup.encoder_noise is None:
+        return ()
+    chain, noise = fit.problem.model.arm.chain, fit.distance_of(fit.stated_noise)
+    rows = zip(chain.moving_rows(), scatter.readings, chain.prismatic, scatter.at_tips, strict=True)
+    found = [ScatteredReadings(int(row), float(u), bool(slides), float(tip)) for row, u, slides, tip in rows]
+    return tuple(sorted((one for one in found if one.at_tips > THRESHOLDS.large * noise), key=lambda one: -one.at_tips))
 
 
 def excess_of(extended: Fit) -> float:

@@ -1,0 +1,98 @@
+"""Scatter that the stated noise does not explain: of tips, of rotations, and of the readings of each joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.calibration.fit import Fit
+
+STEPS = 60
+"""Steps of the maximisation, each of which increases the likelihood."""
+FIRST_SHARE = 0.1
+"""Part of the scatter of tips that the readings of each joint have at first."""
+LEAST = 1e-30
+"""A variance is at least this, so that it can be divided by."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingScatter:
+    """Variance components of the residuals beside the noise that is stated (Patterson, Thompson 1971, Biometrika 58).
+
+    Attributes:
+        covariances: of each residual, stated noise and all components (n, 3, 3) [m²]; with orientations (n, 6, 6).
+        readings: standard deviation of the readings of each joint beyond the stated noise (nq,) [rad; m where it slides].
+        log_ratio: log likelihood of the readings' components over that of tips and rotations alone.
+        at_tips: what the readings' scatter moves tips by, root mean square for each joint (nq,) [m].
+    """
+
+    covariances: Array
+    readings: Array
+    log_ratio: float
+    at_tips: Array
+
+    @staticmethod
+    def of(fit: Fit, off: Array) -> ReadingScatter:
+        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad], of all that was found.
+
+        The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou, Hu, Qiao, Cho 2019,
+        J. Comput. Graph. Stat. 28); residuals are enlarged by what the fitted parameters have taken from them.
+        """
+        counts = fit.used & fit.observations.says
+        point, width = fit.solution.point, off.shape[1]
+        by_reading = fit.problem.reading_jacobian(point.x, point.frame)
+        groups = [np.broadcast_to(np.eye(width)[:, :3], (len(off), width, 3))]
+        if width > 3:
+            groups.append(np.where(fit.observations.oriented[:, None, None], np.eye(width)[:, 3:], 0.0))
+        alone = len(groups)
+        groups += [by_reading[:, :, j : j + 1] for j in range(by_reading.shape[2])]
+        enlarged = off * np.sqrt(max(3.0 * counts.sum() / max(fit.dof, 1.0), 1.0))
+        stated = fit.noise.without_scatter
+        search = _Components(stated, groups, np.where(np.isfinite(enlarged), enlarged, 0.0), counts)
+        tip = max(fit.noise.scatters.tip, np.sqrt(LEAST))
+        start = np.array([tip**2, max(fit.noise.scatters.turn, np.sqrt(LEAST)) ** 2][:alone])
+        lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
+        first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST)
+        whole, without = search.best(np.concatenate([start, first])), search.best(np.append(start, np.zeros(len(first))))
+        readings = np.sqrt(whole[alone:])
+        ratio = search.log_likelihood(whole) - search.log_likelihood(without)
+        return ReadingScatter(search.covariances(whole), readings, float(ratio), readings * np.sqrt(lever))
+
+    @property
+    def whitening(self) -> Array:
+        """What gives each residual unit variance (n, 3, 3) [1/m], or (n, 6, 6)."""
+        return np.linalg.inv(np.linalg.cholesky(self.covariances))
+
+
+class _Components:
+    """``C = N + Σ v_c F_c F_cᵀ`` for the residuals of the records that count."""
+
+    def __init__(self, stated: Array, groups: list[Array], off: Array, counts: NDArray[np.bool_]) -> None:
+        self.stated, self.groups, self.off, self.counts = stated, groups, off, counts
+
+    def covariances(self, variances: Array) -> Array:
+        """Of each residual (n, k, k)."""
+        parts = zip(variances, self.groups, strict=True)
+        return np.asarray(self.stated + sum(v * (group @ group.transpose(0, 2, 1)) for v, group in parts))
+
+    def best(self, variances: Array) -> Array:
+        """The likeliest variances; those that are zero stay zero."""
+        groups = [group[self.counts] for group in self.groups]
+        for _ in range(STEPS):
+            inverse = np.linalg.inv(self.covariances(variances)[self.counts])
+            pulled = np.einsum("nij,nj->ni", inverse, self.off[self.counts])
+            for c, group in enumerate(groups):
+                found = np.square(np.einsum("niq,ni->nq", group, pulled)).sum()
+                expected = np.einsum("niq,nij,njq->", group, inverse, group, optimize=True)
+                variances[c] *= np.sqrt(found / max(float(expected), LEAST))
+        return variances
+
+    def log_likelihood(self, variances: Array) -> float:
+        """Log likelihood, up to a constant."""
+        whole = self.covariances(variances)[self.counts]
+        off = self.off[self.counts]
+        squares = np.einsum("ni,ni->", off, np.linalg.solve(whole, off[:, :, None])[:, :, 0])
+        return float(-0.5 * (np.linalg.slogdet(whole)[1].sum() + squares))
