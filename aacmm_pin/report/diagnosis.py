@@ -206,7 +206,8 @@ def _not_explained(result: Diagnosis) -> str:
         way = f"depend on {depends} in a way that none of the causes tried has"
         larger = left > THRESHOLDS.much_more * result.noise or turned > 0.0
         more = f"{more} and {way}" if larger else f"the residuals {way}"
-    return more if branches is None else f"{branches}; {more}"
+    first = [*([] if branches is None else [str(branches)]), *map(str, result.unexplained.readings)]
+    return "; ".join([*first, more])
 
 
 def _background(left: Unexplained) -> str:
@@ -265,7 +266,8 @@ def unexplained_document(left: Unexplained) -> Document:
 def unexplained_in_words(left: Unexplained) -> str:
     """What structure is left, or that none is."""
     p, covariates = p_equals(left.p_value), [*left.acts_on]
-    branches = "" if left.branches is None else f"{capital(str(left.branches))}. "
+    found = [*([] if left.branches is None else [left.branches]), *left.readings]
+    branches = "".join(f"{capital(str(each))}. " for each in found)
     if not covariates and left.has_background:
         worth = (
             "" if left.gain is None else f" On held-out records it removes {percent(left.gain)} of what the causes leave."

@@ -28,6 +28,9 @@ def next_measurements(result: Diagnosis) -> str:
     if unexplained.branches is not None:
         joint = unexplained.branches.joint
         return f"take the records anew and state the direction from which joint {joint} came, in the columns approach1 …"
+    if unexplained.readings and not unexplained.depends_on:
+        joint = unexplained.readings[0].joint
+        return f"repeat some postures with joint {joint} from both sides and under other loads; its encoder or gear is not as modelled"
     if verdict == "unexplained" and unexplained.excluded is not None and unexplained.excluded.name in ORDER:
         where = unexplained.excluded.where
         return f"find what changed at {where}, such as the stand, the references or an encoder; diagnose both parts apart"

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from aacmm_pin.diagnosis.evidence import Conditional
+from aacmm_pin.diagnosis.nuisance_projection import Projection
 from blind import chains, draw
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth, subspace_angles
@@ -35,10 +37,8 @@ from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.design_matrix import Block
-from aacmm_pin.diagnosis.evidence import Conditional
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
-from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from aacmm_pin.diagnosis.undetected import Other, Others
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
@@ -15,7 +16,6 @@ from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.branches import LEAST, two_branches
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.diagnose import _beside
-from aacmm_pin.diagnosis.undetected import Other, Others
 from aacmm_pin.diagnosis.verdict import doubts_of
 from aacmm_pin.effects import EncoderEccentricity, JointHysteresis
 from aacmm_pin.effects.error_model import ErrorModel

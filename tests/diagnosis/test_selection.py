@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from aacmm_pin.diagnosis.forward_backward_selection import EQUAL, SURE, WEAKEST, Question, _Search, rival_pairs, search
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from aacmm_pin.diagnosis import forward_backward_selection, model_extension
 from aacmm_pin.diagnosis.design_matrix import Block, Design
-from aacmm_pin.diagnosis.forward_backward_selection import EQUAL, SURE, WEAKEST, Question, _Search, rival_pairs, search
 from aacmm_pin.diagnosis.gram_matrix import Gram, Part, Products
 from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.significance import Place

@@ -10,6 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from aacmm_pin.diagnosis.evidence import LARGE, MAGNITUDES, Scatter, evidence_of
+from aacmm_pin.diagnosis.nuisance_projection import Projection
+from aacmm_pin.diagnosis.undetected import _change, others_beside
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
@@ -24,11 +27,8 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
-from aacmm_pin.diagnosis.evidence import LARGE, MAGNITUDES, Scatter, evidence_of
-from aacmm_pin.diagnosis.nuisance_projection import Projection
 from aacmm_pin.diagnosis.result import SETTLED, Diagnosis, Finding, _finding
 from aacmm_pin.diagnosis.significance import Alias
-from aacmm_pin.diagnosis.undetected import _change, others_beside
 from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
 from aacmm_pin.effects import (
     BaseCompliance,

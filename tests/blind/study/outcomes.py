@@ -38,6 +38,7 @@ def covariates_of(said: Row) -> set[str]:
     names = set(unexplained.get("depends_on", []))
     if unexplained.get("branches"):
         names.add(f"joint {unexplained['branches']['joint']}")
+    names |= {f"joint {each['joint']}" for each in unexplained.get("scattered_readings", [])}
     for part in said.get("discrepancy", []):
         if part["probability"] >= NAMED:
             names |= set(str(part["covariate"]).split(" × "))
