@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import os
 import re
 import runpy
@@ -17,6 +18,7 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS, Thresholds
 from aacmm_pin.effects import CAUSES, Effect
 from building import pictures
 from building.causes import causes_table
@@ -73,11 +75,23 @@ def study_age(digest: str) -> str:
     return f"**The diagnosis code has changed since these figures were measured**: it was `{digest}`, it is now `{now}`."
 
 
+def thresholds() -> str:
+    """Every threshold of the diagnosis, its value and what it decides, from their docstring, as a Markdown table."""
+    found = re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", inspect.getdoc(Thresholds) or "", re.MULTILINE)
+    rows = [f"| `{name}` | {_in_row(getattr(THRESHOLDS, name))} | {' '.join(words.split())} |" for name, words in found]
+    return "\n".join(["| threshold | value | what it is |", "|---|---|---|", *rows])
+
+
+def _in_row(value: float | tuple[float, ...]) -> str:
+    return ", ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else f"{value:g}"
+
+
 GENERATED: dict[str, Callable[..., str]] = {
     "api": api,
     "effects": effects,
     "commands": commands,
     "causes": causes_table,
+    "thresholds": thresholds,
     "study-age": study_age,
 }
 
