@@ -18,8 +18,8 @@ OPTIONAL = {"link": "whole arm, or one body", "marker": "tip, or one target"}
 
 
 def causes_table() -> str:
-    """Name, place, parameters, size, columns, look-alikes of every cause, as a Markdown table."""
-    head = "| cause, and where it sits | parameters, and their usual size | needs | looks like |\n|---|---|---|---|\n"
+    """Name, place, parameters, size, columns, aliases of every cause, as a Markdown table."""
+    head = "| cause, and where it sits | parameters, and their typical magnitude | needs | aliases |\n|---|---|---|---|\n"
     return head + "\n".join(f"| {' | '.join(_row(cause))} |" for cause in CAUSES.values())
 
 
