@@ -20,7 +20,7 @@ from aacmm_pin.report.document import Document, Table
 
 @command
 def run(name: Annotated[str | None, typer.Argument(metavar="NAME", help="One of them, explained.")] = None) -> None:
-    """Every cause of error that is known: what it is called, its parameters and usual size, the columns it needs."""
+    """Every cause of error that is known: what it is called, its parameters and typical magnitude, the columns it needs."""
     chosen = list(CAUSES.values()) if name is None else [cause_named(name)]
     terminal.show(Document("Causes", [Table(pd.DataFrame([_row(cause) for cause in chosen]))]))
     if name is not None:

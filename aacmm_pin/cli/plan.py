@@ -50,7 +50,7 @@ def run(
         typer.Option(
             metavar="CAUSE CAUSE",
             help="Causes to tell apart, such as encoder_eccentricity:3 joint_compliance:3,compliance_rad_per_nm=2e-5; "
-            "one without values has its usual size.",
+            "one without values has its typical magnitude.",
         ),
     ] = None,
     records: Annotated[int, typer.Option(min=1, help="Number of records to plan.")] = 40,

@@ -63,10 +63,10 @@ class Finding(Shown):
     Attributes:
         effect: the cause with its estimated values and u.
         parameters: described values with u: name -> (value, u).
-        probability: of this cause, among its look-alikes and none.
+        probability: of all sets of causes that hold it.
         p_value: family-wise.
         retained_fraction: of its effect that recalibration leaves.
-        aliases: look-alikes in these data.
+        aliases: causes with a similar effect in these records.
         brought: what it brings on held-out records; None where too few groups say something of it, and of a value of the
             geometry, which recalibration moves as well.
         inner: order, time constant or time that these records told, with u: name -> (value, u).

@@ -174,7 +174,7 @@ def _doubts_in_words(result: Diagnosis) -> Iterator[str]:
     unconfirmed = [] if "no better" in result.doubts else [f.effect for f in findings if not f.borne_out]
     words = {
         "contradicted references": "; ".join(result.contradicted),
-        "few causes shown": f"these records would show only {seen} of {count(of, 'cause')} of usual size",
+        "few causes shown": f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude",
         "cause not named": f"{listed(result.otherwise)} would be found with {count(out, 'excluded record')}",
         "below zero": f"nature has no {several_in_words([f.effect for f in findings if f.below_zero], arm)} below zero",
         "cause not borne out": unconfirmed and f"held-out records do not confirm {several_in_words(unconfirmed, arm)}",
