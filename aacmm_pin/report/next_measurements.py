@@ -40,8 +40,8 @@ def next_measurements(result: Diagnosis) -> str:
         return f"more records, at other postures: of {of} causes of typical magnitude these would have shown {seen}"
     if verdict == "no-discrepancy":
         return (
-            f"nothing that these records show is open ({seen} of {of} causes of typical magnitude would have shown); keep them "
-            "for the next check"
+            f"nothing that these records show is open ({seen} of {of} causes of typical magnitude would have shown); "
+            "keep them for the next check"
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
         return f"set up {unexplained.groups[0].name} anew and repeat its records; diagnose the others without it"
