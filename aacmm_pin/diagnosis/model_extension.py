@@ -228,7 +228,7 @@ def _standing(
             rounds.update()
             best = [_refined(found, k) for k in _top_causes(found)]
             identities, before = frozenset(e.identity for e in best), _Before.of(found)
-            if identities in seen and (before.scatter is None) == (found.scatter is None):
+            if identities in seen and before.settled(found):
                 break
             rivals = [rival for k in _top_causes(found) for rival in _rivals(found, k)]
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
@@ -249,7 +249,7 @@ class _Before:
 
     Attributes:
         tips: with all that was found.
-        scatter: of readings beyond the stated noise; None where the records show none.
+        scatter: of readings and tips beside that; None where the stated noise was all there was to begin with.
     """
 
     tips: Array
@@ -257,11 +257,20 @@ class _Before:
 
     @staticmethod
     def of(found: Choice) -> _Before:
-        at, tips = found.design.fit, found.tips
+        at, left = found.design.fit, found.posterior.left
         if noise_is_known(at):
-            return _Before(tips, None)
-        scatter = ReadingScatter.of(at, found.design.deviations(tips))
-        return _Before(tips, scatter if scatter.log_ratio > THRESHOLDS.readings else None)
+            return _Before(found.tips, None)
+        share = max(left.dof, 1.0) / max(left.base.gram.free, 1)
+        return _Before(found.tips, ReadingScatter.of(at, found.design.deviations(found.tips), min(share, 1.0)))
+
+    def settled(self, found: Choice) -> bool:
+        """Whether the scatter is about what a round reckoned with."""
+        if self.scatter is None:
+            return True
+        at = found.design.fit
+        reckoned = at.distance_of(at.residual_noise) if found.scatter is None else found.scatter.size
+        same_kind = found.scatter is not None or not self.scatter.readings.any()
+        return same_kind and bool(abs(np.log(self.scatter.size / reckoned)) < np.log(THRESHOLDS.rescaled))
 
 
 def _extended(problem_of: ProblemOf, found: Choice, first: Fit) -> Fit:
@@ -307,7 +316,7 @@ def _explored(
     # With all records there is no need to take an observation's unknown points apart.
     gram = Gram(products_of(design, np.zeros_like(parts) if _torn(at, parts) else parts, noise))
     candidates = Candidates.of(design, library)
-    space = ModelSpace(candidates, gram, noise_is_known(at))
+    space = ModelSpace(candidates, gram, noise_is_known(at) if scatter is None else scatter.as_stated)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
     return Choice(at, explore(space, [start]), library, others, parts, gram, scatter)
 

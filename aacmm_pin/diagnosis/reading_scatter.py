@@ -1,4 +1,4 @@
-"""Scatter that the stated noise does not explain: of tips, of rotations, and of the readings of each joint."""
+"""Scatter beside the stated noise and all that was found: of tips, of rotations, and of the readings of each joint."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 STEPS = 60
 """Steps of the maximisation, each of which increases the likelihood."""
@@ -25,21 +26,29 @@ class ReadingScatter:
     Attributes:
         covariances: of each residual, stated noise and all components (n, 3, 3) [m²]; with orientations (n, 6, 6).
         readings: standard deviation of the readings of each joint beyond the stated noise (nq,) [rad; m where it slides].
-        log_ratio: log likelihood of the readings' components over that of tips and rotations alone.
-        at_tips: what the readings' scatter moves tips by, root mean square for each joint (nq,) [m].
+        at_tips: what that moves tips by, root mean square for each joint (nq,) [m]. Both are zero where the records are not
+            surely likelier with them.
+        size: root mean square of a tip's residual by all of these [m].
+        as_stated: whether the stated noise is all there is.
     """
 
     covariances: Array
     readings: Array
-    log_ratio: float
     at_tips: Array
+    size: float
+    as_stated: bool
 
     @staticmethod
-    def of(fit: Fit, off: Array) -> ReadingScatter:
-        """By the residuals ``off`` (n, 3) [m], with orientations (n, 6) [m, rad], of all that was found.
+    def of(fit: Fit, off: Array, left: float) -> ReadingScatter:
+        """By the residuals of all that was found.
 
         The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou, Hu, Qiao, Cho 2019,
         J. Comput. Graph. Stat. 28); residuals are enlarged by what the fitted parameters have taken from them.
+
+        Args:
+            fit: the calibration.
+            off: residuals (n, 3) [m], with orientations (n, 6) [m, rad].
+            left: part of the residuals' degrees of freedom that all that was fitted has left.
         """
         counts = fit.used & fit.observations.says
         point, width = fit.solution.point, off.shape[1]
@@ -49,7 +58,7 @@ class ReadingScatter:
             groups.append(np.where(fit.observations.oriented[:, None, None], np.eye(width)[:, 3:], 0.0))
         alone = len(groups)
         groups += [by_reading[:, :, j : j + 1] for j in range(by_reading.shape[2])]
-        enlarged = off * np.sqrt(max(3.0 * counts.sum() / max(fit.dof, 1.0), 1.0))
+        enlarged = off / np.sqrt(left)
         stated = fit.noise.without_scatter
         search = _Components(stated, groups, np.where(np.isfinite(enlarged), enlarged, 0.0), counts)
         tip = max(fit.noise.scatters.tip, np.sqrt(LEAST))
@@ -57,9 +66,12 @@ class ReadingScatter:
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
         first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST)
         whole, without = search.best(np.concatenate([start, first])), search.best(np.append(start, np.zeros(len(first))))
-        readings = np.sqrt(whole[alone:])
-        ratio = search.log_likelihood(whole) - search.log_likelihood(without)
-        return ReadingScatter(search.covariances(whole), readings, float(ratio), readings * np.sqrt(lever))
+        if search.log_likelihood(whole) - search.log_likelihood(without) < THRESHOLDS.readings:
+            whole = without
+        readings, covariances = np.sqrt(whole[alone:]), search.covariances(whole)
+        size, known = (np.sqrt(np.trace(each[counts, :3, :3], axis1=1, axis2=2).mean()) for each in (covariances, stated))
+        as_stated = fit.stated and bool(size < known * THRESHOLDS.as_stated)
+        return ReadingScatter(covariances, readings, readings * np.sqrt(lever), float(size), as_stated)
 
     @property
     def whitening(self) -> Array:

@@ -16,6 +16,8 @@ class Thresholds:
         noise_misstated: prior probability that a stated noise is not the noise.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance in that case.
         readings: log likelihood by which readings that scatter more than stated have to be likelier than tips that do.
+        as_stated: a scatter beside all that was found is the stated noise if it is not larger by this.
+        rescaled: a scatter that changes by less than this factor from round to round is found.
         reach: sets whose log posterior is lower than the largest by more have no weight …
         expanded: … and of those that are less probable than this part of the most probable, no additions are ranked.
         beside: additions to a set that are looked at, the most probable ones first; more only if they count …
@@ -47,6 +49,8 @@ class Thresholds:
     noise_misstated: float = 0.05
     scale_dof: float = 2.0
     readings: float = 10.0
+    as_stated: float = 1.03
+    rescaled: float = 1.1
     reach: float = 7.0
     expanded: float = 0.01
     beside: int = 8
