@@ -15,13 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from aacmm_pin.diagnosis.evidence import Conditional
-from aacmm_pin.diagnosis.nuisance_projection import Projection
 from blind import chains, draw
 from numpy.typing import NDArray
 from scipy.linalg import null_space, orth, subspace_angles
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2, f, kstest, multivariate_normal, t
+from scipy.special import logsumexp
+from scipy.stats import chi2, f, kstest, t
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import parts_of
@@ -31,15 +30,17 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import chow_test as groups
 from aacmm_pin.diagnosis import cross_validation as gain
-from aacmm_pin.diagnosis import findings as geometric
-from aacmm_pin.diagnosis import gram_matrix, model_extension
+from aacmm_pin.diagnosis import gram_matrix
 from aacmm_pin.diagnosis import significance as findings
-from aacmm_pin.diagnosis.candidates import candidates
-from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.design_matrix import Block
+from aacmm_pin.diagnosis.candidates import Variants, candidates
+from aacmm_pin.diagnosis.covariates import Covariate, covariates
+from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
-from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, choose, free
-from aacmm_pin.effects import Effect, EncoderSlip, JointPeriodicError
+from aacmm_pin.diagnosis.linear_model import Base, Conditional, Likelihood
+from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, free
+from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
+from aacmm_pin.diagnosis.posterior import Posterior
+from aacmm_pin.effects import Effect, EncoderSlip
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.smooth_functions import Cosines
@@ -48,24 +49,43 @@ from aacmm_pin.measurements.records import Measurements
 Array = NDArray[np.float64]
 ENCODER, REFERENCE, PROBE, LENGTH = 8e-6, 12e-6, 10e-6, 20e-6
 RECORDS = 60
-MAGNITUDES = (0.2, 0.5, 1.0, 2.0, 10.0)
 PLANS = ("free", "seats", "unknown-seats")
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What was diagnosed."""
+    """What is considered behind the records of one file."""
 
     records: Measurements
-    choice: Choice
+    library: tuple[Variants, ...]
+    others: tuple[Covariate, ...]
+    parts: NDArray[np.intp]
     problem: ProblemOf
+    design: Design
+
+    @property
+    def fit(self) -> Fit:
+        return self.design.fit
 
     def refit(self, effects: Sequence[Effect], used: NDArray[np.bool_] | None = None) -> Fit:
         return fit(self.problem(effects), used=used)
 
+    def block(self, label: str) -> int:
+        """The first block of a cause."""
+        return next(k for k, b in enumerate(self.design.blocks) if self.design.names[b.candidate] == label)
+
+    def choice(self, blocks: Blocks = (), only: Sequence[int] | None = None) -> Choice:
+        """These blocks, whatever the records say, among some candidates, without a background."""
+        every = Candidates.of(self.design, self.library)
+        if only is not None:
+            every = Candidates(self.design.of(only), every.log_odds[list(only)], {})
+        gram = Gram(products_of(every.design, self.parts))
+        space = ModelSpace(every, gram, True, (0.0,))
+        return Choice(self.fit, Posterior(space, {blocks: 1.0}, 0.0, 0.0), self.library, self.others, self.parts, gram)
+
 
 def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: object) -> Case:
-    """A file of the plant and what is chosen in it."""
+    """A file of the plant and what may be in it."""
     draw(seed, cause, plan=plan, records=RECORDS, small_terms=False, **options).write(path)  # type: ignore[arg-type]
     records = Measurements.read(path, 6)
     arm = Arm.load("sino6")
@@ -82,17 +102,20 @@ def case_of(path: Path, seed: int, cause: str | None, plan: str, **options: obje
 
     first = fit(problem([]))
     parts = parts_of(first, np.random.default_rng(1))[1]
-    library = candidates(ErrorModel.of(arm), records, first.problem)
-    return Case(records, choose(problem, first, library, covariates(arm, records), parts), problem)
+    library, others = candidates(ErrorModel.of(arm), records, first.problem), covariates(arm, records)
+    return Case(records, tuple(library), tuple(others), parts, problem, design_of(first, library, others))
 
 
 def away(case: Case) -> Case:
     """The same at a point where no fit has ended: every residual is something, no gradient vanishes."""
-    design = case.choice.design
-    moved = design.tips + np.random.default_rng(5).normal(0.0, 4e-5, design.tips.shape)
-    design = replace(design, tips=moved)
-    gram = Gram(products_of(design, case.choice.parts))
-    return replace(case, choice=replace(case.choice, design=design, gram=gram, held=gram))
+    moved = case.design.tips + np.random.default_rng(5).normal(0.0, 4e-5, case.design.tips.shape)
+    return replace(case, design=replace(case.design, tips=moved))
+
+
+def alone(gram: Gram) -> Conditional:
+    """Nothing but nuisances, of a stated noise."""
+    base = Base(gram, 0.0)
+    return Conditional(base, (), (), Likelihood(gram.free - base.determined, True))
 
 
 @pytest.fixture(scope="module", params=PLANS)
@@ -123,13 +146,13 @@ def covariance_of_records(records: Measurements) -> Array:
 
 def whitened(case: Case, part: NDArray[np.intp], kept: NDArray[np.bool_]) -> Array:
     """Rows of the kept records, columns and residual, unknown points taken out; each part has points of its own."""
-    design, records = case.choice.design, case.records
+    design, records = case.design, case.records
     n, width = records.n, design.width
     jacobian = np.concatenate([columns for _, columns in design.strips()], axis=2)
     covariance = covariance_of_records(records)
     seat = records.conditions.seat
     unknown = seat is not None and not records.known.any()
-    points = dict(zip(case.choice.fit.observations.labels, case.choice.fit.solution.point.seats, strict=True))
+    points = dict(zip(case.fit.observations.labels, case.fit.solution.point.seats, strict=True))
     target = np.array([points[s] for s in seat]) if unknown and seat is not None else records.reference
     found = []
     for number in np.unique(part[kept]):
@@ -165,9 +188,9 @@ def _bars(records: Measurements, labels: list[str], points: dict[str, Array]) ->
 
 def prior_rows(case: Case) -> Array:
     """What is known of the nuisances (m, columns + 1), in units of their widths."""
-    problem, x = case.choice.design.fit.problem, case.choice.design.fit.solution.point.x
-    kept = case.choice.design.kept
-    rows = np.zeros((kept.size, case.choice.design.width + 1))
+    problem, x = case.design.fit.problem, case.design.fit.solution.point.x
+    kept = case.design.kept
+    rows = np.zeros((kept.size, case.design.width + 1))
     rows[:, : kept.size] = np.eye(kept.size)
     rows[:, -1] = ((x - problem.start) / problem.widths)[kept]
     return rows
@@ -175,49 +198,36 @@ def prior_rows(case: Case) -> Array:
 
 def dense(case: Case, part: NDArray[np.intp], left_out: Sequence[int] = ()) -> Array:
     """All rows, prior rows last."""
-    return np.vstack([whitened(case, part, ~np.isin(part, left_out) & case.choice.fit.used), prior_rows(case)])
+    return np.vstack([whitened(case, part, ~np.isin(part, left_out) & case.fit.used), prior_rows(case)])
 
 
-def some_blocks(choice: Choice) -> list[int]:
+def some_blocks(design: Design) -> list[int]:
     """One block of each size, spread over the library and the covariates."""
     sizes: dict[int, int] = {}
-    for k, b in enumerate(choice.question.blocks):
+    for k, b in enumerate(design.blocks):
         sizes.setdefault(b.size, k)
         if b.candidate in (2, 9):
             sizes.setdefault(-b.candidate, k)
     return sorted(set(sizes.values()))
 
 
-def freedom(block: slice) -> float:
-    """Within how many typical magnitudes the parameters of an admitted block are free."""
-    return 10.0 if block.stop - block.start < 8 else 2.0
-
-
-def beside(rows: Array, nuisances: int, blocks: Sequence[slice]) -> tuple[Array, Array]:
-    """Rows with those of admitted blocks' own priors, and the columns that are refitted."""
-    width = rows.shape[1]
-    extra = np.vstack([np.eye(width)[s] / freedom(s) for s in blocks] or [np.empty((0, width))])
-    rows = np.vstack([rows, extra])
-    return rows, np.concatenate([rows[:, :nuisances], *(rows[:, s] for s in blocks)], axis=1)
-
-
 @pytest.mark.parametrize("left_out", [(), (1,), (0, 3)])
 def test_inner_products(case: Case, left_out: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gram_matrix, "CHUNK", 7)  # several in every part
-    choice = case.choice
-    gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
-    rows = dense(case, choice.parts, left_out)
+    design = case.design
+    gram = Gram(products_of(design, case.parts), frozenset(left_out))
+    rows = dense(case, case.parts, left_out)
     wanted = rows.T @ rows
     size = np.sqrt(np.diag(wanted)) + 1e-3
     whole = slice(0, wanted.shape[0])
     np.testing.assert_allclose(gram.strip(whole) / np.outer(size, size), wanted / np.outer(size, size), atol=2e-6)
     np.testing.assert_allclose(gram.residual, wanted[-1], atol=2e-6 * size.max() * size[-1])
     gram.products.release()  # what is asked for now is worked out again
-    for k in some_blocks(choice):
-        own = choice.question.blocks[k].columns
+    for k in some_blocks(design):
+        own = design.blocks[k].columns
         scale = np.outer(size[own], size[own])
-        np.testing.assert_allclose(gram.inside(choice.question.blocks[k]) / scale, wanted[own, own] / scale, atol=2e-6)
-    assert gram.free == len(rows) - choice.design.nuisances
+        np.testing.assert_allclose(gram.inside(design.blocks[k]) / scale, wanted[own, own] / scale, atol=2e-6)
+    assert gram.free == len(rows) - design.nuisances
 
 
 @pytest.mark.parametrize("excluded", [False, True])
@@ -227,194 +237,50 @@ def test_a_seat_in_two_parts_has_points_of_its_own_in_each(case: Case, excluded:
     if excluded:
         seat, used = case.records.conditions.seat, np.arange(RECORDS) % 7 != 3
         used &= (part != 1) | (np.arange(RECORDS) > 20 if seat is None else seat != seat[0])
-        fit_ = replace(case.choice.fit, used=used)
-        case = replace(case, choice=replace(case.choice, fit=fit_, design=replace(case.choice.design, fit=fit_)))
-    gram = Gram(products_of(case.choice.design, part), frozenset({2}))
+        case = replace(case, design=replace(case.design, fit=replace(case.fit, used=used)))
+    gram = Gram(products_of(case.design, part), frozenset({2}))
     rows = dense(case, part, [2])
     np.testing.assert_allclose(gram.residual[-1], rows[:, -1] @ rows[:, -1], rtol=1e-6)
-    assert gram.free == len(rows) - case.choice.design.nuisances
-
-
-@pytest.mark.parametrize("admitted", [(), (5,), (5, -1), (5, None)])  # None: one with many columns
-@pytest.mark.parametrize("left_out", [(), (1,)])
-def test_conditional_and_evidence(case: Case, admitted: tuple[int | None, ...], left_out: tuple[int, ...]) -> None:
-    """χ², gradient, information by least squares; evidence as the ratio of two Gaussian marginal likelihoods."""
-    choice = case.choice
-    question = choice.question
-    many = max(range(len(question.blocks)), key=lambda k: question.blocks[k].size)
-    admitted = tuple(many if k is None else k % len(question.blocks) for k in admitted)
-    variance = 1.7
-    gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
-    left = Conditional(Projection(gram, admitted), variance)
-    slices = [question.blocks[k].columns for k in admitted]
-    rows, refitted = beside(dense(case, choice.parts, left_out), choice.design.nuisances, slices)
-    basis = np.linalg.qr(refitted)[0]
-    free_rows = rows - basis @ (basis.T @ rows)
-    residual = free_rows[:, -1]
-    assert left.projection.chi2 == pytest.approx(residual @ residual, rel=1e-6)
-    step = -np.linalg.lstsq(refitted, rows[:, -1])[0]
-    np.testing.assert_allclose(left.projection.solution(), step, atol=1e-5 * np.abs(step).max())
-    data = rows[: len(rows) - choice.design.nuisances - sum(s.stop - s.start for s in slices)]
-    own = np.concatenate([np.arange(choice.design.nuisances), *(np.arange(s.start, s.stop) for s in slices)])
-    covariance = np.linalg.inv(refitted.T @ refitted)
-    np.testing.assert_allclose(left.covariance, variance * covariance, atol=1e-6 * np.abs(covariance).max())
-    assert left.projection.determined == pytest.approx(np.trace(data[:, own].T @ data[:, own] @ covariance), rel=1e-5)
-    for k in some_blocks(choice):
-        if k in admitted:
-            assert left.evidences[k] == -np.inf
-            continue
-        block = question.blocks[k]
-        columns = free_rows[:, block.columns]
-        scale = max(np.abs(columns.T @ columns).max(), 1e-6)
-        np.testing.assert_allclose(left.information(block), columns.T @ columns / variance, atol=1e-6 * scale)
-        np.testing.assert_allclose(
-            left.gradient[block.columns], columns.T @ residual / variance, atol=1e-6 * np.sqrt(scale) * np.sqrt(len(rows))
-        )
-        wanted = log_bayes_factor(data, choice.design.nuisances, rows, slices, block.columns, variance)
-        assert left.evidences[k] == pytest.approx(wanted, abs=1e-4)
-        assert left.evidence(k) == pytest.approx(wanted, abs=1e-4)
-
-
-def log_bayes_factor(
-    data: Array, nuisances: int, rows: Array, admitted: Sequence[slice], block: slice, variance: float
-) -> float:
-    """Log of N(r; m, V + τ² G Gᵀ) over N(r; m, V), averaged over τ: V holds noise, nuisances, admitted causes.
-
-    With a variance factor v, all that was known beforehand is as much less sure as the records are.
-    """
-    start = rows[len(data) : len(data) + nuisances, -1]  # the nuisances are where -start is, give or take one
-    known = np.concatenate([data[:, :nuisances], *(freedom(s) * data[:, s] for s in admitted)], axis=1)
-    residual = data[:, -1] - data[:, :nuisances] @ start
-    nothing = variance * (np.eye(len(data)) + known @ known.T)
-    columns = data[:, block]
-    base = multivariate_normal.logpdf(residual, cov=nothing)
-    each = [multivariate_normal.logpdf(residual, cov=nothing + t**2 * columns @ columns.T) for t in MAGNITUDES]
-    return float(np.logaddexp.reduce(each) - np.log(len(each)) - base)
-
-
-@pytest.mark.parametrize("left_out", [(), (1,)])
-@pytest.mark.parametrize("taken_out", [0, 1, 2])
-def test_evidence_without_one_of_the_admitted(case: Case, taken_out: int, left_out: tuple[int, ...]) -> None:
-    """As marginal likelihoods beside the others alone, the block that was taken out among the candidates."""
-    choice, question, variance = case.choice, case.choice.question, 1.7
-    admitted = (5, 17, len(question.blocks) - 1)
-    gram = Gram(products_of(choice.design, choice.parts), frozenset(left_out))
-    for dof in (50.0, np.inf):  # of a variance that comes from the records, and of a known one
-        whole = Conditional(Projection(gram, admitted), variance, dof)
-        found = whole.evidences_without(admitted[taken_out])
-        place = findings.Place.of(replace(choice, gram=gram), whole, admitted[taken_out])
-        odds = question.odds(question.without(question.struck_out(place.left.projection.admitted), found))
-        np.testing.assert_allclose(place.odds, odds, atol=1e-6)
-    rest = [k for k in admitted if k != admitted[taken_out]]
-    slices = [question.blocks[k].columns for k in rest]
-    all_rows = dense(case, choice.parts, left_out)
-    rows, _ = beside(all_rows, choice.design.nuisances, slices)
-    data = all_rows[: len(all_rows) - choice.design.nuisances]
-    for k in sorted({*some_blocks(choice), *admitted}):
-        if k in rest:
-            assert found[k] == -np.inf
-            continue
-        wanted = log_bayes_factor(data, choice.design.nuisances, rows, slices, question.blocks[k].columns, variance)
-        assert found[k] == pytest.approx(wanted, abs=1e-4)
-
-
-def test_evidence_of_all_admitted_together(case: Case) -> None:
-    """Bayes factors of marginal likelihoods, each beside the blocks before it, add up."""
-    choice, question, variance = case.choice, case.choice.question, 1.7
-    admitted = (5, 17, len(question.blocks) - 1)
-    gram = Gram(products_of(choice.design, choice.parts))
-    all_rows = dense(case, choice.parts)
-    data = all_rows[: len(all_rows) - choice.design.nuisances]
-    wanted = 0.0
-    for count, k in enumerate(admitted):
-        before = [question.blocks[j].columns for j in admitted[:count]]
-        rows, _ = beside(all_rows, choice.design.nuisances, before)
-        wanted += log_bayes_factor(data, choice.design.nuisances, rows, before, question.blocks[k].columns, variance)
-    found = Conditional(Projection(gram, admitted), variance).of_admitted()
-    assert found == pytest.approx(wanted, abs=1e-4)
+    assert gram.free == len(rows) - case.design.nuisances
 
 
 def test_retained_fraction_and_canonical_correlation(case: Case) -> None:
-    choice, question = case.choice, case.choice.question
-    left = Conditional(Projection(choice.held, ()))
-    rows = dense(case, choice.parts)
-    basis = np.linalg.qr(rows[:, : choice.design.nuisances])[0]
+    design = case.design
+    left = alone(Gram(products_of(design, case.parts)))
+    rows = dense(case, case.parts)
+    basis = np.linalg.qr(rows[:, : design.nuisances])[0]
     off = rows - basis @ (basis.T @ rows)
-    some = some_blocks(choice)
+    some = some_blocks(design)
     for k in some:
-        own = question.blocks[k].columns
+        own = design.blocks[k].columns
         values = np.linalg.svd(off[:, own], compute_uv=False)
         if values[-1] < 1e-4 * values[0]:
             continue  # the best step is then a matter of rounding
         step = np.linalg.lstsq(off[:, own], off[:, -1])[0]
         wanted = np.linalg.norm(off[:, own] @ step) / np.linalg.norm(rows[:, own] @ step)
-        assert findings.retained(left, question.blocks[k]) == pytest.approx(wanted, rel=1e-3)
+        assert findings.retained(left, k) == pytest.approx(wanted, rel=1e-3)
     for one, other in itertools.pairwise(some):
-        a, b = (question.blocks[k] for k in (one, other))
+        a, b = (design.blocks[k] for k in (one, other))
         spans = [orth(off[:, block.columns], rcond=3e-5) for block in (a, b)]
         if min(min(np.linalg.svd(off[:, x.columns])[1]) for x in (a, b)) > 1e-3 * np.abs(off[:, a.columns]).max():
             wanted = np.cos(subspace_angles(*spans).min())
-            assert findings.canonical(left, a, b) == pytest.approx(wanted, abs=1e-5)
-
-
-def test_pairs_that_cannot_be_told_apart(case: Case) -> None:
-    """By what the other cause, within its largest size, leaves of each; where either of two shows at all."""
-    choice = narrowed(case.choice)
-    choice = replace(choice, gram=Gram(products_of(choice.design, choice.parts)))
-    rows = dense(replace(case, choice=choice), choice.parts)
-    basis = np.linalg.qr(rows[:, : choice.design.nuisances])[0]
-    off = rows - basis @ (basis.T @ rows)
-    blocks = choice.question.blocks
-    alone = [b for b in blocks if sum(other.candidate == b.candidate for other in blocks) == 1]
-    shown = [b for b in alone if np.square(off[:, b.columns]).sum() >= 15.0 * b.size]
-
-    def apart(mine: Block, its: Block) -> float:
-        could = np.vstack([off[:, its.columns], np.eye(its.size) / MAGNITUDES[-1]])
-        does = np.vstack([off[:, mine.columns], np.zeros((its.size, mine.size))])
-        return float(np.square(does - could @ np.linalg.lstsq(could, does)[0]).sum()) / mine.size
-
-    wanted = [
-        (choice.design.names[one.candidate], choice.design.names[other.candidate])
-        for one, other in itertools.combinations(shown, 2)
-        if min(apart(one, other), apart(other, one)) < 2.0 * np.log(19.0)
-    ]
-    assert findings.look_alikes(choice) == wanted
+            assert findings.canonical(left, one, other) == pytest.approx(wanted, abs=1e-5)
 
 
 def test_prior_of_the_candidates(free_case: Case) -> None:
     """Nine tenths to the library, each cause by how usual it is, one tenth to the covariates alike."""
-    choice = free_case.choice
-    prior, causes = np.exp(choice.question.log_prior), choice.design.causes
-    usual = np.array([variants[0].usual for variants in choice.library])
+    design, library = free_case.design, free_case.library
+    of_blocks = Candidates.of(design, library)
+    prior, causes = np.bincount(of_blocks.owners, np.exp(of_blocks.log_odds)), design.causes
+    usual = np.array([variants[0].usual for variants in library])
     np.testing.assert_allclose(prior[:causes], 0.9 * usual / usual.sum(), rtol=1e-12)
-    np.testing.assert_allclose(prior[causes:], 0.1 / len(choice.others), rtol=1e-12)
-    first = [variants[0] for variants in choice.library]
+    np.testing.assert_allclose(prior[causes:], 0.1 / len(free_case.others), rtol=1e-12)
+    first = [variants[0] for variants in library]
     inside = {
         owner: {k for k, e in enumerate(first) if freer.cause in e.contained_in and freer.place == e.place}
         for owner, freer in enumerate(first)
     }
-    assert choice.question.contained == {owner: causes for owner, causes in inside.items() if causes} != {}
-
-
-def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A whole order unless another is far better; the top of a parabola; u of a step by the gaps between the records."""
-    records = Measurements.of(np.zeros((4, 6)), conditions=Conditions(4, time=np.array([0.0, 10.0, 30.0, 70.0])))
-    fit_ = SimpleNamespace(problem=SimpleNamespace(measurements=records))
-    for far, wanted in ((1.0, 4.0), (3.0, 4.11)):
-        choice: Any = SimpleNamespace(variant=lambda _: JointPeriodicError(3, 4.0), fit=fit_, library=())
-        peak = far / 0.11**2  # so much better than the whole order
-        monkeypatch.setattr(
-            model_extension, "_evidences", lambda _, k, tried, p=peak: np.array([-p * (e.order - 4.11) ** 2 for e in tried])
-        )
-        refined = model_extension._refined(choice, 0)
-        assert isinstance(refined, JointPeriodicError)
-        assert refined.order == pytest.approx(wanted, abs=1e-3)
-    slip: Any = SimpleNamespace(variant=lambda _: EncoderSlip(3, 20.0), fit=fit_)
-    monkeypatch.setattr(model_extension, "_evidences", lambda _, k, tried: np.zeros(len(tried)))
-    times = np.array([0.0, 5.0, 20.0, 50.0])
-    gaps = np.array([0.0, 10.0, 20.0, 40.0])  # around each of them; the first is the first record itself
-    variance = np.square(times - 20.0).mean() + np.square(gaps).mean() / 12.0
-    assert model_extension.step_of(slip, 0, "time_s") == model_extension.Step(pytest.approx(np.sqrt(variance)), 0.0, 50.0)
+    assert of_blocks.contained == {owner: causes for owner, causes in inside.items() if causes} != {}
 
 
 def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> None:
@@ -432,10 +298,11 @@ def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> N
 
     inside = [(session == name).astype(float) for name in ("a", "b")]
     same(found["time"].variants[-1].functions, [s * (time - time @ s / s.sum()) ** k for k in range(3) for s in inside])
-    for way, acts, turns in zip(found["joint 2 × joint 4"].variants, (1, 3), (3, 1), strict=True):
-        assert way.carrier == f"angle {acts + 1}"
-        own, other = q[:, acts], q[:, turns]
-        same(way.functions, [f * g(other) for f in (np.ones(n), np.cos(own), np.sin(own)) for g in (np.cos, np.sin)])
+    waves = [(np.ones(n), np.cos(q[:, joint]), np.sin(q[:, joint])) for joint in (1, 3)]
+    ways = found["joint 2 × joint 4"].variants
+    assert [way.carrier for way in ways] == ["angle 2", "angle 4"]
+    for way in ways:
+        same(way.functions, [one * other for one, other in itertools.product(*waves)])
 
 
 def test_smooth_functions_are_orthogonal_over_the_records(rng: np.random.Generator) -> None:
@@ -445,19 +312,10 @@ def test_smooth_functions_are_orthogonal_over_the_records(rng: np.random.Generat
 
 
 def test_ratio_and_its_directions() -> None:
-    left: Any = SimpleNamespace(information=lambda _: np.diag([3.99, 0.99, 8.99]), gradient=np.array([7.0, 4.0, 2.0, 0.0]))
-    assert findings.Ratio.of(left, Block(0, 0, slice(1, 4), EncoderSlip(3, 0.0))) == pytest.approx((8.0, 2.0))
-
-
-def test_structure_that_nothing_has_takes_from_the_probability(free_case: Case) -> None:
-    """By the chance that as many of its ten directions look as strong as the cause, of all that have as many columns."""
-    choice = replace(free_case.choice, admitted=(5,))
-    block, blocks = choice.question.blocks[5], choice.question.blocks
-    own = findings.Ratio.of(findings.Place.of(choice, choice.left, 5).left, block).value
-    alike = len({b.candidate for b in blocks if b.size >= block.size})
-    excess = 10.0 * own / block.size / f.isf(0.3 / alike, block.size, 10.0)
-    with_it, alone = (findings.strengths(choice, e, [], np.random.default_rng(1))[0].probability for e in (excess, 0.0))
-    assert with_it == pytest.approx(0.7 * alone, rel=1e-6)
+    block = Block(0, 0, slice(1, 4), (EncoderSlip(3, 0.0),))
+    known = {"information": lambda _: np.diag([3.99, 0.99, 8.99]), "residual": np.array([7.0, 4.0, 2.0, 0.0, 9.0])}
+    left: Any = SimpleNamespace(design_blocks=[block], variance=2.0, **known)
+    assert findings.Ratio.of(left, 0) == pytest.approx((4.0, 3.0))
 
 
 # --- chances when nothing is there
@@ -465,71 +323,57 @@ def test_structure_that_nothing_has_takes_from_the_probability(free_case: Case) 
 
 def nothing_there(case: Case, draws: int, seed: int) -> tuple[Array, Array]:
     """Products of all columns with draws of noise and of true values within what is stated, and dense rows of one draw."""
-    choice = case.choice
-    rows = dense(case, choice.parts)
+    rows = dense(case, case.parts)
     noise = np.random.default_rng(seed).standard_normal((len(rows), draws))
     return rows[:, :-1].T @ noise, np.column_stack([rows[:, :-1], noise[:, 0]])
 
 
-def scores(left: Conditional, block: Block, products: Array) -> Array:
-    gradients = left.gradients(products)[block.columns]
+def scores(left: Conditional, block: int, products: Array) -> Array:
+    gradients = left.of(products)[left.design_blocks[block].columns]
     return np.asarray(np.einsum("id,id->d", gradients, np.linalg.pinv(left.information(block), rcond=1e-10) @ gradients))
 
 
 @pytest.mark.parametrize("own_draws", [True, False])
 def test_the_score_is_chi2_when_nothing_is_there(case: Case, own_draws: bool) -> None:
     """By noise drawn here, and by the draws of the package itself; the first draw also by least squares."""
-    choice, question = case.choice, case.choice.question
-    gram = choice.held
-    left = Conditional(Projection(gram, ()))
+    design = case.design
+    left = alone(Gram(products_of(design, case.parts)))
     products, rows = nothing_there(case, 1000, 7)
     if own_draws:
-        products = gram.products.drawn(1000, np.random.default_rng(9))
-    for k in some_blocks(choice):
-        block = question.blocks[k]
-        rank = np.linalg.matrix_rank(left.information(block), rtol=1e-10, hermitian=True)
-        drawn = scores(left, block, products)
+        products = left.base.gram.products.drawn(1000, np.random.default_rng(9))
+    for k in some_blocks(design):
+        rank = np.linalg.matrix_rank(left.information(k), rtol=1e-10, hermitian=True)
+        drawn = scores(left, k, products)
         assert kstest(drawn, chi2(rank).cdf).pvalue > 1e-3
         if not own_draws:
             # Of a free curve some coefficients are all but unknown: left out by the same bound as in the pseudo-inverse.
-            basis = np.linalg.qr(rows[:, : choice.design.nuisances])[0]
-            own = rows[:, block.columns] - basis @ (basis.T @ rows[:, block.columns])
+            basis = np.linalg.qr(rows[:, : design.nuisances])[0]
+            columns = rows[:, design.blocks[k].columns]
+            own = columns - basis @ (basis.T @ columns)
             left_of = rows[:, -1] - basis @ (basis.T @ rows[:, -1])
             taken = own @ np.linalg.lstsq(own, left_of, rcond=1e-5)[0]
             assert drawn[0] == pytest.approx(np.square(taken).sum(), rel=1e-3, abs=1e-5)
 
 
-def narrowed(choice: Choice) -> Choice:
-    """Only the causes of two joints, so that a hundred draws stay cheap."""
-    names = choice.design.names
-    few = [
-        c
-        for c in range(choice.design.causes)
-        if names[c].endswith((":2", ":3")) and choice.question.contained.get(c) is None
-    ]
-    number = {c: k for k, c in enumerate(few)}
-    prior = choice.question.log_prior[few]
-    design = choice.design.of([k for k, b in enumerate(choice.question.blocks) if b.candidate in number])
-    design = replace(design, blocks=tuple(replace(b, candidate=number[b.candidate]) for b in design.blocks))
-    question = replace(choice.question, design=design, log_prior=prior, contained={}, log_share=np.zeros(len(design.blocks)))
-    return replace(choice, question=question, design=design)
+def few(case: Case) -> list[int]:
+    """Blocks of the causes of two joints, so that a hundred draws stay cheap."""
+    names, contained = case.design.names, Candidates.of(case.design, case.library).contained
+    owners = [k for k in range(case.design.causes) if names[k].endswith((":2", ":3")) and k not in contained]
+    return [k for k, b in enumerate(case.design.blocks) if b.candidate in owners]
 
 
 def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """P(p ≤ α) ≤ α for the best of all candidates in noise, and p is not so large that it never says anything."""
     monkeypatch.setattr(findings, "DRAWS", 100)
-    choice = narrowed(case.choice)
-    products, _ = nothing_there(replace(case, choice=choice), 120, 11)
-    gram = Gram(products_of(choice.design, choice.parts))
-    rng = np.random.default_rng(12)
-    found = []
+    choice = case.choice(only=few(case))
+    some = choice.candidates
+    products, _ = nothing_there(replace(case, design=choice.design), 120, 11)
+    rng, found = np.random.default_rng(12), []
     for k in range(products.shape[1]):
-        left = Conditional(Projection(gram, ()))
-        left.__dict__["gradient"] = left.gradients(products[:, k : k + 1])[:, 0]  # where the property keeps it
-        odds = choice.question.odds(left.evidences)
-        best = int(np.argmax(odds))
-        block = choice.question.best_blocks(left.evidences)[best]
-        found.append(findings.family_wise(choice.question, left, float(odds[best]), block, rng))
+        left = alone(choice.held)
+        left.__dict__["residual"] = np.append(left.of(products[:, k : k + 1])[:, 0], left.likelihood.dof)
+        best = int(np.argmax(logsumexp(left.additions, axis=1) + some.log_odds))
+        found.append(findings.family_wise(some, left, best, rng))
     assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
     assert np.quantile(found, 0.2) < 0.4
 
@@ -537,20 +381,23 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
 # --- groups, and records left out
 
 
-def test_what_one_cause_brings(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+def test_what_one_cause_brings(rng: np.random.Generator) -> None:
     """A ratio of sums over the parts, each distance over its noise, with Student's interval (Cochran 1977, 6.4)."""
     part, (with_it, without), u = np.arange(20) % 4, rng.uniform(0.5, 2.0, (2, 20)), rng.uniform(1.0, 3.0, 20)
-    each = [(k, [with_it[part == k], without[part == k]]) for k in range(4)]
     of_part = {k: (np.flatnonzero(part == k), None) for k in range(4)}
-    monkeypatch.setattr(gain, "_predictions", lambda *_: iter(each))
-    noise = np.square(u)[:, None, None] * np.eye(3)
-    fit_ = SimpleNamespace(residual_noise=noise)
-    choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda _: False, held=None, of_part=of_part)
+    fit_ = SimpleNamespace(residual_noise=np.square(u)[:, None, None] * np.eye(3))
+    posterior = SimpleNamespace(median=(7,))
+    choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda _: False, of_part=of_part, posterior=posterior)
+
+    def trained(number: int) -> Any:
+        own = part == number
+        return SimpleNamespace(number=number, predicted=lambda blocks: (with_it if 7 in blocks else without)[own])
+
     left, whole = (np.array([np.square(d / u)[part == k].sum() for k in range(4)]) for d in (with_it, without))
     share = left.sum() / whole.sum()
     off = t.ppf(0.975, 3) * np.sqrt(4.0 / 3.0 * np.square(left - share * whole).sum()) / whole.sum()
     wanted = [1.0 - np.sqrt(max(s, 0.0)) for s in (share, share + off, share - off)]
-    assert gain.brought(choice, (7,), 7) == pytest.approx(wanted, rel=1e-9)
+    assert gain.brought(choice, [trained(k) for k in range(4)], 7) == pytest.approx(wanted, rel=1e-9)
 
 
 def test_the_interval_of_the_gain_is_that_of_many_parts(rng: np.random.Generator) -> None:
@@ -559,20 +406,6 @@ def test_the_interval_of_the_gain_is_that_of_many_parts(rng: np.random.Generator
     u = 0.5 * squares.std(ddof=1) / 20.0 / np.sqrt(squares.mean())
     assert high - low == pytest.approx(2.0 * 1.96 * u, rel=0.08)
     assert low < 1.0 - np.sqrt(squares.mean()) < high
-
-
-@pytest.mark.parametrize("known", [True, False])
-def test_causes_have_to_prove_themselves(known: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the noise is known a cause may harm by chance, else it has to help by more; groups of their own stay."""
-    error = 1.0 / np.sqrt(3.0)  # of the mean of the four parts below
-    for mean in (-3.0, -1.7, -1.6, 1.6, 1.7):
-        better = mean * error + np.array([-1.0, 1.0, -1.0, 1.0])
-        monkeypatch.setattr(gain, "_losses", lambda choice, training, blocks, b=better: 0.0 * b if 7 in blocks else b)
-        fit_: Any = SimpleNamespace(stated=True, unmodelled=0.0 if known else 1e-5)
-        for whole in (True, False):
-            choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda block, whole=whole: whole)
-            stays = whole or mean > (-1.64 if known else 1.64)
-            assert gain.survivors(choice, (7,), choice) == ((7,) if stays else ()), (mean, whole)
 
 
 def misfit(rows: Array, nuisances: int, measured: int) -> tuple[float, float]:
@@ -591,18 +424,16 @@ def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pyte
     assert labels is not None
     rng = np.random.default_rng(8)
     off = (labels == labels[0])[:, None] * rng.normal(0.0, 2e-5, (RECORDS, 3))
-    used = case.choice.fit.used & (np.arange(RECORDS) != 7)
-    fit_ = replace(case.choice.fit, used=used)
-    design = replace(case.choice.design, fit=fit_, tips=case.choice.design.tips + off)
-    choice = replace(case.choice, fit=fit_, design=design, admitted=())
-    case = replace(case, choice=choice)
+    used = case.fit.used & (np.arange(RECORDS) != 7)
+    fit_ = replace(case.fit, used=used)
+    case = replace(case, design=replace(case.design, fit=fit_, tips=case.design.tips + off))
     spread = np.zeros((RECORDS, 3)) if alike else rng.normal(0.0, 1.0, (RECORDS, 3))
     scatter = np.exp(spread)[:, :, None] * np.eye(3)
     if not alike:
         monkeypatch.setattr(groups, "_scatter", lambda _: scatter)
     names, part = np.unique(labels, return_inverse=True)
-    nuisances = choice.design.nuisances
-    found = {group.name: group for group in groups.odd_groups(choice) if group.name.startswith("session")}
+    nuisances = case.design.nuisances
+    found = {group.name: group for group in groups.odd_groups(case.choice()) if group.name.startswith("session")}
     assert len(found) == len(names) >= 3
     assert [group.p_value for group in found.values()] == sorted(group.p_value for group in found.values())
     assert found[f"session {labels[0]}"].p_value < 0.5  # the others' bound is 1
@@ -620,14 +451,6 @@ def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pyte
         chance = f.sf(ratio * rest.mean() / own.mean(), more * of_own, others[1] * of_rest)
         assert group.p_value == pytest.approx(min(1.0, len(names) * chance), rel=1e-3)
         assert group.records == int(np.sum(used & (labels == name)))
-
-
-def test_causes_that_leave_the_noise_untold_are_not_admitted(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    choice = free_case.choice
-    monkeypatch.setattr(model_extension, "_chosen", lambda *_: replace(choice, admitted=(5,)))
-    monkeypatch.setattr(model_extension, "refitted", lambda *_: SimpleNamespace(tells_noise=False))
-    found = model_extension._standing(free_case.problem, choice.fit, choice.library, choice.others, choice.parts, False)
-    assert found.admitted == ()
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.95])
@@ -649,11 +472,11 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
     fit_ = SimpleNamespace(
         used=used,
         problem=problem,
-        observations=SimpleNamespace(says=np.ones(n, dtype=bool), deviations=lambda tips, _: tips - 1.0),
+        observations=SimpleNamespace(says=np.ones(n, dtype=bool)),
         noise=SimpleNamespace(whitening=whitening),
         solution=SimpleNamespace(point=SimpleNamespace(x=None, seats=None, frame=SimpleNamespace(rotation=frame))),
     )
-    choice: Any = SimpleNamespace(fit=fit_, tips=tips)
+    choice: Any = SimpleNamespace(design=SimpleNamespace(fit=fit_, deviations=lambda tips: tips - 1.0), tips=tips)
     np.testing.assert_allclose(groups._scatter(choice), wanted, atol=1e-12)
     problem.setup.encoder_noise = np.full(6, 1e-6)
     np.testing.assert_array_equal(groups._scatter(choice), np.broadcast_to(np.eye(3), (n, 3, 3)))
@@ -684,11 +507,10 @@ def test_what_records_are_divided_by() -> None:
 def test_chow_s_test_is_uniform_when_nothing_is_there(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first session's p, over draws of noise; Bonferroni's factor taken back, so only what it did not cut off."""
     monkeypatch.setattr(groups, "ODD", 2.0)
-    choice = replace(free_case.choice, admitted=())
-    narrow = narrowed(choice)
+    design, some = free_case.design, few(free_case)
     target = free_case.records.reference
     own = covariance_of_records(free_case.records)[range(RECORDS), range(RECORDS)]
-    scales, rng = choice.design.nuisances, np.random.default_rng(21)
+    nuisances, rng = design.nuisances, np.random.default_rng(21)
     labels = free_case.records.conditions.session
     assert labels is not None
     sessions = len(set(labels))
@@ -696,47 +518,31 @@ def test_chow_s_test_is_uniform_when_nothing_is_there(free_case: Case, monkeypat
     chances = []
     for _ in range(60):
         off = np.einsum("nij,nj->ni", np.linalg.cholesky(own), rng.standard_normal((RECORDS, 3)))
-        step = rng.standard_normal(scales) - start
-        tips = target + off - choice.design.columns(None) @ step
-        drawn = groups.odd_groups(replace(narrow, design=replace(narrow.design, tips=tips)))
+        step = rng.standard_normal(nuisances) - start
+        tips = target + off - design.columns(None) @ step
+        drawn = groups.odd_groups(replace(free_case, design=replace(design, tips=tips)).choice(only=some))
         chances.append(next(g.p_value for g in drawn if g.name == f"session {labels[0]}"))
     cut = np.minimum(np.array(chances), 1.0)
     assert np.mean(cut == 1.0) == pytest.approx(1 - 1 / sessions, abs=0.2)
     assert kstest(cut[cut < 1.0], "uniform").pvalue > 1e-3
 
 
-def test_a_geometric_finding_is_what_the_records_alone_say(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One zero offset six stated u off, all other values drawn: (value - truth)/u is standard normal, whatever is stated."""
-    monkeypatch.setattr(geometric, "MOVED", 2.0)
-    monkeypatch.setattr(geometric, "LEAST_SHARE", 0.1)
-    choice, vector = narrowed(replace(free_case.choice, admitted=())), free_case.choice.fit.problem.vector
-    own = covariance_of_records(free_case.records)[range(RECORDS), range(RECORDS)]
-    nuisances, rng = choice.design.nuisances, np.random.default_rng(31)
-    number = next(places.start for effect, places in vector if effect.label == "joint_zero_offset:4")
-    u = free_case.choice.fit.problem.widths[number]
-    start, away = prior_rows(free_case)[:, -1], []
-    for _ in range(40):
-        off = np.einsum("nij,nj->ni", np.linalg.cholesky(own), rng.standard_normal((RECORDS, 3)))
-        truth = rng.standard_normal(nuisances)
-        truth[number] = 6.0
-        tips = free_case.records.reference + off - choice.design.columns(None) @ (truth - start)
-        design = replace(choice.design, tips=tips)
-        drawn = replace(choice, design=design, gram=Gram(products_of(design, choice.parts)))
-        effect = next(e for e, _ in geometric._moved(drawn) if e.label == "joint_zero_offset:4")
-        away.append((effect.values[0] - 6.0 * u) / effect.u[0])
-    assert kstest(away, "norm").pvalue > 1e-3
-
-
 @pytest.mark.parametrize("cause", [None, "encoder_eccentricity"])
 def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | None) -> None:
     """Records left out are as far from a calibration of all others as the inner products say."""
     case = case_of(tmp_path / "data.csv", 3, cause, "free")
-    choice = case.choice
-    assert bool(choice.causes) == (cause is not None)
-    effects = [free(choice.variant(k)) for k in choice.causes]
+    blocks = () if cause is None else (case.block(f"{cause}:{draw(3, cause).hidden[0].joint}"),)
+    causes = [free(case.library[case.design.blocks[k].candidate][0]) for k in blocks]
+    case = replace(case, design=design_of(case.refit(causes), case.library, case.others, len(causes)))
+    choice = case.choice(blocks)
     for number in choice.held.parts[:3]:
-        out = choice.fit.used & (choice.parts == number)
+        training = gain.Training(choice, number)
+        widths = training.space.conditional(training.space.marginal(blocks).best).widths
+        effects = [
+            effect.at((), tuple(width * term.typical for term in effect.terms))
+            for effect, width in zip(map(choice.variant, blocks), widths, strict=True)
+        ]
+        out = choice.fit.used & (case.parts == number)
         refit = case.refit(effects, used=choice.fit.used & ~out)
         wanted = np.linalg.norm(refit.solution.point.prediction.tips[out] - case.records.reference[out], axis=1)
-        found = gain._predicted(choice, choice.held.without(number), choice.causes, number)
-        np.testing.assert_allclose(found, wanted, atol=2e-8)
+        np.testing.assert_allclose(training.predicted(blocks), wanted, atol=2e-8)

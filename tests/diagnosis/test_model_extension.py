@@ -1,0 +1,94 @@
+"""From a posterior to an extended arm: records far off, seats in several parts, inner values."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from aacmm_pin.diagnosis import model_extension
+from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.effects import EncoderSlip, JointPeriodicError
+from aacmm_pin.effects.conditions import Conditions
+from aacmm_pin.measurements.records import Measurements
+
+
+def choice_of(**known: Any) -> Choice:
+    """A choice of which nothing is known but some fields."""
+    nothing: Any = dict.fromkeys((each.name for each in fields(Choice)), None)
+    return Choice(**nothing | known)
+
+
+def test_how_far_from_its_target_a_record_is() -> None:
+    """Over what one of all records may be off with a chance of 1 %, by Bonferroni's bound; none where nothing is said."""
+    limit = chi2.isf(0.01 / 4, 3)
+    off = np.array([[3e-5, 0.0, 0.0], [0.0, 4e-5, 0.0], [0.0, 3e-5, 4e-5], [np.nan] * 3])
+    says = np.array([True, True, True, False])
+    at: Any = SimpleNamespace(observations=SimpleNamespace(says=says, counts=3 * says))
+    judge: Any = SimpleNamespace(residual_noise=np.array([1.0, 4.0, 1.0, 1.0])[:, None, None] * 1e-10 * np.eye(3))
+    found = model_extension._times_the_limit(at, off, judge)
+    np.testing.assert_allclose(found, np.array([3.0, 2.0, 5.0, 0.0]) / np.sqrt(limit), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("parts", "torn"), [([0, 0, 1, 1, 0, 1], False), ([0, 1, 1, 1, 0, 1], True), ([0, 0, 0, 1, 0, 1], True)]
+)
+def test_seats_and_bars_in_several_parts(parts: list[int], torn: bool) -> None:
+    """Seats 0 and 1 at the ends of a bar, seat 2 alone; two records at none."""
+    observations = SimpleNamespace(seat=np.array([0, 1, 2, 2, -1, -1]), clusters=np.array([0, 0, 1]))
+    at: Any = SimpleNamespace(observations=observations)
+    assert model_extension._torn(at, np.array(parts)) == torn
+
+
+@pytest.mark.parametrize(
+    ("moved", "used", "parts", "inside"),
+    [
+        ([0, 0, 1, 1], [1, 1, 1, 1], [0, 0, 1, 1], True),
+        ([0, 1, 1, 1], [1, 1, 1, 1], [0, 0, 1, 1], False),
+        ([0, 1, 1, 1], [1, 0, 1, 1], [0, 0, 1, 1], True),
+        ([0, 0, 1, 1], [1, 1, 1, 1], [0, 0, 0, 0], False),  # nothing is left out
+        ([0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1], False),
+    ],
+)
+def test_a_cause_of_records_that_are_left_out_together(
+    moved: list[int], used: list[int], parts: list[int], inside: bool
+) -> None:
+    columns = np.zeros((4, 3, 2))
+    columns[:, 2, 1] = moved
+    design = SimpleNamespace(columns=lambda _: columns)
+    posterior = SimpleNamespace(space=SimpleNamespace(candidates=SimpleNamespace(design=design)))
+    fit = SimpleNamespace(used=np.array(used, dtype=bool))
+    assert choice_of(posterior=posterior, fit=fit, parts=np.array(parts)).in_one_part(0) == inside
+
+
+def test_the_top_of_a_parabola() -> None:
+    """Between the neighbours of the best; no further, and nowhere where there is no top."""
+    tried: list[Any] = [JointPeriodicError(3, order) for order in (2.0, 2.5, 3.5)]
+    for top in (2.3, 2.9):
+        evidences = -np.array([(2.0 - top) ** 2, (2.5 - top) ** 2, (3.5 - top) ** 2])
+        assert model_extension._between(tried, evidences, 1).order == pytest.approx(top)  # type: ignore[attr-defined]
+    flat, at_the_end = np.zeros(3), np.array([0.0, -1.0, -2.0])
+    assert model_extension._between(tried, flat, 1) == tried[1]
+    assert model_extension._between(tried, at_the_end, 0) == tried[0]
+
+
+def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A whole order unless another is far better; u of a step by the gaps between the records."""
+    for far, expected in ((1.0, 4.0), (3.0, 4.11)):
+        tried = [*JointPeriodicError(3, 4.0).refined(Measurements.of(np.zeros((4, 6))))]
+        peak = far / 0.11**2  # so much better than the whole order
+        refined = model_extension._likeliest(tried, np.array([-peak * (e.order - 4.11) ** 2 for e in tried]))  # type: ignore[attr-defined]
+        assert isinstance(refined, JointPeriodicError)
+        assert refined.order == pytest.approx(expected, abs=1e-3)
+    records = Measurements.of(np.zeros((4, 6)), conditions=Conditions(4, time=np.array([0.0, 10.0, 30.0, 70.0])))
+    fit = SimpleNamespace(problem=SimpleNamespace(measurements=records))
+    slip: Any = SimpleNamespace(variant=lambda _: EncoderSlip(3, 20.0), fit=fit)
+    monkeypatch.setattr(model_extension, "_evidences", lambda _, k, tried: np.zeros(len(tried)))
+    times = np.array([0.0, 5.0, 20.0, 50.0])
+    gaps = np.array([0.0, 10.0, 20.0, 40.0])  # around each of them; the first is the first record itself
+    variance = np.square(times - 20.0).mean() + np.square(gaps).mean() / 12.0
+    assert model_extension.step_of(slip, 0, "time_s") == model_extension.Step(pytest.approx(np.sqrt(variance)), 0.0, 50.0)
