@@ -14,7 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from aacmm_pin.cli.root_command import app
-from aacmm_pin.diagnosis.result import SETTLED, Doubt
+from aacmm_pin.diagnosis.result import Doubt
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import CAUSES
 
 NOISE = ["--encoder-noise-rad", "8e-6", "--reference-noise-mm", "0.012"]
@@ -128,6 +129,9 @@ SUMMARY = fields(
                 }
             )
         ),
+        "alternatives": several(fields({"causes": several(text), "probability": SHARE})),
+        "agreement": fields({"total_variation": SHARE, "agree": lambda v: isinstance(v, bool)}),
+        "discrepancy": several(fields({"covariate": text, "rms_mm": SIZE, "u_mm": SIZE, "probability": SHARE})),
         "unexplained": fields(
             {
                 "p_value": SHARE,
@@ -197,17 +201,31 @@ def test_every_field_of_every_verdict(tmp_path: Path, verdict: str) -> None:
     agrees(found, done.stdout)
 
 
+def labelled(finding: dict[str, Any]) -> str:
+    """Cause and place, as in the sets of causes."""
+    places = (finding.get(key) for key in ("joint", "link", "seat", "marker"))
+    return ":".join(map(str, [finding["cause"], *[place for place in places if place is not None][:1]]))
+
+
 def agrees(found: dict[str, Any], shown: str) -> None:
     """The fields make sense of one another, and the text says the same."""
     assert shown.lower().startswith(found["verdict"])
-    doubtful = [f for f in found["findings"] if f["probability"] < SETTLED]
+    doubtful = [f for f in found["findings"] if f["probability"] < THRESHOLDS.settled]
     depends = found["unexplained"]["depends_on"]
     assert (found["verdict"] == "unexplained") == bool(depends)
     if not depends:
         assert (found["verdict"] == "no-discrepancy") == (not found["findings"])
         assert (found["verdict"] == "ambiguous") == bool(doubtful)
+    shares = [each["probability"] for each in found["alternatives"]]
+    assert shares == sorted(shares, reverse=True)
+    assert sum(shares) == pytest.approx(1.0)
+    labels = [labelled(finding) for finding in found["findings"]]
+    for label, finding in zip(labels, found["findings"], strict=True):
+        inside = sum(each["probability"] for each in found["alternatives"] if label in each["causes"])
+        assert finding["probability"] == pytest.approx(inside)
+        assert inside >= THRESHOLDS.named
     for finding in found["findings"]:
-        assert finding["probability"] + sum(a["probability"] for a in finding["aliases"]) <= 1.0 + 1e-9
+        assert all(finding["probability"] + alias["probability"] <= 1.0 + 1e-9 for alias in finding["aliases"])
     rows = {line.split()[0] for line in shown.splitlines() if line.strip()}
     assert {str(record["row"]) for record in found["records"]["excluded"]} <= rows
     for name in depends:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from aacmm_pin.diagnosis.undetected import Other, Others
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
@@ -15,7 +14,6 @@ from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.branches import LEAST, two_branches
 from aacmm_pin.diagnosis.cross_validation import Gain
-from aacmm_pin.diagnosis.diagnose import _beside
 from aacmm_pin.diagnosis.verdict import doubts_of
 from aacmm_pin.effects import EncoderEccentricity, JointHysteresis
 from aacmm_pin.effects.error_model import ErrorModel
@@ -155,12 +153,6 @@ def test_what_is_left_is_said_by_the_threshold_of_the_verdict(sino6: Arm) -> Non
         assert f"threshold {left.threshold:g}" in words
         doubts = doubts_of(found.findings, left.left, 0.0, (90, 100))
         assert ("structure left" in doubts) == left.left
-
-
-def test_a_note_on_what_else_acts_is_whole() -> None:
-    others = Others(0.99, (Other("joint_error_curve:5", 0.9, 0.0, ""), Other("encoder_gain:2", 0.1, 2.0, "encoder_gain:3")))
-    (note,) = _beside(others)
-    assert note.count("(") == note.count(")") == 2
 
 
 def test_names_keep_their_letters() -> None:
