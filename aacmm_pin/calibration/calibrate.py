@@ -114,6 +114,7 @@ def calibrate(
     asked = [effect.label for effect in chosen if isinstance(effect, Effect)]
     model, measurements = checked_input(model, measurements, asked)
     measurements, repeated = counted_once(measurements)
+    repeated += held_postures(measurements)
     for effect in chosen:
         if isinstance(effect, Effect):
             require_shown(effect, model.arm, measurements.q, measurements.conditions, measurements.source)
@@ -181,12 +182,6 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
             f"{seated.size} records without a seat have the very same coordinates as others, and count as touches of one "
             f"seat with these: rows {listed(kept.row[seated])}"
         )
-    postures = 1 + np.count_nonzero(np.diff(kept.postures))
-    if kept.n > OFTEN * postures:
-        notes.append(
-            f"{kept.n} records are of {postures} postures that were held, with references of their own: errors that they "
-            "share, such as the contact's, count as if they did not; keep one of each posture, or the mean"
-        )
     if not enough_postures(kept):
         count = np.unique(kept.postures).size
         notes.append(
@@ -194,6 +189,17 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[str]]:
             "depends on posture, and no held-out validation is possible"
         )
     return kept, notes
+
+
+def held_postures(measurements: Measurements) -> list[str]:
+    """Records of few postures that were held: a calibration reckons as if they shared no error."""
+    postures = 1 + np.count_nonzero(np.diff(measurements.postures))
+    if measurements.n <= OFTEN * postures:
+        return []
+    return [
+        f"{measurements.n} records are of {postures} postures that were held, with references of their own: errors that they "
+        "share, such as the contact's, count as if they did not; keep one of each posture, or the mean"
+    ]
 
 
 def _references_in_other_unit(after: Fit) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.diagnosis.linear_model import Conditional
-from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
+from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace, State
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 
@@ -73,8 +73,11 @@ class Posterior:
         return self.beside(self.median)
 
     def without(self, block: int) -> Conditional:
-        """What is left beside the median probability model without one of its blocks."""
-        return self.beside(tuple(k for k in self.median if k != block))
+        """What is left beside the median probability model without one of its blocks, the others and the background as in it."""
+        best = self.space.marginal(self.median).best
+        kept = [(k, width) for k, width in zip(best.blocks, best.widths, strict=True) if k != block]
+        blocks, widths = (tuple(each) for each in zip(*kept, strict=True)) if kept else ((), ())
+        return self.space.conditional(State(blocks, widths, best.amplitude))
 
     def strength(self, block: int) -> float:
         """Log posterior odds of the median probability model with one of its blocks against without."""

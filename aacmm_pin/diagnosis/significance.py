@@ -113,7 +113,8 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     for other in _rivals(candidates, values, instead, own):
         owner = candidates.owner(other)
         correlation = canonical(left, block, other)
-        if correlation > THRESHOLDS.same or instead[owner] > THRESHOLDS.worth_listing:
+        alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
+        if alike or instead[owner] > THRESHOLDS.worth_listing:
             effect = library[owner][0] if owner < len(library) else None
             found.append(Alias(names[owner], correlation, float(instead[owner]), other, effect))
     found.sort(key=lambda alias: (-alias.probability, -alias.correlation))

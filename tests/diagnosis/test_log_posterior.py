@@ -266,7 +266,7 @@ def records_in_another_order(measured: Measured, rng: np.random.Generator) -> Mo
     products = space.gram.products
     (part,) = products.parts
     rows = part.rows[rng.permutation(len(part.rows))]
-    gram = Gram(Products(products.design, lambda: [Part(rows, part.free)], products.postures))
+    gram = Gram(Products(products.design, lambda: [Part(rows, part.free)], products.noise))
     return ModelSpace(space.candidates, gram, space.stated)
 
 
