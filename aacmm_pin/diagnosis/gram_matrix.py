@@ -20,6 +20,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.held_postures import RecordNoise
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements.observations import Elimination
 
 MOST_DOUBLE = 10_000_000
@@ -168,15 +169,16 @@ class Products:
     def background(self) -> tuple[Index, Array]:
         """All covariates together in few directions: their columns, and weights of these (columns, :data:`RANK`).
 
-        Each covariate block counts with the same mean square, and all together with that of the noise. The directions span
+        Each covariate block counts with the same mean square, and all together with that of the noise; but no parameter is
+        larger than the largest width, or an arm that shrinks to a point would meet every unknown seat. The directions span
         about the largest of these columns' right singular vectors: one step of a randomised range finder (Halko,
         Martinsson, Tropp 2011, SIAM Review 53), whose start depends on the names of the covariates and on no order.
         """
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
         columns = np.concatenate([np.arange(b.columns.start, b.columns.stop) for b in blocks] or [np.empty(0, np.intp)])
         traces = [np.trace(self.insides(None)[q][k]) for q, k in (self.place[id(b)] for b in blocks)]
-        each = [np.sqrt(sum(self.free) / (max(float(t), LEAST_TRACE) * len(blocks))) for t in traces]
-        scale = np.repeat(each, [b.size for b in blocks])
+        each = np.sqrt(sum(self.free) / (np.maximum(traces, LEAST_TRACE) * len(blocks)))
+        scale = np.repeat(np.minimum(each, max(THRESHOLDS.widths)), [b.size for b in blocks])
         rank = min(RANK, columns.size, sum(self.free))
         start = np.concatenate([self._start(b, rank) for b in blocks] or [np.empty((0, rank))])
         along = sum(part.squared(columns, scale[:, None] * start) for part in self.parts)
