@@ -126,12 +126,13 @@ def test_new_readings_are_corrected_within_u(plant: Plant, tmp_path: Path) -> No
         with_discrepancy(ErrorModel(plant.arm), found).save(path)
         model = ErrorModel.load(path)
         q, tip = plant.touched(50)
-        columns, covariance = model.sensitivity(q)[:, :, -6:], model.covariance()[-6:, -6:]
+        count = size_of(way)
+        columns, covariance = model.sensitivity(q)[:, :, -count:], model.covariance()[-count:, -count:]
         off = np.concatenate(list(model.correct(q) - tip))
-        # In all directions that six coefficients can move these tips.
+        # In all directions that the coefficients can move these tips.
         moved = np.concatenate(list(columns)) @ np.linalg.cholesky(covariance)
         squares.append(np.square(np.linalg.lstsq(moved, off, rcond=None)[0]).sum())
-    assert 4.0 < np.mean(squares) < 8.5, "χ² of six degrees of freedom, twenty times"
+    assert np.mean(squares) == pytest.approx(count, abs=3.0 * np.sqrt(2.0 * count / 20.0)), "χ², twenty times"
     table = pd.DataFrame(q / DEG, columns=[f"theta{j}_deg" for j in range(1, 7)])
     table.assign(**dict(zip(("x_mm", "y_mm", "z_mm"), tip.T / MM, strict=True))).to_csv(tmp_path / "new.csv", index=False)
     done = CliRunner().invoke(app, ["correct", str(path), str(tmp_path / "new.csv"), "-o", str(tmp_path / "out.csv")])
@@ -239,6 +240,6 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
 
 def test_a_background_of_one_direction_is_its_size(plant: Plant) -> None:
     described = [each for each in all_described(plant.arm, plant.measured(60)) if each[0] == COUPLING][:1]
-    weights = np.arange(1.0, 7.0)[:, None]
+    weights = np.arange(1.0, 1.0 + size_of(described[0][1]))[:, None]
     (effect,) = background_effect(described, weights, np.array([3e-6]), np.array([[4e-12]])).effects
     assert (effect.values, effect.u) == ((1.0,), (pytest.approx(2.0 / 3.0),))
