@@ -136,17 +136,28 @@ def finding(effect: Effect, probability: float, *aliases: Alias) -> Finding:
     return Finding(effect, values, probability, 0.0, 0.3, aliases)
 
 
+def with_sets(result: Diagnosis, **sets: float) -> Diagnosis:
+    """The same with other probabilities of sets of one cause each; ``cause__2`` is one of joint 2."""
+    posterior = result.choice.posterior
+    names, blocks = posterior.space.candidates.design.names, posterior.space.candidates.blocks
+    labels = {cause.replace("__", ":"): share for cause, share in sets.items()}
+    first = {label: next(k for k, b in enumerate(blocks) if names[b.candidate] == label) for label in labels}
+    weights = {(first[label],): share for label, share in labels.items()}
+    return replace(result, choice=replace(result.choice, posterior=replace(posterior, weights=weights)))
+
+
 def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> None:
     others = [(EncoderEccentricity(2), 0.98, 0.29), (EncoderGain(2), 0.5, 0.0002)]
     aliases = [Alias(effect.label, r, p, effect=effect) for effect, r, p in others]
     doubtful = finding(JointCompliance(2, values=(2e-5,), u=(1e-6,)), 0.7, *aliases)
-    result = replace(eccentric, verdict="ambiguous", findings=(doubtful, *eccentric.findings))
+    shares = {"joint_compliance__2": 0.7, "encoder_eccentricity__2": 0.29, "encoder_gain__2": 0.01}
+    result = with_sets(replace(eccentric, verdict="ambiguous", findings=(doubtful,)), **shares)
     for words in ("compliance under gravity of joint 2", "0.700", "encoder eccentricity of joint 2", "0.290"):
         assert words in verdict_in_words(result)
     assert "encoder gain" not in verdict_in_words(result)
     assert look_alikes(result)["label"].tolist()[:1] == ["encoder_eccentricity:2"]  # the other one is out of the question
-    assert ranking(result)["p"].tolist()[0] == "< 1e-16"
-    unexplained = replace(result, verdict="unexplained")
+    unexplained = replace(eccentric, verdict="unexplained")
+    assert ranking(unexplained)["p"].tolist()[0] == "< 1e-16"
     results.save(unexplained, tmp_path / "report.html")
     assert verdict_in_words(unexplained) in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
     with pytest.raises(OutputError, match="exists already"):
