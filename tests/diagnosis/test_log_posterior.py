@@ -23,6 +23,7 @@ from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.exploration import explore
 from aacmm_pin.diagnosis.gram_matrix import Gram, Part, Products, products_of
 from aacmm_pin.diagnosis.held_postures import HeldPostures
+from aacmm_pin.diagnosis.linear_model import LARGE, gains
 from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace, State
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
@@ -182,6 +183,21 @@ def test_additions_are_the_posterior_of_larger_sets(measured: Measured, rng: np.
             own = [State((*state.blocks, block), (*state.widths, k), state.amplitude) for k in range(len(WIDTHS))]
             found = additions[block] + space._log_prior((*state.blocks, block))
             np.testing.assert_allclose(found, [space.log_posterior(each) for each in own], atol=NATS)
+
+
+def test_evidence_where_rounding_left_no_factor(rng: np.random.Generator) -> None:
+    """Of information whose smallest eigenvalue is far below zero: as if it were zero, and the other blocks as they are."""
+    columns, gradient = rng.standard_normal((3, LARGE + 2, LARGE)), rng.standard_normal((3, LARGE))
+    nothing = np.linalg.qr(rng.standard_normal((LARGE, 1)))[0]
+    columns[1] -= columns[1] @ nothing @ nothing.T
+    exact = columns.transpose(0, 2, 1) @ columns
+    rounded = exact.copy()
+    rounded[1] -= 2.0 / WIDTHS.max() ** 2 * nothing @ nothing.T
+    found = gains(rounded, gradient[:, :, None])
+    for k, (s, g) in enumerate(zip(exact, gradient, strict=True)):
+        for width, gain, volume in zip(WIDTHS, found[0][k, :, 0], found[1][k], strict=True):
+            assert gain == pytest.approx(0.5 * g @ np.linalg.solve(s + np.eye(LARGE) / width**2, g), rel=1e-9)
+            assert volume == pytest.approx(0.5 * np.linalg.slogdet(np.eye(LARGE) + width**2 * s)[1], rel=1e-9)
 
 
 # --- all subsets
