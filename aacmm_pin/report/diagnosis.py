@@ -206,8 +206,14 @@ def _not_explained(result: Diagnosis) -> str:
         way = f"depend on {depends} in a way that none of the causes tried has"
         larger = left > THRESHOLDS.much_more * result.noise or turned > 0.0
         more = f"{more} and {way}" if larger else f"the residuals {way}"
-    first = [*([] if branches is None else [str(branches)]), *map(str, result.unexplained.readings)]
+    first = [*([] if branches is None else [str(branches)]), *map(str, result.unexplained.readings), *_shared(result)]
     return "; ".join([*first, more])
+
+
+def _shared(result: Diagnosis) -> list[str]:
+    """The error that records of one posture share."""
+    ratio = result.choice.held.products.noise.postures.ratio
+    return [f"records of one posture share an error {ratio:.1f} times that of a record"] if ratio else []
 
 
 def _background(left: Unexplained) -> str:
