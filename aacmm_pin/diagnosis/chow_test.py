@@ -16,6 +16,7 @@ from aacmm_pin.diagnosis.covariates import FEWEST_GROUPS, FEWEST_RECORDS
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.linear_model import Base, Conditional
 from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.diagnosis.model_space import Blocks
 from aacmm_pin.measurements.records import Measurements
 
 ODD = 1e-4
@@ -42,19 +43,22 @@ class OddGroup(Shown):
 
 
 def odd_groups(choice: Choice) -> list[OddGroup]:
-    """The groups that stand out when all that was admitted is refitted without them, worst first.
+    """The groups that stand out when the causes are refitted without them, worst first; where structure over a covariate was
+    found, when the geometry alone is.
 
     Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other records, ν₋ their
     degrees of freedom and n what the group adds to these; Bonferroni's bound over the groups. Where the noise of the
     encoders is not stated, both are compared with what the residuals of a group vary by: see :func:`_scatter`.
     """
     found, used, scatter = [], choice.fit.used, _scatter(choice)
-    design = choice.design.of(choice.posterior.median)
+    # A group that was set up badly may be what a covariate was found by.
+    blocks = () if choice.covariates else choice.posterior.median
+    design = choice.design.of(blocks)
     for what, names, part in _groupings(choice.fit.problem.measurements, choice):
         gram = Gram(products_of(design, part, choice.held.products.noise))
-        whole = _with_all(choice, gram)
+        whole = _beside(choice, gram, blocks)
         for number, name in enumerate(names):
-            others = _with_all(choice, gram.without(number))
+            others = _beside(choice, gram.without(number), blocks)
             more = whole.dof - others.dof
             if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
                 continue
@@ -67,10 +71,10 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
     return sorted(found, key=lambda group: group.p_value)
 
 
-def _with_all(choice: Choice, gram: Gram) -> Conditional:
-    """The median probability model in some of the records, without the background."""
+def _beside(choice: Choice, gram: Gram, blocks: Blocks) -> Conditional:
+    """Some of the records beside the nuisances and these blocks, without the background."""
     left = choice.posterior.left
-    return Conditional(Base(gram, 0.0), tuple(range(len(left.blocks))), left.widths, left.likelihood)
+    return Conditional(Base(gram, 0.0), tuple(range(len(blocks))), left.widths[: len(blocks)], left.likelihood)
 
 
 def _scatter(choice: Choice) -> Array:

@@ -131,7 +131,7 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
         p_value = min(family_wise(choice.candidates, choice.posterior.without(k), k, rng) for k in mine)
     else:
         p_value = min(any_structure(choice.candidates, choice.posterior.left), *(group.p_value for group in odd), 1.0)
-        depends = tuple(group.name for group in odd[:1])
+    depends = (*(group.name for group in odd[:1]), *depends)
     if shared is not None:
         p_value, depends = min(p_value, shared.p_value), tuple(dict.fromkeys((*depends, shared.name)))
     background = _background(choice)
