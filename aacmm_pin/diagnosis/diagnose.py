@@ -167,9 +167,9 @@ def _with_causes(model: ErrorModel, measurements: Measurements, setup: Setup) ->
     held = length_held(problem_of(model, measurements, ["geometry", *unstated, *known.values()], setup))
     setup = replace(setup, held=held)
 
-    def problem(causes: Sequence[Effect], held_causes: Sequence[Effect] = ()) -> Problem:
+    def problem(causes: Sequence[Effect], held_causes: Sequence[Effect] = (), gone: Sequence[Effect] = ()) -> Problem:
         freed = [replace(c, values=known[c.identity].values) if c.identity in known else c for c in causes]
-        keys = {cause.key for cause in causes}
+        keys = {cause.key for cause in (*causes, *gone)}
         places = {cause.label for cause in causes if cause.inner and cause.identity not in known}
         rest = [effect for effect in known.values() if effect.key not in keys]
         beside = [effect.at(effect.values, free(effect).u) for effect in rest if effect.label in places]

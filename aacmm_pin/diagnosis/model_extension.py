@@ -15,6 +15,7 @@ from scipy.special import logsumexp
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
+from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.shared_exclusions import together
@@ -274,18 +275,49 @@ class _Before:
 
 
 def _extended(problem_of: ProblemOf, found: Choice, first: Fit) -> Fit:
-    """The refit at the median probability model; what is uncertain of inner values is in its u."""
+    """The refit at the median probability model; what is uncertain of inner values is in its u.
+
+    A known cause beside one of its name with another inner value, and of which nothing is left, is gone.
+    """
     effects = [effect.at(()) for effect in found.effects]
     if not effects:
         return first
     fitted = {e.identity for e in found.fit.solution.effects[-found.fit.problem.candidates :]}
     same = found.fit.problem.candidates == len(effects) and fitted == {e.identity for e in effects}
-    return _told_inner(found.fit if same else refitted(problem_of, effects), effects)
+    at = found.fit if same else refitted(problem_of, effects)
+    if gone := _gone(at, effects):
+        at = refitted(problem_of, effects, gone)
+        effects = [_without(at, effects, k, gone) for k in range(len(effects))]
+        at = refitted(problem_of, effects, gone)
+    return _told_inner(at, effects)
 
 
-def refitted(problem_of: ProblemOf, effects: Sequence[Effect]) -> Fit:
-    """All refitted with these causes."""
-    return fit(problem_of([free(effect) for effect in effects]))
+def _gone(at: Fit, effects: Sequence[Effect]) -> list[Effect]:
+    """Known causes, beside new ones of their name, whose values are zero to within their U (k = 2)."""
+    named = {effect.label for effect in effects if effect.inner and not is_change(effect)}
+    own = {effect.identity for effect in effects}
+    found = []
+    for effect, place in zip(at.solution.effects, at.problem.vector.slices, strict=True):
+        if effect.label in named and effect.identity not in own:
+            u = np.sqrt(np.diag(at.covariance[place, place]))
+            if np.all(np.abs(effect.values) <= COVERAGE_FACTOR * u):
+                found.append(effect)
+    return found
+
+
+def _without(at: Fit, effects: Sequence[Effect], number: int, gone: Sequence[Effect]) -> Effect:
+    """One of the effects, with the likeliest inner value where it has taken the place of a known one."""
+    effect = effects[number]
+    if effect.label not in {old.label for old in gone} or effect.exceptional:
+        return effect
+    rest = [other for k, other in enumerate(effects) if k != number]
+    tried = effect.refined(at.problem.measurements)
+    return _likeliest(tried, _beside(at, tuple(tried), rest))
+
+
+def refitted(problem_of: ProblemOf, effects: Sequence[Effect], gone: Sequence[Effect] = ()) -> Fit:
+    """All refitted with these causes, without known ones that are gone."""
+    return fit(problem_of([free(effect) for effect in effects], gone=gone))
 
 
 def free(effect: Effect) -> Effect:

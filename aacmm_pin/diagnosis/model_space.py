@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.diagnosis.candidates import Variants
+from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Joint, Likelihood, gains, log_sum
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.measurements.records import Measurements
 
 Blocks = tuple[int, ...]
 """A set of blocks, in the order of their numbers."""
@@ -53,9 +54,9 @@ class Candidates:
         share = [THRESHOLDS.library * weights / weights.sum(), np.full(rest, (1.0 - THRESHOLDS.library) / max(rest, 1))]
         log_prior = np.log(np.concatenate(share))
         records = design.fit.problem.measurements
-        each = [np.log([effect.share(records) for effect in variants]) for variants in library]
-        each += [np.zeros(count) for count in np.bincount([b.candidate for b in design.blocks])[len(library) :]]
-        within = np.concatenate([shares - log_sum(shares) for shares in each])
+        each = [_shares(variants, prior, records) for variants, prior in zip(library, log_prior, strict=False)]
+        each += [np.full(k, -np.log(k)) for k in np.bincount([b.candidate for b in design.blocks])[len(library) :]]
+        within = np.concatenate(each)
         owners = np.array([b.candidate for b in design.blocks], dtype=np.intp)
         return Candidates(design, log_prior[owners] + within, _contained(library))
 
@@ -88,6 +89,17 @@ class Candidates:
         owners = {self.owner(k) for k in blocks}
         struck = owners.union(*(self.contained.get(c, ()) for c in owners), *(self.containers.get(c, ()) for c in owners))
         return np.isin(self.owners, list(struck))
+
+
+def _shares(variants: Variants, log_prior: float, records: Measurements) -> Array:
+    """Log share of each variant in the prior odds of its candidate (variants,).
+
+    Another inner value than that of a known cause is a change of this one and a new cause, each with these odds.
+    """
+    shares = np.log([effect.share(records) for effect in variants])
+    if len(variants) > 1 and is_change(variants[0]) and variants[0].inner:
+        return np.concatenate([[0.0], shares[1:] - log_sum(shares[1:]) + log_prior])
+    return np.asarray(shares - log_sum(shares))
 
 
 def _contained(library: Sequence[Variants]) -> dict[int, frozenset[int]]:
