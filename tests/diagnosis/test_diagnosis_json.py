@@ -140,6 +140,9 @@ SUMMARY = fields(
                 "acts_on": lambda v: isinstance(v, dict) and all(text(k) and text(words) for k, words in v.items()),
                 "smooth_correction_gain": none_or(number(most=1.0)),
                 "groups": several(fields({"name": text, "records": count, "times": SIZE, "p_value": SHARE})),
+                "scattered_readings": several(
+                    fields({"joint": count, "rms_mm": SIZE}, {"scatter_rad": SIZE, "scatter_mm": SIZE})
+                ),
                 "branches": none_or(fields({"joint": count}, {"half_width_rad": SIZE, "half_width_mm": SIZE})),
             }
         ),
