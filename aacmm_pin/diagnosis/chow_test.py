@@ -87,7 +87,7 @@ def _scatter(choice: Choice) -> Array:
     used = fit.used & fit.observations.says
     if fit.problem.setup.encoder_noise is not None or not used.any():
         return alike
-    whiten = fit.noise.whitening[:, :3, :3]
+    whiten = choice.held.products.noise.whitening[:, :3, :3]
     off = choice.design.deviations(choice.tips)[:, :3]
     left = np.einsum("nij,nj->ni", whiten, off)[used]
     point = fit.solution.point

@@ -36,6 +36,7 @@ from aacmm_pin.diagnosis.candidates import Variants, candidates
 from aacmm_pin.diagnosis.covariates import Covariate, covariates
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.linear_model import Base, Conditional, Likelihood
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, free
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
@@ -473,10 +474,11 @@ def test_the_part_of_the_scatter_that_readings_have(share: float) -> None:
         used=used,
         problem=problem,
         observations=SimpleNamespace(says=np.ones(n, dtype=bool)),
-        noise=SimpleNamespace(whitening=whitening),
         solution=SimpleNamespace(point=SimpleNamespace(x=None, seats=None, frame=SimpleNamespace(rotation=frame))),
     )
-    choice: Any = SimpleNamespace(design=SimpleNamespace(fit=fit_, deviations=lambda tips: tips - 1.0), tips=tips)
+    design = SimpleNamespace(fit=fit_, deviations=lambda tips: tips - 1.0)
+    products = SimpleNamespace(noise=RecordNoise.alone(whitening))
+    choice: Any = SimpleNamespace(design=design, held=SimpleNamespace(products=products), tips=tips)
     np.testing.assert_allclose(groups._scatter(choice), wanted, atol=1e-12)
     problem.setup.encoder_noise = np.full(6, 1e-6)
     np.testing.assert_array_equal(groups._scatter(choice), np.broadcast_to(np.eye(3), (n, 3, 3)))
