@@ -43,8 +43,9 @@ def next_measurements(result: Diagnosis) -> str:
             f"nothing that these records show is open ({seen} of {of} causes of typical magnitude would have shown); "
             "keep them for the next check"
         )
-    if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
-        return f"set up {unexplained.groups[0].name} anew and repeat its records; diagnose the others without it"
+    odd = [group.name for group in unexplained.groups]
+    if odd and (unexplained.depends_on[:1] == (odd[0],) or not odd[0].startswith("session")):
+        return f"set up {odd[0]} anew and repeat its records; diagnose the others without it"
     if verdict == "unexplained" and not unexplained.depends_on:
         return (
             "repeat some postures with everything alike: the scatter of repeats is the true noise; if it is as stated, "
