@@ -197,8 +197,8 @@ def held_postures(measurements: Measurements) -> list[str]:
     if measurements.n <= OFTEN * postures:
         return []
     return [
-        f"{measurements.n} records are of {postures} postures that were held, with references of their own: errors that they "
-        "share, such as the contact's, count as if they did not; keep one of each posture, or the mean"
+        f"{measurements.n} records are of {postures} postures that were held, with references of their own: errors that "
+        "they share, such as the contact's, count as if they did not; keep one of each posture, or the mean"
     ]
 
 

@@ -60,8 +60,10 @@ class Part:
         return found
 
     def combined(self, columns: Index, weights: Array) -> tuple[Array, Array]:
-        """Products of combinations of some columns, ``weights`` (columns, r), with all (r, columns + 1), and with one another
-        (r, r).
+        """Products of combinations of some columns, ``weights`` (columns, r).
+
+        Returns:
+            With all columns and the residual (r, columns + 1), and with one another (r, r).
         """
         with_all, with_own = np.zeros((weights.shape[1], self.rows.shape[1])), np.zeros((weights.shape[1],) * 2)
         for rows in self._exact():
@@ -196,7 +198,7 @@ class Products:
         return self.design.combined(*self.background)
 
     def combined(self, part: int) -> tuple[Array, Array]:
-        """Products of the background of one part with all columns and the residual (r, columns + 1), and inside it (r, r)."""
+        """Products of the background of one part with all columns (r, columns + 1), and inside it (r, r)."""
         if part not in self._combined:
             self._combined[part] = self.parts[part].combined(*self.background)
         return self._combined[part]

@@ -1,4 +1,4 @@
-"""The linear model of what is left: causes, nuisances and a background, all integrated over (``notebooks/site/posterior.md``).
+"""The linear model of what is left: causes, nuisances and a background, all integrated over.
 
 ``r = Z η + Σ G_k β_k + B d + ε`` in units of the records' noise. Nuisances η and the background d are taken out of the inner
 products once for each amplitude of the background; the blocks of a set are then conditioned on by one small Cholesky factor.
@@ -37,8 +37,8 @@ WIDTHS = np.array(THRESHOLDS.widths)
 class Likelihood:
     """Marginal likelihood of the residuals by their χ², the scale of the noise integrated over.
 
-    Where the noise is not stated, ``σ`` has the prior ``1/σ``: ``χ²^(-ν/2)`` (Zellner 1971, ch. 3). Where it is stated, it is
-    as stated but for a small probability, with which ``σ²`` has an inverse gamma prior about one.
+    Where the noise is not stated, ``σ`` has the prior ``1/σ``: ``χ²^(-ν/2)`` (Zellner 1971, ch. 3). Where it is stated, it
+    is as stated but for a small probability, with which ``σ²`` has an inverse gamma prior about one.
 
     Attributes:
         dof: degrees of freedom ν.
@@ -277,7 +277,7 @@ class Conditional:
 
     @cached_property
     def additions(self) -> Array:
-        """Log marginal likelihood of the set with each block more, at each width (blocks, widths); of its own blocks, -inf."""
+        """Log marginal likelihood with each block more, at each width (blocks, widths); minus infinity for its own."""
         products = self.base.gram.products
         found = np.full((len(self.design_blocks), WIDTHS.size), -np.inf)
         for size, own in products.of_size.items():

@@ -73,7 +73,7 @@ class Posterior:
         return self.beside(self.median)
 
     def without(self, block: int) -> Conditional:
-        """What is left beside the median probability model without one of its blocks, the others and the background as in it."""
+        """What is left beside the median probability model without one of its blocks; all else is as in it."""
         best = self.space.marginal(self.median).best
         kept = [(k, width) for k, width in zip(best.blocks, best.widths, strict=True) if k != block]
         blocks, widths = (tuple(each) for each in zip(*kept, strict=True)) if kept else ((), ())

@@ -190,7 +190,7 @@ def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
 
 
 def _background(choice: Choice) -> list[Discrepancy]:
-    """The background at its most probable amplitude beside the median probability model; none where it may be zero, or is negligible."""
+    """The background at its most probable amplitude; none where it may be zero, or is negligible."""
     left = choice.posterior.left
     base, first = left.base, left.base.nuisances
     if not base.amplitude:

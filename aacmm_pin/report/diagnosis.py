@@ -443,9 +443,9 @@ def _causes(result: Diagnosis) -> list[Block]:
         Table(
             ranking(result),
             "Causes in the extended model",
-            explained="Strongest first; geometric values last. At the tip: RMS over all records. Probability: that the cause "
-            "acts. p: chance that the best of all causes looks as good when none is there. Retained: part of the effect that "
-            "a recalibration leaves.",
+            explained="Strongest first; geometric values last. At the tip: RMS over all records. Probability: that the "
+            "cause acts. p: chance that the best of all causes looks as good when none is there. Retained: part of the "
+            "effect that a recalibration leaves.",
         ),
         Bullets(curves),
         *causes_drawn(result),
@@ -458,8 +458,8 @@ def _causes(result: Diagnosis) -> list[Block]:
             look_alikes(result),
             "Aliases: causes with a similar effect in these records",
             {"r": ".2f"},
-            explained="r: correlation of the two in these records, geometry refitted. Probability: that the alias acts and the "
-            "cause does not.",
+            explained="r: correlation of the two in these records, geometry refitted. Probability: that the alias acts and "
+            "the cause does not.",
         ),
     ]
 
@@ -556,8 +556,8 @@ def _structure(left: Unexplained) -> list[Block]:
         Table(
             discrepancy_table(left),
             "The discrepancy at the tip",
-            explained="RMS of what recalibration leaves of it, with its standard uncertainty, and the probability that it is "
-            "there.",
+            explained="RMS of what recalibration leaves of it, with its standard uncertainty, and the probability that it "
+            "is there.",
         ),
         Bullets([f"Over {name}: {way}." for name, way in left.acts_on.items()]),
         Table(

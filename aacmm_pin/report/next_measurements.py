@@ -30,7 +30,10 @@ def next_measurements(result: Diagnosis) -> str:
         return f"take the records anew and state the direction from which joint {joint} came, in the columns approach1 …"
     if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint
-        return f"repeat some postures with joint {joint} from both sides and under other loads; its encoder or gear is not as modelled"
+        return (
+            f"repeat some postures with joint {joint} from both sides and under other loads: its encoder or gear is not as "
+            "modelled"
+        )
     if verdict == "unexplained" and unexplained.excluded is not None and unexplained.excluded.name in ORDER:
         where = unexplained.excluded.where
         return f"find what changed at {where}, such as the stand, the references or an encoder; diagnose both parts apart"
@@ -43,9 +46,8 @@ def next_measurements(result: Diagnosis) -> str:
             f"nothing that these records show is open ({seen} of {of} causes of typical magnitude would have shown); "
             "keep them for the next check"
         )
-    odd = [group.name for group in unexplained.groups]
-    if odd and (unexplained.depends_on[:1] == (odd[0],) or not odd[0].startswith("session")):
-        return f"set up {odd[0]} anew and repeat its records; diagnose the others without it"
+    if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
+        return f"set up {unexplained.groups[0].name} anew and repeat its records; diagnose the others without it"
     if verdict == "unexplained" and not unexplained.depends_on:
         return (
             "repeat some postures with everything alike: the scatter of repeats is the true noise; if it is as stated, "
