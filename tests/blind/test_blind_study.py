@@ -170,7 +170,7 @@ def test_the_commit_is_of_this_history() -> None:
 def test_the_diagnosis_code_is_the_one_measured() -> None:
     """Skipped, and said, where it is not: a change of code need not wait for hours of measurement."""
     modules, package = sources.modules(), ROOT / "aacmm_pin"
-    assert {package / "diagnosis" / "forward_backward_selection.py", package / "effects" / "compliance.py"} <= modules
+    assert {package / "diagnosis" / "exploration.py", package / "effects" / "compliance.py"} <= modules
     assert not {path for path in modules if "plots" in path.parts or "cli" in path.parts}
     if stated("diagnosis code") != sources.digest():
         pytest.skip(f"the tables of {PAGE.name} are of older diagnosis code: measure again")
