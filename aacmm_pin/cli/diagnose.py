@@ -51,7 +51,7 @@ def run(
             if result.no_better:
                 note(
                     f"warning: {extended_arm}: the extended arm does not predict held-out records better than the "
-                    "recalibrated arm; use the arm that aacmm-pin calibrate writes"
+                    "recalibrated arm; the file has the recalibrated arm"
                 )
             if result.findings and result.extended.thinned:
                 out = int(result.extended.excluded.sum())

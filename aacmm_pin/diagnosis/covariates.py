@@ -33,6 +33,8 @@ LATER = 3
 """Number of cosines over the ranks of the time with which an error of a joint changes."""
 SLOPES = 2
 """Powers of the time since the middle of a session with which the tip may shift inside it."""
+DECIMALS = 9
+"""Angles are ordered by so many decimals [rad]."""
 CENTRES = 24
 """So many places at most in the room round which a field may have its own shift …"""
 NARROWEST = 0.1
@@ -198,8 +200,9 @@ def _place(state: State) -> Covariate:
     tip = state.position
     apart = len(np.unique(np.round(tip / NARROWEST), axis=0))
     count = int(np.clip(apart // 2, 1, CENTRES))
-    centres, nearest = scipy.cluster.vq.kmeans2(tip, count, minit="++", rng=np.random.default_rng(count))
-    width = max(1.5 * float(np.sqrt(np.square(tip - centres[nearest]).sum(axis=1).mean())), NARROWEST)
+    ordered = tip[np.lexsort(np.round(state.q, DECIMALS).T)]  # so that the order of the records does not matter
+    centres, nearest = scipy.cluster.vq.kmeans2(ordered, count, minit="++", rng=np.random.default_rng(count))
+    width = max(1.5 * float(np.sqrt(np.square(ordered - centres[nearest]).sum(axis=1).mean())), NARROWEST)
     bumps = Bumps(tuple((float(x), float(y), float(z)) for x, y, z in centres), width)
     values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
     return Covariate("place", ("x", "y", "z"), (Carried.of((bumps,), "room", state),), values)

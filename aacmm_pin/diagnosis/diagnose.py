@@ -109,18 +109,19 @@ def diagnose(
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged = (choice.fit, *([] if findings else [alone]))
     contradicted = tuple(dict.fromkeys(place for one in judged for place in contradicted_places(one)))
+    worse = no_better(model.arm, findings, held)
     doubts = doubts_of(
         findings,
         unexplained.left,
         more := choice.posterior.beyond([finding.label for finding in findings]),
         shown := visible(choice.posterior),
         choice.otherwise,
-        no_better(model.arm, findings, held),
+        worse,
         contradicted,
         choice.posterior.agree,
     )
-    extended = calibrated_model(choice.fit)
-    if with_discrepancy:
+    extended = calibrated_model(recalibrated if worse else choice.fit)
+    if with_discrepancy and not worse:
         extended = described_model(model, choice, problem, unexplained.has_background)
     structure = unexplained.structure or excess_of(choice.fit) > 0.0
     noise = choice.fit.distance_of(choice.fit.stated_noise)

@@ -136,7 +136,7 @@ class Diagnosis(Shown):
         otherwise: what would be found if excluded records counted.
         contradicted: stated places that the records contradict, in words.
         findings: causes, strongest first; geometric values beyond their stated uncertainty last.
-        model: the arm recalibrated, with the causes found.
+        model: the arm recalibrated, with the causes found; without them where it does not predict held-out records better.
         before: the arm as it was, set-up fitted; recalibrated: geometry refitted; extended: with the causes.
         choice: the search behind it.
         held_out: residuals of records left out of choosing and fitting, or None.

@@ -161,7 +161,8 @@ def test_what_no_cause_has_lends_its_strength_to_no_name_and_stays_with_the_arm(
     data = simulate_measurements(model, "free", 150, rng=np.random.default_rng(3))
     found = diagnose(sino6, data, hold_out=False, progress=False, **NOISE)  # type: ignore[arg-type]
     assert found.verdict == "unexplained"
-    assert all(finding.probability < 0.95 for finding in found.findings)
+    assert found.findings[0].joint == 3
+    assert "cause not borne out" in found.doubts
     saved = tmp_path / "extended.toml"
     found.model.save(saved)
     q = data.q[:1]
@@ -582,7 +583,7 @@ def test_a_target_that_is_unknown_again_is_found_anew(sino6: Arm, rng: np.random
 
 
 def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6: Arm, rng: np.random.Generator) -> None:
-    """A slip that fits the steps between sessions a little, and is improbable, would harm at every other time."""
+    """What fits the steps between sessions a little would harm at every other time; a slip of joint 1 rotates all."""
     data = simulate_measurements(sino6, "free", 240, rng=rng, **NOISE)
     number = np.arange(240) // 80
     turn, shift = rng.normal(0, 2e-4, (3, 3))[number], rng.normal(0, 1.5e-4, (3, 3))[number]
@@ -591,8 +592,8 @@ def test_what_is_a_part_of_moved_sessions_is_not_in_the_extended_arm(sino6: Arm,
     told = replace(data, reference=moved, conditions=replace(data.conditions, session=session))
     found = diagnose(sino6, told, **NOISE, hold_out=False, progress=False)
     assert found.verdict == "unexplained"
-    assert set(found.unexplained.depends_on) == {"session", "time"}
-    assert not [effect for effect in found.model.effects if "time" in effect.needs]
+    assert {"session", "time"} <= set(found.unexplained.depends_on)
+    assert {effect.label for effect in found.model.effects if "time" in effect.needs} <= {"encoder_slip:1"}
 
 
 @pytest.mark.parametrize(("order", "turns"), [(14.5, 0.95), (20.5, 0.95), (2.75, 3.0)])
