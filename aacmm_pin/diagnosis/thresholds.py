@@ -1,4 +1,4 @@
-"""Every number of the diagnosis that somebody chose, and what it was chosen by."""
+"""Every number of the diagnosis that somebody chose, and the measurement behind it where there is one."""
 
 from __future__ import annotations
 
@@ -9,22 +9,28 @@ from dataclasses import dataclass
 class Thresholds:
     """The prior, how far sets are explored, and what the verdicts ask.
 
+    Where no measurement is stated, other values were not tried.
+
     Attributes:
         widths: prior standard deviations τ of a cause's parameters, in units of the typical magnitude, each as probable.
         amplitudes: root mean square of the background over that of the noise, each as probable.
         library: prior probability, if anything is there, that it is a cause of the library.
         noise_misstated: prior probability that a stated noise is not the noise.
         scale_dof: degrees of freedom of the inverse gamma prior of the variance in that case.
-        readings: log likelihood by which readings that scatter more than stated have to be likelier than tips that do.
+        readings: log likelihood by which readings that scatter more than stated have to be likelier than tips that do. Blind
+            files with a branch or a gear's error: 35 to 62; with smooth structure or none: 0 to 0.1.
         as_stated: a scatter beside all that was found is the stated noise if it is not larger by this.
         rescaled: a scatter that changes by less than this factor from round to round is found.
-        reach: sets whose log posterior is lower than the largest by more have no weight …
-        expanded: … and of those that are less probable than this part of the most probable, no additions are ranked.
+        reach: sets whose log posterior is lower than the largest by more have no weight. A
+            sampler over sets found no better one in 5 real and 17 of 18 blind files, and inclusion probabilities within 0.013.
+        expanded: of sets that are less probable than this part of the most probable, no additions are ranked.
         beside: additions to a set that are looked at, the most probable ones first; more only if they count …
-        counts: … which a set does whose log posterior is lower than the largest by less.
+        counts: … which a set does whose log posterior is lower than the largest by less. With 8 alone, many small
+            probabilities of one real file were lost (0.035).
         expansions: sets of which all additions are ranked, at most, from each half of the starts.
         expansions_of_part: the same where a part of the records is left out.
-        holds: sets with a larger weight have their members exchanged, for one other and for two.
+        holds: sets with a larger weight have their members exchanged, for one other and for two. Exchanged before weaker
+            sets are expanded: a set better by 4.3 was found in a real file.
         instead: candidates in the place of a member beside which another is tried, besides those that it contains.
         leading: leading causes of which each is a start.
         agreement: difference of an inclusion probability between the two halves of the starts up to which they agree.
@@ -36,7 +42,8 @@ class Thresholds:
         shown: records that would show more than this part of all causes would show most of them.
         rival: probability from which on a set without a doubtful cause cannot be excluded.
         large: readings of a joint that move tips by this part of the noise scatter more than stated.
-        negligible: a background that is smaller than this part of the noise is none.
+        negligible: a background that is smaller than this part of the noise is none. In 12 blind files with a complete
+            library it was smaller, but in one.
         left: structure over some covariate with less chance than this is left, even if its probability is small …
         left_alone: … and with less than this where nothing was named.
         much_more: residuals larger by this than the stated noise, beyond chance, are not explained.
