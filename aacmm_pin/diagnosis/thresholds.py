@@ -21,8 +21,8 @@ class Thresholds:
             files with a branch or a gear's error: 35 to 62; with smooth structure or none: 0 to 0.1.
         as_stated: a scatter beside all that was found is the stated noise if it is not larger by this.
         rescaled: a scatter that changes by less than this factor from round to round is found.
-        reach: sets whose log posterior is lower than the largest by more have no weight. A
-            sampler over sets found no better one in 5 real and 17 of 18 blind files, and inclusion probabilities within 0.013.
+        reach: sets whose log posterior is lower than the largest by more have no weight. A sampler over sets found no better
+            one in 5 real and 17 of 18 blind files, and inclusion probabilities within 0.013.
         expanded: of sets that are less probable than this part of the most probable, no additions are ranked.
         beside: additions to a set that are looked at, the most probable ones first; more only if they count …
         counts: … which a set does whose log posterior is lower than the largest by less. With 8 alone, many small
