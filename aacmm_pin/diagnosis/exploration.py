@@ -119,7 +119,8 @@ class Walk:
         self.expansions -= blocks not in self.expanded
         self.expanded.add(blocks)
         values = self.space.additions(blocks)
-        order = [int(k) for k in np.argsort(-values, kind="stable") if np.isfinite(values[k])]
+        possible = np.flatnonzero(np.isfinite(values))
+        order: list[int] = possible[np.argsort(-values[possible], kind="stable")].tolist()
         likely = order[: THRESHOLDS.beside]
         near = [k for k in likely if values[k] > self.best - THRESHOLDS.reach]
         near += [k for k in order[THRESHOLDS.beside :] if values[k] > self.best - THRESHOLDS.counts]

@@ -11,7 +11,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
-STEPS = 60
+STEPS = 30
 """Steps of the maximisation, each of which increases the likelihood."""
 FIRST_SHARE = 0.1
 """Part of the scatter of tips that the readings of each joint have at first."""

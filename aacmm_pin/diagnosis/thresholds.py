@@ -63,7 +63,7 @@ class Thresholds:
     beside: int = 8
     counts: float = 5.0
     expansions: int = 60
-    expansions_of_part: int = 12
+    expansions_of_part: int = 4
     holds: float = 0.1
     instead: int = 3
     leading: int = 3
