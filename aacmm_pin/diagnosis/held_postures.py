@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.calibration.fit import Fit
@@ -61,7 +61,7 @@ class HeldPostures:
             chi2 = within + float((squares / scale).sum())
             return float(share * width * np.log(scale).sum() + (of_within + of_means) * np.log(max(chi2, 1e-300)))
 
-        best = minimize_scalar(deviance, bounds=np.log(RATIOS), method="bounded")
+        best = scipy.optimize.minimize_scalar(deviance, bounds=np.log(RATIOS), method="bounded")
         return float(np.exp(best.x)) if best.fun < deviance(-np.inf) else 0.0
 
     def _means(self, rows: Array) -> Array:

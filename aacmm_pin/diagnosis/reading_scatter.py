@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.calibration.variance_components import LEAST_SCATTER
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 STEPS = 30
 """Steps of the maximisation, each of which increases the likelihood."""
 FIRST_SHARE = 0.1
 """Part of the scatter of tips that the readings of each joint have at first."""
+LEAST_LEVER = 1e-3
+"""A joint counts as moving tips by this at least, for the first value of its scatter [m/rad]."""
 LEAST = 1e-30
 """A variance is at least this, so that it can be divided by."""
 
@@ -59,12 +62,13 @@ class ReadingScatter:
         alone = len(groups)
         groups += [by_reading[:, :, j : j + 1] for j in range(by_reading.shape[2])]
         enlarged = off / np.sqrt(left)
-        stated = fit.noise.without_scatter
+        # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
+        stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
         search = _Components(stated, groups, np.where(np.isfinite(enlarged), enlarged, 0.0), counts)
         tip = max(fit.noise.scatters.tip, np.sqrt(LEAST))
         start = np.array([tip**2, max(fit.noise.scatters.turn, np.sqrt(LEAST)) ** 2][:alone])
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
-        first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST)
+        first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_LEVER**2)
         whole, without = search.best(np.concatenate([start, first])), search.best(np.append(start, np.zeros(len(first))))
         if search.log_likelihood(whole) - search.log_likelihood(without) < THRESHOLDS.readings:
             whole = without

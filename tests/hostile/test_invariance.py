@@ -20,6 +20,7 @@ from aacmm_pin.measurements.simulate import simulate_measurements
 
 RELATIVE = 1e-3
 """Of numbers that a search of many steps ended with; a log posterior itself is compared much closer elsewhere."""
+PROBABILITY = 1e-4
 STATED = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 1e-6}
 
 
@@ -116,7 +117,7 @@ def differences(one: Any, other: Any, where: str = "") -> Iterator[str]:
         for k, pair in enumerate(zip(one, other, strict=True)):
             yield from differences(*pair, f"{where}[{k}]")
     elif isinstance(one, float) and isinstance(other, float):
-        if not np.isclose(one, other, rtol=RELATIVE, atol=0.0):
+        if not np.isclose(one, other, rtol=RELATIVE, atol=PROBABILITY * ("probability" in where)):
             yield f"{where}: {one!r}, {other!r}"
     elif one != other:
         yield f"{where}: {one!r}, {other!r}"
