@@ -109,10 +109,13 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     candidates, left = posterior.space.candidates, posterior.without(block)
     own, names = candidates.owner(block), candidates.design.names
     instead, values = posterior.instead(own), logsumexp(left.additions, axis=1) + candidates.log_odds
+    acting = {candidates.owner(k) for k in posterior.median}
     found = []
     for other in _rivals(candidates, values, instead, own):
         owner = candidates.owner(other)
         correlation = canonical(left, block, other)
+        if owner in acting or correlation < THRESHOLDS.unlike:
+            continue
         alike = correlation > THRESHOLDS.same and candidates.is_cause(other)
         if alike or instead[owner] > THRESHOLDS.worth_listing:
             effect = library[owner][0] if owner < len(library) else None

@@ -38,6 +38,7 @@ class Thresholds:
         settled: inclusion probability from which on a cause is named without doubt.
         worth_listing: aliases and sets that are less probable are not listed.
         same: canonical correlation from which on an alias is listed whatever its probability.
+        unlike: causes with a smaller one are no aliases, whatever their probability.
         shows: noncentrality at which a cause is found more often than not among all others.
         shown: records that would show more than this part of all causes would show most of them.
         rival: probability from which on a set without a doubtful cause cannot be excluded.
@@ -72,6 +73,7 @@ class Thresholds:
     settled: float = 0.95
     worth_listing: float = 1e-3
     same: float = 0.95
+    unlike: float = 0.3
     shows: float = 15.0
     shown: float = 0.5
     rival: float = 0.05

@@ -18,7 +18,7 @@ from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 
-RELATIVE = 1e-3
+RELATIVE = 2e-3
 """Of numbers that a search of many steps ended with; a log posterior itself is compared much closer elsewhere."""
 PROBABILITY = 1e-4
 STATED = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5, "probe_noise": 1e-6}
