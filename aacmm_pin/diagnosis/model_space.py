@@ -212,7 +212,8 @@ class ModelSpace:
             state = peaks[best].state
             found = self._over_amplitudes(state)
         for k in np.flatnonzero(found > found.max() - COUNTS).tolist():
-            peaks.setdefault(k, self._peak(state._replace(amplitude=k)))
+            if k not in peaks:
+                peaks[k] = self._peak(state._replace(amplitude=k))
         for k, peak in peaks.items():
             found[k] = peak.total
         top = max(peaks.values(), key=lambda peak: peak.largest)
