@@ -74,7 +74,7 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
 def _beside(choice: Choice, gram: Gram, blocks: Blocks) -> Conditional:
     """Some of the records beside the nuisances and these blocks, without the background."""
     left = choice.posterior.left
-    return Conditional(Base(gram, 0.0), tuple(range(len(blocks))), left.widths[: len(blocks)], left.likelihood)
+    return Conditional.of(Base(gram, 0.0), tuple(range(len(blocks))), left.widths[: len(blocks)], left.likelihood)
 
 
 def _scatter(choice: Choice) -> Array:

@@ -6,6 +6,7 @@ products once for each amplitude of the background; the blocks of a set are then
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -147,6 +148,15 @@ class Base:
             self._strips[block] = self.gram.strip(columns) - self.whitened[:, columns].T @ self.whitened
         return self._strips[block]
 
+    def among(self, blocks: tuple[int, ...]) -> Array:
+        """Products of the columns of some blocks with one another and with the residual, which is last (m + 1, m + 1)."""
+        design = self.gram.products.design
+        strips = [design.blocks[k].columns for k in blocks]
+        own = numbers_of([*strips, slice(design.width, design.width + 1)])
+        whitened = self.whitened[:, own]
+        products = np.concatenate([*(self.gram.strip(s, own) for s in strips), self.gram.residual[None, own]])
+        return np.asarray(products - whitened.T @ whitened)
+
     @cached_property
     def _insides(self) -> dict[int, Array]:
         return {}
@@ -168,19 +178,26 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class Conditional:
-    """The base with the blocks of a set conditioned on, each parameter ``β ~ N(0, τ²)`` in units of the typical magnitude.
+    """The base with the blocks of a set integrated over, each parameter ``β ~ N(0, τ²)`` in units of the typical magnitude.
 
     Attributes:
         base: nuisances and background integrated over.
         blocks: numbers of the set's blocks.
-        widths: τ of each.
+        widths: numbers of their τ.
         likelihood: of χ².
+        products: of the set's columns with one another and with the residual, which is last (m + 1, m + 1).
     """
 
     base: Base
     blocks: tuple[int, ...]
-    widths: tuple[float, ...]
+    widths: tuple[int, ...]
     likelihood: Likelihood
+    products: Array
+
+    @staticmethod
+    def of(base: Base, blocks: tuple[int, ...], widths: tuple[int, ...], likelihood: Likelihood) -> Conditional:
+        """The blocks, by their products beside the base."""
+        return Conditional(base, blocks, widths, likelihood, base.among(blocks))
 
     @property
     def design_blocks(self) -> tuple[Block, ...]:
@@ -190,64 +207,57 @@ class Conditional:
     @cached_property
     def columns(self) -> Index:
         """Numbers of the set's columns (m,)."""
-        own = [self.design_blocks[k].columns for k in self.blocks]
-        return np.concatenate([np.arange(s.start, s.stop) for s in own]) if own else np.empty(0, np.intp)
+        return numbers_of([self.design_blocks[k].columns for k in self.blocks])
 
     @cached_property
     def places(self) -> dict[int, slice]:
         """Where each block is among the set's columns."""
-        ends = np.cumsum([0, *(self.design_blocks[k].size for k in self.blocks)])
-        return {k: slice(int(a), int(b)) for k, a, b in zip(self.blocks, ends[:-1], ends[1:], strict=True)}
+        ends = np.cumsum([0, *(self.design_blocks[k].size for k in self.blocks)]).tolist()
+        return {k: slice(*ends[n : n + 2]) for n, k in enumerate(self.blocks)}
 
     @cached_property
     def scale(self) -> Array:
         """Prior width of each of the set's parameters (m,)."""
-        return np.repeat(self.widths, [self.design_blocks[k].size for k in self.blocks])
-
-    @cached_property
-    def _scaled(self) -> Array:
-        rows = [self.base.strip(k) for k in self.blocks]
-        return self.scale[:, None] * np.concatenate(rows)
+        return np.repeat(WIDTHS[list(self.widths)], [self.design_blocks[k].size for k in self.blocks])
 
     @cached_property
     def factor(self) -> Array:
-        """Lower Cholesky factor of ``1 + T G T`` (m, m)."""
-        return np.asarray(np.linalg.cholesky(self._scaled[:, self.columns] * self.scale + np.eye(self.columns.size)))
+        """Lower Cholesky factor of the parameters' precision ``G + T⁻²`` (m, m)."""
+        precision = self.products[:-1, :-1].copy()
+        precision.flat[:: len(precision) + 1] += self.scale**-2.0
+        return np.asarray(np.linalg.cholesky(precision))
 
     @cached_property
-    def whitened(self) -> Array:
-        """``L⁻¹ T G`` of all columns and the residual (m, columns + 1)."""
+    def estimate(self) -> Array:
+        """Posterior mean of the set's parameters (m,), as a step."""
         if not self.blocks:
-            return np.zeros((0, self.base.residual.size))
-        return divided(self.factor, self._scaled)
+            return np.zeros(0)
+        return np.asarray(-scipy.linalg.lapack.dpotrs(self.factor, self.products[:-1, -1], lower=1)[0])
 
     @cached_property
-    def residual(self) -> Array:
-        """Products of the residual with all columns and itself, the set integrated over (columns + 1,)."""
-        return np.asarray(self.base.residual - self.whitened[:, -1] @ self.whitened)
-
-    def of(self, products: Array) -> Array:
-        """The same of other residuals, by their products with all columns (columns, draws) -> (columns, draws)."""
-        base, first = self.base, self.base.nuisances
-        background = np.zeros((len(base.factor) - first, products.shape[1]))
-        if background.size:
-            columns, weights = base.gram.products.background
-            background = weights.T @ products[columns]
-        of_base = divided(base.factor, np.concatenate([products[:first], background]))
-        left = products - base.whitened[:, :-1].T @ of_base
-        if self.blocks:
-            left = left - self.whitened[:, :-1].T @ divided(self.factor, self.scale[:, None] * left[self.columns])
-        return np.asarray(left)
+    def inverse(self) -> Array:
+        """Their posterior covariance for noise of unit variance (m, m)."""
+        if not self.blocks:
+            return np.zeros((0, 0))
+        lower = scipy.linalg.lapack.dpotri(self.factor, lower=1)[0]
+        whole = lower + lower.T
+        whole.flat[:: len(whole) + 1] *= 0.5
+        return np.asarray(whole)
 
     @property
+    def covariance(self) -> Array:
+        """Their posterior covariance (m, m), in units of the design's scales."""
+        return np.asarray(self.variance * self.inverse)
+
+    @cached_property
     def chi2(self) -> float:
         """What is left of χ²."""
-        return float(self.residual[-1])
+        return float(self.products[-1, -1] + self.products[:-1, -1] @ self.estimate)
 
     @cached_property
     def log_volume(self) -> float:
         """``½ log det`` of set and background over their priors."""
-        return self.base.log_volume + (float(np.log(np.diag(self.factor)).sum()) if self.blocks else 0.0)
+        return self.base.log_volume + float(np.log(np.diag(self.factor) * self.scale).sum())
 
     @property
     def log_evidence(self) -> float:
@@ -259,6 +269,47 @@ class Conditional:
         """Factor by which the records scatter more than their noise."""
         return self.likelihood.variance(self.chi2)
 
+    @cached_property
+    def dof(self) -> float:
+        """Degrees of freedom that the set leaves, of all that it may use."""
+        used = self.columns.size - float(np.sum(np.diag(self.inverse) / np.square(self.scale)))
+        return float(self.base.gram.free - self.base.determined - used)
+
+    def of_widths(self, member: int) -> Array:
+        """Log marginal likelihood with each width of one of the blocks, and last without it (widths + 1,)."""
+        own, prior = self.places[self.blocks[member]], WIDTHS[self.widths[member]] ** -2.0
+        precision = np.linalg.inv(self.inverse[own, own])
+        gradient = -precision @ self.estimate[own]
+        gain, volume = gains((precision - prior * np.eye(len(precision)))[None], gradient[None, :, None])
+        more, larger = (np.append(each, 0.0) for each in (gain[0, :, 0], volume[0]))
+        now = self.widths[member]
+        chi2, log_volume = self.chi2 + 2.0 * (more[now] - more), self.log_volume + larger - larger[now]
+        return np.asarray(self.likelihood.log(chi2) - log_volume)
+
+    @cached_property
+    def whitened(self) -> Array:
+        """``L⁻¹ G`` of all columns and the residual (m, columns + 1)."""
+        rows = [self.base.strip(k) for k in self.blocks]
+        return divided(self.factor, np.concatenate(rows)) if rows else np.zeros((0, self.base.residual.size))
+
+    @cached_property
+    def residual(self) -> Array:
+        """Products of the residual with all columns and itself, the set integrated over (columns + 1,)."""
+        return np.asarray(self.base.residual - self.whitened[:, -1] @ self.whitened)
+
+    def of_residuals(self, products: Array) -> Array:
+        """The same of other residuals, by their products with all columns (columns, draws) -> (columns, draws)."""
+        base, first = self.base, self.base.nuisances
+        background = np.zeros((len(base.factor) - first, products.shape[1]))
+        if background.size:
+            columns, weights = base.gram.products.background
+            background = weights.T @ products[columns]
+        of_base = divided(base.factor, np.concatenate([products[:first], background]))
+        left = products - base.whitened[:, :-1].T @ of_base
+        if self.blocks:
+            left = left - self.whitened[:, :-1].T @ divided(self.factor, left[self.columns])
+        return np.asarray(left)
+
     def informations(self, size: int) -> Array:
         """Information of every block of a size, the set integrated over (blocks, q, q)."""
         if not self.blocks:
@@ -267,8 +318,7 @@ class Conditional:
 
     def information(self, block: int) -> Array:
         """The same of one block (q, q)."""
-        own = self.design_blocks[block].columns
-        return np.asarray(self.base.strip(block)[:, own] - self.whitened[:, own].T @ self.whitened[:, own])
+        return self.cross(block, block)
 
     def cross(self, one: int, other: int) -> Array:
         """Products of the columns of two blocks, the set integrated over (q, q')."""
@@ -287,103 +337,21 @@ class Conditional:
         return found
 
     @cached_property
-    def estimate(self) -> Array:
-        """Posterior mean of the set's parameters (m,), as a step."""
-        return np.asarray(
-            -self.scale * scipy.linalg.solve_triangular(self.factor, self.whitened[:, -1], lower=True, trans=1)
-        )
-
-    @cached_property
-    def covariance(self) -> Array:
-        """Their posterior covariance (m, m), in units of the design's scales."""
-        inverse = scipy.linalg.cho_solve((self.factor, True), np.eye(self.columns.size))
-        return np.asarray(self.variance * self.scale[:, None] * inverse * self.scale)
-
-    @cached_property
     def step(self) -> Array:
         """Posterior mean step of nuisances, background and set, in this order (b + m,)."""
-        own = self.estimate if self.blocks else np.zeros(0)
-        right = self.base.whitened[:, -1] + self.base.whitened[:, self.columns] @ own
-        return np.concatenate([-scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1), own])
+        right = self.base.whitened[:, -1] + self.base.whitened[:, self.columns] @ self.estimate
+        of_base = scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
+        return np.concatenate([-of_base, self.estimate])
 
     def tips(self, rows: Index | slice = slice(None)) -> Array:
         """Tips of some records with everything at its posterior mean (n, 3), with orientations (n, 6) [m, rad]."""
         products = self.base.gram.products
-        design, step = products.design, self.step
+        design = products.design
         each = [design.columns(None)[rows]]
         if self.base.amplitude:
             each.append(products.background_columns[rows])
         each += [design.columns(k)[rows] for k in self.blocks]
-        return np.asarray(design.tips[rows] + np.concatenate(each, axis=2) @ step)
-
-    @cached_property
-    def dof(self) -> float:
-        """Degrees of freedom that the set leaves, of all that it may use."""
-        used = self.columns.size - np.square(divided(self.factor, np.eye(self.columns.size))).sum() if self.blocks else 0.0
-        return float(self.base.gram.free - self.base.determined - used)
-
-
-@dataclass(frozen=True, eq=False)
-class Joint:
-    """The parameters of a set's blocks together, nuisances and background integrated over.
-
-    Attributes:
-        products: of the set's columns with one another and with the residual, which is last (m + 1, m + 1).
-        sizes: of its blocks.
-        widths: numbers of their prior widths.
-    """
-
-    products: Array
-    sizes: tuple[int, ...]
-    widths: tuple[int, ...]
-
-    @cached_property
-    def scale(self) -> Array:
-        """Prior width of each parameter (m,)."""
-        return np.repeat(WIDTHS[list(self.widths)], self.sizes)
-
-    @cached_property
-    def factor(self) -> Array:
-        """Lower Cholesky factor of the parameters' precision ``G + T⁻²`` (m, m)."""
-        precision = self.products[:-1, :-1].copy()
-        precision.flat[:: len(precision) + 1] += self.scale**-2.0
-        return np.asarray(np.linalg.cholesky(precision))
-
-    @cached_property
-    def mean(self) -> Array:
-        """Posterior mean, but for its sign (m,)."""
-        if not self.sizes:
-            return np.zeros(0)
-        return np.asarray(scipy.linalg.lapack.dpotrs(self.factor, self.products[:-1, -1], lower=1)[0])
-
-    @cached_property
-    def chi2(self) -> float:
-        """What is left of χ²."""
-        return float(self.products[-1, -1] - self.products[:-1, -1] @ self.mean)
-
-    @cached_property
-    def log_volume(self) -> float:
-        """``½ log det`` of the set over its prior."""
-        return float(np.log(np.diag(self.factor) * self.scale).sum())
-
-    @cached_property
-    def covariance(self) -> Array:
-        """Posterior covariance (m, m), noise of unit variance."""
-        lower = scipy.linalg.lapack.dpotri(self.factor, lower=1)[0]
-        whole = lower + lower.T
-        whole.flat[:: len(whole) + 1] *= 0.5
-        return np.asarray(whole)
-
-    def beside_others(self, member: int) -> tuple[Array, Array]:
-        """Information of one block, and its gradient, the others integrated over (q, q), (q,).
-
-        The posterior of all, less the prior of this one.
-        """
-        last = sum(self.sizes[: member + 1])
-        own = slice(last - self.sizes[member], last)
-        precision = np.linalg.inv(self.covariance[own, own])
-        information = precision - np.eye(len(precision)) / WIDTHS[self.widths[member]] ** 2
-        return information, precision @ self.mean[own]
+        return np.asarray(design.tips[rows] + np.concatenate(each, axis=2) @ self.step)
 
 
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
@@ -426,6 +394,11 @@ def _by_factors(information: Array, gradient: Array) -> tuple[Array, Array]:
     return 0.5 * np.square(factor[:, :, q:, :q]).sum(axis=3).reshape(b, -1, 1), np.log(diagonal * WIDTHS[:, None]).sum(
         axis=2
     )
+
+
+def numbers_of(columns: Sequence[slice]) -> Index:
+    """Numbers of some columns (m,)."""
+    return np.concatenate([np.empty(0, np.intp), *(np.arange(s.start, s.stop) for s in columns)])
 
 
 def log_sum(logs: Array) -> Array:

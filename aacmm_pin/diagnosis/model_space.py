@@ -14,7 +14,7 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.design_matrix import Block, Design
 from aacmm_pin.diagnosis.gram_matrix import Gram
-from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Joint, Likelihood, gains, log_sum
+from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood, log_sum
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements.records import Measurements
 
@@ -175,8 +175,7 @@ class ModelSpace:
 
     def conditional(self, state: State, as_stated: bool = False) -> Conditional:
         """What is left of every block beside a set."""
-        widths = tuple(WIDTHS[list(state.widths)].tolist())
-        return Conditional(self.base(state.amplitude, as_stated), state.blocks, widths, self.likelihood)
+        return Conditional.of(self.base(state.amplitude, as_stated), state.blocks, state.widths, self.likelihood)
 
     def log_prior(self, blocks: Blocks) -> float:
         """Log prior odds of a set of blocks against none, without its widths."""
@@ -232,34 +231,20 @@ class ModelSpace:
 
     def _peak(self, state: State) -> Peak:
         """The best widths at the state's amplitude, changed one at a time."""
-        joint = self._joint(state)
+        at, log_prior = self.conditional(state), self._log_prior(state.blocks)
         while True:
-            values = [self._over_widths(joint, state, member) for member in range(len(state.blocks))]
-            more = [each.max() - each[width] for each, width in zip(values, state.widths, strict=True)]
-            if max(more, default=0.0) <= LEAST_GAIN:
+            values = np.array([at.of_widths(member)[:-1] for member in range(len(state.blocks))]).reshape(-1, WIDTHS.size)
+            largest = values.max(axis=1)
+            more = largest - values[np.arange(len(values)), list(at.widths)]
+            if more.max(initial=0.0) <= LEAST_GAIN:
                 break
             member = int(np.argmax(more))
-            widths = (*state.widths[:member], int(np.argmax(values[member])), *state.widths[member + 1 :])
-            state, joint = state._replace(widths=widths), replace(joint, widths=widths)
-        largest = float(self._log_posteriors(joint.chi2, joint.log_volume, state))
-        return Peak(largest, largest + sum(float(log_sum(each) - each.max()) for each in values), state)
-
-    def _joint(self, state: State) -> Joint:
-        """The blocks of a state together."""
-        base, design = self.base(state.amplitude), self.candidates.design
-        columns = [design.blocks[k].columns for k in state.blocks]
-        own = np.concatenate([*(np.arange(s.start, s.stop) for s in columns), [design.width]]).astype(np.intp)
-        whitened = base.whitened[:, own]
-        products = np.concatenate([*(self.gram.strip(s, own) for s in columns), self.gram.residual[None, own]])
-        sizes = tuple(design.blocks[k].size for k in state.blocks)
-        return Joint(products - whitened.T @ whitened, sizes, state.widths)
-
-    def _over_widths(self, joint: Joint, state: State, member: int) -> Array:
-        """Log posterior of a state with each width of one of its blocks (widths,)."""
-        information, gradient = joint.beside_others(member)
-        gain, volume = gains(information[None], gradient[None, :, None])
-        more, larger = (each - each[state.widths[member]] for each in (gain[0, :, 0], volume[0]))
-        return self._log_posteriors(joint.chi2 - 2.0 * more, joint.log_volume + larger, state)
+            widths = list(at.widths)
+            widths[member] = int(np.argmax(values[member]))
+            at = replace(at, widths=tuple(widths))
+        own = at.log_evidence + log_prior
+        total = own + float((log_sum(values) - largest).sum())
+        return Peak(own, total, state._replace(widths=at.widths))
 
     def _over_amplitudes(self, state: State) -> Array:
         """Log posterior of the state with each amplitude (amplitudes,).
@@ -269,17 +254,10 @@ class ModelSpace:
         found = np.full(len(self.amplitudes), -np.inf)
         for way in (range(state.amplitude, found.size), range(state.amplitude - 1, -1, -1)):
             for k in way:
-                there = state._replace(amplitude=k)
-                joint = self._joint(there)
-                found[k] = self._log_posteriors(joint.chi2, joint.log_volume, there)
+                found[k] = self.log_posterior(state._replace(amplitude=k))
                 if found[k] < found.max() - NEGLIGIBLE:
                     break
         return found
-
-    def _log_posteriors(self, chi2: Array | float, log_volume: Array | float, state: State) -> Array:
-        """Log posterior of a state by its χ² and by ½ log det of its blocks over their priors."""
-        volume = log_volume + self.base(state.amplitude).log_volume
-        return np.asarray(self.likelihood.log(chi2) - volume + self._log_prior(state.blocks))
 
     def additions(self, blocks: Blocks) -> Array:
         """Log posterior of the set with each block more, about (blocks,); minus infinity for those that are barred; kept.

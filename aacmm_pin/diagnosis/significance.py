@@ -80,7 +80,7 @@ def family_wise(candidates: Candidates, left: Conditional, block: int, rng: np.r
         return bound
     observed = logsumexp(left.additions[block]) - np.log(WIDTHS.size) - left.log_evidence + candidates.log_odds[block]
     drawn = left.base.gram.products.drawn(DRAWS, rng) * np.sqrt(left.variance)
-    gradient = left.of(drawn)
+    gradient = left.of_residuals(drawn)
     best = np.full(DRAWS, -np.inf)
     for size, own in left.base.gram.products.of_size.items():
         gain, volume = gains(left.informations(size), gradient[left.base.gram.products.columns[size]])

@@ -116,7 +116,7 @@ def away(case: Case) -> Case:
 def alone(gram: Gram) -> Conditional:
     """Nothing but nuisances, of a stated noise."""
     base = Base(gram, 0.0)
-    return Conditional(base, (), (), Likelihood(gram.free - base.determined, True))
+    return Conditional.of(base, (), (), Likelihood(gram.free - base.determined, True))
 
 
 @pytest.fixture(scope="module", params=PLANS)
