@@ -30,7 +30,14 @@ def explore(space: ModelSpace, starts: Iterable[Blocks] = ()) -> Posterior:
         walk.expansions += THRESHOLDS.expansions
         walk.run()
         apart = _total_variation(space, before, walk.values)
-    return Posterior(space, weights_of(walk.values), walk.best - space.marginal(()).log_posterior, apart)
+    return walk.posterior(apart)
+
+
+def climbed(space: ModelSpace, start: Blocks) -> Posterior:
+    """The most probable set that steps and exchanges from a start, or from nothing, lead to, and those beside it."""
+    walk = Walk(space, [(), start])
+    walk.run(least=1.0)
+    return walk.posterior()
 
 
 def explored_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
@@ -38,7 +45,7 @@ def explored_from(space: ModelSpace, starts: Iterable[Blocks]) -> Posterior:
     walk = Walk(space, starts)
     walk.expansions = THRESHOLDS.expansions_of_part
     walk.run(exchanges=False)
-    return Posterior(space, weights_of(walk.values), walk.best - space.marginal(()).log_posterior, 0.0)
+    return walk.posterior()
 
 
 def _leading(space: ModelSpace) -> list[Blocks]:
@@ -52,17 +59,18 @@ def _leading(space: ModelSpace) -> list[Blocks]:
 
 def _grown_without(space: ModelSpace, blocks: Blocks, block: int) -> Blocks:
     """The set that the rest of some blocks leads to, step by step uphill, if the candidate of one of them does not act."""
-    without = space.candidates.owners == space.candidates.owner(block)
+    barred = space.candidates.owners == space.candidates.owner(block)
     at = without_block(blocks, block)
     while True:
-        values = np.where(without, -np.inf, space.additions(at))
-        near = [at, *(without_block(at, k) for k in at)]
-        if np.isfinite(values.max()):
-            near.append(with_block(at, int(np.argmax(values))))
-        best = max(near, key=lambda s: space.marginal(s).log_posterior)
-        if best == at:
+        more, less = np.where(barred, -np.inf, space.additions(at)), space.removals(at)
+        further = with_block(at, int(np.argmax(more)))
+        if less.max(initial=-np.inf) > more.max():
+            further = without_block(at, at[int(np.argmax(less))])
+        if not max(more.max(), less.max(initial=-np.inf)) > space.marginal(at).log_posterior - THRESHOLDS.close:
             return at
-        at = best
+        if not space.marginal(further).log_posterior > space.marginal(at).log_posterior:
+            return at
+        at = further
 
 
 def _total_variation(space: ModelSpace, one: Mapping[Blocks, float], other: Mapping[Blocks, float]) -> float:
@@ -74,7 +82,7 @@ class Walk:
     """Sets visited from some starts.
 
     Attributes:
-        values: log posterior of each set visited.
+        values: log posterior of each set visited; an approximation where that is far lower than the best.
         expansions: of how many sets all additions may still be ranked.
     """
 
@@ -82,52 +90,67 @@ class Walk:
         self.space, self.values = space, dict[Blocks, float]()
         self.expanded, self.exchanged = set[Blocks](), set[Blocks]()
         self.expansions = THRESHOLDS.expansions
-        for start in dict.fromkeys(starts):
-            self._visit(start)
+        for start in starts:
+            self._look_at(start)
+
+    def posterior(self, total_variation: float = 0.0) -> Posterior:
+        """Of the sets visited."""
+        best = self.best - self.space.marginal(()).log_posterior
+        return Posterior(self.space, weights_of(self.values), best, total_variation)
 
     @property
     def best(self) -> float:
         """Largest log posterior."""
         return max(self.values.values())
 
-    def run(self, exchanges: bool = True) -> None:
-        """Expand the best sets, and exchange members of those that hold the mass before weaker ones are expanded."""
+    def run(self, least: float = THRESHOLDS.expanded, exchanges: bool = True) -> None:
+        """Expand the best sets, and exchange members of those that hold the mass before weaker ones are expanded.
+
+        Args:
+            least: sets that are less probable than this part of the most probable are not expanded.
+            exchanges: whether members are exchanged.
+        """
         while self.expansions > 0:
             weights = weights_of(self.values)
-            least = weights[next(iter(weights))] * THRESHOLDS.expanded
-            open_ = [s for s, w in weights.items() if s not in self.expanded and w >= least]
-            held = [s for s, w in weights.items() if exchanges and w >= THRESHOLDS.holds and s not in self.exchanged]
-            if open_ and (not held or weights[open_[0]] >= THRESHOLDS.holds):
+            top = weights[next(iter(weights))]
+            holds = max(min(THRESHOLDS.holds, top), least * top)
+            open_ = [s for s, w in weights.items() if s not in self.expanded and w >= least * top]
+            held = [s for s, w in weights.items() if exchanges and w >= holds and s not in self.exchanged]
+            if open_ and (not held or weights[open_[0]] >= holds):
                 self._expand(open_[0])
             elif held:
                 self._exchange(held[0])
             else:
                 break
 
-    def _visit(self, blocks: Blocks) -> None:
-        if blocks not in self.values:
-            self.values[blocks] = self.space.marginal(blocks).log_posterior
+    def _look_at(self, blocks: Blocks) -> None:
+        self.values[blocks] = self.space.marginal(blocks).log_posterior
+
+    def _visit(self, blocks: Blocks, about: float) -> None:
+        """Look at a set if it is not far lower than the best; far ones keep what is known about them."""
+        if about > self.best - THRESHOLDS.close:
+            self._look_at(blocks)
+        elif about > self.best - THRESHOLDS.reach:
+            self.values.setdefault(blocks, about)
 
     def _expand(self, blocks: Blocks) -> None:
-        """Visit the set with each of the most probable additions, and without each member."""
+        """Visit the set with each block more that is within reach, and without each member."""
         self._visit_additions(blocks)
-        for k in blocks:
-            self._visit(without_block(blocks, k))
+        for k, value in zip(blocks, self.space.removals(blocks).tolist(), strict=True):
+            self._visit(without_block(blocks, k), value)
 
     def _visit_additions(self, blocks: Blocks) -> list[int]:
-        """The most probable additions to a set; those within reach are visited."""
+        """Visit the additions to a set; all that are possible, the most probable first."""
         self.expansions -= blocks not in self.expanded
         self.expanded.add(blocks)
+        self._look_at(blocks)
         values = self.space.additions(blocks)
         possible = np.flatnonzero(np.isfinite(values))
         order: list[int] = possible[np.argsort(-values[possible], kind="stable")].tolist()
-        likely = order[: THRESHOLDS.beside]
-        near = [k for k in likely if values[k] > self.best - THRESHOLDS.reach]
-        near += [k for k in order[THRESHOLDS.beside :] if values[k] > self.best - THRESHOLDS.counts]
-        self.space.gram.prepare(near)
-        for k in near:
-            self._visit(with_block(blocks, k))
-        return likely
+        self.space.gram.prepare(k for k in order if values[k] > self.best - THRESHOLDS.close)
+        for k in order:
+            self._visit(with_block(blocks, k), float(values[k]))
+        return order
 
     def _exchange(self, blocks: Blocks) -> None:
         """Visit the set with others in the place of each member: one, or two; until a better set is found."""
@@ -136,8 +159,6 @@ class Walk:
         for k in blocks:
             rest = without_block(blocks, k)
             order = self._visit_additions(rest)
-            for first in order:
-                self._visit(with_block(rest, first))
             for first in dict.fromkeys([*order[: THRESHOLDS.instead], *self._contained_in(rest, k)]):
                 if candidates.owner(first) != candidates.owner(k):
                     self._visit_additions(with_block(rest, first))

@@ -275,15 +275,19 @@ class Conditional:
         used = self.columns.size - float(np.sum(np.diag(self.inverse) / np.square(self.scale)))
         return float(self.base.gram.free - self.base.determined - used)
 
-    def of_widths(self, member: int) -> Array:
-        """Log marginal likelihood with each width of one of the blocks, and last without it (widths + 1,)."""
-        own, prior = self.places[self.blocks[member]], WIDTHS[self.widths[member]] ** -2.0
+    @property
+    def over_widths(self) -> Array:
+        """Log marginal likelihood with each width of each block, and last without it (blocks, widths + 1)."""
+        each = [self._over_widths(k, width) for k, width in zip(self.blocks, self.widths, strict=True)]
+        return np.array(each).reshape(-1, WIDTHS.size + 1)
+
+    def _over_widths(self, block: int, width: int) -> Array:
+        own = self.places[block]
         precision = np.linalg.inv(self.inverse[own, own])
-        gradient = -precision @ self.estimate[own]
-        gain, volume = gains((precision - prior * np.eye(len(precision)))[None], gradient[None, :, None])
-        more, larger = (np.append(each, 0.0) for each in (gain[0, :, 0], volume[0]))
-        now = self.widths[member]
-        chi2, log_volume = self.chi2 + 2.0 * (more[now] - more), self.log_volume + larger - larger[now]
+        information = precision - np.eye(len(precision)) / WIDTHS[width] ** 2
+        gain, volume = gains(information[None], (precision @ self.estimate[own])[None, :, None])
+        gain, volume = np.append(gain, 0.0), np.append(volume, 0.0)
+        chi2, log_volume = self.chi2 + 2.0 * (gain[width] - gain), self.log_volume + volume - volume[width]
         return np.asarray(self.likelihood.log(chi2) - log_volume)
 
     @cached_property

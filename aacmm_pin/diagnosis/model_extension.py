@@ -23,7 +23,7 @@ from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_d
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, design_of
-from aacmm_pin.diagnosis.exploration import explore, without_block
+from aacmm_pin.diagnosis.exploration import climbed, explore, without_block
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.held_postures import HeldPostures, RecordNoise
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
@@ -41,6 +41,8 @@ A_FEW = 0.005
 """A smaller part of the records than this is left out without asking whether they make sense together."""
 NOT_FAR = 5.0
 """Excluded records up to so many times the limit away are tried with the others."""
+ABOUT = 0.01
+"""Inner values that differ by this part of what they may be off before records tell are not refitted."""
 EXCEPTIONAL = 2.0
 """An inner value that machines are made with is taken unless the log evidence falls by this."""
 RIVALS = 2
@@ -225,23 +227,31 @@ def _standing(
     at, effects, before, seen = first, list[Effect](), None, {frozenset[Any]()}
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_ROUNDS):
-            found = _explored(at, library, others, parts, effects, before)
+            found = _climbed(at, library, others, parts, effects, before)
             rounds.update()
-            best = [_refined(found, k) for k in _top_causes(found)]
-            identities, before = frozenset(e.identity for e in best), _Before.of(found)
-            if identities in seen and before.settled(found):
-                break
+            best, before = _refined_causes(found, effects), _Before.of(found)
+            if _identities(best) in seen and before.settled(found):
+                found = _explored(found)
+                best = _refined_causes(found, effects)
+                if _identities(best) in seen:
+                    break
             rivals = [rival for k in _top_causes(found) for rival in _rivals(found, k)]
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
             _release(found)  # there is room for its rows or for those of the refit
-            if identities != frozenset(e.identity for e in effects):
+            if _identities(best) != _identities(effects):
                 at = refitted(problem_of, best) if best else first
             if not at.tells_noise:  # more causes than these records can carry
                 return replace(found, fit=first, posterior=replace(found.posterior, weights={(): 1.0}))
             effects = best
-            seen.add(identities)
+            seen.add(_identities(best))
             library = _with_variants(library, [*rivals, *effects])
-        return replace(found, fit=_extended(problem_of, found, first))
+        else:
+            found = _explored(found)
+    return replace(found, fit=_extended(problem_of, found, first))
+
+
+def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
+    return frozenset(effect.identity for effect in effects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,7 +341,12 @@ def noise_is_known(at: Fit) -> bool:
     return at.stated and max(at.noise.scatters.tip, at.noise.scatters.turn) == 0.0
 
 
-def _explored(
+def _explored(choice: Choice) -> Choice:
+    """The posterior from several starts, the most probable set so far among them."""
+    return replace(choice, posterior=explore(choice.posterior.space, [choice.posterior.top]))
+
+
+def _climbed(
     at: Fit,
     library: tuple[Variants, ...],
     others: tuple[Covariate, ...],
@@ -350,7 +365,7 @@ def _explored(
     candidates = Candidates.of(design, library)
     space = ModelSpace(candidates, gram, noise_is_known(at) if scatter is None else scatter.as_stated)
     start = tuple(sorted(_block_of(candidates, library, effect) for effect in effects))
-    return Choice(at, explore(space, [start]), library, others, parts, gram, scatter)
+    return Choice(at, climbed(space, start), library, others, parts, gram, scatter)
 
 
 def _torn(at: Fit, parts: Index) -> bool:
@@ -408,6 +423,20 @@ def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[
     refined = {effect.label: effect.at(()) for effect in effects if effect.identity not in there}
     # Of several candidates of one label, the first has the variants.
     return tuple((*v, refined.pop(v[0].label)) if v[0].label in refined else v for v in library)
+
+
+def _refined_causes(choice: Choice, before: Sequence[Effect]) -> list[Effect]:
+    """The causes of the most probable set with their likeliest inner values: those before where they are about the same."""
+    return [_as_before(_refined(choice, k), before) for k in _top_causes(choice)]
+
+
+def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
+    """The same cause in an earlier fit, if its inner values are about the same."""
+    for old in before:
+        widths = old.inner_widths() if old.label == effect.label else {}
+        if widths and all(abs(getattr(effect, n) - getattr(old, n)) <= ABOUT * w for n, w in widths.items()):
+            return old
+    return effect
 
 
 def _refined(choice: Choice, block: int) -> Effect:

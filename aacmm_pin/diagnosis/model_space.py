@@ -233,7 +233,7 @@ class ModelSpace:
         """The best widths at the state's amplitude, changed one at a time."""
         at, log_prior = self.conditional(state), self._log_prior(state.blocks)
         while True:
-            values = np.array([at.of_widths(member)[:-1] for member in range(len(state.blocks))]).reshape(-1, WIDTHS.size)
+            values = at.over_widths[:, :-1]
             largest = values.max(axis=1)
             more = largest - values[np.arange(len(values)), list(at.widths)]
             if more.max(initial=0.0) <= LEAST_GAIN:
@@ -267,18 +267,33 @@ class ModelSpace:
         """
         if blocks not in self._additions:
             marginal = self.marginal(blocks)
-            factors = self._factors(marginal)
+            there = [
+                one.additions - one.log_evidence + weight for one, weight in self._near_best(marginal, lower=True)
+            ]
+            factors = np.logaddexp.reduce(there, axis=0)
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)
             gain[self.candidates.barred(blocks)] = -np.inf
             self._additions[blocks] = marginal.log_posterior + gain + self.candidates.log_odds
         return self._additions[blocks]
 
-    def _factors(self, marginal: Marginal) -> Array:
-        """Log of the factors on the likelihood of a set with each block more, at each width (blocks, widths)."""
+    def removals(self, blocks: Blocks) -> Array:
+        """Log posterior of the set without each of its blocks, about (members,).
+
+        Widths are the best with it. Amplitudes are the best and the next higher.
+        """
+        marginal, found = self.marginal(blocks), []
+        for one, weight in self._near_best(marginal, lower=False):
+            each = one.over_widths
+            found.append(weight + each[:, -1] - log_sum(each[:, :-1]) + np.log(WIDTHS.size))
+        odds = self.candidates.log_odds[list(blocks)]
+        return np.asarray(marginal.log_posterior + np.logaddexp.reduce(found, axis=0) - odds)
+
+    def _near_best(self, marginal: Marginal, lower: bool) -> list[tuple[Conditional, float]]:
+        """A set at its best amplitude and at the next one, each with its log weight."""
         best = marginal.best.amplitude
-        amplitudes = sorted({best, max(best - 1, 0)})
-        beside = [self.conditional(marginal.best._replace(amplitude=k)) for k in amplitudes]
+        following = best - 1 if lower else best + 1
+        amplitudes = sorted({best, int(np.clip(following, 0, len(self.amplitudes) - 1))})
         weights = np.log(np.maximum(marginal.amplitudes[amplitudes], LEAST_WEIGHT))
-        each = [one.additions - one.log_evidence + w for one, w in zip(beside, weights - log_sum(weights), strict=True)]
-        return np.asarray(np.logaddexp.reduce(each, axis=0))
+        there = [self.conditional(marginal.best._replace(amplitude=k)) for k in amplitudes]
+        return list(zip(there, weights - log_sum(weights), strict=True))

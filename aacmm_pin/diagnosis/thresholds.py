@@ -24,9 +24,7 @@ class Thresholds:
         reach: sets whose log posterior is lower than the largest by more have no weight. A sampler over sets found no better
             one in 5 real and 17 of 18 blind files, and inclusion probabilities within 0.013.
         expanded: of sets that are less probable than this part of the most probable, no additions are ranked.
-        beside: additions to a set that are looked at, the most probable ones first; more only if they count …
-        counts: … which a set does whose log posterior is lower than the largest by less. With 8 alone, many small
-            probabilities of one real file were lost (0.035).
+        close: of sets whose log posterior is about lower by more, it is not worked out exactly.
         expansions: sets of which all additions are ranked, at most, from each half of the starts.
         expansions_of_part: the same where a part of the records is left out.
         holds: sets with a larger weight have their members exchanged, for one other and for two. Exchanged before weaker
@@ -61,8 +59,7 @@ class Thresholds:
     rescaled: float = 1.1
     reach: float = 7.0
     expanded: float = 0.01
-    beside: int = 8
-    counts: float = 5.0
+    close: float = 3.0
     expansions: int = 60
     expansions_of_part: int = 4
     holds: float = 0.1

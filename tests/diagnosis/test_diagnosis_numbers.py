@@ -37,7 +37,7 @@ from aacmm_pin.diagnosis.covariates import Covariate, covariates
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.held_postures import RecordNoise
-from aacmm_pin.diagnosis.linear_model import Base, Conditional, Likelihood
+from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood
 from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, free
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import Posterior
@@ -330,7 +330,7 @@ def nothing_there(case: Case, draws: int, seed: int) -> tuple[Array, Array]:
 
 
 def scores(left: Conditional, block: int, products: Array) -> Array:
-    gradients = left.of(products)[left.design_blocks[block].columns]
+    gradients = left.of_residuals(products)[left.design_blocks[block].columns]
     return np.asarray(np.einsum("id,id->d", gradients, np.linalg.pinv(left.information(block), rcond=1e-10) @ gradients))
 
 
@@ -372,7 +372,8 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
     rng, found = np.random.default_rng(12), []
     for k in range(products.shape[1]):
         left = alone(choice.held)
-        left.__dict__["residual"] = np.append(left.of(products[:, k : k + 1])[:, 0], left.likelihood.dof)
+        left = replace(left, products=np.full((1, 1), left.likelihood.dof))
+        left.__dict__["residual"] = np.append(left.of_residuals(products[:, k : k + 1])[:, 0], left.chi2)
         best = int(np.argmax(logsumexp(left.additions, axis=1) + some.log_odds))
         found.append(findings.family_wise(some, left, best, rng))
     assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
@@ -539,7 +540,7 @@ def test_held_out_prediction_is_that_of_a_refit(tmp_path: Path, cause: str | Non
     choice = case.choice(blocks)
     for number in choice.held.parts[:3]:
         training = gain.Training(choice, number)
-        widths = training.space.conditional(training.space.marginal(blocks).best).widths
+        widths = WIDTHS[list(training.space.marginal(blocks).best.widths)]
         effects = [
             effect.at((), tuple(width * term.typical for term in effect.terms))
             for effect, width in zip(map(choice.variant, blocks), widths, strict=True)
