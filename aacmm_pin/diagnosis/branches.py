@@ -9,7 +9,7 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import UM
-from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.diagnosis.choice import Choice
 
 WAVES = 3
 """Waves per turn, up to this, are taken out first: an error that is a wave is mostly near its two extremes."""

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import f_sf
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import FEWEST_GROUPS, FEWEST_RECORDS
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.linear_model import Base, Conditional
-from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.model_space import Blocks
 from aacmm_pin.measurements.records import Measurements
 

@@ -15,8 +15,8 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress
 from aacmm_pin.calibration.cross_validation import FEWEST_GROUPS, Mask, distances, left_out_in_turn, rms
 from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.exploration import explored_from
-from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
 
 RESAMPLES = 2000

@@ -16,8 +16,9 @@ from aacmm_pin.calibration.calibrated_arm import calibrated_model, joined
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.fit import fit as fit_of
 from aacmm_pin.calibration.linear_system import assemble
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Carried
-from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, free
+from aacmm_pin.diagnosis.model_extension import ProblemOf, free
 from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.error_model import ErrorModel
 

@@ -9,8 +9,9 @@ import numpy as np
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.parameter_vector import geometric_parameters
 from aacmm_pin.diagnosis.candidates import is_change
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Training, brought
-from aacmm_pin.diagnosis.model_extension import Choice, Step, step_of
+from aacmm_pin.diagnosis.inner_values import Step, step_of
 from aacmm_pin.diagnosis.result import Finding, described
 from aacmm_pin.diagnosis.significance import aliases_of, family_wise, retained
 from aacmm_pin.effects import Effect

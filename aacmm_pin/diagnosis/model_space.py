@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,8 @@ LEAST_WEIGHT = 1e-12
 """An amplitude has at least this weight where additions are ranked."""
 LEAST_GAIN = 1e-9
 """A width is better if the log posterior is larger by more."""
+RECENT = 10
+"""So many sets' own products are kept, for they are asked for again at once: at each amplitude, and beside other blocks."""
 NEGLIGIBLE = 12.0
 """A log posterior that is lower than the largest by more adds nothing to a sum."""
 
@@ -160,6 +162,7 @@ class ModelSpace:
         self._marginals: dict[Blocks, Marginal] = {}
         self._additions: dict[Blocks, Array] = {}
         self._widths: dict[Blocks, Array] = {}
+        self._among = lru_cache(RECENT)(Base.among)
 
     def base(self, amplitude: int, as_stated: bool = False) -> Base:
         """Nuisances and the background of an amplitude integrated over."""
@@ -175,7 +178,8 @@ class ModelSpace:
 
     def conditional(self, state: State, as_stated: bool = False) -> Conditional:
         """What is left of every block beside a set."""
-        return Conditional.of(self.base(state.amplitude, as_stated), state.blocks, state.widths, self.likelihood)
+        base = self.base(state.amplitude, as_stated)
+        return Conditional(base, state.blocks, state.widths, self.likelihood, self._among(base, state.blocks))
 
     def log_prior(self, blocks: Blocks) -> float:
         """Log prior odds of a set of blocks against none, without its widths."""
@@ -267,9 +271,7 @@ class ModelSpace:
         """
         if blocks not in self._additions:
             marginal = self.marginal(blocks)
-            there = [
-                one.additions - one.log_evidence + weight for one, weight in self._near_best(marginal, lower=True)
-            ]
+            there = [one.additions - one.log_evidence + weight for one, weight in self._near_best(marginal, lower=True)]
             factors = np.logaddexp.reduce(there, axis=0)
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)

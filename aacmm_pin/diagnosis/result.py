@@ -22,9 +22,9 @@ from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameter_vector import geometric_parameters
 from aacmm_pin.diagnosis.branches import Branches
 from aacmm_pin.diagnosis.candidates import not_tried
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
 from aacmm_pin.diagnosis.discrepancy import lost
-from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.residual_tables import residuals_by_group
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS

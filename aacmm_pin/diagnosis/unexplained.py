@@ -13,11 +13,11 @@ from aacmm_pin._support.units import UM
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.branches import Branches, branches_of
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design_matrix import Design
-from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.significance import any_structure, family_wise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 

@@ -10,8 +10,8 @@ from aacmm_pin.calibration.calibrate import notes_of as notes_of_fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.diagnosis.candidates import not_tried
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.findings import estimated
-from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.result import described, too_good
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import COLUMNS

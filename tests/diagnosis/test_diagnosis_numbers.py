@@ -33,12 +33,13 @@ from aacmm_pin.diagnosis import cross_validation as gain
 from aacmm_pin.diagnosis import gram_matrix
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import Variants, candidates
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.covariates import Covariate, covariates
 from aacmm_pin.diagnosis.design_matrix import Block, Design, design_of
 from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
 from aacmm_pin.diagnosis.held_postures import RecordNoise
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likelihood
-from aacmm_pin.diagnosis.model_extension import Choice, ProblemOf, free
+from aacmm_pin.diagnosis.model_extension import ProblemOf, free
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.effects import Effect, EncoderSlip

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from aacmm_pin.diagnosis import model_extension
-from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.diagnosis import inner_values, model_extension
+from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.effects import EncoderSlip, JointPeriodicError
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.measurements.records import Measurements
@@ -70,10 +70,10 @@ def test_the_top_of_a_parabola() -> None:
     tried: list[Any] = [JointPeriodicError(3, order) for order in (2.0, 2.5, 3.5)]
     for top in (2.3, 2.9):
         evidences = -np.array([(2.0 - top) ** 2, (2.5 - top) ** 2, (3.5 - top) ** 2])
-        assert model_extension._between(tried, evidences, 1).order == pytest.approx(top)  # type: ignore[attr-defined]
+        assert inner_values._at_the_top(tried, evidences, 1).order == pytest.approx(top)  # type: ignore[attr-defined]
     flat, at_the_end = np.zeros(3), np.array([0.0, -1.0, -2.0])
-    assert model_extension._between(tried, flat, 1) == tried[1]
-    assert model_extension._between(tried, at_the_end, 0) == tried[0]
+    assert inner_values._at_the_top(tried, flat, 1) == tried[1]
+    assert inner_values._at_the_top(tried, at_the_end, 0) == tried[0]
 
 
 def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,14 +81,15 @@ def test_inner_values_by_their_evidence(monkeypatch: pytest.MonkeyPatch) -> None
     for far, expected in ((1.0, 4.0), (3.0, 4.11)):
         tried = [*JointPeriodicError(3, 4.0).refined(Measurements.of(np.zeros((4, 6))))]
         peak = far / 0.11**2  # so much better than the whole order
-        refined = model_extension._likeliest(tried, np.array([-peak * (e.order - 4.11) ** 2 for e in tried]))  # type: ignore[attr-defined]
+        refined = inner_values.likeliest(tried, np.array([-peak * (e.order - 4.11) ** 2 for e in tried]))  # type: ignore[attr-defined]
         assert isinstance(refined, JointPeriodicError)
         assert refined.order == pytest.approx(expected, abs=1e-3)
     records = Measurements.of(np.zeros((4, 6)), conditions=Conditions(4, time=np.array([0.0, 10.0, 30.0, 70.0])))
     fit = SimpleNamespace(problem=SimpleNamespace(measurements=records))
-    slip: Any = SimpleNamespace(variant=lambda _: EncoderSlip(3, 20.0), fit=fit)
-    monkeypatch.setattr(model_extension, "_evidences", lambda _, k, tried: np.zeros(len(tried)))
+    slip: Any = SimpleNamespace(variant=lambda _: EncoderSlip(3, 20.0), fit=fit, candidates=None, top_causes=())
+    monkeypatch.setattr(inner_values, "_acting", lambda *_: [])
+    monkeypatch.setattr(inner_values, "evidences", lambda *given: {0: [np.zeros(len(given[2][0][0]))]})
     times = np.array([0.0, 5.0, 20.0, 50.0])
     gaps = np.array([0.0, 10.0, 20.0, 40.0])  # around each of them; the first is the first record itself
     variance = np.square(times - 20.0).mean() + np.square(gaps).mean() / 12.0
-    assert model_extension.step_of(slip, 0, "time_s") == model_extension.Step(pytest.approx(np.sqrt(variance)), 0.0, 50.0)
+    assert inner_values.step_of(slip, 0, "time_s") == inner_values.Step(pytest.approx(np.sqrt(variance)), 0.0, 50.0)
