@@ -158,9 +158,10 @@ class Walk:
         candidates, before = self.space.candidates, self.best
         for k in blocks:
             rest = without_block(blocks, k)
-            order = self._visit_additions(rest)
+            order, values, least = self._visit_additions(rest), self.space.additions(rest), self.values[rest]
+            least += THRESHOLDS.imitated * (self.best - least)
             for first in dict.fromkeys([*order[: THRESHOLDS.instead], *self._contained_in(rest, k)]):
-                if candidates.owner(first) != candidates.owner(k):
+                if candidates.owner(first) != candidates.owner(k) and values[first] > least:
                     self._visit_additions(with_block(rest, first))
             if self.best > before:
                 return

@@ -30,6 +30,7 @@ class Thresholds:
         holds: sets with a larger weight have their members exchanged, for one other and for two. Exchanged before weaker
             sets are expanded: a set better by 4.3 was found in a real file.
         instead: candidates in the place of a member beside which another is tried, besides those that it contains.
+        imitated: one of two that imitate a member explains at least this part of what the member does, in log posterior.
         leading: leading causes of which each is a start.
         agreement: difference of an inclusion probability between the two halves of the starts up to which they agree.
         named: inclusion probability from which on a cause is in the extended arm and in sentences.
@@ -64,6 +65,7 @@ class Thresholds:
     expansions_of_part: int = 4
     holds: float = 0.1
     instead: int = 3
+    imitated: float = 0.2
     leading: int = 3
     agreement: float = 0.02
     named: float = 0.5
