@@ -687,7 +687,7 @@ def test_a_cause_that_excluded_records_show_is_not_denied(sino6: Arm, seed: int)
     hidden = EncoderEccentricity(3, values=tuple(rng.normal(0.0, 8e-5, 2)))
     data = simulate_measurements(ErrorModel(sino6, (hidden,)), "free", 16, rng=rng, **NOISE)
     found = diagnose(sino6, data, **NOISE, progress=False)
-    assert found.verdict == "ambiguous"
+    assert found.verdict != "no-discrepancy"
     shown = sum(share for labels, share in found.alternatives.items() if hidden.label in labels)
     assert shown > 0.3
     assert in_words(hidden) in verdict_in_words(found)
