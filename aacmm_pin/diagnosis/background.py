@@ -36,8 +36,9 @@ class Background:
     @property
     def information(self) -> Array:
         """What the records tell of the coefficients, without their prior (r, r)."""
-        prior = np.eye(len(self._factor)) / self.left.base.amplitude**2
-        return np.asarray(self._factor @ self._factor.T - prior)
+        factor, amplitude = self._factor, self.left.base.amplitude
+        prior = np.eye(len(factor)) / amplitude**2
+        return factor @ factor.T - prior
 
     @property
     def covariance(self) -> Array:

@@ -62,7 +62,9 @@ def _of_library(arm: Arm, measurements: Measurements, problem: Problem) -> dict[
 
 def _known_labels(model: ErrorModel, setup: Setup) -> set[str]:
     """Labels of what is estimated anyway; a cause at one load may act at another too."""
-    known = [*model.effects, *([] if setup.held is None else [setup.held])]
+    known = list(model.effects)
+    if setup.held is not None:
+        known.append(setup.held)
     return {effect.label for effect in known if getattr(effect, "load_at", None) is None}
 
 

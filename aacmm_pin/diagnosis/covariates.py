@@ -89,17 +89,17 @@ class Covariate:
 def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     """Everything known of the records that residuals may depend on."""
     state = State(arm, measurements.q, measurements.conditions, arm.chain.tip)
-    rows = [place // 2 for place in arm.chain.moving_axes()]
+    rows = arm.chain.moving_rows()
     joints = [(j, row) for j, row in enumerate(rows) if np.ptp(state.q[:, j]) > LEAST_SPREAD]
     single = [_of(f"joint {row}", state.q[:, j], [f"before {row}"], state) for j, row in joints]
     single += _of_columns(measurements, state, rows)
     found = [_with_time(covariate, state.conditions) for covariate in single if covariate is not None]
-    found += [_product(state, one, other) for one, other in itertools.combinations(joints, 2)]
+    found += [_product(state, *pair) for pair in itertools.combinations(joints, 2)]
     time = state.conditions.time
     if time is not None and np.ptp(time) > 0.0:
         found += [_over_time(state, j, row, time) for j, row in joints]
     sliding = [row for row, slides in zip(rows, arm.chain.prismatic, strict=True) if slides]
-    of_joints = [_along(covariate, sliding) for covariate in found]
+    of_joints = (_along(covariate, sliding) for covariate in found)
     return [*of_joints, _place(state), _scale(state), *_groups(measurements)]
 
 
@@ -199,12 +199,13 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
 
 def _product(state: State, one: tuple[int, int], other: tuple[int, int]) -> Covariate:
     """The angle of one of two joints depends on where both stand."""
-    rows = one[1], other[1]
-    names = tuple(f"joint {row}" for row in rows)
+    (j, row), (k, further) = one, other
+    names = f"joint {row}", f"joint {further}"
     waves = tuple(Waves(name, constant=True) for name in names)
-    variants = tuple(Carried.of(waves, f"angle {row}", state) for row in rows)
-    columns = [_table(name, state.q[:, j]) for name, (j, _) in zip(names, (one, other), strict=True)]
-    return Covariate(" × ".join(names), names, variants, columns[0].join(columns[1]))
+    variants = tuple(Carried.of(waves, f"angle {at}", state) for at in (row, further))
+    values = _table(names[0], state.q[:, j])
+    values = values.join(_table(names[1], state.q[:, k]))
+    return Covariate(" × ".join(names), names, variants, values)
 
 
 def _over_time(state: State, number: int, row: int, time: Array) -> Covariate:
@@ -226,14 +227,16 @@ def _place(state: State) -> Covariate:
 
 def _bumps(state: State) -> Bumps:
     """Round centres among the tips, as many as these are apart."""
-    tip = state.position
-    apart = len(np.unique(np.round(tip / NARROWEST), axis=0))
-    count = int(np.clip(apart // 2, 1, CENTRES))
     order = np.lexsort(np.round(state.q, DECIMALS).T)  # so that the order of the records does not matter
-    centres, nearest = scipy.cluster.vq.kmeans2(tip[order], count, minit="++", rng=np.random.default_rng(count))
-    squares = np.square(tip[order] - centres[nearest]).sum(axis=1)
-    width = max(1.5 * float(np.sqrt(squares.mean())), NARROWEST)
-    return Bumps(tuple((x, y, z) for x, y, z in centres.tolist()), width)
+    tip = state.position[order]
+    apart = np.unique(np.round(tip / NARROWEST), axis=0)
+    count = int(np.clip(len(apart) // 2, 1, CENTRES))
+    rng = np.random.default_rng(count)
+    centres, nearest = scipy.cluster.vq.kmeans2(tip, count, minit="++", rng=rng)
+    squares = np.square(tip - centres[nearest]).sum(axis=1)
+    spread = float(np.sqrt(squares.mean()))
+    places = tuple((x, y, z) for x, y, z in centres.tolist())
+    return Bumps(places, max(1.5 * spread, NARROWEST))
 
 
 def _scale(state: State) -> Covariate:

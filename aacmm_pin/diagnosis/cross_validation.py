@@ -57,7 +57,7 @@ class Gain(Shown):
     @property
     def gain(self) -> float:
         """1 - RMS(extended)/RMS(recalibrated)."""
-        return 1.0 - rms(self.extended) / rms(self.recalibrated)
+        return _less(self.extended, self.recalibrated)
 
     @property
     def beyond_doubt(self) -> bool:
@@ -71,7 +71,12 @@ class Gain(Shown):
     @property
     def smooth_gain(self) -> float:
         """1 - RMS(smooth)/RMS(extended): what the discrepancy adds to the causes."""
-        return 1.0 - rms(self.smooth) / rms(self.extended)
+        return _less(self.smooth, self.extended)
+
+
+def _less(after: Array, before: Array) -> float:
+    """By which part the RMS of distances is lower than that of others."""
+    return 1.0 - rms(after) / rms(before)
 
 
 class Training:
@@ -80,20 +85,23 @@ class Training:
     def __init__(self, choice: Choice, number: int) -> None:
         self.choice, self.number = choice, number
         self.rows, self.records = choice.of_part[number]
-        whole, amplitude = choice.posterior.space, choice.posterior.left.base.amplitude
-        amplitudes = tuple({0.0: None, amplitude: None})
-        self.space = ModelSpace(whole.candidates, choice.held.without(number), whole.stated, amplitudes)
+        whole = choice.posterior.space
+        gram = choice.held.without(number)
+        amplitudes = tuple(dict.fromkeys((0.0, choice.posterior.left.base.amplitude)))
+        self.space = ModelSpace(whole.candidates, gram, whole.stated, amplitudes)
         self._found: dict[tuple[Blocks, int], Array] = {}
 
     @cached_property
     def chosen(self) -> Blocks:
         """The median probability model of the other records, explored from nothing and from that of all."""
-        return explored_from(self.space, [(), self.choice.posterior.median]).median
+        starts = [(), self.choice.posterior.median]
+        return explored_from(self.space, starts).median
 
     @property
     def causes(self) -> Blocks:
         """The causes among what was chosen."""
-        return tuple(k for k in self.chosen if self.space.candidates.is_cause(k))
+        is_cause = self.space.candidates.is_cause
+        return tuple(filter(is_cause, self.chosen))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -117,8 +125,9 @@ class Training:
     def by_models(self, before: Fit) -> list[Array]:
         """Distances of the part's records by the arm as it was, recalibrated, extended, with the discrepancy too [m]."""
         poses = before.solution.point.prediction.poses[self.rows]
-        fitted = [self.predicted(blocks) for blocks in ((), self.causes)]
-        return [self._distances(poses), *fitted, self.predicted(self.chosen, background=True)]
+        recalibrated, extended = self.predicted(()), self.predicted(self.causes)
+        smooth = self.predicted(self.chosen, background=True)
+        return [self._distances(poses), recalibrated, extended, smooth]
 
     def _distances(self, poses: Array) -> Array:
         return distances(self.records, poses, lever=self.choice.fit.lever)
@@ -143,8 +152,8 @@ def gain_of(
         None where no part that is left out has anything to be compared with, such as one record only of each unknown seat.
     """
     of_part = {training.number: training for training in trained}
-    part = np.where(np.isin(choice.parts, [*of_part]), choice.parts, -1)
-    counted = choice.counted & (part >= 0)
+    part = choice.parts
+    counted = choice.counted & np.isin(part, [*of_part])
 
     def predict(number: int, _: Mask) -> list[Array]:
         return of_part[number].by_models(before)
@@ -154,6 +163,7 @@ def gain_of(
         return None
     excluded = choice.counted & ~choice.fit.used
     gross_errors = choice.fit.excluded & ~choice.counted
+    chosen = [of_part[number].labels for number in np.unique(part[counted]).tolist()]
     return Gain(
         kind=kind,
         groups=len(trained),
@@ -161,11 +171,11 @@ def gain_of(
         recalibrated=recalibrated,
         extended=extended,
         smooth=smooth,
-        part=choice.parts,
+        part=part,
         excluded=int(excluded.sum()),
         gross_errors=int(gross_errors.sum()),
-        chosen=tuple(of_part[number].labels for number in np.unique(part[counted]).tolist()),
-        interval=_interval(recalibrated, extended, choice.parts, rng),
+        chosen=tuple(chosen),
+        interval=_interval(recalibrated, extended, part, rng),
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -34,12 +33,17 @@ Described = tuple[str, Carried]
 
 def described_by(choice: Choice, blocks: Iterable[int]) -> list[Described]:
     """Names and ways of some blocks."""
-    return [(choice.covariate(k).name, choice.way(k)) for k in blocks]
+    found = []
+    for block in blocks:
+        name = choice.covariate(block).name
+        found.append((name, choice.way(block)))
+    return found
 
 
 def lost(described: Sequence[Described]) -> list[str]:
     """Covariates that no arm file can have, for new records do not have them: labels, torques, unknown columns."""
-    return list(dict.fromkeys(name for name, way in described if way.smooth is None))
+    names = [name for name, way in described if way.smooth is None]
+    return list(dict.fromkeys(names))
 
 
 def described_model(known: ErrorModel, choice: Choice, problem_of: ProblemOf, background: bool) -> ErrorModel:
@@ -78,9 +82,10 @@ def _background(choice: Choice, rotation: Array | None, taken: Collection[str]) 
     design, left = choice.design, choice.posterior.left
     columns, weights = left.base.gram.products.background
     blocks = [k for k, block in enumerate(design.blocks) if block.candidate >= design.causes]
-    described, background = described_by(choice, blocks), Background(left)
+    described = described_by(choice, blocks)
     in_si = design.scales[columns][:, None] * weights
-    return background_effect(described, in_si, background.estimate, background.covariance, rotation, taken)
+    found = Background(left)
+    return background_effect(described, in_si, found.estimate, found.covariance, rotation, taken)
 
 
 def covariate_effects(
@@ -158,11 +163,10 @@ def calibrated_beside(fit: Fit, held: Discrepancy) -> ErrorModel:
     """
     model = calibrated_model(fit)
     names, covariance = _known_covariance(model.arm)
-    place = {name: number for number, name in enumerate(fit.problem.vector.names)}
-    answers = np.column_stack([_answer(fit, held, k) for k in range(held.size)])
+    answers = dict(zip(fit.problem.vector.names, _answers(fit, held), strict=True))
     response = np.zeros((len(names), held.size))
-    estimated = [number for number, name in enumerate(names) if name in place]
-    response[estimated] = answers[[place[names[number]] for number in estimated]]
+    for row, name in zip(response, names, strict=True):
+        row += answers.get(name, 0.0)
     own = np.diag(np.square(held.u))
     across = response @ own
     joint = np.block([[covariance + across @ response.T, across], [across.T, own]])
@@ -179,8 +183,14 @@ def _known_covariance(arm: Arm) -> tuple[list[str], Array]:
     return list(known.parameters), known.matrix_of_correlation() * np.outer(u, u)
 
 
+def _answers(fit: Fit, held: Discrepancy) -> Array:
+    """How the estimates of a fit answer to one unit of each coefficient of an effect that it held (p, q)."""
+    columns = [_answer(fit, held, k) for k in range(held.size)]
+    return np.column_stack(columns)
+
+
 def _answer(fit: Fit, held: Discrepancy, number: int) -> Array:
-    """How the estimates of a fit answer to one unit of a coefficient of an effect that it held (p,)."""
+    """How they answer to one of the coefficients (p,)."""
     solution, problem = fit.solution, fit.problem
     point = solution.point
     values = np.array(held.values)
@@ -221,15 +231,19 @@ def _factors(estimate: Array, covariance: Array) -> tuple[float, Array]:
 def _rounded(numbers: Array) -> Array:
     """To three significant digits: u has two."""
     size = np.maximum(np.abs(numbers), np.finfo(float).tiny)
-    unit = 10.0 ** (np.floor(np.log10(size)) - 2.0)
-    return np.asarray(np.round(numbers / unit) * unit, dtype=np.float64)
+    digits = np.floor(np.log10(size)) - 2.0
+    unit = 10.0**digits
+    return np.asarray(np.round(numbers / unit) * unit)
 
 
 def _slices(described: Sequence[Described]) -> list[slice]:
     """Where the coefficients of each are."""
-    sizes = [way.functions.shape[1] * Carrier(way.carrier).axes for _, way in described]
-    ends = np.cumsum([0, *sizes]).tolist()
-    return [slice(first, last) for first, last in pairwise(ends)]
+    last, found = 0, []
+    for _, way in described:
+        first = last
+        last += way.functions.shape[1] * Carrier(way.carrier).axes
+        found.append(slice(first, last))
+    return found
 
 
 def coefficients_of_effect(way: Carried, rotation: Array | None = None) -> Array:

@@ -115,7 +115,8 @@ def _scatter(choice: Choice) -> Array:
 
 def _log_likelihood(residual: Array, covariance: Array) -> float:
     """Of residuals (n, 3) with covariances (n, 3, 3) up to a common factor, at its best; times two."""
-    chi2 = np.einsum("ni,nij,nj->", residual, np.linalg.inv(covariance), residual)
+    precision = np.linalg.inv(covariance)
+    chi2 = np.einsum("ni,nij,nj->", residual, precision, residual)
     log_volume = np.linalg.slogdet(covariance)[1].sum()
     return float(-log_volume - residual.size * np.log(chi2))
 
@@ -129,7 +130,8 @@ class Spread(NamedTuple):
 
 def _spread(scatter: Array) -> Spread:
     """Of residuals with covariances (n, 3, 3); the part is ``(Σ tr C)² / (3 n Σ tr C²)`` (Satterthwaite 1946)."""
-    total, count = float(np.trace(scatter, axis1=1, axis2=2).sum()), 3 * len(scatter)
+    count = 3 * len(scatter)
+    total = float(np.trace(scatter, axis1=1, axis2=2).sum())
     squares = float(np.square(scatter).sum())
     return Spread(total / count, total**2 / (count * squares))
 

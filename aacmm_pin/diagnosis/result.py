@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -14,7 +14,6 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.cross_validation import Mask, rms
 from aacmm_pin.calibration.fit import Fit
@@ -160,7 +159,7 @@ class Diagnosis(Shown):
     @property
     def no_better(self) -> bool:
         """Whether causes were added with which held-out records are not predicted better beyond doubt."""
-        return no_better(self.model.arm, self.findings, self.held_out)
+        return "no better" in self.doubts
 
     def cause(self, label: str) -> Effect | None:
         """The cause that a label of this result names, as it was tried first; None for a covariate."""
@@ -218,8 +217,9 @@ class Diagnosis(Shown):
     def converge_note(self) -> str:
         """What held up a search that did not converge; "" where all did."""
         fits = {"recalibrated": self.recalibrated, "extended": self.extended}
-        stuck = {name: fit.solution for name, fit in fits.items() if not fit.solution.converged}
-        return "; ".join(f"{name}: {solution.held_up}" for name, solution in stuck.items())
+        ends = {name: fit.solution for name, fit in fits.items()}
+        stuck = [f"{name}: {end.held_up}" for name, end in ends.items() if not end.converged]
+        return "; ".join(stuck)
 
     @property
     def _fits(self) -> dict[str, Fit]:
@@ -269,17 +269,6 @@ class Diagnosis(Shown):
             AacmmError: there is no such finding.
         """
         return cast("Axes", report().plots.plot_diagnosis(self, finding, ax))
-
-
-def no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None) -> bool:
-    """Whether there are causes among the findings with which held-out records are not predicted better beyond doubt.
-
-    Values of the geometry are in the recalibrated arm as well, and places of seats in neither.
-    """
-    if held is None or held.beyond_doubt:
-        return False
-    effects = [finding.effect for finding in findings if not finding.effect.corrects_seat]
-    return any(not geometric_parameters(arm, effect) for effect in effects)
 
 
 def described(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:

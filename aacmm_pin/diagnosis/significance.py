@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -43,28 +43,23 @@ class Alias(Shown):
     effect: Effect | None = None
 
 
-class Ratio(NamedTuple):
-    """Likelihood ratio of a block, and its number of columns."""
+def likelihood_ratio(left: Conditional, block: int) -> tuple[float, int]:
+    """Of a block: at most χ² when it is not there, and its degrees of freedom.
 
-    value: float
-    columns: int
+    Its parameters are known to within the largest width. Else columns of which the records tell next to nothing would
+    explain everything: an arm that shrinks to a point meets every unknown seat.
+    """
+    gradient = left.residual[left.design_blocks[block].columns]
+    prior = np.eye(gradient.size) / WIDTHS.max() ** 2
+    information = left.information(block) + prior
+    step = np.linalg.solve(information, gradient)
+    return float(gradient @ step) / left.variance, gradient.size
 
-    @staticmethod
-    def of(left: Conditional, block: int) -> Ratio:
-        """At most χ² with as many degrees as the block has columns when it is not there.
 
-        Its parameters are known to within the largest width. Else columns of which the records tell next to nothing would
-        explain everything: an arm that shrinks to a point meets every unknown seat.
-        """
-        gradient = left.residual[left.design_blocks[block].columns]
-        prior = np.eye(gradient.size) / WIDTHS.max() ** 2
-        step = np.linalg.solve(left.information(block) + prior, gradient)
-        return Ratio(float(gradient @ step) / left.variance, gradient.size)
-
-    @property
-    def chance(self) -> float:
-        """That it is as large when nothing is there."""
-        return float(chi2_sf(self.value, self.columns))
+def chance(left: Conditional, block: int) -> float:
+    """That its likelihood ratio is as large when a block is not there."""
+    ratio, columns = likelihood_ratio(left, block)
+    return float(chi2_sf(ratio, columns))
 
 
 def family_wise(candidates: Candidates, left: Conditional, block: int, rng: np.random.Generator) -> float:
@@ -73,7 +68,7 @@ def family_wise(candidates: Candidates, left: Conditional, block: int, rng: np.r
     Bonferroni's bound over all that is tried, where that is smaller than any number of draws could tell; else by draws of
     the gradients of residuals that are noise alone.
     """
-    bound = len(candidates.blocks) * Ratio.of(left, block).chance
+    bound = len(candidates.blocks) * chance(left, block)
     if bound < 1 / DRAWS:
         return bound
     additions = logsumexp(left.additions[block]) - np.log(WIDTHS.size)
@@ -99,17 +94,19 @@ def _largest_odds(candidates: Candidates, left: Conditional, rng: np.random.Gene
 def any_structure(candidates: Candidates, left: Conditional) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
     covariates = [k for k in range(len(candidates.blocks)) if not candidates.is_cause(k)]
-    chances = [Ratio.of(left, k).chance for k in covariates]
-    return min(1.0, len(chances) * min(chances, default=1.0))
+    chances = [chance(left, k) for k in covariates]
+    smallest = min(chances, default=1.0)
+    return min(1.0, len(chances) * smallest)
 
 
 def retained(left: Conditional, block: int) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β, where M takes out what all else can explain."""
     own = left.design_blocks[block]
-    whole, information = left.base.gram.inside(own), left.information(block)
+    information = left.information(block)
     step = np.linalg.lstsq(information, left.residual[own.columns], rcond=1e-10)[0]
-    kept, size = float(step @ information @ step), float(step @ whole @ step)
-    return float(np.sqrt(max(kept, 0.0) / size)) if size > 0 else 0.0
+    kept = max(float(step @ information @ step), 0.0)
+    size = float(step @ left.base.gram.inside(own) @ step)
+    return math.sqrt(kept / size) if size > 0.0 else 0.0
 
 
 def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) -> list[Alias]:

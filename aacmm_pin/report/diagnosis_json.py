@@ -105,11 +105,12 @@ def _spectrum(effect: Effect) -> dict[str, Any]:
 
 
 def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float | None]]:
-    return {name: _value(*known) for name, known in values.items()}
+    return {name: _value(known) for name, known in values.items()}
 
 
-def _value(value: float, u: float) -> dict[str, float | None]:
+def _value(known: tuple[float, float]) -> dict[str, float | None]:
     """A value with u; None where nothing determines it."""
+    value, u = known
     return {"value": value, "u": u if math.isfinite(u) else None}
 
 

@@ -317,7 +317,7 @@ def test_ratio_and_its_directions() -> None:
     block = Block(0, 0, slice(1, 4), (EncoderSlip(3, 0.0),))
     known = {"information": lambda _: np.diag([3.99, 0.99, 8.99]), "residual": np.array([7.0, 4.0, 2.0, 0.0, 9.0])}
     left: Any = SimpleNamespace(design_blocks=[block], variance=2.0, **known)
-    assert findings.Ratio.of(left, 0) == pytest.approx((4.0, 3.0))
+    assert findings.likelihood_ratio(left, 0) == pytest.approx((4.0, 3.0))
 
 
 # --- chances when nothing is there
