@@ -179,8 +179,7 @@ def _known_covariance(arm: Arm) -> tuple[list[str], Array]:
     known = arm.covariance
     if known is None:
         return [], np.zeros((0, 0))
-    u = np.array(known.standard_uncertainty_si)
-    return list(known.parameters), known.matrix_of_correlation() * np.outer(u, u)
+    return list(known.parameters), known.matrix()
 
 
 def _answers(fit: Fit, held: Discrepancy) -> Array:

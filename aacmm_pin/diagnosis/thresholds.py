@@ -1,4 +1,7 @@
-"""Every number of the diagnosis that somebody chose, and the measurement behind it where there is one."""
+"""Every threshold of the diagnosis, and the measurement behind it where there is one.
+
+How many functions a covariate has, and how many draws a chance is from, stand where these are made.
+"""
 
 from __future__ import annotations
 
