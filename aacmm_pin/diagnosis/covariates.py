@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -86,61 +87,117 @@ class Covariate:
     values: pd.DataFrame
 
 
+class Column(NamedTuple):
+    """Name of a column with its unit, and how many SI units one of it is."""
+
+    name: str
+    unit: float = 1.0
+
+    def table(self, values: Array) -> pd.DataFrame:
+        """The column, of values (n,) [SI]."""
+        return pd.DataFrame({self.name: values / self.unit})
+
+
+TIME, TEMPERATURE = Column("time_s"), Column("temperature_c")
+
+
+class Joint(NamedTuple):
+    """Number of a joint from 0, its row, and whether it slides."""
+
+    number: int
+    row: int
+    slides: bool
+
+    @property
+    def name(self) -> str:
+        """As a covariate."""
+        return f"joint {self.row}"
+
+    @property
+    def error(self) -> str:
+        """The carrier of its error."""
+        return f"slide {self.row}" if self.slides else f"angle {self.row}"
+
+    @property
+    def column(self) -> Column:
+        """Its readings."""
+        if self.slides:
+            return Column(f"joint{self.row}_mm", MM)
+        return Column(f"theta{self.row}_deg", DEG)
+
+    def table(self, state: State) -> pd.DataFrame:
+        """Its readings in these records."""
+        readings = state.q[:, self.number]
+        return self.column.table(readings)
+
+
 def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     """Everything known of the records that residuals may depend on."""
     state = State(arm, measurements.q, measurements.conditions, arm.chain.tip)
-    rows = arm.chain.moving_rows()
-    joints = [(j, row) for j, row in enumerate(rows) if np.ptp(state.q[:, j]) > LEAST_SPREAD]
-    single = [_of(f"joint {row}", state.q[:, j], [f"before {row}"], state) for j, row in joints]
-    single += _of_columns(measurements, state, rows)
-    found = [_with_time(covariate, state.conditions) for covariate in single if covariate is not None]
-    found += [_product(state, *pair) for pair in itertools.combinations(joints, 2)]
-    time = state.conditions.time
-    if time is not None and np.ptp(time) > 0.0:
-        found += [_over_time(state, j, row, time) for j, row in joints]
-    sliding = [row for row, slides in zip(rows, arm.chain.prismatic, strict=True) if slides]
-    of_joints = (_along(covariate, sliding) for covariate in found)
-    return [*of_joints, _place(state), _scale(state), *_groups(measurements)]
+    joints = [*map(Joint, itertools.count(), arm.chain.moving_rows(), arm.chain.prismatic)]
+    spread = np.ptp(state.q, axis=0)
+    moving = [joint for joint in joints if spread[joint.number] > LEAST_SPREAD]
+    single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
+    there = filter(None, single)
+    found = [_with_time(covariate, state.conditions) for covariate in there]
+    of_tip = [_place(state), _scale(state)]
+    return [*found, *_products(state, moving), *of_tip, *_groups(measurements)]
 
 
-def _of_columns(measurements: Measurements, state: State, rows: Sequence[int]) -> Iterator[Covariate | None]:
+def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
+    """Each joint, which may shift the tip along the body before it."""
+    for joint in joints:
+        readings, carriers = state.q[:, joint.number], [f"before {joint.row}"]
+        yield _of(joint.name, readings, carriers, state, joint.column)
+
+
+def _of_columns(measurements: Measurements, state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
     """Recorded conditions, the operator and unknown columns."""
     conditions = state.conditions
-    turning = ["room", *(f"angle {row}" for row in rows)]
+    turning = ["room", *(joint.error for joint in joints)]
     anywhere = [*turning, "lengths"]
-    for name in ("time", "temperature"):
-        if (numbers := getattr(conditions, name)) is not None:
-            yield _of(name, numbers, anywhere, state)
+    if conditions.time is not None:
+        yield _of("time", conditions.time, anywhere, state, TIME)
+    if conditions.temperature is not None:
+        yield _of("temperature", conditions.temperature, anywhere, state, TEMPERATURE)
     if conditions.session is not None:
         yield _of("session", conditions.session, anywhere)
     if conditions.torque is not None:
-        for j, row in enumerate(rows):
-            yield _of(f"torque {row}", conditions.torque[:, j], turning)
+        for joint in joints:
+            yield _of(f"torque {joint.row}", conditions.torque[:, joint.number], turning)
     if measurements.operator is not None:
         yield _of("operator", measurements.operator, turning)
-    for column in measurements.extra:
-        yield _of(str(column), measurements.extra[column], anywhere)
+    for name in measurements.extra:
+        yield _of(str(name), measurements.extra[name], anywhere)
 
 
-def _of(name: str, values: Iterable[object], carriers: Sequence[str], state: State | None = None) -> Covariate | None:
+def _of(
+    name: str,
+    values: Iterable[object],
+    carriers: Sequence[str],
+    state: State | None = None,
+    column: Column | None = None,
+) -> Covariate | None:
     """A column of numbers or labels that may act on each of the carriers; numbers of a ``state`` new records have too."""
+    column = column or Column(name)
     numbers = as_numbers(values)
     if numbers is None:
-        return _of_labels(name, pd.Series(values).astype(str), carriers)
+        return _of_labels(name, pd.Series(values).astype(str), carriers, column)
     slow, quick = (Cosines.over(name, numbers, count) for count in SMOOTH)
     variants = [_carried(slow, numbers, carrier, state) for carrier in carriers]
     if carriers[0] == "room" and len(numbers) > 3 * SMOOTH[1]:
         variants.append(_carried(quick, numbers, "room", state))
-    return Covariate(name, (name,), tuple(variants), _table(name, numbers.to_numpy(dtype=np.float64)))
+    table = column.table(numbers.to_numpy(dtype=np.float64))
+    return Covariate(name, (name,), tuple(variants), table)
 
 
-def _of_labels(name: str, labels: pd.Series, carriers: Sequence[str]) -> Covariate | None:
+def _of_labels(name: str, labels: pd.Series, carriers: Sequence[str], column: Column) -> Covariate | None:
     """A column of labels; None with a single one, or with too many."""
     if not 2 <= labels.nunique() <= MOST_LABELS:
         return None
     dummies = _of_size_one(pd.get_dummies(labels, dtype=float).to_numpy())
     variants = tuple(Carried(dummies, carrier) for carrier in carriers)
-    return Covariate(name, (name,), variants, pd.DataFrame({_column(name)[0]: labels.to_numpy()}))
+    return Covariate(name, (name,), variants, pd.DataFrame({column.name: labels.to_numpy()}))
 
 
 def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | None) -> Carried:
@@ -148,36 +205,6 @@ def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | 
     if state is None:
         return Carried(_of_size_one(cosines.of_values(numbers)), carrier)
     return Carried.of((cosines,), carrier, state)
-
-
-def _along(covariate: Covariate, sliding: Sequence[int]) -> Covariate:
-    """The covariate with the positions of joints that slide, and errors of these, as such."""
-    values = covariate.values.copy()
-    for row in sliding:
-        name = f"theta{row}_deg"
-        if name in values and pd.api.types.is_numeric_dtype(values[name]):
-            values[name] *= DEG / MM
-            values = values.rename(columns={name: f"joint{row}_mm"})
-    angles = {f"angle {row}": f"slide {row}" for row in sliding}
-    variants = [replace(way, carrier=angles.get(way.carrier, way.carrier)) for way in covariate.variants]
-    return replace(covariate, values=values, variants=tuple(variants))
-
-
-UNITS = {"time": ("time_s", 1.0), "temperature": ("temperature_c", 1.0)}
-
-
-def _column(name: str) -> tuple[str, float]:
-    """Name of a covariate's column with its unit, and how many SI units one of it is."""
-    what, _, row = name.partition(" ")
-    if what == "joint":
-        return f"theta{row}_deg", DEG
-    return UNITS.get(name, (name, 1.0))
-
-
-def _table(name: str, values: Array) -> pd.DataFrame:
-    """The covariate as a column with its unit in its name."""
-    column, unit = _column(name)
-    return pd.DataFrame({column: values / unit})
 
 
 def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
@@ -197,24 +224,32 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
     return replace(covariate, variants=(*covariate.variants, anew))
 
 
-def _product(state: State, one: tuple[int, int], other: tuple[int, int]) -> Covariate:
+def _products(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
+    """Each two joints, and each joint with time."""
+    for one, other in itertools.combinations(joints, 2):
+        yield _product(state, one, other)
+    time = state.conditions.time
+    if time is None or np.ptp(time) == 0.0:
+        return
+    for joint in joints:
+        yield _over_time(state, joint, time)
+
+
+def _product(state: State, *joints: Joint) -> Covariate:
     """The angle of one of two joints depends on where both stand."""
-    (j, row), (k, further) = one, other
-    names = f"joint {row}", f"joint {further}"
+    names = tuple(joint.name for joint in joints)
     waves = tuple(Waves(name, constant=True) for name in names)
-    variants = tuple(Carried.of(waves, f"angle {at}", state) for at in (row, further))
-    values = _table(names[0], state.q[:, j])
-    values = values.join(_table(names[1], state.q[:, k]))
-    return Covariate(" × ".join(names), names, variants, values)
+    variants = tuple(Carried.of(waves, joint.error, state) for joint in joints)
+    columns = [joint.table(state) for joint in joints]
+    return Covariate(" × ".join(names), names, variants, pd.concat(columns, axis=1))
 
 
-def _over_time(state: State, number: int, row: int, time: Array) -> Covariate:
+def _over_time(state: State, joint: Joint, time: Array) -> Covariate:
     """The angle of a joint is off by where it stands, and otherwise later: an encoder that was knocked midway."""
-    name = f"joint {row}"
-    waves = Waves(name), Cosines.over("time", time, LATER)
-    values = _table(name, state.q[:, number]).join(_table("time", time))
-    way = Carried.of(waves, f"angle {row}", state)
-    return Covariate(f"{name} × time", (name, "time"), (way,), values)
+    functions = Waves(joint.name), Cosines.over("time", time, LATER)
+    way = Carried.of(functions, joint.error, state)
+    values = joint.table(state).join(TIME.table(time))
+    return Covariate(f"{joint.name} × time", (joint.name, "time"), (way,), values)
 
 
 def _place(state: State) -> Covariate:

@@ -105,7 +105,8 @@ def _spectrum(effect: Effect) -> dict[str, Any]:
 
 
 def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float | None]]:
-    return {name: _value(known) for name, known in values.items()}
+    pairs = map(_value, values.values())
+    return dict(zip(values, pairs, strict=True))
 
 
 def _value(known: tuple[float, float]) -> dict[str, float | None]:
