@@ -252,6 +252,11 @@ class Covariance(_Part):
             matrix[i, :i] = matrix[:i, i] = row
         return matrix
 
+    def matrix(self) -> Array:
+        """Covariance of the parameters (p, p) [their SI units]."""
+        u = np.array(self.standard_uncertainty_si)
+        return self.matrix_of_correlation() * np.outer(u, u)
+
 
 class AnyArmFile(_Part):
     """What every arm file has."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.parameter_vector import OF_KIND
@@ -41,28 +41,51 @@ def candidates(
         UnknownNameError: an extra cause is not registered.
         AacmmError: an extra cause sits on a row that the arm does not have.
     """
-    held = problem.setup.held
-    arm = model.arm
-    known = {e.label for e in (*model.effects, *([held] if held else [])) if getattr(e, "load_at", None) is None}
-    found = [*all_candidates(arm, measurements), *((effect,) for effect in _of_set_up(arm, measurements, problem))]
-    of_label = {variants[0].label: variants for variants in found}
+    found = _of_library(model.arm, measurements, problem)
     for effect in extra:
         if CAUSES.get(effect.cause) is not type(effect):
             raise UnknownNameError("cause", effect.cause, list(CAUSES), "aacmm_pin.effects.register adds one of your own")
-        label = require_row(effect, arm).label
-        of_label[label] = tuple(dict.fromkeys((*of_label.get(label, ()), effect.at(()))))
-    changes, taken = [], {effect.identity for effect in model.effects}
-    for effect in known_causes(model, measurements, problem.setup):
-        others = (*(of_label.get(effect.label, ()) if effect.inner else ()), *effect.other_loads(arm))
-        new = [other for other in others if other.identity not in taken]  # of several known ones, with the first
+        label = require_row(effect, model.arm).label
+        variants = (*found.get(label, ()), effect.at(()))
+        found[label] = tuple(dict.fromkeys(variants))
+    changes = _changes(model, measurements, problem.setup, found)
+    known = _known_labels(model, problem.setup)
+    return [*changes, *(variants for label, variants in found.items() if label not in known)]
+
+
+def _of_library(arm: Arm, measurements: Measurements, problem: Problem) -> dict[str, Variants]:
+    """Variants of each registered cause at each place, by its label, and of what was set up."""
+    of_set_up = [(effect,) for effect in _of_set_up(arm, measurements, problem)]
+    candidates = [*all_candidates(arm, measurements), *of_set_up]
+    return {variants[0].label: variants for variants in candidates}
+
+
+def _known_labels(model: ErrorModel, setup: Setup) -> set[str]:
+    """Labels of what is estimated anyway; a cause at one load may act at another too."""
+    known = list(model.effects)
+    if setup.held is not None:
+        known.append(setup.held)
+    return {effect.label for effect in known if getattr(effect, "load_at", None) is None}
+
+
+def _changes(
+    model: ErrorModel, measurements: Measurements, setup: Setup, found: Mapping[str, Variants]
+) -> Iterator[Variants]:
+    """The change of each known cause, and its other variants; of several known causes with one label with the first."""
+    taken = {effect.identity for effect in model.effects}
+    for effect in known_causes(model, measurements, setup):
+        others = [*effect.other_loads(model.arm)]
+        if effect.inner:
+            others = [*found.get(effect.label, ()), *others]
+        new = [other for other in others if other.identity not in taken]
         taken.update(other.identity for other in new)
-        changes.append((effect.at((), effect.u), *new))
-    return [*changes, *(variants for label, variants in of_label.items() if label not in known)]
+        yield (effect.at((), effect.u), *new)
 
 
 def not_tried(library: Sequence[Variants], measurements: Measurements) -> dict[str, tuple[type[Effect], ...]]:
     """Conditions that the records do not state, and the causes of which none was a candidate for want of them."""
-    tried, lacking = {variants[0].cause for variants in library}, dict[str, tuple[type[Effect], ...]]()
+    tried = {variants[0].cause for variants in library}
+    lacking: dict[str, tuple[type[Effect], ...]] = {}
     for cause in CAUSES.values():
         missing = [need for need in _needs(cause) if getattr(measurements.conditions, need) is None]
         if missing and cause.cause not in tried:
@@ -78,8 +101,10 @@ def _needs(cause: type[Effect]) -> tuple[str, ...]:
 
 def known_causes(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
     """The causes that the arm is known to have, with a stated uncertainty that counts; a discrepancy is none."""
-    causes = (effect for effect in model.effects if not isinstance(effect, Discrepancy))
-    stated = (effect for effect in causes if setup.prior and any(effect.u))
+    if not setup.prior:
+        return []
+    causes = [effect for effect in model.effects if not isinstance(effect, Discrepancy)]
+    stated = [effect for effect in causes if any(effect.u)]
     return [effect for effect in stated if not found_anew(effect, setup, measurements)]
 
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Carrier
 from aacmm_pin.effects.encoder import LEAST_SPREAD
@@ -23,10 +23,6 @@ from aacmm_pin.effects.smooth_functions import Bumps, Cosines, Smooth, Waves, pr
 from aacmm_pin.effects.state import State
 from aacmm_pin.measurements.records import Measurements
 
-FEWEST_GROUPS = 3
-"""With fewer groups than this nobody can say which one is the odd one out."""
-FEWEST_RECORDS = 3
-"""A group has more records than this, or its own shift explains them whatever they are."""
 SMOOTH = (5, 20)
 """Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it may shift the tip."""
 LATER = 3
@@ -91,48 +87,117 @@ class Covariate:
     values: pd.DataFrame
 
 
+class Column(NamedTuple):
+    """Name of a column with its unit, and how many SI units one of it is."""
+
+    name: str
+    unit: float = 1.0
+
+    def table(self, values: Array) -> pd.DataFrame:
+        """The column, of values (n,) [SI]."""
+        return pd.DataFrame({self.name: values / self.unit})
+
+
+TIME, TEMPERATURE = Column("time_s"), Column("temperature_c")
+
+
+class Joint(NamedTuple):
+    """Number of a joint from 0, its row, and whether it slides."""
+
+    number: int
+    row: int
+    slides: bool
+
+    @property
+    def name(self) -> str:
+        """As a covariate."""
+        return f"joint {self.row}"
+
+    @property
+    def error(self) -> str:
+        """The carrier of its error."""
+        return f"slide {self.row}" if self.slides else f"angle {self.row}"
+
+    @property
+    def column(self) -> Column:
+        """Its readings."""
+        if self.slides:
+            return Column(f"joint{self.row}_mm", MM)
+        return Column(f"theta{self.row}_deg", DEG)
+
+    def table(self, state: State) -> pd.DataFrame:
+        """Its readings in these records."""
+        readings = state.q[:, self.number]
+        return self.column.table(readings)
+
+
 def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     """Everything known of the records that residuals may depend on."""
-    conditions = measurements.conditions
-    state = State(arm, measurements.q, conditions, arm.chain.tip)
-    rows = [place // 2 for place in arm.chain.moving_axes()]
-    angles = [f"angle {row}" for row in rows]
-    numbers = [(j, row) for j, row in enumerate(rows) if np.ptp(measurements.q[:, j]) > LEAST_SPREAD]
-    found = [_of(f"joint {row}", measurements.q[:, j], [f"before {row}"], state) for j, row in numbers]
-    named: list[tuple[str, Iterable[object], list[str], State | None]] = []
-    for name in ("time", "temperature", "session"):
-        if (known := getattr(conditions, name)) is not None:
-            named.append((name, known, ["room", *angles, "lengths"], None if name == "session" else state))
+    state = State(arm, measurements.q, measurements.conditions, arm.chain.tip)
+    joints = [*map(Joint, itertools.count(), arm.chain.moving_rows(), arm.chain.prismatic)]
+    spread = np.ptp(state.q, axis=0)
+    moving = [joint for joint in joints if spread[joint.number] > LEAST_SPREAD]
+    single = [*_of_joints(state, moving), *_of_columns(measurements, state, joints)]
+    there = filter(None, single)
+    found = [_with_time(covariate, state.conditions) for covariate in there]
+    of_tip = [_place(state), _scale(state)]
+    return [*found, *_products(state, moving), *of_tip, *_groups(measurements)]
+
+
+def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
+    """Each joint, which may shift the tip along the body before it."""
+    for joint in joints:
+        readings, carriers = state.q[:, joint.number], [f"before {joint.row}"]
+        yield _of(joint.name, readings, carriers, state, joint.column)
+
+
+def _of_columns(measurements: Measurements, state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
+    """Recorded conditions, the operator and unknown columns."""
+    conditions = state.conditions
+    turning = ["room", *(joint.error for joint in joints)]
+    anywhere = [*turning, "lengths"]
+    if conditions.time is not None:
+        yield _of("time", conditions.time, anywhere, state, TIME)
+    if conditions.temperature is not None:
+        yield _of("temperature", conditions.temperature, anywhere, state, TEMPERATURE)
+    if conditions.session is not None:
+        yield _of("session", conditions.session, anywhere)
     if conditions.torque is not None:
-        named += [(f"torque {row}", conditions.torque[:, j], ["room", *angles], None) for j, row in enumerate(rows)]
+        for joint in joints:
+            yield _of(f"torque {joint.row}", conditions.torque[:, joint.number], turning)
     if measurements.operator is not None:
-        named.append(("operator", measurements.operator, ["room", *angles], None))
-    named += [(str(name), measurements.extra[name], ["room", *angles, "lengths"], None) for name in measurements.extra]
-    found += [_of(*each) for each in named]
-    products = [_product(state, one, other) for one, other in itertools.combinations(numbers, 2)]
-    if conditions.time is not None and np.ptp(conditions.time) > 0.0:
-        products += [_over_time(state, j, row) for j, row in numbers]
-    single = [_with_time(c, conditions) for c in found if c is not None]
-    sliding = [row for row, slides in zip(rows, arm.chain.prismatic, strict=True) if slides]
-    of_joints = [_along(covariate, sliding) for covariate in (*single, *products)]
-    return [*of_joints, _place(state), _scale(state), *_groups(measurements)]
+        yield _of("operator", measurements.operator, turning)
+    for name in measurements.extra:
+        yield _of(str(name), measurements.extra[name], anywhere)
 
 
-def _of(name: str, values: Iterable[object], carriers: Sequence[str], state: State | None) -> Covariate | None:
+def _of(
+    name: str,
+    values: Iterable[object],
+    carriers: Sequence[str],
+    state: State | None = None,
+    column: Column | None = None,
+) -> Covariate | None:
     """A column of numbers or labels that may act on each of the carriers; numbers of a ``state`` new records have too."""
-    if (numbers := as_numbers(values)) is not None:
-        slow, quick = (Cosines.over(name, numbers, count) for count in SMOOTH)
-        variants = [_carried(slow, numbers, carrier, state) for carrier in carriers]
-        if carriers[0] == "room" and len(numbers) > 3 * SMOOTH[1]:
-            variants.append(_carried(quick, numbers, "room", state))
-        return Covariate(name, (name,), tuple(variants), _table(name, numbers.to_numpy(dtype=np.float64)))
-    labels = pd.Series(values).astype(str)
+    column = column or Column(name)
+    numbers = as_numbers(values)
+    if numbers is None:
+        return _of_labels(name, pd.Series(values).astype(str), carriers, column)
+    slow, quick = (Cosines.over(name, numbers, count) for count in SMOOTH)
+    variants = [_carried(slow, numbers, carrier, state) for carrier in carriers]
+    if carriers[0] == "room" and len(numbers) > 3 * SMOOTH[1]:
+        variants.append(_carried(quick, numbers, "room", state))
+    table = column.table(numbers.to_numpy(dtype=np.float64))
+    return Covariate(name, (name,), tuple(variants), table)
+
+
+def _of_labels(name: str, labels: pd.Series, carriers: Sequence[str], column: Column) -> Covariate | None:
+    """A column of labels; None with a single one, or with too many."""
     if not 2 <= labels.nunique() <= MOST_LABELS:
         return None
     dummies = _of_size_one(pd.get_dummies(labels, dtype=float).to_numpy())
-    return Covariate(
-        name, (name,), tuple(Carried(dummies, carrier) for carrier in carriers), _table(name, labels.to_numpy())
-    )
+    variants = tuple(Carried(dummies, carrier) for carrier in carriers)
+    return Covariate(name, (name,), variants, pd.DataFrame({column.name: labels.to_numpy()}))
 
 
 def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | None) -> Carried:
@@ -140,26 +205,6 @@ def _carried(cosines: Cosines, numbers: pd.Series, carrier: str, state: State | 
     if state is None:
         return Carried(_of_size_one(cosines.of_values(numbers)), carrier)
     return Carried.of((cosines,), carrier, state)
-
-
-def _along(covariate: Covariate, sliding: Sequence[int]) -> Covariate:
-    """The covariate with the positions of joints that slide, and errors of these, as such."""
-    values, variants = covariate.values, covariate.variants
-    for row in sliding:
-        if (name := f"theta{row}_deg") in values and pd.api.types.is_numeric_dtype(values[name]):
-            values = values.assign(**{name: values[name] * (DEG / MM)}).rename(columns={name: f"joint{row}_mm"})
-        variants = tuple(replace(v, carrier=f"slide {row}") if v.carrier == f"angle {row}" else v for v in variants)
-    return replace(covariate, values=values, variants=variants)
-
-
-UNITS = {"time": ("time_s", 1.0), "temperature": ("temperature_c", 1.0)}
-
-
-def _table(name: str, values: NDArray[Any]) -> pd.DataFrame:
-    """The covariate as a column with its unit in its name."""
-    what, _, row = name.partition(" ")
-    column, unit = (f"theta{row}_deg", DEG) if what == "joint" else UNITS.get(name, (name, 1.0))
-    return pd.DataFrame({column: values / unit if np.issubdtype(values.dtype, np.number) else values})
 
 
 def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
@@ -172,60 +217,84 @@ def _with_time(covariate: Covariate, conditions: Conditions) -> Covariate:
     inside = pd.get_dummies(pd.Series(session), dtype=float).to_numpy()
     if not 2 <= inside.shape[1] <= MOST_LABELS:
         return covariate
-    since = time[:, None] - (inside * time[:, None]).sum(axis=0) / inside.sum(axis=0)
-    powers = [inside * (since / max(np.ptp(time), 1e-9)) ** k for k in range(1 + SLOPES)]
-    return replace(covariate, variants=(*covariate.variants, Carried(_of_size_one(np.hstack(powers)), "room")))
+    middle = (inside * time[:, None]).sum(axis=0) / inside.sum(axis=0)
+    since = (time[:, None] - middle) / max(np.ptp(time), 1e-9)
+    powers = [inside * since**k for k in range(1 + SLOPES)]
+    anew = Carried(_of_size_one(np.hstack(powers)), "room")
+    return replace(covariate, variants=(*covariate.variants, anew))
 
 
-def _product(state: State, one: tuple[int, int], other: tuple[int, int]) -> Covariate:
+def _products(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
+    """Each two joints, and each joint with time."""
+    for one, other in itertools.combinations(joints, 2):
+        yield _product(state, one, other)
+    time = state.conditions.time
+    if time is None or np.ptp(time) == 0.0:
+        return
+    for joint in joints:
+        yield _over_time(state, joint, time)
+
+
+def _product(state: State, *joints: Joint) -> Covariate:
     """The angle of one of two joints depends on where both stand."""
-    (j, row), (k, further) = one, other
-    names = (f"joint {row}", f"joint {further}")
+    names = tuple(joint.name for joint in joints)
     waves = tuple(Waves(name, constant=True) for name in names)
-    variants = [Carried.of(waves, f"angle {at}", state) for at in (row, further)]
-    values = _table(names[0], state.q[:, j]).join(_table(names[1], state.q[:, k]))
-    return Covariate(" × ".join(names), names, tuple(variants), values)
+    variants = tuple(Carried.of(waves, joint.error, state) for joint in joints)
+    columns = [joint.table(state) for joint in joints]
+    return Covariate(" × ".join(names), names, variants, pd.concat(columns, axis=1))
 
 
-def _over_time(state: State, number: int, row: int) -> Covariate:
+def _over_time(state: State, joint: Joint, time: Array) -> Covariate:
     """The angle of a joint is off by where it stands, and otherwise later: an encoder that was knocked midway."""
-    name, time = f"joint {row}", state.conditions.require("time", "a change with time")
-    waves = Waves(name), Cosines.over("time", time, LATER)
-    values = _table(name, state.q[:, number]).join(_table("time", time))
-    return Covariate(f"{name} × time", (name, "time"), (Carried.of(waves, f"angle {row}", state),), values)
+    functions = Waves(joint.name), Cosines.over("time", time, LATER)
+    way = Carried.of(functions, joint.error, state)
+    values = joint.table(state).join(TIME.table(time))
+    return Covariate(f"{joint.name} × time", (joint.name, "time"), (way,), values)
 
 
 def _place(state: State) -> Covariate:
     """Where the tip is: a field of shifts in the room, as a table that bends or a tracker's own error would give."""
     tip = state.position
-    apart = len(np.unique(np.round(tip / NARROWEST), axis=0))
-    count = int(np.clip(apart // 2, 1, CENTRES))
-    ordered = tip[np.lexsort(np.round(state.q, DECIMALS).T)]  # so that the order of the records does not matter
-    centres, nearest = scipy.cluster.vq.kmeans2(ordered, count, minit="++", rng=np.random.default_rng(count))
-    width = max(1.5 * float(np.sqrt(np.square(ordered - centres[nearest]).sum(axis=1).mean())), NARROWEST)
-    bumps = Bumps(tuple((float(x), float(y), float(z)) for x, y, z in centres), width)
     values = pd.DataFrame(tip / MM, columns=["tip_x_mm", "tip_y_mm", "tip_z_mm"])
-    return Covariate("place", ("x", "y", "z"), (Carried.of((bumps,), "room", state),), values)
+    way = Carried.of((_bumps(state),), "room", state)
+    return Covariate("place", ("x", "y", "z"), (way,), values)
+
+
+def _bumps(state: State) -> Bumps:
+    """Round centres among the tips, as many as these are apart."""
+    order = np.lexsort(np.round(state.q, DECIMALS).T)  # so that the order of the records does not matter
+    tip = state.position[order]
+    apart = np.unique(np.round(tip / NARROWEST), axis=0)
+    count = int(np.clip(len(apart) // 2, 1, CENTRES))
+    rng = np.random.default_rng(count)
+    centres, nearest = scipy.cluster.vq.kmeans2(tip, count, minit="++", rng=rng)
+    squares = np.square(tip - centres[nearest]).sum(axis=1)
+    spread = float(np.sqrt(squares.mean()))
+    places = tuple((x, y, z) for x, y, z in centres.tolist())
+    return Bumps(places, max(1.5 * spread, NARROWEST))
 
 
 def _scale(state: State) -> Covariate:
     """All lengths are too long or too short by one factor: a wrong unit, another reference temperature."""
-    values = pd.DataFrame({"distance_mm": np.linalg.norm(state.position, axis=1) / MM})
-    return Covariate("scale", ("scale",), (Carried.of((), "lengths", state),), values)
+    distance = np.linalg.norm(state.position, axis=1)
+    way = Carried.of((), "lengths", state)
+    return Covariate("scale", ("scale",), (way,), pd.DataFrame({"distance_mm": distance / MM}))
 
 
-def _groups(measurements: Measurements) -> list[Covariate]:
+def _groups(measurements: Measurements) -> Iterator[Covariate]:
     """One group of records, a bar or else a seat of unknown place, in which the target sat elsewhere on the arm."""
-    labels = measurements.bar if measurements.bar is not None else measurements.conditions.seat
-    what = "bar" if measurements.bar is not None else "seat"
+    what, labels = "bar", measurements.bar
+    if labels is None:
+        what, labels = "seat", measurements.conditions.seat
     if labels is None or measurements.known.any():
-        return []
-    names = [name for name in dict.fromkeys(labels) if name and np.sum(labels == name) > FEWEST_RECORDS]
-    if len(names) < FEWEST_GROUPS:
-        return []
-    inside = [(f"{what} {name}", (labels == name).astype(np.float64)[:, None]) for name in names]
+        return
+    counts = {label: np.sum(labels == label) for label in dict.fromkeys(labels) if label}
+    large = [label for label, count in counts.items() if count > THRESHOLDS.fewest_records]
     column = pd.DataFrame({what: labels})
-    return [Covariate(name, (name,), (Carried(_of_size_one(mine), "target"),), column) for name, mine in inside]
+    for label in large if len(large) >= THRESHOLDS.fewest_groups else []:
+        inside = (labels == label).astype(np.float64)[:, None]
+        name, way = f"{what} {label}", Carried(_of_size_one(inside), "target")
+        yield Covariate(name, (name,), (way,), column)
 
 
 def _of_size_one(functions: Array) -> Array:
@@ -234,4 +303,5 @@ def _of_size_one(functions: Array) -> Array:
 
 def _size(functions: Array) -> Array:
     """Root mean square of each function (n, m): (m,)."""
-    return np.asarray(np.sqrt(np.maximum(np.square(functions).mean(axis=0), 1e-12)))
+    squares = np.square(functions).mean(axis=0)
+    return np.asarray(np.sqrt(np.maximum(squares, 1e-12)))

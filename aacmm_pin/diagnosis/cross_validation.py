@@ -13,16 +13,15 @@ import scipy
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress
-from aacmm_pin.calibration.cross_validation import FEWEST_GROUPS, Mask, distances, left_out_in_turn, rms
+from aacmm_pin.calibration.cross_validation import Mask, distances, left_out_in_turn, rms
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.exploration import explored_from
 from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 RESAMPLES = 2000
 """Draws of parts with which the 95 % interval of the gain is found."""
-LEAST_GAIN = 0.005
-"""A gain that is not larger is shown as 0 %, and is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +57,12 @@ class Gain(Shown):
     @property
     def gain(self) -> float:
         """1 - RMS(extended)/RMS(recalibrated)."""
-        return 1.0 - rms(self.extended) / rms(self.recalibrated)
+        return _less(self.extended, self.recalibrated)
 
     @property
     def beyond_doubt(self) -> bool:
         """Whether the extended arm predicts held-out records better, by the whole interval."""
-        return self.interval[0] > LEAST_GAIN
+        return self.interval[0] > THRESHOLDS.least_gain
 
     def of_nothing(self) -> Gain:
         """The same where all records together name nothing, whatever some parts did: both arms are one."""
@@ -72,7 +71,12 @@ class Gain(Shown):
     @property
     def smooth_gain(self) -> float:
         """1 - RMS(smooth)/RMS(extended): what the discrepancy adds to the causes."""
-        return 1.0 - rms(self.smooth) / rms(self.extended)
+        return _less(self.smooth, self.extended)
+
+
+def _less(after: Array, before: Array) -> float:
+    """By which part the RMS of distances is lower than that of others."""
+    return 1.0 - rms(after) / rms(before)
 
 
 class Training:
@@ -80,16 +84,30 @@ class Training:
 
     def __init__(self, choice: Choice, number: int) -> None:
         self.choice, self.number = choice, number
-        amplitude = choice.posterior.left.base.amplitude
+        self.rows, self.records = choice.of_part[number]
         whole = choice.posterior.space
         gram = choice.held.without(number)
-        self.space = ModelSpace(whole.candidates, gram, whole.stated, tuple({0.0: None, amplitude: None}))
+        amplitudes = tuple(dict.fromkeys((0.0, choice.posterior.left.base.amplitude)))
+        self.space = ModelSpace(whole.candidates, gram, whole.stated, amplitudes)
         self._found: dict[tuple[Blocks, int], Array] = {}
 
     @cached_property
     def chosen(self) -> Blocks:
         """The median probability model of the other records, explored from nothing and from that of all."""
-        return explored_from(self.space, [(), self.choice.posterior.median]).median
+        starts = [(), self.choice.posterior.median]
+        return explored_from(self.space, starts).median
+
+    @property
+    def causes(self) -> Blocks:
+        """The causes among what was chosen."""
+        is_cause = self.space.candidates.is_cause
+        return tuple(filter(is_cause, self.chosen))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of what was chosen."""
+        candidates = self.space.candidates
+        return tuple(candidates.design.names[candidates.owner(k)] for k in self.chosen)
 
     def predicted(self, blocks: Blocks, background: bool = False) -> Array:
         """Distances of the part's records with these blocks, fitted to the others [m].
@@ -100,10 +118,19 @@ class Training:
         amplitude = len(self.space.amplitudes) - 1 if background else 0
         if (blocks, amplitude) not in self._found:
             state = self.space.marginal(blocks).best._replace(amplitude=amplitude)
-            rows, records = self.choice.of_part[self.number]
-            tips = self.space.conditional(state, as_stated=True).tips(rows)
-            self._found[blocks, amplitude] = distances(records, tips, lever=self.choice.fit.lever)
+            tips = self.space.conditional(state, as_stated=True).tips(self.rows)
+            self._found[blocks, amplitude] = self._distances(tips)
         return self._found[blocks, amplitude]
+
+    def by_models(self, before: Fit) -> list[Array]:
+        """Distances of the part's records by the arm as it was, recalibrated, extended, with the discrepancy too [m]."""
+        poses = before.solution.point.prediction.poses[self.rows]
+        recalibrated, extended = self.predicted(()), self.predicted(self.causes)
+        smooth = self.predicted(self.chosen, background=True)
+        return [self._distances(poses), recalibrated, extended, smooth]
+
+    def _distances(self, poses: Array) -> Array:
+        return distances(self.records, poses, lever=self.choice.fit.lever)
 
 
 def gain_of(
@@ -124,35 +151,46 @@ def gain_of(
     Returns:
         None where no part that is left out has anything to be compared with, such as one record only of each unknown seat.
     """
-    counted, chosen, candidates = choice.counted, [], choice.candidates
-    of_part = {each.number: each for each in trained}
-    part = np.where(np.isin(choice.parts, [*of_part]), choice.parts, -1)
+    of_part = {training.number: training for training in trained}
+    part = choice.parts
+    counted = choice.counted & np.isin(part, [*of_part])
 
     def predict(number: int, _: Mask) -> list[Array]:
-        training = of_part[number]
-        causes = tuple(k for k in training.chosen if candidates.is_cause(k))
-        chosen.append(tuple(candidates.design.names[candidates.owner(k)] for k in training.chosen))
-        rows, records = choice.of_part[number]
-        simulation = distances(records, before.solution.point.prediction.poses[rows], lever=choice.fit.lever)
-        fitted = training.predicted(()), training.predicted(causes), training.predicted(training.chosen, background=True)
-        return [simulation, *fitted]
+        return of_part[number].by_models(before)
 
-    simulation, recalibrated, extended, smooth = left_out_in_turn(part, counted & (part >= 0), predict, kind, progress)
+    simulation, recalibrated, extended, smooth = left_out_in_turn(part, counted, predict, kind, progress)
     if not np.isfinite(extended).any():
         return None
+    excluded = choice.counted & ~choice.fit.used
+    gross_errors = choice.fit.excluded & ~choice.counted
+    chosen = [of_part[number].labels for number in np.unique(part[counted]).tolist()]
     return Gain(
-        kind,
-        len(trained),
-        simulation,
-        recalibrated,
-        extended,
-        smooth,
-        choice.parts,
-        int((counted & ~choice.fit.used).sum()),
-        int((choice.fit.excluded & ~counted).sum()),
-        tuple(chosen),
-        _interval(recalibrated, extended, choice.parts, rng),
+        kind=kind,
+        groups=len(trained),
+        simulation=simulation,
+        recalibrated=recalibrated,
+        extended=extended,
+        smooth=smooth,
+        part=part,
+        excluded=int(excluded.sum()),
+        gross_errors=int(gross_errors.sum()),
+        chosen=tuple(chosen),
+        interval=_interval(recalibrated, extended, part, rng),
     )
+
+
+def _interval(recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator) -> tuple[float, float]:
+    """95 % interval of the gain by resampling the parts, of distances (n,) [m]."""
+    squares = []
+    for number in np.unique(part):
+        of_both = np.stack([recalibrated, extended])[:, part == number]
+        if np.isfinite(of_both[1]).any():
+            squares.append(np.nansum(np.square(of_both), axis=1))
+    table = np.array(squares)
+    draws = rng.integers(0, len(table), (RESAMPLES, len(table)))
+    before, after = table[draws].sum(axis=1).T
+    low, high = np.quantile(1.0 - np.sqrt(after / before), [0.025, 0.975])
+    return float(low), float(high)
 
 
 class Brought(NamedTuple):
@@ -170,43 +208,35 @@ def brought(choice: Choice, trained: list[Training], block: int) -> Brought | No
     parts, whose interval is Student's t for as few parts as there are (Cochran 1977, 6.4).
 
     Returns:
-        None where fewer than :data:`FEWEST_GROUPS` parts say something of it, such as of a group that is left out whole.
+        None where too few parts say something of it, such as of a group that is left out whole.
     """
     if choice.in_one_part(block):
         return None
-    pairs = np.array([*_squares(choice, trained, block)])
-    count = len(pairs)
-    if count < FEWEST_GROUPS:
+    squares = np.array([*_squares(choice, trained, block)])
+    if len(squares) < THRESHOLDS.fewest_groups:
         return None
-    left, whole = pairs.T
-    share = float(left.sum() / whole.sum())
-    error = float(np.sqrt(count / (count - 1) * np.sum((left - share * whole) ** 2)) / whole.sum())
-    reach = error * float(scipy.special.stdtrit(count - 1, 0.975))
-    gain, low, high = (1.0 - np.sqrt(max(share + off, 0.0)) for off in (0.0, reach, -reach))
-    return Brought(float(gain), float(low), float(high))
+    share, u = _ratio(*squares.T)
+    reach = u * float(scipy.special.stdtrit(len(squares) - 1, 0.975))
+    gain, low, high = (1.0 - float(np.sqrt(max(share + off, 0.0))) for off in (0.0, reach, -reach))
+    return Brought(gain, low, high)
+
+
+def _ratio(upper: Array, lower: Array) -> tuple[float, float]:
+    """Ratio of the sums of two quantities of every part (parts,), and its standard uncertainty."""
+    count, total = len(lower), lower.sum()
+    share = float(upper.sum() / total)
+    scatter = np.sum((upper - share * lower) ** 2)
+    u = np.sqrt(count / (count - 1) * scatter) / total
+    return share, float(u)
 
 
 def _squares(choice: Choice, trained: list[Training], block: int) -> Iterator[tuple[float, float]]:
     """Of each part, the sum of squares of its distances over their noise, with a block and without."""
     whole = choice.posterior.median
     without = tuple(k for k in whole if k != block)
-    weight = 1.0 / np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
+    variance = np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
     for training in trained:
-        rows, _ = choice.of_part[training.number]
-        found = [training.predicted(blocks) for blocks in (whole, without)]
-        if np.isfinite(found[0]).any():
-            first, second = (float(np.nansum(d**2 * weight[rows])) for d in found)
-            yield first, second
-
-
-def _interval(recalibrated: Array, extended: Array, part: Index, rng: np.random.Generator) -> tuple[float, float]:
-    sums = []
-    for number in np.unique(part):
-        mine = part == number
-        if np.isfinite(extended[mine]).any():
-            sums.append([np.nansum(recalibrated[mine] ** 2), np.nansum(extended[mine] ** 2)])
-    table = np.array(sums)
-    drawn = table[rng.integers(0, len(table), (RESAMPLES, len(table)))].sum(axis=1)
-    gains = 1.0 - np.sqrt(drawn[:, 1] / drawn[:, 0])
-    low, high = np.quantile(gains, [0.025, 0.975])
-    return float(low), float(high)
+        weight = 1.0 / variance[training.rows]
+        left, of_rest = (training.predicted(blocks) for blocks in (whole, without))
+        if np.isfinite(left).any():
+            yield float(np.nansum(left**2 * weight)), float(np.nansum(of_rest**2 * weight))

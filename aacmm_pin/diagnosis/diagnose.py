@@ -10,21 +10,23 @@ from numpy.typing import ArrayLike
 
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
+from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.calibrate import contradicted_places, counted_once
 from aacmm_pin.calibration.calibrated_arm import calibrated_model
 from aacmm_pin.calibration.cross_validation import enough_postures, parts_of
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.input_mistakes import first_fit
+from aacmm_pin.calibration.parameter_vector import geometric_parameters
 from aacmm_pin.calibration.parameters import found_anew, length_held, problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target, checked_input
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.cross_validation import Training, gain_of
+from aacmm_pin.diagnosis.cross_validation import Gain, Training, gain_of
 from aacmm_pin.diagnosis.discrepancy import described_model
 from aacmm_pin.diagnosis.findings import findings_of
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
-from aacmm_pin.diagnosis.result import Diagnosis, Finding, no_better
+from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import visible
 from aacmm_pin.diagnosis.unexplained import Unexplained, excess_of, unexplained_by
 from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
@@ -109,7 +111,7 @@ def diagnose(
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged = (choice.fit, *([] if findings else [alone]))
     contradicted = tuple(dict.fromkeys(place for one in judged for place in contradicted_places(one)))
-    worse = no_better(model.arm, findings, held)
+    worse = _no_better(model.arm, findings, held)
     doubts = doubts_of(
         findings,
         unexplained.left,
@@ -145,6 +147,17 @@ def diagnose(
     for products in (choice.held.products, choice.posterior.space.gram.products):
         products.release()
     return result
+
+
+def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None) -> bool:
+    """Whether there are causes among the findings with which held-out records are not predicted better beyond doubt.
+
+    Values of the geometry are in the recalibrated arm as well, and places of seats in neither.
+    """
+    if held is None or held.beyond_doubt:
+        return False
+    effects = [finding.effect for finding in findings if not finding.effect.corrects_seat]
+    return any(not geometric_parameters(arm, effect) for effect in effects)
 
 
 def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:

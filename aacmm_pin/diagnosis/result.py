@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -15,32 +14,22 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.file import COVERAGE_FACTOR
-from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration.cross_validation import Mask, rms
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameter_vector import geometric_parameters
-from aacmm_pin.diagnosis.branches import Branches
-from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.cross_validation import Brought, Gain
-from aacmm_pin.diagnosis.discrepancy import lost
-from aacmm_pin.diagnosis.residual_tables import residuals_by_group
+from aacmm_pin.diagnosis.discrepancy import described_by, lost
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import Unexplained
 from aacmm_pin.effects import Effect
-from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.labels import probability as in_digits
-from aacmm_pin.effects.labels import values_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SCHEMA = "aacmm-pin/diagnosis/1"
-TOO_GOOD = 1e-6
-"""Residuals that are so much smaller than the stated noise have less chance than this."""
 Verdict = Literal["explained", "no-discrepancy", "ambiguous", "unexplained", "inconclusive"]
 Doubt = Literal[
     "contradicted references",
@@ -105,15 +94,19 @@ class Finding(Shown):
     @property
     def gone(self) -> bool:
         """Whether it is a cause that was known, and of which nothing is left beyond its U (k = 2)."""
-        known = zip(self.effect.values, self.effect.u, strict=True)
-        return self.was is not None and all(abs(value) <= COVERAGE_FACTOR * u for value, u in known)
+        expanded_u = COVERAGE_FACTOR * np.array(self.effect.u)
+        within = np.abs(self.effect.values) <= expanded_u
+        return self.was is not None and bool(within.all())
 
     @property
     def below_zero(self) -> tuple[str, ...]:
         """Keys of values that are negative beyond their U (k = 2), though nature has them above zero only."""
-        whole = np.array(self.effect.values) + (0.0 if self.beside is None else np.array(self.beside.values))
-        known = zip(self.effect.terms, whole, self.effect.u, strict=True)
-        return tuple(term.key for term, value, u in known if term.positive and value + COVERAGE_FACTOR * u < 0.0)
+        values = np.array(self.effect.values)
+        if self.beside is not None:
+            values = values + self.beside.values
+        highest = values + COVERAGE_FACTOR * np.array(self.effect.u)
+        terms = zip(self.effect.terms, highest, strict=True)
+        return tuple(term.key for term, value in terms if term.positive and value < 0.0)
 
     @property
     def label(self) -> str:
@@ -121,10 +114,7 @@ class Finding(Shown):
         return self.effect.label
 
     def __str__(self) -> str:
-        values = values_in_words(self.effect, self.parameters, self.slides)
-        if (waves := self.effect.spectrum()) is not None:
-            values = "waves per turn: " + ", ".join(f"{n:.3g} ({a:.2g} rad)" for n, a in waves[:4])
-        return f"{self.label} (probability {in_digits(self.probability)}{', ' + values if values else ''})"
+        return str(report().diagnosis_line.finding_line(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,11 +159,12 @@ class Diagnosis(Shown):
     @property
     def no_better(self) -> bool:
         """Whether causes were added with which held-out records are not predicted better beyond doubt."""
-        return no_better(self.model.arm, self.findings, self.held_out)
+        return "no better" in self.doubts
 
     def cause(self, label: str) -> Effect | None:
         """The cause that a label of this result names, as it was tried first; None for a covariate."""
-        return next((variants[0] for variants in self.choice.library if variants[0].label == label), None)
+        causes = (variants[0] for variants in self.choice.library)
+        return next((cause for cause in causes if cause.label == label), None)
 
     @property
     def alternatives(self) -> dict[tuple[str, ...], float]:
@@ -184,19 +175,22 @@ class Diagnosis(Shown):
     def cannot_tell_apart(self) -> list[tuple[str, ...]]:
         """Causes of which one set has some and another set, which cannot be excluded, has others instead."""
         best, *others = self.alternatives.items()
-        rivals = [set(labels) for labels, share in others if share >= THRESHOLDS.rival]
-        exchanged = [tuple(sorted(rival ^ set(best[0]))) for rival in rivals]
-        return [labels for labels in dict.fromkeys(exchanged) if len(labels) > 1]
+        acting = set(best[0])
+        rivals = [labels for labels, share in others if share >= THRESHOLDS.rival]
+        exchanged = [tuple(sorted(acting.symmetric_difference(labels))) for labels in rivals]
+        distinct = dict.fromkeys(exchanged)
+        return [labels for labels in distinct if len(labels) > 1]
 
     @property
     def more(self) -> float:
         """Probability that a cause acts that is not among the findings."""
-        return self.choice.posterior.beyond([finding.label for finding in self.findings])
+        named = [finding.label for finding in self.findings]
+        return self.choice.posterior.beyond(named)
 
     @property
     def not_saved(self) -> list[str]:
         """Covariates of the discrepancy that no arm file can have."""
-        return lost([(self.choice.covariate(k).name, self.choice.way(k)) for k in self.choice.covariates])
+        return lost(described_by(self.choice, self.choice.covariates))
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -210,8 +204,9 @@ class Diagnosis(Shown):
 
     @cached_property
     def residual_groups(self) -> pd.DataFrame:
-        """See :func:`~aacmm_pin.diagnosis.residual_tables.residuals_by_group`."""
-        return residuals_by_group(self.before, self.recalibrated, self.extended)
+        """See :func:`~aacmm_pin.report.residual_tables.residuals_by_group`."""
+        by_group = report().residual_tables.residuals_by_group
+        return cast("pd.DataFrame", by_group(self.before, self.recalibrated, self.extended))
 
     @property
     def converged(self) -> bool:
@@ -222,7 +217,9 @@ class Diagnosis(Shown):
     def converge_note(self) -> str:
         """What held up a search that did not converge; "" where all did."""
         fits = {"recalibrated": self.recalibrated, "extended": self.extended}
-        return "; ".join(f"{name}: {fit.solution.held_up}" for name, fit in fits.items() if not fit.solution.converged)
+        ends = {name: fit.solution for name, fit in fits.items()}
+        stuck = [f"{name}: {end.held_up}" for name, end in ends.items() if not end.converged]
+        return "; ".join(stuck)
 
     @property
     def _fits(self) -> dict[str, Fit]:
@@ -233,95 +230,32 @@ class Diagnosis(Shown):
     def rms(self) -> dict[str, float]:
         """RMS of the used records by simulation, recalibrated and extended model, and by noise alone [m]."""
         used = self.extended.used
-        deviations = {name: fit.solution.system.deviation[used] for name, fit in self._fits.items()}
-        return {name: rms(np.linalg.norm(each, axis=1)) for name, each in deviations.items()} | {"noise": self.noise}
+        sizes = {name: _rms_residual(fit, used) for name, fit in self._fits.items()}
+        return sizes | {"noise": self.noise}
 
     @property
     def turns(self) -> dict[str, float] | None:
         """RMS turn of the used records from their stated orientations, by each model [rad]; None where none is stated."""
         used = self.extended.used & self.extended.observations.oriented
-        return {name: rms(fit.turns[used]) for name, fit in self._fits.items()} if used.any() else None
+        if not used.any():
+            return None
+        return {name: rms(fit.turns[used]) for name, fit in self._fits.items()}
 
     @property
     def excluded(self) -> pd.DataFrame:
         """Records that cannot belong even with the causes known: row, residual [mm], reason."""
-        records, out = self.extended.problem.measurements, self.extended.excluded
-        distance = np.linalg.norm(self.extended.solution.system.deviation[out], axis=1) / MM
-        return pd.DataFrame(
-            {"row": records.row[out], "residual_mm": distance, "reason": "outlier: farther off than the noise allows"}
-        )
+        out = self.extended.excluded
+        deviation = self.extended.solution.system.deviation[out]
+        table = pd.DataFrame({"row": self.extended.problem.measurements.row[out]})
+        table["residual_mm"] = np.linalg.norm(deviation, axis=1) / MM
+        return table.assign(reason="outlier: farther off than the noise allows")
 
     def __str__(self) -> str:
-        sizes = self.rms
-        text = (
-            f"{self.verdict}: RMS {sizes['simulation'] / MM:.4f} mm simulated, {sizes['recalibrated'] / MM:.4f} mm "
-            f"recalibrated, {sizes['extended'] / MM:.4f} mm extended, {sizes['noise'] / MM:.4f} mm by noise alone"
-        )
-        text = "; ".join([text, *map(str, self.findings), *self.unexplained.in_words, *self.contradicted])
-        if self.held_out is not None:
-            low, high = self.held_out.interval
-            text += f"; gain on held-out {self.held_out.kind} {self.held_out.gain:.2f} ({low:.2f} to {high:.2f})"
-        if self.no_better:
-            text += "; the extended arm does not predict held-out records better than the recalibrated arm"
-        return text
+        return str(report().diagnosis_line.diagnosis_line(self))
 
     def summary(self) -> dict[str, Any]:
         """Schema ``aacmm-pin/diagnosis/1``."""
-        return {
-            "schema": SCHEMA,
-            "arm": self.model.arm.name,
-            "verdict": self.verdict,
-            "doubts": list(self.doubts),
-            "converged": self.converged,
-            "converge_note": self.converge_note,
-            "records": {
-                "used": int(self.extended.used.sum()),
-                "excluded": [
-                    {"row": int(r["row"]), "reason": r["reason"], "residual_mm": float(r["residual_mm"])}
-                    for r in self.excluded.to_dict("records")
-                ],
-            },
-            "rms_mm": {name: value / MM for name, value in self.rms.items()},
-            "rms_rad": self.turns,
-            "findings": [_finding(f) for f in self.findings],
-            "held_out": None if self.held_out is None else _held_out(self.held_out),
-            "alternatives": [
-                {"causes": list(labels), "probability": probability} for labels, probability in self.alternatives.items()
-            ],
-            "agreement": {
-                "total_variation": self.choice.posterior.total_variation,
-                "agree": self.choice.posterior.agree,
-            },
-            "discrepancy": [
-                {
-                    "covariate": each.covariate,
-                    "rms_mm": each.rms / MM,
-                    "u_mm": each.u / MM,
-                    "probability": each.probability,
-                }
-                for each in self.unexplained.discrepancy
-            ],
-            "unexplained": {
-                "p_value": self.unexplained.p_value,
-                "threshold": self.unexplained.threshold,
-                "depends_on": list(self.unexplained.depends_on),
-                "acts_on": self.unexplained.acts_on,
-                "smooth_correction_gain": self.unexplained.gain,
-                "groups": [asdict(group) for group in self.unexplained.groups],
-                "branches": _branches(self.unexplained.branches),
-                "scattered_readings": [
-                    {"joint": each.joint, **_amount("scatter", each.scatter, each.slides), "rms_mm": each.at_tips / MM}
-                    for each in self.unexplained.readings
-                ],
-            },
-            "not_tried": [
-                {"column": COLUMNS[need], "causes": [cause.cause for cause in causes]}
-                for need, causes in not_tried(self.choice.library, self.extended.problem.measurements).items()
-            ],
-            "cannot_tell_apart": [list(group) for group in self.cannot_tell_apart],
-            "next_measurements": self.next_measurements,
-            "notes": list(self.notes),
-        }
+        return dict(report().diagnosis_json.diagnosis_to_dict(self))
 
     def plot(self, finding: int = 0, ax: Axes | None = None) -> Axes:
         """The strongest cause through what the records say of it; where none was found, what the residuals depend on; where
@@ -337,94 +271,23 @@ class Diagnosis(Shown):
         return cast("Axes", report().plots.plot_diagnosis(self, finding, ax))
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
-    return {
-        "cause": finding.cause,
-        "joint": finding.joint,
-        **{name: getattr(finding.effect, name) for name in _inner_fields(finding.effect)},
-        **_spectrum(finding.effect),
-        "probability": finding.probability,
-        "p_value": finding.p_value,
-        "retained_fraction": finding.retained_fraction,
-        "held_out": None
-        if finding.brought is None
-        else {"gain": finding.brought.gain, "gain_ci95": list(finding.brought[1:])},
-        "parameters": _with_u(finding.parameters),
-        "below_zero": list(finding.below_zero),
-        "inner": _with_u(finding.inner),
-        "aliases": [_alias(a) for a in finding.aliases],
-    }
-
-
-def _alias(alias: Alias) -> dict[str, Any]:
-    effect = alias.effect
-    site = None if effect is None else effect.site()
-    return {
-        "cause": alias.label if effect is None else effect.cause,
-        "joint": None if effect is None else effect.row,
-        **({site: effect.place} if effect is not None and site not in (None, "joint") else {}),
-        "correlation": alias.correlation,
-        "probability": alias.probability,
-    }
-
-
-def _with_u(values: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, float | None]]:
-    return {name: {"value": value, "u": u if math.isfinite(u) else None} for name, (value, u) in values.items()}
-
-
-def _spectrum(effect: Effect) -> dict[str, Any]:
-    waves = effect.spectrum()
-    return {} if waves is None else {"spectrum": [{"order": order, "amplitude_rad": size} for order, size in waves]}
-
-
-def _inner_fields(effect: Effect) -> list[str]:
-    names = [name for name in effect.structure() if name not in ("joint", "bodies")]
-    return [name for name in names if getattr(effect, name) not in (None, ())]
-
-
-def _branches(branches: Branches | None) -> dict[str, Any] | None:
-    if branches is None:
-        return None
-    return {"joint": branches.joint, **_amount("half_width", branches.half_width, branches.slides)}
-
-
-def _amount(name: str, value: float, slides: bool) -> dict[str, float]:
-    """An amount of a joint with its unit in its name."""
-    return {f"{name}_mm": value / MM} if slides else {f"{name}_rad": value}
-
-
-def _held_out(gain: Gain) -> dict[str, Any]:
-    return {
-        "kind": gain.kind,
-        "groups": gain.groups,
-        "rms_mm": {
-            "simulation": rms(gain.simulation) / MM,
-            "recalibrated": rms(gain.recalibrated) / MM,
-            "extended": rms(gain.extended) / MM,
-        },
-        "gain": gain.gain,
-        "gain_ci95": list(gain.interval),
-        "excluded_counted": gain.excluded,
-        "gross_errors": gain.gross_errors,
-    }
-
-
-def no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None) -> bool:
-    """Whether there are causes among the findings with which held-out records are not predicted better beyond doubt.
-
-    Values of the geometry are in the recalibrated arm as well, and places of seats in neither.
-    """
-    causes = [f for f in findings if not (geometric_parameters(arm, f.effect) or f.effect.corrects_seat)]
-    return bool(causes) and held is not None and not held.beyond_doubt
-
-
 def described(effect: Effect, covariance: Array) -> dict[str, tuple[float, float]]:
     """Described values of an effect with u, from the covariance of its parameters (p, p)."""
-    jacobian = effect.described_jacobian()
-    u = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian), 0.0))
-    return {k: (v, float(s)) for (k, v), s in zip(effect.described().items(), u, strict=True)}
+    jacobian, values = effect.described_jacobian(), effect.described()
+    variance = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
+    u = np.sqrt(np.maximum(variance, 0.0)).tolist()
+    return dict(zip(values, zip(values.values(), u, strict=True), strict=True))
 
 
 def too_good(extended: Fit) -> bool:
     """Whether the residuals are far smaller than the stated noise."""
-    return extended.chi2_stated is not None and bool(chi2_cdf(*extended.chi2_stated) <= TOO_GOOD)
+    if extended.chi2_stated is None:
+        return False
+    chance = chi2_cdf(*extended.chi2_stated)
+    return bool(chance <= THRESHOLDS.too_good)
+
+
+def _rms_residual(fit: Fit, used: Mask) -> float:
+    """RMS distance of tip and target over the ``used`` records (n,) [m]."""
+    deviation = fit.solution.system.deviation[used]
+    return rms(np.linalg.norm(deviation, axis=1))

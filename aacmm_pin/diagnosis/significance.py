@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -13,7 +13,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.linear_model import WIDTHS, Conditional, gains
-from aacmm_pin.diagnosis.model_space import Candidates
+from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import Posterior
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
@@ -43,30 +43,23 @@ class Alias(Shown):
     effect: Effect | None = None
 
 
-class Ratio(NamedTuple):
-    """Likelihood ratio of a block, and its number of columns."""
+def likelihood_ratio(left: Conditional, block: int) -> tuple[float, int]:
+    """Of a block: at most χ² when it is not there, and its degrees of freedom.
 
-    value: float
-    columns: int
+    Its parameters are known to within the largest width. Else columns of which the records tell next to nothing would
+    explain everything: an arm that shrinks to a point meets every unknown seat.
+    """
+    gradient = left.residual[left.design_blocks[block].columns]
+    prior = np.eye(gradient.size) / WIDTHS.max() ** 2
+    information = left.information(block) + prior
+    step = np.linalg.solve(information, gradient)
+    return float(gradient @ step) / left.variance, gradient.size
 
-    @staticmethod
-    def of(left: Conditional, block: int) -> Ratio:
-        """At most χ² with as many degrees as the block has columns when it is not there.
 
-        Its parameters are known to within the largest width. Else columns of which the records tell next to nothing would
-        explain everything: an arm that shrinks to a point meets every unknown seat.
-        """
-        columns = left.design_blocks[block].columns
-        gradient, information = (
-            left.residual[columns],
-            left.information(block) + np.eye(columns.stop - columns.start) / (WIDTHS.max() ** 2),
-        )
-        return Ratio(float(gradient @ np.linalg.solve(information, gradient)) / left.variance, gradient.size)
-
-    @property
-    def chance(self) -> float:
-        """That it is as large when nothing is there."""
-        return float(chi2_sf(self.value, self.columns))
+def chance(left: Conditional, block: int) -> float:
+    """That its likelihood ratio is as large when a block is not there."""
+    ratio, columns = likelihood_ratio(left, block)
+    return float(chi2_sf(ratio, columns))
 
 
 def family_wise(candidates: Candidates, left: Conditional, block: int, rng: np.random.Generator) -> float:
@@ -75,33 +68,45 @@ def family_wise(candidates: Candidates, left: Conditional, block: int, rng: np.r
     Bonferroni's bound over all that is tried, where that is smaller than any number of draws could tell; else by draws of
     the gradients of residuals that are noise alone.
     """
-    bound = len(candidates.blocks) * Ratio.of(left, block).chance
+    bound = len(candidates.blocks) * chance(left, block)
     if bound < 1 / DRAWS:
         return bound
-    observed = logsumexp(left.additions[block]) - np.log(WIDTHS.size) - left.log_evidence + candidates.log_odds[block]
-    drawn = left.base.gram.products.drawn(DRAWS, rng) * np.sqrt(left.variance)
-    gradient = left.of_residuals(drawn)
+    additions = logsumexp(left.additions[block]) - np.log(WIDTHS.size)
+    observed = additions - left.log_evidence + candidates.log_odds[block]
+    larger = int(np.sum(_largest_odds(candidates, left, rng) >= observed))
+    drawn = (larger + 1) / (DRAWS + 1)
+    return min(drawn, max(bound, 1 / (DRAWS + 1)), 1.0)
+
+
+def _largest_odds(candidates: Candidates, left: Conditional, rng: np.random.Generator) -> Array:
+    """Largest log posterior odds of all candidates in draws of records with nothing there (draws,)."""
+    products = left.base.gram.products
+    gradient = left.of_residuals(products.drawn(DRAWS, rng) * np.sqrt(left.variance))
     best = np.full(DRAWS, -np.inf)
-    for size, own in left.base.gram.products.of_size.items():
-        gain, volume = gains(left.informations(size), gradient[left.base.gram.products.columns[size]])
-        odds = logsumexp(gain / left.variance - volume[:, :, None], axis=1) - np.log(WIDTHS.size)
-        best = np.maximum(best, (odds + candidates.log_odds[own][:, None]).max(axis=0))
-    return min((int(np.sum(best >= observed)) + 1) / (DRAWS + 1), max(bound, 1 / (DRAWS + 1)), 1.0)
+    for size, own in products.of_size.items():
+        gain, volume = gains(left.informations(size), gradient[products.columns[size]])
+        additions = logsumexp(gain / left.variance - volume[:, :, None], axis=1) - np.log(WIDTHS.size)
+        odds = additions + candidates.log_odds[own][:, None]
+        best = np.maximum(best, odds.max(axis=0))
+    return best
 
 
 def any_structure(candidates: Candidates, left: Conditional) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
-    each = [Ratio.of(left, k).chance for k in range(len(candidates.blocks)) if not candidates.is_cause(k)]
-    return min(1.0, len(each) * min(each, default=1.0))
+    covariates = [k for k in range(len(candidates.blocks)) if not candidates.is_cause(k)]
+    chances = [chance(left, k) for k in covariates]
+    smallest = min(chances, default=1.0)
+    return min(1.0, len(chances) * smallest)
 
 
 def retained(left: Conditional, block: int) -> float:
     """``‖M G β‖ / ‖G β‖`` at the block's best β, where M takes out what all else can explain."""
-    gram = left.base.gram
-    whole, information = gram.inside(left.design_blocks[block]), left.information(block)
-    step = np.asarray(np.linalg.lstsq(information, left.residual[left.design_blocks[block].columns], rcond=1e-10)[0])
-    kept, size = (float(step @ matrix @ step) for matrix in (information, whole))
-    return float(np.sqrt(max(kept, 0.0) / size)) if size > 0 else 0.0
+    own = left.design_blocks[block]
+    information = left.information(block)
+    step = np.linalg.lstsq(information, left.residual[own.columns], rcond=1e-10)[0]
+    kept = max(float(step @ information @ step), 0.0)
+    size = float(step @ left.base.gram.inside(own) @ step)
+    return math.sqrt(kept / size) if size > 0.0 else 0.0
 
 
 def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) -> list[Alias]:
@@ -154,13 +159,21 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     A cause shows if the noncentrality of its first parameter alone, geometry refitted, is at least that of the threshold;
     more where the noise comes from the same records and few degrees of freedom, so that Student's evidence is as large.
     """
-    space = posterior.space
-    candidates, dof, base = space.candidates, space.likelihood.dof, space.base(0)
-    shows = THRESHOLDS.shows if space.stated else dof * np.expm1(THRESHOLDS.shows / max(dof, 1.0))
-    sizes = np.empty(len(candidates.blocks))
+    shows, dof = THRESHOLDS.shows, posterior.space.likelihood.dof
+    if not posterior.space.stated:
+        shows = dof * np.expm1(shows / max(dof, 1.0))
+    found = _noncentralities(posterior.space)
+    return int(np.sum(found >= shows)), found.size
+
+
+def _noncentralities(space: ModelSpace) -> Array:
+    """Largest of one parameter's, over the variants of each cause at typical magnitude, geometry refitted (causes,)."""
+    candidates, base = space.candidates, space.base(0)
+    of_blocks = np.empty(len(candidates.blocks))
     for size, own in space.gram.products.of_size.items():
-        sizes[own] = np.diagonal(base.insides(size), axis1=1, axis2=2).max(axis=1)
-    best = np.zeros(candidates.design.causes)
-    inside = candidates.owners < candidates.design.causes
-    np.maximum.at(best, candidates.owners[inside], sizes[inside])
-    return int(np.sum(best >= shows)), best.size
+        each = np.diagonal(base.insides(size), axis1=1, axis2=2)
+        of_blocks[own] = each.max(axis=1)
+    found = np.zeros(candidates.design.causes)
+    of_causes = candidates.owners < len(found)
+    np.maximum.at(found, candidates.owners[of_causes], of_blocks[of_causes])
+    return found

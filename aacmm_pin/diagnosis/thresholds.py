@@ -1,4 +1,7 @@
-"""Every number of the diagnosis that somebody chose, and the measurement behind it where there is one."""
+"""Every threshold of the diagnosis, and the measurement behind it where there is one.
+
+How many functions a covariate has, and how many draws a chance is from, stand where these are made.
+"""
 
 from __future__ import annotations
 
@@ -48,6 +51,11 @@ class Thresholds:
         left_alone: … and with less than this where nothing was named.
         much_more: residuals larger by this than the stated noise, beyond chance, are not explained.
         plain_encoder: noise of a reading that a plain encoder has where none is stated [rad].
+        too_good: residuals that are smaller than the stated noise allows by this chance are far smaller.
+        least_gain: a gain on held-out records that is not larger is shown as 0 %, and is none.
+        fewest_groups: of fewer groups nobody can say which one is the odd one out, nor how much they differ.
+        fewest_records: a group has more records, or its own shift explains them whatever they are.
+        odd: a group whose records agree with the others with less chance than this, family-wise, is odd.
     """
 
     widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0, 10.0)
@@ -82,6 +90,11 @@ class Thresholds:
     left_alone: float = 1e-6
     much_more: float = 1.15
     plain_encoder: float = 3e-5
+    too_good: float = 1e-6
+    least_gain: float = 0.005
+    fewest_groups: int = 3
+    fewest_records: int = 3
+    odd: float = 1e-4
 
 
 THRESHOLDS = Thresholds()

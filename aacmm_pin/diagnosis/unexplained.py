@@ -12,12 +12,13 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import UM
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
+from aacmm_pin.diagnosis.background import Background
 from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design_matrix import Design
+from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
 from aacmm_pin.diagnosis.significance import any_structure, family_wise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
@@ -192,13 +193,10 @@ def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
 def _background(choice: Choice) -> list[Discrepancy]:
     """The background at its most probable amplitude; none where it may be zero, or is negligible."""
     left = choice.posterior.left
-    base, first = left.base, left.base.nuisances
-    if not base.amplitude:
+    if not left.base.amplitude:
         return []
-    precision = base.factor[first:, first:] @ base.factor[first:, first:].T
-    information = precision - np.eye(len(precision)) / base.amplitude**2
-    covariance = np.asarray(left.variance * np.linalg.inv(precision), dtype=np.float64)
-    rms, u = _sizes(choice, information, left.step[first : len(base.factor)], covariance)
+    background = Background(left)
+    rms, u = _sizes(choice, background.information, background.estimate, background.covariance)
     noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
     there = float(1.0 - choice.posterior.amplitudes[0])
     if there < THRESHOLDS.settled or rms < THRESHOLDS.negligible * noise:

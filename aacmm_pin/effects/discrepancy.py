@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -23,9 +23,34 @@ CARRIERS = re.compile(r"room|target|lengths|(before|angle|slide) [1-9]\d{0,2}")
 """What the functions may act on, see :class:`Carrier`."""
 DIGITS = 7
 """Significant digits of a direction in a file: 1e-7 of any displacement is far below the noise of any arm."""
-TYPICAL = {"angle": ("rad", 4e-5), "lengths": ("1", 2e-5), "target": ("m", 1e-3)}
-"""Unit and usual magnitude of a coefficient, by what it acts on; of all others those of a shift of the tip."""
-SHIFT = ("m", 2e-5)
+OF_TIP = dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
+
+
+class Kind(NamedTuple):
+    """A kind of carriers, whose row stands for ``{row}``.
+
+    Attributes:
+        words: what is off.
+        quantities: what it changes: names with unit, and how many SI units one of them is.
+        unit: of a coefficient.
+        typical: usual magnitude of a coefficient [that unit].
+    """
+
+    words: str
+    quantities: dict[str, float]
+    unit: str
+    typical: float
+
+
+KINDS = {
+    "room": Kind("the tip shifts in the room", OF_TIP, "m", 2e-5),
+    "target": Kind("the target sits elsewhere on the last body", OF_TIP, "m", 1e-3),
+    "before": Kind("the tip shifts along the body before joint {row}", OF_TIP, "m", 2e-5),
+    "angle": Kind("the angle of joint {row} is off", {"delta{row}_urad": 1e-6}, "rad", 4e-5),
+    "slide": Kind("the position of joint {row} is off", {"delta{row}_um": 1e-6}, "m", 2e-5),
+    "lengths": Kind("all lengths grow", {"growth_um_per_m": 1e-6}, "1", 2e-5),
+}
+"""By the name of a carrier without its row."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +76,11 @@ class Carrier:
         return self.name.partition(" ")[0]
 
     @property
+    def kind(self) -> Kind:
+        """What all carriers of its kind have in common."""
+        return KINDS[self.what]
+
+    @property
     def row(self) -> int:
         """Row of a joint; only of carriers that have one."""
         return int(self.name.partition(" ")[2])
@@ -58,43 +88,35 @@ class Carrier:
     @property
     def axes(self) -> int:
         """How many coefficients each function has."""
-        return 1 if self.what in ("angle", "slide", "lengths") else 3
+        return len(self.kind.quantities)
 
     @property
     def in_words(self) -> str:
         """What is off."""
-        row = self.name.partition(" ")[2]
-        words = {
-            "room": "the tip shifts in the room",
-            "target": "the target sits elsewhere on the last body",
-            "before": f"the tip shifts along the body before joint {row}",
-            "angle": f"the angle of joint {row} is off",
-            "slide": f"the position of joint {row} is off",
-            "lengths": "all lengths grow",
-        }
-        return words[self.what]
+        return self._with_row(self.kind.words)
 
     @property
     def quantities(self) -> dict[str, float]:
         """What it changes: names with unit, and how many SI units one of them is."""
-        if self.what in ("angle", "slide"):
-            return {f"delta{self.row}_{'urad' if self.what == 'angle' else 'um'}": 1e-6}
-        return {"growth_um_per_m": 1e-6} if self.what == "lengths" else dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
+        names = map(self._with_row, self.kind.quantities)
+        return dict(zip(names, self.kind.quantities.values(), strict=True))
 
-    @property
-    def typical(self) -> tuple[str, float]:
-        """Unit of a coefficient, and its usual magnitude [that unit]."""
-        return TYPICAL.get(self.what, SHIFT)
+    def _with_row(self, text: str) -> str:
+        return text.format(row=self.name.partition(" ")[2])
 
     def displacement(self, state: State, shifts: Array) -> Displacement:
         """The place that moves, by ``shifts`` along the axes of the carrier (n, axes, p) [m, rad, m/m per unit]."""
         if self.what in ("angle", "slide"):
             return about_axis(state, self.row, shifts[:, 0])
         if self.what == "lengths":
-            return Displacement(BASE, twist(state.position[:, :, None] * shifts))
-        last = state.arm.chain.tip
-        place = {"room": BASE, "target": last}.get(self.what)
-        return Displacement(axis(state.known_row(self.row)) - 1 if place is None else place, twist(shifts))
+            shifts = state.position[:, :, None] * shifts
+        return Displacement(self._place(state), twist(shifts))
+
+    def _place(self, state: State) -> int:
+        """The place along whose axes the tip shifts."""
+        if self.what == "before":
+            return axis(state.known_row(self.row)) - 1
+        return state.arm.chain.tip if self.what == "target" else BASE
 
 
 @dataclass(frozen=True)
@@ -115,21 +137,28 @@ class Part:
     @property
     def coefficients(self) -> int:
         """How many coefficients the functions have on all axes."""
-        return self.carrier.axes * math.prod(each.number for each in self.functions)
+        functions = math.prod(each.number for each in self.functions)
+        return functions * self.carrier.axes
 
     def displacement(self, state: State) -> Displacement:
         """By one unit of each parameter."""
-        each = np.array(self.directions) if self.directions else np.eye(self.coefficients)
-        of_functions = each.reshape(-1, self.carrier.axes, each.shape[1])
-        return self.carrier.displacement(state, np.tensordot(product_of(self.functions, state), of_functions, 1))
+        rows = np.array(self.directions) if self.directions else np.eye(self.coefficients)
+        of_functions = rows.reshape(-1, self.carrier.axes, rows.shape[1])
+        functions = product_of(self.functions, state)
+        shifts = np.tensordot(functions, of_functions, 1)
+        return self.carrier.displacement(state, shifts)
 
     def filed(self) -> DiscrepancyPart:
         """The part as an arm file has it."""
-        return DiscrepancyPart(
-            acts_on=self.carrier.name,
-            functions=[as_filed(each) for each in self.functions],
-            directions=tuple(tuple(float(f"{x:.{DIGITS}g}") for x in row) for row in self.directions),
-        )
+        functions = [as_filed(each) for each in self.functions]
+        directions = tuple(map(_rounded, self.directions))
+        return DiscrepancyPart(acts_on=self.carrier.name, functions=functions, directions=directions)
+
+
+def _rounded(row: tuple[float, ...]) -> tuple[float, ...]:
+    """A row of directions to :data:`DIGITS`."""
+    texts = [f"{number:.{DIGITS}g}" for number in row]
+    return tuple(map(float, texts))
 
 
 @dataclass(frozen=True)
@@ -153,21 +182,28 @@ class Discrepancy(Effect):
 
     def __post_init__(self) -> None:
         """Check that all parts have the same parameters."""
-        alone = len(self.parts) == 1 and not self.parts[0].directions
-        if alone and self.size != self.parts[0].coefficients:
-            raise AacmmError(f"{self.label}: {self.size} values, expected {self.parts[0].coefficients} coefficients")
-        for part in () if alone else self.parts:
-            if len(part.directions) != part.coefficients or {*map(len, part.directions)} != {self.size}:
-                expected = (
-                    f"directions of {part.coefficients} coefficients with {self.size} numbers each, one for each value"
-                )
-                raise AacmmError(f"{self.label}: {part.carrier.name}: expected {expected}")
+        first, *others = self.parts
+        if others or first.directions:
+            self._check_directions()
+        elif self.size != first.coefficients:
+            raise AacmmError(f"{self.label}: {self.size} values, expected {first.coefficients} coefficients")
         super().__post_init__()
+
+    def _check_directions(self) -> None:
+        """Raises AacmmError unless every coefficient of each part has a number for each parameter."""
+        for part in self.parts:
+            lengths = [len(row) for row in part.directions]
+            if lengths != [self.size] * part.coefficients:
+                expected = f"directions of {part.coefficients} coefficients with {self.size} numbers each"
+                raise AacmmError(f"{self.label}: {part.carrier.name}: expected {expected}, one for each value")
 
     @property
     def label(self) -> str:
         """What it depends on, and what it acts on."""
-        return f"{self.cause}:{self.covariate}" + (f" on {self.parts[0].carrier.name}" if len(self.parts) == 1 else "")
+        label = f"{self.cause}:{self.covariate}"
+        if len(self.parts) > 1:
+            return label
+        return f"{label} on {self.parts[0].carrier.name}"
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -177,10 +213,11 @@ class Discrepancy(Effect):
     @property
     def terms(self) -> tuple[Term, ...]:
         """The coefficients; of shared directions, their factors."""
-        part = self.parts[0]
-        unit, typical = ("1", 1.0) if part.directions else part.carrier.typical
-        read_in = ("1", 1.0) if part.directions else None
-        return tuple(Term(f"c{k}", unit, typical, f"c{k}", read_in=read_in) for k in range(1, self.size + 1))
+        names = [f"c{k}" for k in range(1, self.size + 1)]
+        if self.parts[0].directions:
+            return tuple(Term(name, "1", 1.0, name, read_in=("1", 1.0)) for name in names)
+        kind = self.parts[0].carrier.kind
+        return tuple(Term(name, kind.unit, kind.typical, name) for name in names)
 
     @property
     def _functions(self) -> list[Smooth]:
@@ -188,8 +225,10 @@ class Discrepancy(Effect):
 
     def inner_in_words(self) -> list[str]:
         """What it depends on, and what is off."""
-        alone = len(self.parts) == 1
-        return [f"over {self.covariate}", *([self.parts[0].carrier.in_words] if alone else [])]
+        words = [f"over {self.covariate}"]
+        if len(self.parts) == 1:
+            words.append(self.parts[0].carrier.in_words)
+        return words
 
     def displacements(self, state: State) -> list[Displacement]:
         """The functions along the axes of their carriers."""
@@ -203,14 +242,16 @@ class Discrepancy(Effect):
 
     def to_be_told(self, conditions: Conditions) -> list[str]:
         """That readings are outside the range of time or temperature that it was fitted to."""
-        found = dict[str, str]()
+        found: dict[str, str] = {}
         for each in self._functions:
-            if isinstance(each, Cosines) and each.of in self.needs:
-                values = conditions.require(each.of, self.label)
-                outside = int(((values < each.at_si[0]) | (values > each.at_si[-1])).sum())
-                if outside:
-                    where = f"the {each.of} that {self.label} was fitted to, {each.at_si[0]:.4g} to {each.at_si[-1]:.4g}"
-                    found[each.of] = f"{outside} of {conditions.n} records are outside {where}: it stays as at the end"
+            if not (isinstance(each, Cosines) and each.of in self.needs):
+                continue
+            values = conditions.require(each.of, self.label)
+            low, high = each.at_si[0], each.at_si[-1]
+            outside = int(np.sum((values < low) | (values > high)))
+            where = f"the {each.of} that {self.label} was fitted to, {low:.4g} to {high:.4g}"
+            if outside:
+                found[each.of] = f"{outside} of {conditions.n} records are outside {where}: it stays as at the end"
         return list(found.values())
 
 
@@ -220,8 +261,13 @@ def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
     Raises:
         AacmmError: its functions, carriers or directions are none.
     """
-    parts = tuple(
-        Part(Carrier(part.acts_on), tuple(as_read(each) for each in part.functions), part.directions) for part in entry.parts
-    )
+    parts = tuple(_part(part) for part in entry.parts)
     values, u = entry.values_si, entry.standard_uncertainty_si
-    return Discrepancy(entry.depends_on, parts, len(values), values=values, u=u).require_plausible()
+    found = Discrepancy(entry.depends_on, parts, len(values), values=values, u=u)
+    return found.require_plausible()
+
+
+def _part(entry: DiscrepancyPart) -> Part:
+    """A part that an arm file has."""
+    functions = tuple(as_read(each) for each in entry.functions)
+    return Part(Carrier(entry.acts_on), functions, entry.directions)

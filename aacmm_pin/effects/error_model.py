@@ -174,8 +174,7 @@ class ErrorModel(Shown):
         known = None if self.arm.covariance is None else self.arm.covariance.restricted(position)
         if known is not None:
             where = np.array([position[name] for name in known.parameters])
-            u = np.array(known.standard_uncertainty_si)
-            matrix[np.ix_(where, where)] = known.matrix_of_correlation() * np.outer(u, u)
+            matrix[np.ix_(where, where)] = known.matrix()
         return matrix
 
     def predict(

@@ -16,7 +16,7 @@ from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.diagnosis import Diagnosis, Finding
-from aacmm_pin.diagnosis.cross_validation import LEAST_GAIN, Gain
+from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import BACKGROUND, Unexplained
@@ -246,7 +246,7 @@ def gain_in_words(result: Diagnosis) -> str:
     if held is None:
         return "Nothing was held out, so the gain on other records is not known."
     low, high = held.interval
-    nothing = "" if held.beyond_doubt or high < -LEAST_GAIN else ", not significant"
+    nothing = "" if held.beyond_doubt or high < -THRESHOLDS.least_gain else ", not significant"
     counted = f" {count(held.excluded, 'excluded record')} included." if held.excluded else ""
     if result.findings and result.extended.thinned:
         counted += " It need not hold at new postures: the extended arm excludes too many records."

@@ -18,6 +18,8 @@ from aacmm_pin.report import (
     calibration,
     calibration_plan,
     diagnosis,
+    diagnosis_json,
+    diagnosis_line,
     diagnosis_notes,
     measurements,
     next_measurements,
@@ -25,6 +27,7 @@ from aacmm_pin.report import (
     plan,
     plots,
     procedure,
+    residual_tables,
 )
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.html import fragment, page
@@ -37,6 +40,8 @@ __all__ = [
     "calibration",
     "calibration_plan",
     "diagnosis",
+    "diagnosis_json",
+    "diagnosis_line",
     "diagnosis_notes",
     "html_of",
     "measurements",
@@ -45,6 +50,7 @@ __all__ = [
     "plan",
     "plots",
     "procedure",
+    "residual_tables",
     "save",
 ]
 

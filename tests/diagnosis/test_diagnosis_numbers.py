@@ -28,9 +28,9 @@ from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.diagnosis import chow_test as groups
 from aacmm_pin.diagnosis import cross_validation as gain
 from aacmm_pin.diagnosis import gram_matrix
+from aacmm_pin.diagnosis import odd_groups as groups
 from aacmm_pin.diagnosis import significance as findings
 from aacmm_pin.diagnosis.candidates import Variants, candidates
 from aacmm_pin.diagnosis.choice import Choice
@@ -42,6 +42,7 @@ from aacmm_pin.diagnosis.linear_model import WIDTHS, Base, Conditional, Likeliho
 from aacmm_pin.diagnosis.model_extension import ProblemOf, free
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.posterior import Posterior
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect, EncoderSlip
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.error_model import ErrorModel
@@ -317,7 +318,7 @@ def test_ratio_and_its_directions() -> None:
     block = Block(0, 0, slice(1, 4), (EncoderSlip(3, 0.0),))
     known = {"information": lambda _: np.diag([3.99, 0.99, 8.99]), "residual": np.array([7.0, 4.0, 2.0, 0.0, 9.0])}
     left: Any = SimpleNamespace(design_blocks=[block], variance=2.0, **known)
-    assert findings.Ratio.of(left, 0) == pytest.approx((4.0, 3.0))
+    assert findings.likelihood_ratio(left, 0) == pytest.approx((4.0, 3.0))
 
 
 # --- chances when nothing is there
@@ -387,14 +388,13 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case: Case, monkeypat
 def test_what_one_cause_brings(rng: np.random.Generator) -> None:
     """A ratio of sums over the parts, each distance over its noise, with Student's interval (Cochran 1977, 6.4)."""
     part, (with_it, without), u = np.arange(20) % 4, rng.uniform(0.5, 2.0, (2, 20)), rng.uniform(1.0, 3.0, 20)
-    of_part = {k: (np.flatnonzero(part == k), None) for k in range(4)}
     fit_ = SimpleNamespace(residual_noise=np.square(u)[:, None, None] * np.eye(3))
     posterior = SimpleNamespace(median=(7,))
-    choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda _: False, of_part=of_part, posterior=posterior)
+    choice: Any = SimpleNamespace(fit=fit_, in_one_part=lambda _: False, posterior=posterior)
 
     def trained(number: int) -> Any:
         own = part == number
-        return SimpleNamespace(number=number, predicted=lambda blocks: (with_it if 7 in blocks else without)[own])
+        return SimpleNamespace(rows=np.flatnonzero(own), predicted=lambda blocks: (with_it if 7 in blocks else without)[own])
 
     left, whole = (np.array([np.square(d / u)[part == k].sum() for k in range(4)]) for d in (with_it, without))
     share = left.sum() / whole.sum()
@@ -422,7 +422,7 @@ def misfit(rows: Array, nuisances: int, measured: int) -> tuple[float, float]:
 @pytest.mark.parametrize("alike", [True, False])
 def test_chow_s_test_of_every_session(case: Case, alike: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where residuals do not scatter alike, each side's variance and degrees of freedom are those of its own records."""
-    monkeypatch.setattr(groups, "ODD", 2.0)
+    monkeypatch.setattr(groups, "THRESHOLDS", replace(THRESHOLDS, odd=2.0))
     labels = case.records.conditions.session
     assert labels is not None
     rng = np.random.default_rng(8)
@@ -510,7 +510,7 @@ def test_what_records_are_divided_by() -> None:
 
 def test_chow_s_test_is_uniform_when_nothing_is_there(free_case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first session's p, over draws of noise; Bonferroni's factor taken back, so only what it did not cut off."""
-    monkeypatch.setattr(groups, "ODD", 2.0)
+    monkeypatch.setattr(groups, "THRESHOLDS", replace(THRESHOLDS, odd=2.0))
     design, some = free_case.design, few(free_case)
     target = free_case.records.reference
     own = covariance_of_records(free_case.records)[range(RECORDS), range(RECORDS)]

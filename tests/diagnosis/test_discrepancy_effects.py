@@ -25,16 +25,16 @@ from aacmm_pin.diagnosis.candidates import candidates
 from aacmm_pin.diagnosis.covariates import Carried, covariates
 from aacmm_pin.diagnosis.design_matrix import _Calibrated
 from aacmm_pin.diagnosis.discrepancy import (
-    Coefficients,
     Described,
     background_effect,
     calibrated_beside,
-    discrepancy_effects,
+    coefficients_of_effect,
+    covariate_effects,
     lost,
-    with_discrepancy,
+    with_covariance,
 )
 from aacmm_pin.effects.conditions import Conditions
-from aacmm_pin.effects.discrepancy import Carrier, Discrepancy
+from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.error_model import ErrorModel
 from aacmm_pin.effects.state import State
 from aacmm_pin.measurements.records import Measurements
@@ -78,10 +78,15 @@ def size_of(way: Carried) -> int:
     return way.functions.shape[1] * Carrier(way.carrier).axes
 
 
-def prior(described: list[Described], width: float) -> Coefficients:
+def prior(described: list[Described], width: float) -> list[Discrepancy]:
     """Nothing known but how large it may be."""
-    size = sum(size_of(way) for _, way in described)
-    return discrepancy_effects(described, np.zeros(size), width**2 * np.eye(size))
+    return covariate_effects(described, np.full(sum(size_of(way) for _, way in described), width))
+
+
+def with_effect(model: ErrorModel, effect: Discrepancy, covariance: Array) -> ErrorModel:
+    """The model with an effect too, whose parameters are known together."""
+    names = [parameter.name for parameter in effect.parameters()]
+    return ErrorModel(with_covariance(model.arm, names, covariance), (*model.effects, effect))
 
 
 def test_columns_are_those_of_the_design(plant: Plant) -> None:
@@ -99,8 +104,9 @@ def test_columns_are_those_of_the_design(plant: Plant) -> None:
     for name, way in all_described(plant.arm, records):
         stated = at.carried(way)
         estimate = np.linspace(1e-5, 2e-5, stated.shape[2])
-        (effect,) = discrepancy_effects([(name, way)], estimate, np.eye(len(estimate)), at.frame).effects
-        shifts, turns = np.split(effect.sensitivity(at.state) @ effect.values, 2, axis=1)
+        (effect,) = covariate_effects([(name, way)], np.ones(len(estimate)), at.frame)
+        values = coefficients_of_effect(way, at.frame) @ estimate
+        shifts, turns = np.split(effect.sensitivity(at.state) @ values, 2, axis=1)
         found = np.concatenate([shifts @ at.frame.T, turns @ at.frame.T], axis=1)
         # The place of the tip is that of the calibrated arm, a millimetre or less from that of the arm as it was.
         tolerance = 1e-9 if name == "place" else 1e-14
@@ -121,9 +127,12 @@ def test_new_readings_are_corrected_within_u(plant: Plant, tmp_path: Path) -> No
     for number in range(20):
         records = plant.measured(200)
         way = next(way for name, way in all_described(plant.arm, records) if (name, way.carrier) == (COUPLING, "angle 4"))
-        found = discrepancy_effects([(COUPLING, way)], *least_squares(plant.arm, records, way))
+        (effect,), conversion = prior([(COUPLING, way)], 1.0), coefficients_of_effect(way)
+        estimate, covariance = least_squares(plant.arm, records, way)
+        covariance = conversion @ covariance @ conversion.T
+        effect = effect.at(conversion @ estimate, np.sqrt(np.diag(covariance)))
         path = tmp_path / f"{number}.toml"
-        with_discrepancy(ErrorModel(plant.arm), found).save(path)
+        with_effect(ErrorModel(plant.arm), effect, covariance).save(path)
         model = ErrorModel.load(path)
         q, tip = plant.touched(50)
         count = size_of(way)
@@ -147,7 +156,7 @@ def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
     records = plant.measured(200)
     way = next(way for name, way in all_described(plant.arm, records) if (name, way.carrier) == (COUPLING, "angle 4"))
     noise = {"encoder_noise": 1e-9, "reference_noise": NOISE, "hold_out": False}
-    found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4).effects], **noise)  # type: ignore[arg-type]
+    found = calibrate(plant.arm, records, ["geometry", *prior([(COUPLING, way)], 2e-4)], **noise)  # type: ignore[arg-type]
     found.model.save(tmp_path / "extended.toml")
     model, (q, tip) = ErrorModel.load(tmp_path / "extended.toml"), plant.touched(200)
     moves = model.sensitivity(q)
@@ -162,28 +171,33 @@ def test_estimated_beside_the_geometry(plant: Plant, tmp_path: Path) -> None:
 def test_estimates_answer_to_what_is_held(plant: Plant) -> None:
     """Held where a common fit has them, within its covariance, the tips are as uncertain as by that fit."""
     records = plant.measured(150)
-    described = [each for each in all_described(plant.arm, records) if each[0] in (COUPLING, "joint 5")]
+    way = next(way for name, way in all_described(plant.arm, records) if (name, way.carrier) == (COUPLING, "angle 4"))
+    assert way.smooth is not None
+    directions = tuple((float(x),) for x in plant.rng.normal(0.0, 5e-5, size_of(way)))
+    one = Discrepancy(COUPLING, (Part(Carrier(way.carrier), way.smooth, directions),), 1)
     setup = Setup.of(plant.arm, encoder_noise=8e-6, reference_noise=NOISE, probe_noise=NOISE)
 
     def solved(model: ErrorModel, *more: Discrepancy) -> Fit:
         return fit(problem_of(model, records, ["geometry", *more], setup), robust=False)
 
-    common = solved(ErrorModel(plant.arm), *prior(described, 5e-5).effects)
-    own = slice(common.problem.vector.slices[-len(described)].start, common.problem.vector.size)
-    found = Coefficients(common.solution.effects[-len(described) :], common.covariance[own, own])  # type: ignore[arg-type]
-    held = ErrorModel(plant.arm, found.effects)
+    common = solved(ErrorModel(plant.arm), one.at((0.0,), (1.0,)))
+    own = common.problem.vector.slices[-1]
+    found = one.at(common.solution.effects[-1].values, np.sqrt(np.diag(common.covariance[own, own])))
+    held = ErrorModel(plant.arm, (found,))
     model, wanted = calibrated_beside(solved(held), found), calibrated_model(common)
     q, conditions = plant.touched(50)[0], Conditions(50, time=np.linspace(0.0, 3600.0, 50))
     u = [accuracy_volume(each, q, conditions=conditions, method="ellipsoid").u for each in (model, wanted)]
     np.testing.assert_allclose(*u, rtol=1e-3)
-    independent = with_discrepancy(ErrorModel(calibrated_model(solved(held)).arm), found)
-    assert np.mean(accuracy_volume(independent, q, conditions=conditions, method="ellipsoid").u) > 1.2 * np.mean(u[1])
+    alone = ErrorModel(calibrated_model(solved(held)).arm)
+    independent = with_effect(alone, found, np.diag(np.square(found.u)))
+    assert np.mean(accuracy_volume(independent, q, conditions=conditions, method="ellipsoid").u) > 1.01 * np.mean(u[1])
 
 
 def test_it_is_no_candidate(plant: Plant) -> None:
     records = plant.measured(60)
     name, way = all_described(plant.arm, records)[0]
-    (effect,) = discrepancy_effects([(name, way)], np.full(size_of(way), 1e-6), np.eye(size_of(way)) * 1e-12).effects
+    (effect,) = prior([(name, way)], 1e-6)
+    effect = effect.at(np.full(size_of(way), 1e-6), effect.u)
     model, setup = ErrorModel(plant.arm, [effect]), Setup.of(plant.arm, reference_noise=NOISE)
     library = candidates(model, records, problem_of(model, records, "geometry", setup))
     assert not any(isinstance(each, Discrepancy) for variants in library for each in variants)
@@ -198,15 +212,13 @@ def test_what_cannot_be_predicted_is_lost(plant: Plant) -> None:
     assert lost(described) == ["time", "session", "operator", "humidity_pct"]
     kept = {(name, way.carrier) for name, way in described if way.smooth is not None}
     assert {("time", "room"), ("temperature", "lengths"), ("joint 3 × time", "angle 3"), ("place", "room")} < kept
-    assert [effect.covariate for effect in prior(described, 1e-5).effects] == [
-        n for n, w in described if w.smooth is not None
-    ]
+    assert [effect.covariate for effect in prior(described, 1e-5)] == [n for n, w in described if w.smooth is not None]
 
 
 def test_labels_of_several(plant: Plant) -> None:
     described = [each for each in all_described(plant.arm, plant.measured(60)) if each[0] == "time"][:1]
-    (first,) = prior(described, 1e-5).effects
-    second, third = discrepancy_effects(described * 2, np.zeros(36), np.eye(36), taken=[first.label]).effects
+    (first,) = prior(described, 1e-5)
+    second, third = covariate_effects(described * 2, np.ones(36), taken=[first.label])
     assert [first.label, second.label, third.label] == [f"discrepancy:time{k} on room" for k in ("", " (2)", " (3)")]
 
 
@@ -214,7 +226,7 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     """The same mean at new records; u with the right mean square, and not far off anywhere."""
     records, rng = plant.measured(150), plant.rng
     described = [each for each in all_described(plant.arm, records) if each[1].smooth is not None]
-    every = prior(described, 1.0).effects
+    every = prior(described, 1.0)
     scales = np.concatenate([way.size.repeat(Carrier(way.carrier).axes) for _, way in described])
     q = plant.touched(300)[0]
     states = State(plant.arm, q, Conditions(300, time=rng.uniform(0.0, 3600.0, 300)), plant.arm.chain.tip)
@@ -224,7 +236,8 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     )
     estimate, root = rng.normal(0.0, 1e-4, 120), rng.normal(0.0, 1e-5, (120, 200))
     covariance = root @ root.T
-    model = with_discrepancy(ErrorModel(plant.arm), background_effect(described, weights, estimate, covariance))
+    made = background_effect(described, weights, estimate, covariance)
+    model = with_effect(ErrorModel(plant.arm), made, np.diag(np.square(made.u)))
     model.save(tmp_path / "background.toml")
     (effect,) = ErrorModel.load(tmp_path / "background.toml").effects
     moves, directions = effect.sensitivity(states), columns @ weights
@@ -241,5 +254,5 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
 def test_a_background_of_one_direction_is_its_size(plant: Plant) -> None:
     described = [each for each in all_described(plant.arm, plant.measured(60)) if each[0] == COUPLING][:1]
     weights = np.arange(1.0, 1.0 + size_of(described[0][1]))[:, None]
-    (effect,) = background_effect(described, weights, np.array([3e-6]), np.array([[4e-12]])).effects
+    effect = background_effect(described, weights, np.array([3e-6]), np.array([[4e-12]]))
     assert (effect.values, effect.u) == ((1.0,), (pytest.approx(2.0 / 3.0),))

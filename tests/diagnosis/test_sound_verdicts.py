@@ -22,7 +22,7 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.cross_validation import Brought
-from aacmm_pin.diagnosis.result import Diagnosis, Finding, _finding
+from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.verdict import doubts_of, verdict_of
@@ -52,6 +52,7 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report.diagnosis import verdict_in_words
+from aacmm_pin.report.diagnosis_json import finding_to_dict
 from tests.cli import shell
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
@@ -312,7 +313,7 @@ def test_excluded_records_of_one_seat_are_said_to_be_of_it(sino6: Arm) -> None:
 
 def test_a_look_alike_at_a_seat_has_a_seat_and_no_joint() -> None:
     at_seat, of_arm = Alias("seat_error:3", 0.9, 0.1, effect=SeatError("3")), Alias("humidity_pct", 0.9, 0.1)
-    written = _finding(replace(finding(0.7), aliases=(at_seat, of_arm)))["aliases"]
+    written = finding_to_dict(replace(finding(0.7), aliases=(at_seat, of_arm)))["aliases"]
     assert [(a["cause"], a["joint"], a.get("seat")) for a in written] == [
         ("seat_error", None, "3"),
         ("humidity_pct", None, None),

@@ -1,0 +1,120 @@
+"""What a search for causes found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.diagnosis.candidates import Variants
+from aacmm_pin.diagnosis.covariates import Carried, Covariate
+from aacmm_pin.diagnosis.design_matrix import Design
+from aacmm_pin.diagnosis.gram_matrix import Gram
+from aacmm_pin.diagnosis.model_space import Blocks, Candidates
+from aacmm_pin.diagnosis.posterior import Posterior
+from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
+from aacmm_pin.effects import Effect
+from aacmm_pin.measurements.records import Measurements
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was found, at the point where the last refit ended.
+
+    Attributes:
+        fit: refit of geometry and of the causes of the median probability model.
+        posterior: over sets of blocks, linear at the most probable set.
+        library, others: the candidates.
+        parts: part of each record for leaving out (n,).
+        held: inner products from which parts can be left out.
+        scatter: of readings beyond the stated noise; None where the records show none.
+        otherwise: labels of causes that would be found if excluded records counted, where without these there is none.
+        kept_alone: records that the arm recalibrated alone, by its own scatter, does not exclude (n,); None: the used ones.
+    """
+
+    fit: Fit
+    posterior: Posterior
+    library: tuple[Variants, ...]
+    others: tuple[Covariate, ...]
+    parts: Index
+    held: Gram
+    scatter: ReadingScatter | None = None
+    otherwise: tuple[str, ...] = ()
+    kept_alone: NDArray[np.bool_] | None = None
+
+    @property
+    def candidates(self) -> Candidates:
+        """What may be in a set."""
+        return self.posterior.space.candidates
+
+    @property
+    def design(self) -> Design:
+        """Columns of all candidates."""
+        return self.candidates.design
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Records that count when they are left out and predicted (n,): all but those that both arms exclude.
+
+        A record that only the extended arm excludes may be one that its causes are wrong for. One that the recalibrated
+        arm excludes too is a gross error: either arm is equally far off there, and a few such records would be all that
+        a gain in RMS shows.
+        """
+        used = self.fit.used
+        return np.asarray(used if self.kept_alone is None else used | self.kept_alone)
+
+    @cached_property
+    def of_part(self) -> dict[int, tuple[Index, Measurements]]:
+        """The counted records of each part that can be left out, their numbers first."""
+        rows = {number: np.flatnonzero(self.counted & (self.parts == number)) for number in self.held.parts}
+        return {number: (own, self.fit.problem.measurements.take(own)) for number, own in rows.items()}
+
+    @cached_property
+    def tips(self) -> Array:
+        """Tips (n, 3), turns behind them (n, 6), with the median probability model and the background [m, rad]."""
+        return self.posterior.left.tips()
+
+    @property
+    def top_causes(self) -> Blocks:
+        """Blocks of the most probable set that are causes of the library."""
+        return tuple(k for k in self.posterior.top if self.candidates.is_cause(k))
+
+    @property
+    def causes(self) -> Blocks:
+        """Blocks of the median probability model that are causes of the library, the strongest first."""
+        own = [k for k in self.posterior.median if self.candidates.is_cause(k)]
+        return tuple(sorted(own, key=lambda k: -self.posterior.strength(k)))
+
+    @property
+    def covariates(self) -> Blocks:
+        """Its blocks that are covariates, the strongest first."""
+        own = [k for k in self.posterior.median if not self.candidates.is_cause(k)]
+        return tuple(sorted(own, key=lambda k: -self.posterior.strength(k)))
+
+    @property
+    def effects(self) -> list[Effect]:
+        """Its causes."""
+        return [self.variant(k) for k in self.causes]
+
+    def in_one_part(self, block: int) -> bool:
+        """Whether a block moves only records that are left out together, so that the others say nothing of it."""
+        moved = self.design.columns(block).any(axis=(1, 2))
+        inside, every = (np.unique(self.parts[records]).size for records in (moved & self.fit.used, self.fit.used))
+        return bool(inside == 1 < every)
+
+    def covariate(self, block: int) -> Covariate:
+        """The covariate of a block."""
+        return self.others[self.candidates.owner(block) - self.design.causes]
+
+    def way(self, block: int) -> Carried:
+        """How it acts."""
+        return self.covariate(block).variants[self.design.blocks[block].variant]
+
+    def variant(self, block: int) -> Effect:
+        """The effect of a block."""
+        b = self.design.blocks[block]
+        return self.library[b.candidate][b.variant]

@@ -1,0 +1,223 @@
+"""Inner values of causes, such as orders, times and time constants: by the evidence of others near them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+from scipy.special import logsumexp
+
+from aacmm_pin._support.checks import Array
+from aacmm_pin.calibration.fit import Fit
+from aacmm_pin.diagnosis.candidates import Variants, is_change
+from aacmm_pin.diagnosis.choice import Choice
+from aacmm_pin.diagnosis.design_matrix import design_of
+from aacmm_pin.diagnosis.exploration import without_block
+from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.model_space import Candidates, ModelSpace
+from aacmm_pin.effects import Effect
+
+EXCEPTIONAL = 2.0
+"""An inner value that machines are made with is taken unless the log evidence falls by this."""
+RIVALS = 2
+"""So many others in the place of a cause are refined too."""
+FINER = 200
+"""Parts of a step between inner values that were tried in which their evidence is summed."""
+ABOUT = 0.01
+"""Inner values that differ by this part of what they may be off before records tell are not refitted."""
+
+Series = Sequence[Sequence[Effect]]
+"""Effects to try in one place, such as one cause with neighbouring inner values."""
+
+
+def noise_is_known(at: Fit) -> bool:
+    """Whether the stated noise is all that the fit found."""
+    return at.stated and max(at.noise.scatters.tip, at.noise.scatters.turn) == 0.0
+
+
+def refined_causes(choice: Choice, before: Sequence[Effect] = ()) -> list[Effect]:
+    """The causes of the most probable set with their likeliest inner values.
+
+    Each may become a special case of what it was. Those whose values are about the same as before are as before.
+    """
+    records, acting = choice.fit.problem.measurements, _acting(choice, choice.top_causes)
+    there = {variants[0].label for variants in choice.library}
+    best = [variants[-1] for variants in acting]
+    new = [k for k, block in enumerate(choice.top_causes) if not is_change(choice.variant(block))]
+    special = {k: [[case for case in best[k].special_cases() if case.label in there]] for k in new}
+    series = {k: [best[k].refined(records)] for k in new}
+    for number, (found,) in evidences(choice.fit, acting, special).items():
+        (cases,) = special[number]
+        series[number].append(cases[int(np.argmax(found))].refined(records))
+    several = {number: each for number, each in series.items() if sum(map(len, each)) > 1}
+    for number, odds in evidences(choice.fit, acting, several).items():
+        which = int(np.argmax([each.max() for each in odds]))
+        best[number] = likeliest(series[number][which], odds[which])
+    return [_as_before(effect, before) for effect in best]
+
+
+def refined_rivals(choice: Choice) -> list[Effect]:
+    """The likeliest others in the place of each cause, refined as it is: where they were tried they are worse than need be.
+
+    But for those with inner values that machines are made with, such as orders: these are the values that are tried.
+    """
+    tried = {number: _rivals(choice, block) for number, block in enumerate(choice.top_causes)}
+    found = evidences(choice.fit, _acting(choice, choice.top_causes), tried)
+    pairs = [pair for number, each in found.items() for pair in zip(tried[number], each, strict=True)]
+    return [likeliest(effects, odds) for effects, odds in pairs]
+
+
+def _rivals(choice: Choice, block: int) -> list[list[Effect]]:
+    """The best others in the place of a block, each with the inner values near its own."""
+    candidates, records = choice.candidates, choice.fit.problem.measurements
+    values = choice.posterior.space.additions(without_block(choice.posterior.top, block))
+    order = [k for k in np.argsort(-values, kind="stable").tolist() if candidates.is_cause(k) and np.isfinite(values[k])]
+    best = {candidates.owner(k): k for k in reversed(order)}
+    others = [k for k in order if best[candidates.owner(k)] == k and candidates.owner(k) != candidates.owner(block)]
+    effects = [choice.variant(k) for k in others[:RIVALS]]
+    tried = [effect.at(()).refined(records) for effect in effects if effect.inner and not is_change(effect)]
+    return [each for each in tried if not any(effect.exceptional for effect in each)]
+
+
+def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:
+    """The causes of some blocks as :func:`evidences` asks for them."""
+    found: list[Variants] = []
+    for block in blocks:
+        effect, first = choice.variant(block), choice.library[choice.candidates.owner(block)][0]
+        known = (first,) if is_change(first) and effect is not first else ()
+        found.append((*known, effect.at(())))
+    return found
+
+
+def evidences(at: Fit, acting: Sequence[Variants], tried: Mapping[int, Series]) -> dict[int, list[Array]]:
+    """Log evidence of effects in the place of one cause, the other causes held, where a fit with one of each ended.
+
+    Args:
+        at: the fit.
+        acting: each cause as it acts; before it, the one that is known to act, of which it is another inner value.
+        tried: effects to try, by the number of the cause whose place they take.
+
+    Returns:
+        The evidence of each effect, in the same order.
+    """
+    every = {number: [effect for effects in series for effect in effects] for number, series in tried.items()}
+    every = {number: effects for number, effects in every.items() if effects}
+    if not every:
+        return {}
+    library = [(*variants, *every.get(number, ())) for number, variants in enumerate(acting)]
+    design = design_of(at, library, [], at.problem.candidates)
+    gram = Gram(products_of(design, np.zeros(len(at.used), dtype=np.intp)))
+    space = ModelSpace(Candidates.of(design, library), gram, noise_is_known(at))
+    places = [np.flatnonzero(space.candidates.owners == number) for number in range(len(acting))]
+    held = [int(own[len(variants) - 1]) for own, variants in zip(places, acting, strict=True)]
+    gram.prepare(held)
+    found = {}
+    for number, effects in every.items():
+        beside = space.conditional(space.marginal(without_block(tuple(held), held[number])).best)
+        odds = logsumexp(beside.additions[places[number][-len(effects) :]], axis=1)
+        odds += np.log([effect.share(at.problem.measurements) for effect in effects])
+        ends = np.cumsum([len(each) for each in tried[number]])[:-1]
+        found[number] = np.split(odds, ends)
+    return found
+
+
+def likeliest(tried: Sequence[Effect], odds: Array) -> Effect:
+    """The effect with the largest evidence, or one with an exceptional inner value that has nearly as much."""
+    best = int(np.argmax(odds))
+    exceptional = [k for k, effect in enumerate(tried) if effect.exceptional]
+    usual = max(exceptional, key=lambda k: odds[k], default=best)
+    if exceptional and odds[usual] > odds[best] - EXCEPTIONAL:
+        return tried[usual]
+    return _at_the_top(tried, odds, best)
+
+
+def _at_the_top(tried: Sequence[Effect], odds: Array, best: int) -> Effect:
+    """The effect at the top of the parabola through the best of those tried and its neighbours."""
+    effect = tried[best]
+    if not effect.inner_widths() or not 0 < best < len(tried) - 1:
+        return effect
+    name = next(iter(effect.inner_widths()))
+    near = slice(best - 1, best + 2)
+    values = np.array([getattr(each, name) for each in tried[near]])
+    bend, slope, _ = np.polyfit(values - values[1], odds[near], 2)
+    top = -slope / (2.0 * bend) if bend < 0.0 else 0.0
+    inner: dict[str, Any] = {name: float(np.clip(values[1] + top, values[0], values[2]))}
+    return replace(effect, **inner)
+
+
+def _as_before(effect: Effect, before: Sequence[Effect]) -> Effect:
+    """The same cause in an earlier fit, if its inner values are about the same."""
+    for old in before:
+        widths = old.inner_widths() if old.label == effect.label else {}
+        if widths and all(abs(getattr(effect, n) - getattr(old, n)) <= ABOUT * w for n, w in widths.items()):
+            return old
+    return effect
+
+
+def with_inner_u(at: Fit, effects: Sequence[Effect]) -> Fit:
+    """A refit that counts the inner values of new causes as uncertain; a known one changes its values alone."""
+    records = at.problem.measurements
+    new = [k for k, e in enumerate(effects) if not is_change(e) and e.inner_widths() and not e.exceptional]
+    tried = {k: [effects[k].at(()).refined(records)] for k in new}
+    odds, found = evidences(at, [(effect,) for effect in effects], tried), {}
+    number = {effects[k].label: k for k in new}
+    for effect, own in zip(at.solution.effects, at.problem.vector.slices, strict=True):
+        k = number.get(effect.label, -1)
+        if k in odds and not at.problem.start[own].any():
+            found[effect.key] = {name: _least_u(effect, name, tried[k][0], odds[k][0]) for name in effect.inner_widths()}
+    return replace(at, found=found)
+
+
+def _least_u(effect: Effect, name: str, tried: Sequence[Effect], odds: Array) -> float:
+    """Half of the way from an inner value to the farther end of its 95 % interval, by the evidence of others near it.
+
+    A time constant that is longer than the records last has far more room upwards than its derivative says.
+    """
+    if len(tried) < 2:
+        return 0.0
+    grid = np.arange(len(tried))
+    fine = np.linspace(0.0, grid[-1], FINER * int(grid[-1]) + 1)
+    values = scipy.interpolate.CubicSpline(grid, [getattr(each, name) for each in tried])(fine)
+    low, high = _interval(values, scipy.interpolate.CubicSpline(grid, odds)(fine))
+    value = getattr(effect, name)
+    return float(max(high - value, value - low) / 2.0)
+
+
+def _interval(values: Array, odds: Array) -> tuple[float, float]:
+    """The first and the last of some values that together have 95 % of the probability, by their log odds."""
+    share = np.cumsum(np.exp(odds - logsumexp(odds)))
+    low, high = values[np.searchsorted(share, (0.025, 0.975)).clip(max=values.size - 1)]
+    return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class Step:
+    """What the records determine of an inner value in which a cause steps, such as the time of a slip [its unit].
+
+    Of its posterior over the values near it, each of which stands for the gap around it.
+
+    Attributes:
+        u: standard uncertainty.
+        low, high: the first and the last of the values that together have 95 % of the probability.
+    """
+
+    u: float
+    low: float
+    high: float
+
+
+def step_of(choice: Choice, block: int, name: str) -> Step:
+    """What the records determine of the inner value ``name`` of a block."""
+    candidates, records = choice.candidates, choice.fit.problem.measurements
+    chosen = choice.variant(block).at(())
+    tried = chosen.refined(records)
+    others = [k for k in choice.top_causes if candidates.owner(k) != candidates.owner(block)]
+    ((odds,),) = evidences(choice.fit, _acting(choice, [block, *others]), {0: [tried]}).values()
+    values = np.array([getattr(effect, name) for effect in tried])
+    share = np.exp(odds - logsumexp(odds))
+    gaps = np.array([effect.step_width(records) for effect in tried])
+    u = float(np.sqrt(share @ (np.square(values - getattr(chosen, name)) + np.square(gaps) / 12.0)))
+    return Step(u, *_interval(values, odds))

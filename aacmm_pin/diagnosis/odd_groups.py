@@ -1,0 +1,152 @@
+"""Groups of records that do not agree with all others: a bar, a seat, a session, a marker that was set up badly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.display import Shown
+from aacmm_pin._support.distributions import f_sf
+from aacmm_pin.diagnosis.choice import Choice
+from aacmm_pin.diagnosis.gram_matrix import Gram, products_of
+from aacmm_pin.diagnosis.linear_model import Base, Conditional
+from aacmm_pin.diagnosis.model_space import Blocks
+from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.measurements.records import Measurements
+
+READING_SHARES = (0.0, 0.25, 0.5, 0.75, 0.95)
+"""Parts of a scatter that may be of the readings; not all, for these move some tips in one plane only."""
+
+
+@dataclass(frozen=True)
+class OddGroup(Shown):
+    """A group whose records are farther off than the others let expect.
+
+    Attributes:
+        name: such as ``bar left``.
+        records: how many it has.
+        times: by how much its records, predicted by the others, are farther off than those are from one another.
+        p_value: chance of that in a good set, for the best of all groups.
+    """
+
+    name: str
+    records: int
+    times: float
+    p_value: float
+
+
+class Grouping(NamedTuple):
+    """A way to divide the records: its name, the names of the groups, and the group of each record (n,)."""
+
+    what: str
+    names: list[str]
+    part: Index
+
+
+def odd_groups(choice: Choice) -> list[OddGroup]:
+    """The groups that stand out when the causes are refitted without them, worst first; where structure over a covariate was
+    found, when the geometry alone is.
+
+    Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other records, ν₋ their
+    degrees of freedom and n what the group adds to these; Bonferroni's bound over the groups. Where the noise of the
+    encoders is not stated, both are compared with what the residuals of a group vary by: see :func:`_scatter`.
+    """
+    scatter = _scatter(choice)
+    groupings = _groupings(choice.fit.problem.measurements, choice)
+    found = [group for grouping in groupings for group in _tested(choice, grouping, scatter)]
+    odd = [group for group in found if group.p_value < THRESHOLDS.odd]
+    return sorted(odd, key=lambda group: group.p_value)
+
+
+def _tested(choice: Choice, grouping: Grouping, scatter: Array) -> Iterator[OddGroup]:
+    """Chow's test of every group that adds to the others, with the covariance of the residuals (n, 3, 3)."""
+    # A group that was set up badly may be what a covariate was found by.
+    blocks = () if choice.covariates else choice.posterior.median
+    products = products_of(choice.design.of(blocks), grouping.part, choice.held.products.noise)
+    gram, used = Gram(products), choice.fit.used
+    whole = _without_background(choice, gram, blocks)
+    for number, name in enumerate(grouping.names):
+        mine = grouping.part == number
+        others = _without_background(choice, gram.without(number), blocks)
+        more = whole.dof - others.dof
+        if more < 1.0 or others.dof < 1.0 or others.chi2 <= 0.0:
+            continue
+        ratio = max((whole.chi2 - others.chi2) / more, 0.0) / (others.chi2 / others.dof)
+        own, rest = _spread(scatter[used & mine]), _spread(scatter[used & ~mine])
+        f_ratio = ratio * rest.variance / own.variance
+        chance = float(f_sf(f_ratio, more * own.certainty, others.dof * rest.certainty))
+        p_value = min(1.0, len(grouping.names) * chance)
+        records = int(np.sum(used & mine))
+        yield OddGroup(f"{grouping.what} {name}", records, float(np.sqrt(ratio)), p_value)
+
+
+def _without_background(choice: Choice, gram: Gram, blocks: Blocks) -> Conditional:
+    """Some of the records beside the nuisances and these blocks, without the background."""
+    left = choice.posterior.left
+    widths = left.widths[: len(blocks)]
+    return Conditional.of(Base(gram, 0.0), tuple(range(len(blocks))), widths, left.likelihood)
+
+
+def _scatter(choice: Choice) -> Array:
+    """Covariance of each whitened residual (n, 3, 3), up to a factor: one, where the noise of the encoders is stated.
+
+    Else a part of the scatter, the likeliest of :data:`READING_SHARES`, is taken to be of the readings, whose errors move
+    far tips more, and in few directions.
+    """
+    fit = choice.design.fit
+    alike = np.broadcast_to(np.eye(3), (len(choice.tips), 3, 3))
+    used = fit.used & fit.observations.says
+    if fit.problem.setup.encoder_noise is not None or not used.any():
+        return alike
+    whitening = choice.held.products.noise.whitening[:, :3, :3]
+    off = choice.design.deviations(choice.tips)[:, :3]
+    residual = np.einsum("nij,nj->ni", whitening, off)[used]
+    point = fit.solution.point
+    by_reading = whitening @ fit.problem.reading_jacobian(point.x, point.frame)[:, :3]
+    readings = by_reading @ by_reading.transpose(0, 2, 1)
+    readings = readings * (3.0 / np.trace(readings[used], axis1=1, axis2=2).mean())
+    mixed = [(1.0 - share) * alike + share * readings for share in READING_SHARES]
+    return max(mixed, key=lambda covariance: _log_likelihood(residual, covariance[used]))
+
+
+def _log_likelihood(residual: Array, covariance: Array) -> float:
+    """Of residuals (n, 3) with covariances (n, 3, 3) up to a common factor, at its best; times two."""
+    precision = np.linalg.inv(covariance)
+    chi2 = np.einsum("ni,nij,nj->", residual, precision, residual)
+    log_volume = np.linalg.slogdet(covariance)[1].sum()
+    return float(-log_volume - residual.size * np.log(chi2))
+
+
+class Spread(NamedTuple):
+    """Mean variance of coordinates of residuals; the part of them that, if all were alike, would state it as well."""
+
+    variance: float
+    certainty: float
+
+
+def _spread(scatter: Array) -> Spread:
+    """Of residuals with covariances (n, 3, 3); the part is ``(Σ tr C)² / (3 n Σ tr C²)`` (Satterthwaite 1946)."""
+    count = 3 * len(scatter)
+    total = float(np.trace(scatter, axis1=1, axis2=2).sum())
+    squares = float(np.square(scatter).sum())
+    return Spread(total / count, total**2 / (count * squares))
+
+
+def _groupings(records: Measurements, choice: Choice) -> Iterator[Grouping]:
+    """Ways to divide the records into enough groups with enough records."""
+    conditions = records.conditions
+    labels = {"bar": records.bar, "seat": conditions.seat if records.bar is None else None}
+    if records.known.any():
+        labels = {}
+    labels |= {"session": conditions.session, "marker": conditions.marker}
+    for what, known in labels.items():
+        if known is None:
+            continue
+        names, part = np.unique(known, return_inverse=True)
+        used = np.bincount(part, weights=choice.fit.used)
+        if len(names) >= THRESHOLDS.fewest_groups and used.min() > THRESHOLDS.fewest_records:
+            yield Grouping(what, [str(name) for name in names], part.astype(np.intp))
