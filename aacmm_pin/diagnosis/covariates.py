@@ -25,6 +25,8 @@ from aacmm_pin.measurements.records import Measurements
 
 SMOOTH = (5, 20)
 """Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it may shift the tip."""
+GEAR_ORDERS = (2, 3, 4, 6)
+"""Waves per turn of a gear's error that a load changes."""
 LATER = 3
 """Number of cosines over the ranks of the time with which an error of a joint changes."""
 SLOPES = 2
@@ -145,10 +147,10 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
 
 
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
-    """Each joint, which may shift the tip along the body before it."""
+    """Each joint, which may shift the tip along the body before it, or turn another joint."""
     for joint in joints:
-        readings, carriers = state.q[:, joint.number], [f"before {joint.row}"]
-        yield _of(joint.name, readings, carriers, state, joint.column)
+        others = [other.error for other in joints if other != joint]
+        yield _of(joint.name, state.q[:, joint.number], [f"before {joint.row}", *others], state, joint.column)
 
 
 def _of_columns(measurements: Measurements, state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
@@ -236,12 +238,15 @@ def _products(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
 
 
 def _product(state: State, *joints: Joint) -> Covariate:
-    """The angle of one of two joints depends on where both stand."""
+    """The angle of one of two joints depends on where both stand: on their first orders, or on a gear's and on a load."""
     names = tuple(joint.name for joint in joints)
     waves = tuple(Waves(name, constant=True) for name in names)
-    variants = tuple(Carried.of(waves, joint.error, state) for joint in joints)
+    variants = [Carried.of(waves, joint.error, state) for joint in joints]
+    for joint, load in zip(joints, reversed(waves), strict=True):
+        gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides]
+        variants += [Carried.of((gear, load), joint.error, state) for gear in gears]
     columns = [joint.table(state) for joint in joints]
-    return Covariate(" × ".join(names), names, variants, pd.concat(columns, axis=1))
+    return Covariate(" × ".join(names), names, tuple(variants), pd.concat(columns, axis=1))
 
 
 def _over_time(state: State, joint: Joint, time: Array) -> Covariate:

@@ -81,15 +81,17 @@ class Cosines:
 
 @dataclass(frozen=True)
 class Waves:
-    """``cos q`` and ``sin q`` of one joint, behind a constant where asked for.
+    """``cos kq`` and ``sin kq`` of one joint, behind a constant where asked for.
 
     Attributes:
         of: ``joint 2``.
         constant: whether the constant is there.
+        order: k.
     """
 
     of: str
     constant: bool = False
+    order: int = 1
     kind: Literal["waves"] = "waves"
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
@@ -100,7 +102,7 @@ class Waves:
 
     def values(self, state: State) -> Array:
         """The functions in records (n, 2 or 3)."""
-        angle = _recorded(self.of, state)
+        angle = self.order * _recorded(self.of, state)
         constant = [np.ones_like(angle)] if self.constant else []
         return np.stack([*constant, np.cos(angle), np.sin(angle)], axis=1)
 
