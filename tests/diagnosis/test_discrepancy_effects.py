@@ -212,7 +212,8 @@ def test_what_cannot_be_predicted_is_lost(plant: Plant) -> None:
     assert lost(described) == ["time", "session", "operator", "humidity_pct"]
     kept = {(name, way.carrier) for name, way in described if way.smooth is not None}
     assert {("time", "room"), ("temperature", "lengths"), ("joint 3 × time", "angle 3"), ("place", "room")} < kept
-    assert [effect.covariate for effect in prior(described, 1e-5)] == [n for n, w in described if w.smooth is not None]
+    covariates = [effect.covariate.partition(" (")[0] for effect in prior(described, 1e-5)]
+    assert covariates == [name for name, way in described if way.smooth is not None]
 
 
 def test_labels_of_several(plant: Plant) -> None:
@@ -248,7 +249,7 @@ def test_background_as_one_effect(plant: Plant, tmp_path: Path) -> None:
     wanted = np.sqrt(np.einsum("nip,pq,niq->n", directions, covariance, directions))
     assert 0.9 < np.sqrt(np.square(u).mean() / np.square(wanted).mean()) < 1.1
     assert 0.55 < (u / wanted).min() < (u / wanted).max() < 1.6
-    assert (tmp_path / "background.toml").stat().st_size < 400_000
+    assert (tmp_path / "background.toml").stat().st_size < 600_000
 
 
 def test_a_background_of_one_direction_is_its_size(plant: Plant) -> None:
