@@ -107,8 +107,9 @@ class Posterior:
     @cached_property
     def amplitudes(self) -> Array:
         """Probability of each amplitude of the background (amplitudes,)."""
-        each = [self.space.marginal(blocks).amplitudes * weight for blocks, weight in self.weights.items()]
-        return np.asarray(np.sum(each, axis=0))
+        likely = {blocks: weight for blocks, weight in self.weights.items() if weight >= THRESHOLDS.worth_listing}
+        each = [self.space.marginal(blocks).amplitudes * weight for blocks, weight in likely.items()]
+        return np.asarray(np.sum(each, axis=0) / sum(likely.values()))
 
     def uncertainty_of_the_set(self, block: int) -> Array:
         """By how much a block's covariance is larger than in the median probability model, for other sets hold it too
