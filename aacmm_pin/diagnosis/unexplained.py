@@ -9,9 +9,10 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
-from aacmm_pin._support.units import UM
+from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
+from aacmm_pin.calibration.shared_exclusions import TOGETHER, Shared, extent, shared_by
 from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
 from aacmm_pin.diagnosis.covariates import Carried
@@ -21,6 +22,8 @@ from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.significance import any_structure, family_wise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
+NEIGHBOURS = (4, 8, 16, 32)
+"""So many records round an excluded one are looked at together."""
 BACKGROUND = "background"
 """Name of the part of the discrepancy that is too diffuse to be named."""
 
@@ -126,7 +129,7 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
     """The discrepancy, or else whether anything seems left; ``named``: something was found."""
     mine = {k: choice.covariate(k) for k in choice.covariates}
     depends = tuple(dict.fromkeys(name for covariate in mine.values() for name in covariate.depends_on))
-    odd, shared = tuple(odd_groups(choice)), shared_by(choice.fit)
+    odd, shared = tuple(odd_groups(choice)), shared_by(choice.fit) or _round_excluded(choice)
     if mine:
         p_value = min(family_wise(choice.candidates, choice.posterior.without(k), k, rng) for k in mine)
     else:
@@ -148,6 +151,32 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
         branches_of(choice),
         scattered_readings(choice),
     )
+
+
+def _round_excluded(choice: Choice) -> Shared | None:
+    """The ball round an excluded record in which records are off in one direction, beside all that was found; or None.
+
+    Of an excluded record the direction counts alone, as that of one of usual size.
+    """
+    fit, noise = choice.fit, choice.held.products.noise
+    out, says = fit.excluded, fit.observations.says
+    off = np.einsum("nij,nj->ni", noise.whitening, choice.design.deviations(choice.tips))[:, :3]
+    off = noise.postures.whitened(off[:, :, None])[:, :, 0]
+    off[out] *= np.sqrt(3.0 / np.square(off[out]).sum(axis=1, keepdims=True))
+    tips = fit.problem.model.arm.positions(fit.problem.measurements.q) / MM
+    sizes = np.array([size for size in NEIGHBOURS if 2 * size <= says.sum()], dtype=np.intp)
+    best: Shared | None = None
+    for centre in np.flatnonzero(out) if sizes.size else ():
+        distance = np.where(says, np.linalg.norm(tips - tips[centre], axis=1), np.inf)
+        order = np.argsort(distance, kind="stable")
+        squares = np.square(np.cumsum(off[order[: sizes[-1]]], axis=0)[sizes - 1]).sum(axis=1)
+        chances = chi2_sf(squares / sizes, 3) * sizes.size * int(out.sum())
+        k = int(np.argmin(chances))
+        if chances[k] < (TOGETHER if best is None else best.p_value):
+            inside = order[: sizes[k]]
+            mine, every = int(out[inside].sum()), int(sizes[k])
+            best = Shared("place", float(chances[k]), extent("place", tips[inside]), mine, every, int(out.sum()))
+    return best
 
 
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:

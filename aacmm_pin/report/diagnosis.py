@@ -175,7 +175,7 @@ def _doubts_in_words(result: Diagnosis) -> Iterator[str]:
     words = {
         "contradicted references": "; ".join(result.contradicted),
         "few causes shown": f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude",
-        "cause not named": f"{listed(result.otherwise)} would be found with {count(out, 'excluded record')}",
+        "cause not named": f"{labels_in_words(result, result.otherwise)} would be found with {count(out, 'record')} more",
         "below zero": f"nature has no {several_in_words([f.effect for f in findings if f.below_zero], arm)} below zero",
         "cause not borne out": unconfirmed and f"held-out records do not confirm {several_in_words(unconfirmed, arm)}",
         "structure left": f"structure is left beyond chance ({_beside_threshold(left)})",
