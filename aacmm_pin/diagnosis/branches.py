@@ -52,9 +52,10 @@ def branches_of(choice: Choice) -> Branches | None:
     chosen = choice.counted & fit.observations.says
     if records.conditions.approach is not None or chosen.sum() < FEWEST_RECORDS:
         return None
-    whiten = fit.noise.whitening[chosen, :3, :3]
-    off = choice.design.deviations(choice.tips)[chosen, :3]
-    off, columns = np.einsum("nij,nj->ni", whiten, off), whiten @ choice.design.of_angles[chosen, :3]
+    whiten = fit.noise.whitening[:, :3, :3]
+    off = whiten @ choice.design.deviations(choice.tips)[:, :3, None]
+    off = choice.held.products.noise.postures.whitened(off)[chosen, :, 0]  # what a posture shares counts once
+    columns = (whiten @ choice.design.of_angles[:, :3])[chosen]
     chain = fit.problem.model.arm.chain
     found = []
     for j, row in enumerate(chain.moving_rows()):

@@ -118,6 +118,13 @@ class Choice:
         """Tips (n, 3), turns behind them (n, 6), with the median probability model and the background [m, rad]."""
         return self.posterior.left.tips()
 
+    @cached_property
+    def scatter_left(self) -> ReadingScatter:
+        """Scatter of readings and tips beside all that was found."""
+        left, postures = self.posterior.left, self.posterior.space.gram.products.noise.postures
+        share = min(max(left.dof, 1.0) / max(left.base.gram.free, 1), 1.0)
+        return ReadingScatter.of(self.design.fit, self.design.deviations(self.tips), share, postures)
+
     @property
     def causes(self) -> Blocks:
         """Blocks of the median probability model that are causes of the library, the strongest first."""
@@ -274,11 +281,7 @@ class _Before:
 
     @staticmethod
     def of(found: Choice) -> _Before:
-        at, left = found.design.fit, found.posterior.left
-        if noise_is_known(at):
-            return _Before(found.tips, None)
-        share = max(left.dof, 1.0) / max(left.base.gram.free, 1)
-        return _Before(found.tips, ReadingScatter.of(at, found.design.deviations(found.tips), min(share, 1.0)))
+        return _Before(found.tips, None if noise_is_known(found.design.fit) else found.scatter_left)
 
     def settled(self, found: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""

@@ -28,7 +28,7 @@ from aacmm_pin.diagnosis.model_extension import Choice
 from aacmm_pin.diagnosis.residual_tables import residuals_by_group
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import Unexplained
+from aacmm_pin.diagnosis.unexplained import SharedError, Unexplained
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import COLUMNS
 from aacmm_pin.effects.error_model import ErrorModel
@@ -310,9 +310,16 @@ class Diagnosis(Shown):
                 "groups": [asdict(group) for group in self.unexplained.groups],
                 "branches": _branches(self.unexplained.branches),
                 "scattered_readings": [
-                    {"joint": each.joint, **_amount("scatter", each.scatter, each.slides), "rms_mm": each.at_tips / MM}
+                    {
+                        "joint": each.joint,
+                        **_amount("scatter", each.scatter, each.slides),
+                        "rms_mm": each.at_tips / MM,
+                        "log_likelihood_ratio": each.log_ratio,
+                        "p_value": each.p_value,
+                    }
                     for each in self.unexplained.readings
                 ],
+                "shared_by_postures": _shared_error(self.unexplained.shared_by_postures),
             },
             "not_tried": [
                 {"column": COLUMNS[need], "causes": [cause.cause for cause in causes]}
@@ -385,7 +392,12 @@ def _inner_fields(effect: Effect) -> list[str]:
 def _branches(branches: Branches | None) -> dict[str, Any] | None:
     if branches is None:
         return None
-    return {"joint": branches.joint, **_amount("half_width", branches.half_width, branches.slides)}
+    size = _amount("half_width", branches.half_width, branches.slides)
+    return {"joint": branches.joint, **size, "log_likelihood_ratio": branches.log_ratio}
+
+
+def _shared_error(error: SharedError | None) -> dict[str, Any] | None:
+    return None if error is None else {"rms_mm": error.rms / MM, "times_a_record": error.times, "p_value": error.p_value}
 
 
 def _amount(name: str, value: float, slides: bool) -> dict[str, float]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import scipy
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
@@ -18,7 +19,7 @@ from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
 from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.design_matrix import Design
-from aacmm_pin.diagnosis.model_extension import Choice
+from aacmm_pin.diagnosis.model_extension import Choice, noise_is_known
 from aacmm_pin.diagnosis.significance import any_structure, family_wise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
@@ -54,16 +55,35 @@ class ScatteredReadings(Shown):
         scatter: standard deviation beyond the stated noise [rad; m where the joint slides].
         slides: whether the joint slides.
         at_tips: what it moves tips by, root mean square [m].
+        log_ratio: log likelihood with it over that without.
+        p_value: chance of as much in any joint if none scatters more.
     """
 
     joint: int
     scatter: float
     slides: bool
     at_tips: float
+    log_ratio: float
+    p_value: float
 
     def __str__(self) -> str:
         unit = "µm" if self.slides else "µrad"
         return f"readings of joint {self.joint} scatter by {self.scatter / UM:.2g} {unit} more than stated"
+
+
+@dataclass(frozen=True)
+class SharedError(Shown):
+    """An error that records of one posture share, beside all that was found.
+
+    Attributes:
+        rms: of tips [m].
+        times: that of a single record.
+        p_value: chance of as much if they share none.
+    """
+
+    rms: float
+    times: float
+    p_value: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +102,8 @@ class Unexplained(Shown):
         groups: groups of records that do not agree with the others.
         excluded: what the excluded records share, or None.
         branches: the joint over which the residuals fall into two branches, or None.
-        readings: joints whose readings scatter more than stated.
+        readings: other joints whose readings scatter more than stated.
+        shared_by_postures: the error that records of one posture share, or None.
     """
 
     p_value: float
@@ -96,6 +117,7 @@ class Unexplained(Shown):
     excluded: Shared | None = None
     branches: Branches | None = None
     readings: tuple[ScatteredReadings, ...] = ()
+    shared_by_postures: SharedError | None = None
 
     @property
     def left(self) -> bool:
@@ -110,7 +132,8 @@ class Unexplained(Shown):
     @property
     def structure(self) -> bool:
         """Whether the residuals have structure that is more probable than not."""
-        return bool(self.depends_on or self.discrepancy or self.readings) or self.branches is not None
+        others = (self.branches, self.shared_by_postures)
+        return bool(self.depends_on or self.discrepancy or self.readings) or others != (None, None)
 
     @property
     def in_words(self) -> tuple[str, ...]:
@@ -137,7 +160,8 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
     depends = (*(group.name for group in odd[:1]), *depends)
     if shared is not None:
         p_value, depends = min(p_value, shared.p_value), tuple(dict.fromkeys((*depends, shared.name)))
-    background = _background(choice)
+    background, branches = _background(choice), branches_of(choice)
+    known = (*depends, f"joint {branches.joint}" if branches else "")  # what these leave of a joint is no scatter
     return Unexplained(
         p_value,
         THRESHOLDS.left if named else THRESHOLDS.left_alone,
@@ -148,9 +172,20 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
         held.smooth_gain if held is not None and (mine or background) else None,
         odd,
         shared,
-        branches_of(choice),
-        scattered_readings(choice),
+        branches,
+        tuple(one for one in scattered_readings(choice) if f"joint {one.joint}" not in known),
+        _shared_error(choice),
     )
+
+
+def _shared_error(choice: Choice) -> SharedError | None:
+    """The error that records of one posture share; None if that is chance, or small beside that of a record."""
+    noise, fit = choice.posterior.space.gram.products.noise, choice.design.fit
+    postures = noise.postures
+    if postures.p_value >= THRESHOLDS.left or postures.ratio < THRESHOLDS.large:
+        return None
+    of_record = np.sqrt(choice.posterior.left.variance) * fit.distance_of(noise.covariances)
+    return SharedError(float(postures.ratio * of_record), postures.ratio, postures.p_value)
 
 
 def _round_excluded(choice: Choice) -> Shared | None:
@@ -181,13 +216,18 @@ def _round_excluded(choice: Choice) -> Shared | None:
 
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     """The joints whose readings scatter more than stated, the largest first."""
-    fit, scatter = choice.design.fit, choice.scatter
-    if scatter is None or fit.problem.setup.encoder_noise is None:
+    fit = choice.design.fit
+    if noise_is_known(fit) or fit.problem.setup.encoder_noise is None:
         return ()
-    chain, noise = fit.problem.model.arm.chain, fit.distance_of(fit.stated_noise)
-    rows = zip(chain.moving_rows(), scatter.readings, chain.prismatic, scatter.at_tips, strict=True)
-    found = [ScatteredReadings(int(row), float(u), bool(slides), float(tip)) for row, u, slides, tip in rows]
-    return tuple(sorted((one for one in found if one.at_tips > THRESHOLDS.large * noise), key=lambda one: -one.at_tips))
+    scatter, chain, noise = choice.scatter_left, fit.problem.model.arm.chain, fit.distance_of(fit.stated_noise)
+    found = []
+    for j, row in enumerate(chain.moving_rows()):
+        at_tips, log_ratio = float(scatter.at_tips[j]), float(scatter.log_ratios[j])
+        if at_tips > THRESHOLDS.large * noise:
+            chance = min(1.0, 0.5 * scatter.readings.size * float(chi2_sf(2.0 * log_ratio, 1)))
+            size, slides = float(scatter.readings[j]), bool(chain.prismatic[j])
+            found.append(ScatteredReadings(int(row), size, slides, at_tips, log_ratio, chance))
+    return tuple(sorted(found, key=lambda one: -one.at_tips))
 
 
 def excess_of(extended: Fit) -> float:
@@ -212,9 +252,8 @@ def excess_of(extended: Fit) -> float:
 def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
     """The size of a covariate's part, at its posterior mean."""
     left, columns = choice.posterior.left, choice.design.blocks[block].columns
-    own = left.places[block]
-    information = choice.posterior.space.base(0).strip(block)[:, columns]
-    sizes = _sizes(choice, information, left.estimate[own], left.covariance[own, own])
+    own, absorbed = left.places[block], choice.posterior.space.base(0).whitened[:, columns]
+    sizes = _sizes(choice, choice.design.columns(block), absorbed, left.estimate[own], left.covariance[own, own])
     return Discrepancy(name, *sizes, choice.posterior.probability(block))
 
 
@@ -225,9 +264,11 @@ def _background(choice: Choice) -> list[Discrepancy]:
     if not base.amplitude:
         return []
     precision = base.factor[first:, first:] @ base.factor[first:, first:].T
-    information = precision - np.eye(len(precision)) / base.amplitude**2
     covariance = np.asarray(left.variance * np.linalg.inv(precision), dtype=np.float64)
-    rms, u = _sizes(choice, information, left.step[first : len(base.factor)], covariance)
+    products, alone = base.gram.products, choice.posterior.space.base(0)
+    columns, weights = products.background
+    absorbed, estimate = alone.whitened[:, columns] @ weights, left.step[first : len(base.factor)]
+    rms, u = _sizes(choice, products.background_columns, absorbed, estimate, covariance)
     noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
     there = float(1.0 - choice.posterior.amplitudes[0])
     if there < THRESHOLDS.settled or rms < THRESHOLDS.negligible * noise:
@@ -235,15 +276,24 @@ def _background(choice: Choice) -> list[Discrepancy]:
     return [Discrepancy(BACKGROUND, rms, u, there)]
 
 
-def _sizes(choice: Choice, information: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
-    """Root mean square displacement of tips, and its standard uncertainty [m]: of what recalibration leaves of it.
+def _sizes(choice: Choice, columns: Array, absorbed: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
+    """Root mean square displacement of the used records' tips, and its standard uncertainty [m]: of what recalibration
+    leaves of it.
 
-    ``information`` (q, q) is of the records in units of their noise, geometry at its best.
+    Args:
+        choice: what was found.
+        columns: displacement by one unit of each parameter (n, 3 or 6, q).
+        absorbed: their products with the nuisances, divided by the factor of these (nuisances, q).
+        estimate, covariance: of the parameters (q,), (q, q).
     """
-    rows, noise = choice.posterior.space.gram.free, choice.design.fit.distance_of(choice.design.fit.residual_noise)
-    squares = estimate @ information @ estimate, np.einsum("ij,ji->", information, covariance)
-    rms, u = (noise * np.sqrt(max(float(each), 0.0) / rows) for each in squares)
-    return float(rms), float(u)
+    design, factor = choice.design, choice.posterior.space.base(0).factor
+    left = columns - design.columns(None) @ scipy.linalg.solve_triangular(factor, absorbed, lower=True, trans=1)
+    stay = design.deviations(design.tips)
+    moved = [(design.deviations(design.tips + left[:, :, k]) - stay)[choice.fit.used, :3] for k in range(len(estimate))]
+    rows = np.stack(moved, axis=2)
+    squares = np.square(rows @ estimate).sum(), np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True)
+    rms, u = (float(np.sqrt(max(float(each), 0.0) / len(rows))) for each in squares)
+    return rms, u
 
 
 def _shape(choice: Choice, block: int) -> pd.DataFrame:
