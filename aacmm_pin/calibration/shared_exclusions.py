@@ -33,6 +33,8 @@ MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
 NARROW = 0.5
 """Used records that move a joint over less than this part of its range in all records are about another part of the arm."""
+LABELS = ("session", "marker", "seat", "operator", "bar")
+"""Columns of labels."""
 
 Mask = NDArray[np.bool_]
 
@@ -158,14 +160,15 @@ def shared_by(found: Fit) -> Shared | None:
     """
     arm, records, excluded, used = found.problem.model.arm, found.problem.measurements, found.excluded, found.used
     dense = [cluster.shared for cluster in clusters(arm, records, excluded, used)]
-    if dense and dense[0].name in ("time", "record"):
+    if dense and dense[0].name == "time":
         return dense[0]
     columns = _columns(arm, records) if excluded.sum() >= FEWEST else ()
     found_by = (_of_values(name, values, excluded, used) for name, values in columns)
     each = [shared for shared in found_by if shared is not None]
     bounds = [replace(shared, p_value=shared.p_value * len(each)) for shared in each]
     sure = [*dense, *(shared for shared in bounds if shared.p_value < SURELY)]
-    return min(sure, key=lambda shared: shared.p_value, default=None)
+    labels = [shared for shared in sure if shared.name in LABELS]  # these say more than the rows of a file that have one
+    return min(labels or sure, key=lambda shared: shared.p_value, default=None)
 
 
 class Cluster(NamedTuple):
@@ -286,8 +289,7 @@ def _columns(arm: Arm, measurements: Measurements) -> Iterator[tuple[str, pd.Ser
             yield f"torque {row}", pd.Series(conditions.torque[:, j], name=f"torque{row}_nm")
     known = {"time_s": conditions.time, "temperature_c": conditions.temperature}
     yield from ((name.partition("_")[0], pd.Series(v, name=name)) for name, v in known.items() if v is not None)
-    labels = {name: getattr(conditions, name) for name in ("session", "marker", "seat")}
-    labels |= {"operator": measurements.operator, "bar": measurements.bar}
+    labels = {name: getattr(conditions, name, getattr(measurements, name, None)) for name in LABELS}
     yield from ((name, pd.Series(values, name=name)) for name, values in labels.items() if values is not None)
     for name in measurements.extra:
         numbers = as_numbers(measurements.extra[name])

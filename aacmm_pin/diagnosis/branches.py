@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown
+from aacmm_pin._support.display import Shown, two_digits
 from aacmm_pin._support.units import UM
 from aacmm_pin.diagnosis.model_extension import Choice
 
@@ -43,7 +43,7 @@ class Branches(Shown):
 
     def __str__(self) -> str:
         unit = "µm" if self.slides else "µrad"
-        return f"residuals of joint {self.joint} fall into two branches of ±{self.half_width / UM:.2g} {unit}"
+        return f"residuals of joint {self.joint} fall into two branches of ±{two_digits(self.half_width / UM)} {unit}"
 
 
 def branches_of(choice: Choice) -> Branches | None:

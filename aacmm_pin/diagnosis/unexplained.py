@@ -9,7 +9,7 @@ import pandas as pd
 import scipy
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown
+from aacmm_pin._support.display import Shown, two_digits
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.fit import Fit
@@ -68,7 +68,7 @@ class ScatteredReadings(Shown):
 
     def __str__(self) -> str:
         unit = "µm" if self.slides else "µrad"
-        return f"readings of joint {self.joint} scatter by {self.scatter / UM:.2g} {unit} more than stated"
+        return f"readings of joint {self.joint} scatter by {two_digits(self.scatter / UM)} {unit} more than stated"
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,12 @@ class SharedError(Shown):
     rms: float
     times: float
     p_value: float
+
+    def __str__(self) -> str:
+        return (
+            f"records of one posture share an error of {two_digits(self.rms / UM)} µm (RMS), "
+            f"{two_digits(self.times)} times that of a single record"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +149,14 @@ class Unexplained(Shown):
         return (
             *([f"something that no cause explains depends on {', '.join(covariates)}"] if covariates else []),
             *(f"{g.name} does not agree with the other records: {g.times:.1f} times as far off" for g in self.groups),
-            *([] if self.branches is None else [str(self.branches)]),
-            *map(str, self.readings),
+            *map(str, self.apart),
         )
+
+    @property
+    def apart(self) -> tuple[Branches | ScatteredReadings | SharedError, ...]:
+        """What is left beside structure over a column."""
+        each = (self.branches, *self.readings, self.shared_by_postures)
+        return tuple(one for one in each if one is not None)
 
 
 def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.random.Generator) -> Unexplained:
@@ -159,7 +170,9 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
         p_value = min(any_structure(choice.candidates, choice.posterior.left), *(group.p_value for group in odd), 1.0)
     depends = (*(group.name for group in odd[:1]), *depends)
     if shared is not None:
-        p_value, depends = min(p_value, shared.p_value), tuple(dict.fromkeys((*depends, shared.name)))
+        p_value = min(p_value, shared.p_value)
+        if shared.name not in depends and not (shared.name == "place" and "x" in depends):
+            depends = (*depends, shared.name)
     background, branches = _background(choice), branches_of(choice)
     known = (*depends, f"joint {branches.joint}" if branches else "")  # what these leave of a joint is no scatter
     return Unexplained(
@@ -210,7 +223,8 @@ def _round_excluded(choice: Choice) -> Shared | None:
         if chances[k] < (TOGETHER if best is None else best.p_value):
             inside = order[: sizes[k]]
             mine, every = int(out[inside].sum()), int(sizes[k])
-            best = Shared("place", float(chances[k]), extent("place", tips[inside]), mine, every, int(out.sum()))
+            where = f"{extent('place', tips[inside])}, where used ones are off the same way"
+            best = Shared("place", float(chances[k]), where, mine, every, int(out.sum()))
     return best
 
 

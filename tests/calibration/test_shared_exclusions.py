@@ -137,3 +137,14 @@ def test_repeats_of_one_posture_are_one(sino6: Arm, rng: np.random.Generator) ->
     data = Measurements.of(np.repeat(random_postures(sino6, 30, rng), 4, axis=0))
     excluded = np.arange(120) // 4 == 7
     assert clusters(sino6, data, excluded, ~excluded) == []
+
+
+def test_a_session_says_more_than_its_rows(sino6: Arm) -> None:
+    data = simulate_measurements(sino6, "free", RECORDS, rng=np.random.default_rng(2))
+    late = np.arange(RECORDS) >= RECORDS - 12
+    moved = Measurements.of(data.q, data.reference + late[:, None] * [0.005, -0.006, 0.002])
+    session = np.where(late, "b", "a").astype(object)
+    told = replace(moved, conditions=replace(moved.conditions, session=session))
+    shared = calibrate(sino6, told, hold_out=False).exclusions.shared
+    assert shared is not None
+    assert (shared.name, shared.excluded) == ("session", 12)

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 from aacmm_pin._support.checks import Array
+from aacmm_pin._support.display import two_digits
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.diagnosis.result import Diagnosis
+from aacmm_pin.effects import JointZeroOffset
+from aacmm_pin.effects.labels import values_in_words
 from aacmm_pin.measurements.records import Measurements
+from aacmm_pin.report.diagnosis import unexplained_in_words
 
 READING, REFERENCE = 8e-6, 1e-5
 
@@ -35,6 +39,7 @@ def test_records_of_one_posture_share_an_error(sino6: Arm, stated: bool) -> None
     assert error.rms == pytest.approx(np.sqrt(3.0) * 2e-5, rel=0.2)
     assert error.p_value < 1e-6
     assert (found.verdict, found.findings, found.unexplained.readings) == ("unexplained", (), ())
+    assert "repeat" not in found.next_measurements  # they do
     said = found.summary()["unexplained"]["shared_by_postures"]
     assert said["rms_mm"] == pytest.approx(1e3 * error.rms)
 
@@ -71,3 +76,11 @@ def test_readings_that_scatter_have_a_chance(sino6: Arm) -> None:
     assert readings.p_value < 1e-6
     said = found.summary()["unexplained"]["scattered_readings"][0]
     assert said["log_likelihood_ratio"] > 10.0
+    assert "p < 1e-16" in unexplained_in_words(found.unexplained)
+    assert len(found.notes) <= 3
+
+
+def test_numbers_without_exponents_and_minus_zeros() -> None:
+    assert [two_digits(value) for value in (0.0123, 1.6, 37.4, 112.0, 1999.0)] == ["0.012", "1.6", "37", "110", "2000"]
+    said = values_in_words(JointZeroOffset(1), {"offset_rad": (-1e-9, 2e-5)})
+    assert "-" not in said
