@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
@@ -21,6 +22,8 @@ from aacmm_pin.measurements.records import Measurements
 
 TOGETHER = 1e-3
 """Chance, over all neighbours of their kind, below which excluded records that are neighbours are no gross errors."""
+NEIGHBOURS = (4, 8, 16, 32)
+"""So many records round an excluded one are looked at together."""
 FEWEST = 5
 """Fewer excluded records than this share many things by chance."""
 SURELY = 1e-6
@@ -203,7 +206,7 @@ def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> lis
         if (chance := chance * kinds) < TOGETHER:
             inside = np.isin(postures, postures[window])
             mine, every = (int((inside & some).sum()) for some in (excluded, excluded | used))
-            shared = Shared(name, chance, extent(name, values[window]), mine, every, int(excluded.sum()))
+            shared = Shared(name, chance, _extent(name, values[window]), mine, every, int(excluded.sum()))
             found.append(Cluster(inside, shared))
     return found
 
@@ -219,7 +222,7 @@ def _scales(arm: Arm, records: Measurements) -> Iterator[tuple[str, Array, int]]
     yield "place", arm.positions(records.q) / MM, kinds
 
 
-def extent(name: str, values: Array) -> str:
+def _extent(name: str, values: Array) -> str:
     """Where values (m, 1 or 3) are, in words."""
     low, high = values.min(axis=0), values.max(axis=0)
     if name == "place":
@@ -257,6 +260,32 @@ def _ball(places: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
         if chance < found[1]:
             found = order[: among[best]], chance
     return found
+
+
+def round_excluded(found: Fit, off: Array) -> Shared | None:
+    """The ball round an excluded record in which records are off in one direction; None if that is chance.
+
+    Args:
+        found: the fit.
+        off: residuals beside all that was found, of variance one (n, 3). Of an excluded record the direction counts alone.
+    """
+    out, says = found.excluded, found.observations.says
+    size = np.where(out, np.sqrt(np.square(off).sum(axis=1) / 3.0), 1.0)
+    off = off / size[:, None]
+    tips = found.problem.model.arm.positions(found.problem.measurements.q) / MM
+    sizes: Index = np.array([size for size in NEIGHBOURS if 2 * size <= says.sum()], dtype=np.intp)
+    best: Shared | None = None
+    for centre in np.flatnonzero(out) if sizes.size else ():
+        distance = np.where(says, np.linalg.norm(tips - tips[centre], axis=1), np.inf)
+        order = np.argsort(distance, kind="stable")
+        squares = np.square(np.cumsum(off[order[: sizes[-1]]], axis=0)[sizes - 1]).sum(axis=1)
+        chances = chi2_sf(squares / sizes, 3) * sizes.size * int(out.sum())
+        k = int(np.argmin(chances))
+        if chances[k] < (TOGETHER if best is None else best.p_value):
+            inside = order[: sizes[k]]
+            where = f"{_extent('place', tips[inside])}, where used ones are off the same way"
+            best = Shared("place", float(chances[k]), where, int(out[inside].sum()), inside.size, int(out.sum()))
+    return best
 
 
 def _least_likely(w: Index, m: Index, tried: Array, count: int, k: int) -> tuple[int, float]:

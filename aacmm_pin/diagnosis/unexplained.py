@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
 import scipy
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown, two_digits
+from aacmm_pin._support.display import Shown, report, two_digits
 from aacmm_pin._support.distributions import chi2_sf
-from aacmm_pin._support.units import MM, UM
+from aacmm_pin._support.units import UM
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.shared_exclusions import TOGETHER, Shared, extent, shared_by
+from aacmm_pin.calibration.shared_exclusions import Shared, round_excluded, shared_by
 from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.chow_test import OddGroup, odd_groups
-from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
-from aacmm_pin.diagnosis.design_matrix import Design
 from aacmm_pin.diagnosis.model_extension import Choice, noise_is_known
 from aacmm_pin.diagnosis.significance import any_structure, family_wise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
-NEIGHBOURS = (4, 8, 16, 32)
-"""So many records round an excluded one are looked at together."""
 BACKGROUND = "background"
 """Name of the part of the discrepancy that is too diffuse to be named."""
 
@@ -101,8 +98,7 @@ class Unexplained(Shown):
         threshold: structure with less chance than this is left.
         depends_on: the covariates, strongest first.
         discrepancy: covariates more probable than not, strongest first; last the background, if it is not negligible.
-        shapes: for each, one row a record: the covariates; the smooth correction, in x, y, z of the tip [mm], or as angle of
-            a joint [µrad] or growth of all lengths [µm/m]; and the same as each record has it (``_of_record``).
+        choice: the search behind it.
         acts_on: for each, in words, what it acts on.
         gain: by how much the discrepancy lowers the RMS of held-out records below that of the causes alone, or None.
         groups: groups of records that do not agree with the others.
@@ -116,7 +112,7 @@ class Unexplained(Shown):
     threshold: float
     depends_on: tuple[str, ...]
     discrepancy: tuple[Discrepancy, ...]
-    shapes: dict[str, pd.DataFrame]
+    choice: Choice
     acts_on: dict[str, str]
     gain: float | None
     groups: tuple[OddGroup, ...] = ()
@@ -124,6 +120,13 @@ class Unexplained(Shown):
     branches: Branches | None = None
     readings: tuple[ScatteredReadings, ...] = ()
     shared_by_postures: SharedError | None = None
+
+    @cached_property
+    def shapes(self) -> dict[str, pd.DataFrame]:
+        """For each covariate one row a record: the covariate; the smooth correction, in x, y, z of the tip [mm], or as angle
+        of a joint [µrad] or growth of all lengths [µm/m]; and the same as each record has it (``_of_record``).
+        """
+        return dict(report().structure_shapes.shapes_of(self.choice))
 
     @property
     def left(self) -> bool:
@@ -163,7 +166,7 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
     """The discrepancy, or else whether anything seems left; ``named``: something was found."""
     mine = {k: choice.covariate(k) for k in choice.covariates}
     depends = tuple(dict.fromkeys(name for covariate in mine.values() for name in covariate.depends_on))
-    odd, shared = tuple(odd_groups(choice)), shared_by(choice.fit) or _round_excluded(choice)
+    odd, shared = tuple(odd_groups(choice)), shared_by(choice.fit) or round_excluded(choice.fit, _whitened(choice))
     if mine:
         p_value = min(family_wise(choice.candidates, choice.posterior.without(k), k, rng) for k in mine)
     else:
@@ -180,7 +183,7 @@ def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.rando
         THRESHOLDS.left if named else THRESHOLDS.left_alone,
         depends,
         (*(_discrepancy(choice, k, covariate.name) for k, covariate in mine.items()), *background),
-        {covariate.name: _shape(choice, k) for k, covariate in mine.items()},
+        choice,
         {covariate.name: choice.way(k).acts_on for k, covariate in mine.items()},
         held.smooth_gain if held is not None and (mine or background) else None,
         odd,
@@ -201,31 +204,11 @@ def _shared_error(choice: Choice) -> SharedError | None:
     return SharedError(float(postures.ratio * of_record), postures.ratio, postures.p_value)
 
 
-def _round_excluded(choice: Choice) -> Shared | None:
-    """The ball round an excluded record in which records are off in one direction, beside all that was found; or None.
-
-    Of an excluded record the direction counts alone, as that of one of usual size.
-    """
-    fit, noise = choice.fit, choice.held.products.noise
-    out, says = fit.excluded, fit.observations.says
-    off = np.einsum("nij,nj->ni", noise.whitening, choice.design.deviations(choice.tips))[:, :3]
-    off = noise.postures.whitened(off[:, :, None])[:, :, 0]
-    off[out] *= np.sqrt(3.0 / np.square(off[out]).sum(axis=1, keepdims=True))
-    tips = fit.problem.model.arm.positions(fit.problem.measurements.q) / MM
-    sizes = np.array([size for size in NEIGHBOURS if 2 * size <= says.sum()], dtype=np.intp)
-    best: Shared | None = None
-    for centre in np.flatnonzero(out) if sizes.size else ():
-        distance = np.where(says, np.linalg.norm(tips - tips[centre], axis=1), np.inf)
-        order = np.argsort(distance, kind="stable")
-        squares = np.square(np.cumsum(off[order[: sizes[-1]]], axis=0)[sizes - 1]).sum(axis=1)
-        chances = chi2_sf(squares / sizes, 3) * sizes.size * int(out.sum())
-        k = int(np.argmin(chances))
-        if chances[k] < (TOGETHER if best is None else best.p_value):
-            inside = order[: sizes[k]]
-            mine, every = int(out[inside].sum()), int(sizes[k])
-            where = f"{extent('place', tips[inside])}, where used ones are off the same way"
-            best = Shared("place", float(chances[k]), where, mine, every, int(out.sum()))
-    return best
+def _whitened(choice: Choice) -> Array:
+    """How far tips are off beside all that was found, in units of the noise; what a posture shares counts once (n, 3)."""
+    noise = choice.held.products.noise
+    off = noise.whitening @ choice.design.deviations(choice.tips)[:, :, None]
+    return noise.postures.whitened(off[:, :3])[:, :, 0]
 
 
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
@@ -308,32 +291,3 @@ def _sizes(choice: Choice, columns: Array, absorbed: Array, estimate: Array, cov
     squares = np.square(rows @ estimate).sum(), np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True)
     rms, u = (float(np.sqrt(max(float(each), 0.0) / len(rows))) for each in squares)
     return rms, u
-
-
-def _shape(choice: Choice, block: int) -> pd.DataFrame:
-    """The smooth correction over a covariate, record by record, and what the records say of it."""
-    design, way = choice.design, choice.way(block)
-    left, columns = choice.posterior.left, design.blocks[block].columns
-    step = left.estimate[left.places[block]]
-    count = len(way.quantities)
-    # Each function has one column for each quantity; the first function is the constant where there is one.
-    sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
-    axes = _axes(design, block, way, count)
-    off = design.deviations(choice.tips)[:, :3]
-    each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
-    covariate = choice.covariate(block)
-    table = covariate.values.copy()
-    for k, (name, unit) in enumerate(way.quantities.items()):
-        table[name], table[f"{name}_of_record"] = sizes[:, k] / unit, each[:, k] / unit
-    return table[choice.fit.used].sort_values(list(covariate.values.columns), ignore_index=True)
-
-
-def _axes(design: Design, block: int, way: Carried, count: int) -> Array:
-    """Shift of the tip for one unit of each quantity (n, 3, quantities)."""
-    strongest = np.argmax(
-        np.abs(way.functions), axis=1
-    )  # a column is a function times the shift; divide by one that is there
-    of_tips = design.columns(block)[:, :3]
-    own = (of_tips / design.scales[design.blocks[block].columns]).reshape(len(strongest), 3, -1, count)
-    row = np.arange(len(strongest))
-    return np.asarray(own[row, :, strongest] / way.functions[row, strongest][:, None, None])

@@ -25,6 +25,7 @@ from aacmm_pin.report import (
     plan,
     plots,
     procedure,
+    structure_shapes,
 )
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.html import fragment, page
@@ -46,6 +47,7 @@ __all__ = [
     "plots",
     "procedure",
     "save",
+    "structure_shapes",
 ]
 
 
