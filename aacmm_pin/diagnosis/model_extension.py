@@ -240,7 +240,7 @@ def _standing(
     """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the median model.
 
     Each refit looks for gross errors anew, or is of the records ``used``; the last one then of those that fit with all that
-    was found.
+    was found, where covariates are a part of it.
     """
     at, effects, before, seen = first, list[Effect](), None, {frozenset[Any]()}
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
@@ -261,9 +261,11 @@ def _standing(
             effects = best
             seen.add(identities)
             library = _with_variants(library, [*rivals, *effects])
-        if used is not None:
+        if used is not None and found.covariates:
             used = used & ~_doubtful(found, found.design.fit)
             first = fit(problem_of([]), used=used)
+        elif used is not None:  # gross errors are looked for with all causes
+            used, found = None, replace(found, fit=first)
         return replace(found, fit=_extended(problem_of, found, first, used))
 
 
