@@ -146,7 +146,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
     if not values:
         return text
     off = f"stated values are off by unusually much: {_named(values, result.model.arm)}"
-    return f"{text}; its {off}" if causes else f"the simulation's {off}"
+    return f"the simulation's {off}" if result.verdict == "unexplained" and not causes else f"{text}; its {off}"
 
 
 def _named(findings: Sequence[Finding], arm: Arm) -> str:
