@@ -40,3 +40,8 @@ class Shown:
 def _line(value: Shown, printer: Any, cycle: bool) -> None:
     text = str(value)
     printer.text(text if len(text) <= LETTERS else f"{text[:LETTERS]} …")
+
+
+def two_digits(value: float) -> str:
+    """A number with two significant digits and without an exponent: ``1.6``, ``37``, ``110``."""
+    return f"{float(f'{value:.2g}'):.15g}"

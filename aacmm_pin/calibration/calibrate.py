@@ -357,9 +357,9 @@ def _of_noise(after: Fit) -> list[str]:
     if not after.stated:
         what = " and ".join(setup.unstated(problem.measurements))
         of_seats = f", and {seats / MM:.4f} mm per coordinate of the seats" if seats else ""
+        beside = "" if setup.encoder_noise is None else " beside what is stated"
         found.append(
-            f"noise {what} not given: {after.scatter_in_words} of scatter per coordinate{of_seats} were found beside what "
-            "is stated"
+            f"noise {what} not given: {after.scatter_in_words} of scatter per coordinate{of_seats} were found{beside}"
             if after.scatters
             else f"noise {what} not given: what is stated of it is enough for these records, and none was added"
         )

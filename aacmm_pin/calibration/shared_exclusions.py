@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit
@@ -20,7 +21,9 @@ from aacmm_pin.effects.encoder import LEAST_SPREAD
 from aacmm_pin.measurements.records import Measurements
 
 TOGETHER = 1e-3
-"""Chance, over all stretches of time, below which excluded records that follow one another are no gross errors."""
+"""Chance, over all neighbours of their kind, below which excluded records that are neighbours are no gross errors."""
+NEIGHBOURS = (4, 8, 16, 32)
+"""So many records round an excluded one are looked at together."""
 FEWEST = 5
 """Fewer excluded records than this share many things by chance."""
 SURELY = 1e-6
@@ -33,6 +36,8 @@ MOST_LABELS = 12
 """Numbers with more different values than this are a scale, others are labels."""
 NARROW = 0.5
 """Used records that move a joint over less than this part of its range in all records are about another part of the arm."""
+LABELS = ("session", "marker", "seat", "operator", "bar")
+"""Columns of labels."""
 
 Mask = NDArray[np.bool_]
 
@@ -153,55 +158,141 @@ def _narrowed(found: Fit) -> Iterator[Narrowed]:
 def shared_by(found: Fit) -> Shared | None:
     """What the excluded records of a fit share that the used ones do not, by the smallest chance; None if nothing.
 
-    The stretch of time first, see :func:`together`. Then numbers by Kuiper's statistic (Kuiper 1960), labels by the binomial
-    chance of so many excluded ones with one of them; Bonferroni's bound over all that were looked at.
+    The stretch of time first, see :func:`clusters`. Then the other clusters; numbers by Kuiper's statistic (Kuiper 1960),
+    labels by the binomial chance of so many excluded ones with one of them; Bonferroni's bound over all that were looked at.
     """
-    excluded, used, measurements = found.excluded, found.used, found.problem.measurements
-    stretch, chance = together(excluded, used, measurements)
-    if stretch.any():
-        time = measurements.conditions.time
-        values = (measurements.row if time is None else time)[stretch]
-        words = f"{'rows' if time is None else 'time_s from'} {values.min():.6g} to {values.max():.6g}"
-        there = int((stretch & excluded).sum()), int((stretch & (excluded | used)).sum())
-        return Shared("record" if time is None else "time", chance, words, *there, int(excluded.sum()))
-    if excluded.sum() < FEWEST:
-        return None
-    columns = _columns(found.problem.model.arm, measurements, excluded)
-    each = [shared for name, values in columns if (shared := _of_values(name, values, excluded, used)) is not None]
-    best = min(each, key=lambda shared: shared.p_value, default=None)
-    if best is None or best.p_value * len(each) >= SURELY:
-        return None
-    return replace(best, p_value=best.p_value * len(each))
+    arm, records, excluded, used = found.problem.model.arm, found.problem.measurements, found.excluded, found.used
+    dense = [cluster.shared for cluster in clusters(arm, records, excluded, used)]
+    if dense and dense[0].name == "time":
+        return dense[0]
+    columns = _columns(arm, records) if excluded.sum() >= FEWEST else ()
+    found_by = (_of_values(name, values, excluded, used) for name, values in columns)
+    each = [shared for shared in found_by if shared is not None]
+    bounds = [replace(shared, p_value=shared.p_value * len(each)) for shared in each]
+    sure = [*dense, *(shared for shared in bounds if shared.p_value < SURELY)]
+    labels = [shared for shared in sure if shared.name in LABELS]  # these say more than the rows of a file that have one
+    return min(labels or sure, key=lambda shared: shared.p_value, default=None)
 
 
-def together(excluded: Mask, used: Mask, measurements: Measurements) -> tuple[Mask, float]:
-    """The stretch of time, else of the file, in which the ``excluded`` records (n,) are, and few of the ``used`` ones: its
-    records (n,), and the chance of any such; no records where that is not less than :data:`TOGETHER`.
+class Cluster(NamedTuple):
+    """Records (n,) of which so many are excluded that these are no gross errors, and what they share."""
 
-    Where k of N are drawn at random, m of them are among w that follow one another with a chance of no more than
-    ``C(w, m) C(N - m, k - m) / C(N, k)``; Bonferroni's bound over all stretches, half of it for those that begin or end with
-    the file. Of the stretches with m, the shortest is the least likely.
+    records: Mask
+    shared: Shared
+
+
+def clusters(arm: Arm, records: Measurements, excluded: Mask, used: Mask) -> list[Cluster]:
+    """The stretch of time, else of the file, that of each joint, and the ball in space in which the ``excluded`` records
+    (n,) are, and few of the ``used`` ones; those of which the chance of any such is less than :data:`TOGETHER`.
+
+    Where k of N are drawn at random, m of them are among w neighbours with a chance of no more than
+    ``C(w, m) C(N - m, k - m) / C(N, k)``; Bonferroni's bound over all stretches of time, half of it for those that begin or
+    end with the file, and over all stretches of joints and all balls. Of the neighbours with m, the fewest are the least
+    likely. Records of one posture share an error and count once. Wrong readings, and their tips, are beyond the range of
+    the used records.
     """
-    time = measurements.conditions.time
-    order = np.argsort(np.arange(measurements.n) if time is None else time, kind="stable")
-    order = order[(excluded | used)[order]]
-    places, count, k = np.flatnonzero(excluded[order]), order.size, int(excluded.sum())
-    nothing = np.zeros(excluded.size, dtype=bool)
-    if k < FEWEST_TOGETHER:
-        return nothing, 1.0
+    postures = records.postures
+    single = np.zeros(records.n, dtype=bool)
+    single[np.unique(np.stack([postures, excluded], axis=1), axis=0, return_index=True)[1]] = True
+    counted = single & (excluded | used)
+    if np.sum(counted & excluded) < FEWEST_TOGETHER or not used.any():
+        return []
+    found = []
+    for name, values, kinds in _scales(arm, records):
+        like = counted & np.all((values >= values[used].min(axis=0)) & (values <= values[used].max(axis=0)), axis=1)
+        if name in ("time", "record"):
+            like = counted
+        window, chance = (_ball if values.shape[1] > 1 else _stretch)(values, np.flatnonzero(like), excluded)
+        if (chance := chance * kinds) < TOGETHER:
+            inside = np.isin(postures, postures[window])
+            mine, every = (int((inside & some).sum()) for some in (excluded, excluded | used))
+            shared = Shared(name, chance, _extent(name, values[window]), mine, every, int(excluded.sum()))
+            found.append(Cluster(inside, shared))
+    return found
+
+
+def _scales(arm: Arm, records: Measurements) -> Iterator[tuple[str, Array, int]]:
+    """Where neighbours are looked for: name, values (n, 1 or 3) in the unit of words, and of how many kinds it is one."""
+    time, chain = records.conditions.time, arm.chain
+    order = records.row if time is None else time
+    yield "record" if time is None else "time", np.asarray(order, dtype=np.float64)[:, None], 1
+    kinds = records.q.shape[1] + 1
+    for j, row in enumerate(chain.moving_rows()):
+        yield f"joint {row}", records.q[:, j : j + 1] / (MM if chain.prismatic[j] else DEG), kinds
+    yield "place", arm.positions(records.q) / MM, kinds
+
+
+def _extent(name: str, values: Array) -> str:
+    """Where values (m, 1 or 3) are, in words."""
+    low, high = values.min(axis=0), values.max(axis=0)
+    if name == "place":
+        middle = ", ".join(f"{each:.0f}" for each in (low + high) / 2)
+        return f"their tip within {np.linalg.norm(high - low) / 2:.0f} mm of ({middle}) mm"
+    words = {"record": "rows", "time": "time_s from"}.get(name, f"{name} from")
+    return f"{words} {low[0]:.6g} to {high[0]:.6g}"
+
+
+def _stretch(values: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
+    """Of the records ``like``, the least likely ones that follow one another by ``values`` (n, 1); and their chance."""
+    order = like[np.argsort(values[like, 0], kind="stable")]
+    places, count = np.flatnonzero(excluded[order]), order.size
+    k = places.size
     number: Index = np.arange(FEWEST_TOGETHER, k + 1)
+    if not number.size:
+        return like[:0], 1.0
     first = np.array([np.argmin(places[m - 1 :] - places[: k - m + 1]) for m in number])
     low = np.concatenate([places[first], places[k - number], 0 * number])
     high = np.concatenate([places[first + number - 1], 0 * number + count - 1, places[number - 1]])
-    m: Index = np.tile(number, 3)
-    w = high - low + 1
-    tried = np.where(np.arange(m.size) < number.size, count * (count + 1.0), 4.0 * count)
+    tried = np.where(np.arange(low.size) < number.size, count * (count + 1.0), 4.0 * count)
+    best, chance = _least_likely(high - low + 1, np.tile(number, 3), tried, count, k)
+    return order[low[best] : high[best] + 1], chance
+
+
+def _ball(places: Array, like: Index, excluded: Mask) -> tuple[Index, float]:
+    """The same of those round an excluded one, by ``places`` (n, 3)."""
+    k, count = int(excluded[like].sum()), like.size
+    number: Index = np.arange(FEWEST_TOGETHER, k + 1)
+    found: tuple[Index, float] = like[:0], 1.0
+    for centre in like[excluded[like]] if number.size else ():
+        order = like[np.argsort(np.linalg.norm(places[like] - places[centre], axis=1), kind="stable")]
+        among = np.flatnonzero(excluded[order])[number - 1] + 1
+        best, chance = _least_likely(among, number, np.full(number.size, float(count) ** 2), count, k)
+        if chance < found[1]:
+            found = order[: among[best]], chance
+    return found
+
+
+def round_excluded(found: Fit, off: Array) -> Shared | None:
+    """The ball round an excluded record in which records are off in one direction; None if that is chance.
+
+    Args:
+        found: the fit.
+        off: residuals beside all that was found, of variance one (n, 3). Of an excluded record the direction counts alone.
+    """
+    out, says = found.excluded, found.observations.says
+    size = np.where(out, np.sqrt(np.square(off).sum(axis=1) / 3.0), 1.0)
+    off = off / size[:, None]
+    tips = found.problem.model.arm.positions(found.problem.measurements.q) / MM
+    sizes: Index = np.array([size for size in NEIGHBOURS if 2 * size <= says.sum()], dtype=np.intp)
+    best: Shared | None = None
+    for centre in np.flatnonzero(out) if sizes.size else ():
+        distance = np.where(says, np.linalg.norm(tips - tips[centre], axis=1), np.inf)
+        order = np.argsort(distance, kind="stable")
+        squares = np.square(np.cumsum(off[order[: sizes[-1]]], axis=0)[sizes - 1]).sum(axis=1)
+        chances = chi2_sf(squares / sizes, 3) * sizes.size * int(out.sum())
+        k = int(np.argmin(chances))
+        if chances[k] < (TOGETHER if best is None else best.p_value):
+            inside = order[: sizes[k]]
+            where = f"{_extent('place', tips[inside])}, where used ones are off the same way"
+            best = Shared("place", float(chances[k]), where, int(out[inside].sum()), inside.size, int(out.sum()))
+    return best
+
+
+def _least_likely(w: Index, m: Index, tried: Array, count: int, k: int) -> tuple[int, float]:
+    """Which m of k excluded ones of ``count`` are least likely among w neighbours, and the chance of any of ``tried``."""
     chances = np.log(tried) + _log_binomial(w, m) + _log_binomial(count - m, k - m) - _log_binomial(count, k)
     best = int(np.argmin(chances))
-    if chances[best] >= np.log(TOGETHER):
-        return nothing, 1.0
-    nothing[order[low[best] : high[best] + 1]] = True
-    return nothing, float(np.exp(chances[best]))
+    return best, float(np.exp(min(chances[best], 0.0)))
 
 
 def _log_binomial(n: Array | Index | int, k: Array | Index | int) -> Array:
@@ -215,7 +306,7 @@ def as_numbers(values: Iterable[object]) -> pd.Series | None:
     return numbers if numbers.notna().all() and numbers.nunique() > MOST_LABELS else None
 
 
-def _columns(arm: Arm, measurements: Measurements, excluded: Mask) -> Iterator[tuple[str, pd.Series]]:
+def _columns(arm: Arm, measurements: Measurements) -> Iterator[tuple[str, pd.Series]]:
     """All that is known of single records, by the name of what it is; a name says the unit."""
     q, conditions = measurements.q, measurements.conditions
     for j, row in enumerate(arm.chain.moving_rows()):
@@ -227,8 +318,7 @@ def _columns(arm: Arm, measurements: Measurements, excluded: Mask) -> Iterator[t
             yield f"torque {row}", pd.Series(conditions.torque[:, j], name=f"torque{row}_nm")
     known = {"time_s": conditions.time, "temperature_c": conditions.temperature}
     yield from ((name.partition("_")[0], pd.Series(v, name=name)) for name, v in known.items() if v is not None)
-    labels = {name: getattr(conditions, name) for name in ("session", "marker", "seat")}
-    labels |= {"operator": measurements.operator, "bar": measurements.bar}
+    labels = {name: getattr(conditions, name, getattr(measurements, name, None)) for name in LABELS}
     yield from ((name, pd.Series(values, name=name)) for name, values in labels.items() if values is not None)
     for name in measurements.extra:
         numbers = as_numbers(measurements.extra[name])
@@ -237,8 +327,6 @@ def _columns(arm: Arm, measurements: Measurements, excluded: Mask) -> Iterator[t
     tip = arm.positions(q) / MM
     yield from ((axis, pd.Series(tip[:, k], name=f"tip_{axis}_mm")) for k, axis in enumerate("xyz"))
     yield "scale", pd.Series(np.linalg.norm(tip, axis=1), name="distance_mm")
-    apart = np.linalg.norm(tip - np.median(tip[excluded], axis=0), axis=1)
-    yield "place", pd.Series(apart, name="distance_mm from their middle")  # they may fill a region of the room
 
 
 def _of_values(name: str, values: pd.Series, excluded: Mask, used: Mask) -> Shared | None:

@@ -34,13 +34,6 @@ class Background:
         return self.left.base.factor[first:, first:]
 
     @property
-    def information(self) -> Array:
-        """What the records tell of the coefficients, without their prior (r, r)."""
-        factor, amplitude = self._factor, self.left.base.amplitude
-        prior = np.eye(len(factor)) / amplitude**2
-        return factor @ factor.T - prior
-
-    @property
     def covariance(self) -> Array:
         """Posterior covariance of the coefficients (r, r)."""
         inverse = np.linalg.inv(self._factor)

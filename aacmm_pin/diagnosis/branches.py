@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown
+from aacmm_pin._support.display import Shown, two_digits
 from aacmm_pin._support.units import UM
 from aacmm_pin.diagnosis.choice import Choice
 
@@ -21,8 +21,9 @@ LEAST = 7.0
 # touches at ten seats, noise stated: 8 above 10, always at the right joint; 4 below 3.5.
 LEAST_LEVER = 1.0
 """A record that a joint moves by less than the noise, where it turns by 1 rad, shows nothing of its branches."""
-STEPS = np.geomspace(0.05, 1.5, 70)
-"""Scatters and half-widths that are tried, in parts of the RMS."""
+HALVES = np.append(0.0, np.geomspace(0.05, 1.5, 60))
+SCATTERS = np.geomspace(0.05, 1.5, 40)
+"""Half-widths and scatters that are tried, in parts of the RMS."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Branches(Shown):
 
     def __str__(self) -> str:
         unit = "µm" if self.slides else "µrad"
-        return f"residuals of joint {self.joint} fall into two branches of ±{self.half_width / UM:.2g} {unit}"
+        return f"residuals of joint {self.joint} fall into two branches of ±{two_digits(self.half_width / UM)} {unit}"
 
 
 def branches_of(choice: Choice) -> Branches | None:
@@ -52,9 +53,10 @@ def branches_of(choice: Choice) -> Branches | None:
     chosen = choice.counted & fit.observations.says
     if records.conditions.approach is not None or chosen.sum() < FEWEST_RECORDS:
         return None
-    whiten = fit.noise.whitening[chosen, :3, :3]
-    off = choice.design.deviations(choice.tips)[chosen, :3]
-    off, columns = np.einsum("nij,nj->ni", whiten, off), whiten @ choice.design.of_angles[chosen, :3]
+    whiten = fit.noise.whitening[:, :3, :3]
+    off = whiten @ choice.design.deviations(choice.tips)[:, :3, None]
+    off = choice.held.products.noise.postures.whitened(off)[chosen, :, 0]  # what a posture shares counts once
+    columns = (whiten @ choice.design.of_angles[:, :3])[chosen]
     chain = fit.problem.model.arm.chain
     found = []
     for j, row in enumerate(chain.moving_rows()):
@@ -86,23 +88,13 @@ def two_branches(along: Array, size: Array) -> tuple[float, float]:
         along: residuals (n,).
         size: what one unit of the joint does to each (n,).
     """
-    rms, squared = float(np.sqrt(np.square(along).mean())), np.square(size)
-    unit = rms / float(np.sqrt(squared.mean()))
-    h, s = STEPS[:, None] * unit, STEPS * rms
-    # Steps are powers of one ratio: h/s and h/s² have far fewer values than there are pairs of h and s.
-    last, ratio = STEPS.size - 1, STEPS[1] / STEPS[0]
-    order = np.arange(last + 1)
-    over_s = unit / rms * ratio ** np.arange(-last, last + 1.0)
-    over_variance = unit / rms**2 / STEPS[0] * ratio ** np.arange(-2 * last, last + 1.0)
-    product = np.abs(along * size)
-    apart = np.array([np.log1p(np.exp(-2.0 * each * product)).sum() + each * product.sum() for each in over_variance])
-    wider = [1.0 + each**2 * squared for each in over_s]
-    inside = np.array([(np.square(along) / each).sum() for each in wider])
-    volume = np.array([np.log(each).sum() for each in wider])
-    none = -0.5 * along.size / STEPS**2 - along.size * np.log(s)
-    two = -0.5 * (along.size * rms**2 + h**2 * squared.sum()) / s**2 - along.size * np.log(2.0 * s)
-    two += apart[order[:, None] - 2 * order + 2 * last]
-    pairs = order[:, None] - order + last
-    one = -0.5 * (inside[pairs] / s**2 + volume[pairs]) - along.size * np.log(s)
-    half_width = 0.0 if none.max() >= two.max() else float(h[np.unravel_index(np.argmax(two), two.shape)[0], 0])
-    return half_width, float(max(two.max(), none.max()) - max(one.max(), none.max()))
+    rms, lever = np.sqrt(np.square(along).mean()), np.sqrt(np.square(size).mean())
+    halves = HALVES * rms / lever
+    apart, twos, ones = halves[:, None] * size, [], []
+    for s in SCATTERS * rms:
+        near, far = (-0.5 * np.square((along - off) / s) for off in (apart, -apart))
+        wider = s**2 + np.square(apart)
+        twos.append(np.logaddexp(near, far).sum(axis=1) - along.size * np.log(2.0 * s))
+        ones.append(-0.5 * (np.square(along) / wider + np.log(wider)).sum(axis=1))
+    best = int(np.argmax(np.max(twos, axis=0)))
+    return float(halves[best]), float(np.max(twos) - np.max(ones))

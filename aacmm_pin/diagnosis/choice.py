@@ -32,7 +32,8 @@ class Choice:
         parts: part of each record for leaving out (n,).
         held: inner products from which parts can be left out.
         scatter: of readings beyond the stated noise; None where the records show none.
-        otherwise: labels of causes that would be found if excluded records counted, where without these there is none.
+        otherwise: labels of causes and covariates that would be found if excluded records counted, where without these no
+            cause is.
         kept_alone: records that the arm recalibrated alone, by its own scatter, does not exclude (n,); None: the used ones.
     """
 
@@ -78,6 +79,13 @@ class Choice:
         """Tips (n, 3), turns behind them (n, 6), with the median probability model and the background [m, rad]."""
         return self.posterior.left.tips()
 
+    @cached_property
+    def scatter_left(self) -> ReadingScatter:
+        """Scatter of readings and tips beside all that was found."""
+        left, postures = self.posterior.left, self.posterior.space.gram.products.noise.postures
+        share = min(max(left.dof, 1.0) / max(left.base.gram.free, 1), 1.0)
+        return ReadingScatter.of(self.design.fit, self.design.deviations(self.tips), share, postures)
+
     @property
     def top_causes(self) -> Blocks:
         """Blocks of the most probable set that are causes of the library."""
@@ -99,6 +107,12 @@ class Choice:
     def effects(self) -> list[Effect]:
         """Its causes."""
         return [self.variant(k) for k in self.causes]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Of its causes and its covariates."""
+        names = self.design.names
+        return tuple(names[self.candidates.owner(k)] for k in (*self.causes, *self.covariates))
 
     def in_one_part(self, block: int) -> bool:
         """Whether a block moves only records that are left out together, so that the others say nothing of it."""

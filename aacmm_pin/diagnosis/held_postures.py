@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.calibration.fit import Fit
 
 RATIOS = (1e-3, 1e3)
@@ -22,11 +23,18 @@ class HeldPostures:
         group: number of the group of each record, -1 of those that do not count (n,).
         count: records of each group (groups,).
         ratio: standard deviation of the shared error over that of a record, both in units of the records' noise.
+        log_ratio: log likelihood with the shared error over that without.
     """
 
     group: Index
     count: Array
     ratio: float
+    log_ratio: float = 0.0
+
+    @property
+    def p_value(self) -> float:
+        """Chance of such a likelihood ratio if records of one posture share nothing (Self, Liang 1987, JASA 82)."""
+        return 0.5 * float(chi2_sf(2.0 * self.log_ratio, 1)) if self.ratio else 1.0
 
     @staticmethod
     def of(fit: Fit, off: Array, whitening: Array) -> HeldPostures:
@@ -43,10 +51,15 @@ class HeldPostures:
         whole = HeldPostures(group, count, 0.0)
         if count.max(initial=1.0) < 2.0:
             return whole
-        return HeldPostures(group, count, whole._estimate(np.einsum("nij,nj->ni", whitening, off), fit.dof))
+        return HeldPostures(group, count, *whole._estimate(np.einsum("nij,nj->ni", whitening, off), fit.dof))
 
-    def _estimate(self, residual: Array, dof: float) -> float:
-        """The likeliest ratio for whitened residuals (n, k) with so many degrees of freedom left."""
+    def _estimate(self, residual: Array, dof: float) -> tuple[float, float]:
+        """The likeliest ratio, and its log likelihood over that of none.
+
+        Args:
+            residual: whitened (n, k).
+            dof: degrees of freedom that are left.
+        """
         means = self._means(residual[:, :, None])[:, :, 0]
         inside = self.group >= 0
         within = float(np.square(residual[inside] - means[self.group[inside]]).sum())
@@ -62,7 +75,8 @@ class HeldPostures:
             return float(share * width * np.log(scale).sum() + (of_within + of_means) * np.log(max(chi2, 1e-300)))
 
         best = scipy.optimize.minimize_scalar(deviance, bounds=np.log(RATIOS), method="bounded")
-        return float(np.exp(best.x)) if best.fun < deviance(-np.inf) else 0.0
+        log_ratio = 0.5 * (deviance(-np.inf) - float(best.fun))
+        return (float(np.exp(best.x)), log_ratio) if log_ratio > 0.0 else (0.0, 0.0)
 
     def _means(self, rows: Array) -> Array:
         """Mean of the rows (n, k, c) of each group (groups, k, c)."""
@@ -97,6 +111,12 @@ class RecordNoise:
 
     whitening: Array
     postures: HeldPostures
+
+    @property
+    def covariances(self) -> Array:
+        """Of each residual but for what it shares (n, 3, 3) [m²], or (n, 6, 6)."""
+        inverse = np.linalg.inv(self.whitening)
+        return np.asarray(inverse @ inverse.transpose(0, 2, 1))
 
     @staticmethod
     def alone(whitening: Array) -> RecordNoise:

@@ -15,7 +15,7 @@ from aacmm_pin._support.progress import bar
 from aacmm_pin.arm.file import COVERAGE_FACTOR
 from aacmm_pin.calibration.fit import Fit, fit
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.calibration.shared_exclusions import together
+from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice
@@ -69,22 +69,23 @@ def choose(
     """Explore at the recalibrated arm, refit with what was found, explore again there, until the set stays.
 
     A strong cause in few records (a moved seat, a place in the room) makes these look like gross errors, which hides it.
-    So where records were excluded, the search is tried with the nearer of them, and those of one time, put back too; what it
-    finds is taken if it makes sense of them, of one or two only where there is nothing else, and then not as found.
+    So where records were excluded, the search is tried with the nearer of them, and those of one time, joint or place, put
+    back too; what it finds is taken if it makes sense of them, of one or two only where there is nothing else, and then not
+    as found.
     """
-    nearer = _put_back(first)
     found = _standing(problem_of, first, tuple(library), tuple(others), parts, progress)
-    back = int(nearer.sum() - first.used.sum())
-    if back >= max(1 if not found.causes else FEWEST_BACK, A_FEW * len(nearer)):
-        doubtful = _doubtful(found, first)
+    nearer, least = _put_back(first) & _put_back(found.fit), FEWEST_BACK if found.causes else 1
+    back = int(np.sum(nearer & ~(first.used & found.fit.used)))
+    if back >= max(least, A_FEW * len(nearer)):
+        judge, doubtful = found.fit, _doubtful(found, found.fit)
         _release(found)  # there is room for one of them
         wider = fit(problem_of([]), used=nearer)
-        again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress)
-        fewer = doubtful - _doubtful(again, first)
+        again = _standing(problem_of, wider, tuple(library), tuple(others), parts, progress, nearer)
+        fewer = int(doubtful.sum() - _doubtful(again, judge).sum())
         if fewer >= FEWEST_BACK:
             found, again = again, found
         elif fewer > 0 and not found.causes:
-            found = replace(found, otherwise=tuple(effect.label for effect in again.effects))
+            found = replace(found, otherwise=again.labels)
         _release(again)
     found = replace(found, kept_alone=first.used)
     if not _torn(found.design.fit, parts):
@@ -97,16 +98,16 @@ def _release(choice: Choice) -> None:
     choice.posterior.space.gram.products.release()
 
 
-def _doubtful(choice: Choice, first: Fit) -> int:
-    """How many records do not fit with all that was found, covariates included, by the scatter of the first fit."""
-    return int(np.sum(_times_the_limit(choice.design.fit, choice.design.deviations(choice.tips), first) > 1.0))
+def _doubtful(choice: Choice, judge: Fit) -> NDArray[np.bool_]:
+    """Records that do not fit with all that was found, covariates included, by the scatter of ``judge`` (n,)."""
+    return np.asarray(_times_the_limit(choice.design.fit, choice.design.deviations(choice.tips), judge) > 1.0)
 
 
-def _put_back(first: Fit) -> NDArray[np.bool_]:
-    """The records that count, and those that were excluded but not by far, or all at one time (n,)."""
-    far = _times_the_limit(first, first.solution.system.off, first)
-    stretch, _ = together(first.excluded, first.used, first.problem.measurements)
-    return np.asarray(first.used | (first.excluded & ((far < NOT_FAR) | stretch)))
+def _put_back(of: Fit) -> NDArray[np.bool_]:
+    """The records that count, and those that were excluded but not by far, or that are neighbours (n,)."""
+    far = _times_the_limit(of, of.solution.system.off, of)
+    dense = [cluster.records for cluster in clusters(of.problem.model.arm, of.problem.measurements, of.excluded, of.used)]
+    return np.asarray(of.used | (of.excluded & np.any([far < NOT_FAR, *dense], axis=0)))
 
 
 def _times_the_limit(at: Fit, off: Array, judge: Fit) -> Array:
@@ -124,8 +125,13 @@ def _standing(
     others: tuple[Covariate, ...],
     parts: Index,
     progress: bool,
+    used: NDArray[np.bool_] | None = None,
 ) -> Choice:
-    """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the median model."""
+    """Rounds of exploration and refit, each refit at the most probable set; last, a refit at the median model.
+
+    Each refit looks for gross errors anew, or is of the records ``used``; the last one then of those that fit with all that
+    was found, where covariates are a part of it.
+    """
     at, effects, before, seen = first, list[Effect](), None, {frozenset[Any]()}
     with bar(progress, "search for causes", "round") as rounds:  # nobody knows how many it takes
         for _ in range(MOST_ROUNDS):
@@ -141,7 +147,7 @@ def _standing(
             rounds.set_postfix_str(", ".join(effect.label for effect in best)[:LETTERS])
             _release(found)  # there is room for its rows or for those of the refit
             if _identities(best) != _identities(effects):
-                at = refitted(problem_of, best) if best else first
+                at = refitted(problem_of, best, used=used) if best else first
             if not at.tells_noise:  # more causes than these records can carry
                 return replace(found, fit=first, posterior=replace(found.posterior, weights={(): 1.0}))
             effects = best
@@ -149,7 +155,12 @@ def _standing(
             library = _with_variants(library, [*rivals, *effects])
         else:
             found = _explored(found)
-    return replace(found, fit=_extended(problem_of, found, first))
+    if used is not None and found.covariates:
+        used = used & ~_doubtful(found, found.design.fit)
+        first = fit(problem_of([]), used=used)
+    elif used is not None:  # gross errors are looked for with all causes
+        used, found = None, replace(found, fit=first)
+    return replace(found, fit=_extended(problem_of, found, first, used))
 
 
 def _identities(effects: Sequence[Effect]) -> frozenset[Any]:
@@ -170,11 +181,7 @@ class _Before:
 
     @staticmethod
     def of(found: Choice) -> _Before:
-        at, left = found.design.fit, found.posterior.left
-        if noise_is_known(at):
-            return _Before(found.tips, None)
-        share = max(left.dof, 1.0) / max(left.base.gram.free, 1)
-        return _Before(found.tips, ReadingScatter.of(at, found.design.deviations(found.tips), min(share, 1.0)))
+        return _Before(found.tips, None if noise_is_known(found.design.fit) else found.scatter_left)
 
     def settled(self, found: Choice) -> bool:
         """Whether the scatter is about what a round reckoned with."""
@@ -186,7 +193,7 @@ class _Before:
         return same_kind and bool(abs(np.log(self.scatter.size / reckoned)) < np.log(THRESHOLDS.rescaled))
 
 
-def _extended(problem_of: ProblemOf, found: Choice, first: Fit) -> Fit:
+def _extended(problem_of: ProblemOf, found: Choice, first: Fit, used: NDArray[np.bool_] | None) -> Fit:
     """The refit at the median probability model; what is uncertain of inner values is in its u.
 
     A known cause beside one of its name with another inner value, and of which nothing is left, is gone.
@@ -196,11 +203,12 @@ def _extended(problem_of: ProblemOf, found: Choice, first: Fit) -> Fit:
         return first
     fitted = {e.identity for e in found.fit.solution.effects[-found.fit.problem.candidates :]}
     same = found.fit.problem.candidates == len(effects) and fitted == {e.identity for e in effects}
-    at = found.fit if same else refitted(problem_of, effects)
+    same = same and (used is None or np.array_equal(used, found.fit.used))
+    at = found.fit if same else refitted(problem_of, effects, used=used)
     if gone := _gone(at, effects):
-        at = refitted(problem_of, effects, gone)
+        at = refitted(problem_of, effects, gone, used)
         effects = [_without(at, effects, k, gone) for k in range(len(effects))]
-        at = refitted(problem_of, effects, gone)
+        at = refitted(problem_of, effects, gone, used)
     return with_inner_u(at, effects)
 
 
@@ -227,9 +235,14 @@ def _without(at: Fit, effects: Sequence[Effect], number: int, gone: Sequence[Eff
     return likeliest(tried, odds)
 
 
-def refitted(problem_of: ProblemOf, effects: Sequence[Effect], gone: Sequence[Effect] = ()) -> Fit:
-    """All refitted with these causes, without known ones that are gone."""
-    return fit(problem_of([free(effect) for effect in effects], gone=gone))
+def refitted(
+    problem_of: ProblemOf,
+    effects: Sequence[Effect],
+    gone: Sequence[Effect] = (),
+    used: NDArray[np.bool_] | None = None,
+) -> Fit:
+    """All refitted with these causes, without known ones that are gone; without ``used``, gross errors are looked for."""
+    return fit(problem_of([free(effect) for effect in effects], gone=gone), used=used)
 
 
 def free(effect: Effect) -> Effect:

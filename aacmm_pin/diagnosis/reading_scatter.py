@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.variance_components import LEAST_SCATTER
+from aacmm_pin.diagnosis.held_postures import HeldPostures
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 STEPS = 30
@@ -29,8 +30,9 @@ class ReadingScatter:
     Attributes:
         covariances: of each residual, stated noise and all components (n, 3, 3) [m²]; with orientations (n, 6, 6).
         readings: standard deviation of the readings of each joint beyond the stated noise (nq,) [rad; m where it slides].
-        at_tips: what that moves tips by, root mean square for each joint (nq,) [m]. Both are zero where the records are not
-            surely likelier with them.
+        at_tips: what that moves tips by, root mean square for each joint (nq,) [m].
+        log_ratios: log likelihood with the scatter of each joint over that without (nq,). All three are zero of joints of
+            which it is less than the threshold.
         size: root mean square of a tip's residual by all of these [m].
         as_stated: whether the stated noise is all there is.
     """
@@ -38,11 +40,12 @@ class ReadingScatter:
     covariances: Array
     readings: Array
     at_tips: Array
+    log_ratios: Array
     size: float
     as_stated: bool
 
     @staticmethod
-    def of(fit: Fit, off: Array, left: float) -> ReadingScatter:
+    def of(fit: Fit, off: Array, left: float, postures: HeldPostures) -> ReadingScatter:
         """By the residuals of all that was found.
 
         The likelihood is maximised by steps that multiply each variance (minorise, maximise: Zhou, Hu, Qiao, Cho 2019,
@@ -52,6 +55,7 @@ class ReadingScatter:
             fit: the calibration.
             off: residuals (n, 3) [m], with orientations (n, 6) [m, rad].
             left: part of the residuals' degrees of freedom that all that was fitted has left.
+            postures: records that share an error, which is no scatter of readings.
         """
         counts = fit.used & fit.observations.says
         point, width = fit.solution.point, off.shape[1]
@@ -69,13 +73,13 @@ class ReadingScatter:
         start = np.array([tip**2, max(fit.noise.scatters.turn, np.sqrt(LEAST)) ** 2][:alone])
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
         first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_LEVER**2)
-        whole, without = search.best(np.concatenate([start, first])), search.best(np.append(start, np.zeros(len(first))))
-        if search.log_likelihood(whole) - search.log_likelihood(without) < THRESHOLDS.readings:
-            whole = without
+        apart = _Components(stated, groups, postures.whitened(search.off[:, :, None])[:, :, 0], counts)
+        log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
+        whole = search.best(np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)]))
         readings, covariances = np.sqrt(whole[alone:]), search.covariances(whole)
         size, known = (np.sqrt(np.trace(each[counts, :3, :3], axis1=1, axis2=2).mean()) for each in (covariances, stated))
         as_stated = fit.stated and bool(size < known * THRESHOLDS.as_stated)
-        return ReadingScatter(covariances, readings, readings * np.sqrt(lever), float(size), as_stated)
+        return ReadingScatter(covariances, readings, readings * np.sqrt(lever), log_ratios, float(size), as_stated)
 
     @property
     def whitening(self) -> Array:
@@ -105,6 +109,28 @@ class _Components:
                 expected = np.einsum("niq,nij,njq->", group, inverse, group, optimize=True)
                 variances[c] *= np.sqrt(found / max(float(expected), LEAST))
         return variances
+
+    def sure_ratios(self, start: Array, alone: int) -> Array:
+        """Log likelihood with each variance from number ``alone`` on over that without it; 0 below the threshold.
+
+        The least sure one is taken out until all are sure.
+        """
+        found, chosen = np.zeros(start.size), np.arange(start.size) >= alone
+        none = self.log_likelihood(self.best(np.where(chosen, 0.0, start)))
+        if self.log_likelihood(self.best(start.copy())) - none < THRESHOLDS.readings:
+            return found[alone:]
+        while chosen.any():
+            whole = self.log_likelihood(self.best(start.copy()))
+            number = np.flatnonzero(chosen)
+            without = (self.best(np.where(np.arange(start.size) == k, 0.0, start)) for k in number)
+            each = np.array([whole - self.log_likelihood(rest) for rest in without])
+            least = int(np.argmin(each))
+            if each[least] >= THRESHOLDS.readings:
+                found[number] = each
+                break
+            chosen[number[least]] = False
+            start = np.where(np.arange(start.size) == number[least], 0.0, start)
+        return found[alone:]
 
     def log_likelihood(self, variances: Array) -> float:
         """Log likelihood, up to a constant."""

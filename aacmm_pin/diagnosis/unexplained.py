@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
+import scipy
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown
+from aacmm_pin._support.display import Shown, report, two_digits
+from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.units import UM
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
+from aacmm_pin.calibration.shared_exclusions import Shared, round_excluded, shared_by
 from aacmm_pin.diagnosis.background import Background
 from aacmm_pin.diagnosis.branches import Branches, branches_of
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.covariates import Carried
 from aacmm_pin.diagnosis.cross_validation import Gain
-from aacmm_pin.diagnosis.design_matrix import Design
+from aacmm_pin.diagnosis.inner_values import noise_is_known
 from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
 from aacmm_pin.diagnosis.significance import any_structure, family_wise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
@@ -52,16 +54,41 @@ class ScatteredReadings(Shown):
         scatter: standard deviation beyond the stated noise [rad; m where the joint slides].
         slides: whether the joint slides.
         at_tips: what it moves tips by, root mean square [m].
+        log_ratio: log likelihood with it over that without.
+        p_value: chance of as much in any joint if none scatters more.
     """
 
     joint: int
     scatter: float
     slides: bool
     at_tips: float
+    log_ratio: float
+    p_value: float
 
     def __str__(self) -> str:
         unit = "µm" if self.slides else "µrad"
-        return f"readings of joint {self.joint} scatter by {self.scatter / UM:.2g} {unit} more than stated"
+        return f"readings of joint {self.joint} scatter by {two_digits(self.scatter / UM)} {unit} more than stated"
+
+
+@dataclass(frozen=True)
+class SharedError(Shown):
+    """An error that records of one posture share, beside all that was found.
+
+    Attributes:
+        rms: of tips [m].
+        times: that of a single record.
+        p_value: chance of as much if they share none.
+    """
+
+    rms: float
+    times: float
+    p_value: float
+
+    def __str__(self) -> str:
+        return (
+            f"records of one posture share an error of {two_digits(self.rms / UM)} µm (RMS), "
+            f"{two_digits(self.times)} times that of a single record"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,27 +100,35 @@ class Unexplained(Shown):
         threshold: structure with less chance than this is left.
         depends_on: the covariates, strongest first.
         discrepancy: covariates more probable than not, strongest first; last the background, if it is not negligible.
-        shapes: for each, one row a record: the covariates; the smooth correction, in x, y, z of the tip [mm], or as angle of
-            a joint [µrad] or growth of all lengths [µm/m]; and the same as each record has it (``_of_record``).
+        choice: the search behind it.
         acts_on: for each, in words, what it acts on.
         gain: by how much the discrepancy lowers the RMS of held-out records below that of the causes alone, or None.
         groups: groups of records that do not agree with the others.
         excluded: what the excluded records share, or None.
         branches: the joint over which the residuals fall into two branches, or None.
-        readings: joints whose readings scatter more than stated.
+        readings: other joints whose readings scatter more than stated.
+        shared_by_postures: the error that records of one posture share, or None.
     """
 
     p_value: float
     threshold: float
     depends_on: tuple[str, ...]
     discrepancy: tuple[Discrepancy, ...]
-    shapes: dict[str, pd.DataFrame]
+    choice: Choice
     acts_on: dict[str, str]
     gain: float | None
     groups: tuple[OddGroup, ...] = ()
     excluded: Shared | None = None
     branches: Branches | None = None
     readings: tuple[ScatteredReadings, ...] = ()
+    shared_by_postures: SharedError | None = None
+
+    @cached_property
+    def shapes(self) -> dict[str, pd.DataFrame]:
+        """For each covariate one row a record: the covariate; the smooth correction, in x, y, z of the tip [mm], or as angle
+        of a joint [µrad] or growth of all lengths [µm/m]; and the same as each record has it (``_of_record``).
+        """
+        return dict(report().structure_shapes.shapes_of(self.choice))
 
     @property
     def left(self) -> bool:
@@ -108,7 +143,8 @@ class Unexplained(Shown):
     @property
     def structure(self) -> bool:
         """Whether the residuals have structure that is more probable than not."""
-        return bool(self.depends_on or self.discrepancy or self.readings) or self.branches is not None
+        others = (self.branches, self.shared_by_postures)
+        return bool(self.depends_on or self.discrepancy or self.readings) or others != (None, None)
 
     @property
     def in_words(self) -> tuple[str, ...]:
@@ -118,48 +154,79 @@ class Unexplained(Shown):
         return (
             *([f"something that no cause explains depends on {', '.join(covariates)}"] if covariates else []),
             *(f"{g.name} does not agree with the other records: {g.times:.1f} times as far off" for g in self.groups),
-            *([] if self.branches is None else [str(self.branches)]),
-            *map(str, self.readings),
+            *map(str, self.apart),
         )
+
+    @property
+    def apart(self) -> tuple[Branches | ScatteredReadings | SharedError, ...]:
+        """What is left beside structure over a column."""
+        each = (self.branches, *self.readings, self.shared_by_postures)
+        return tuple(one for one in each if one is not None)
 
 
 def unexplained_by(choice: Choice, held: Gain | None, named: bool, rng: np.random.Generator) -> Unexplained:
     """The discrepancy, or else whether anything seems left; ``named``: something was found."""
     mine = {k: choice.covariate(k) for k in choice.covariates}
     depends = tuple(dict.fromkeys(name for covariate in mine.values() for name in covariate.depends_on))
-    odd, shared = tuple(odd_groups(choice)), shared_by(choice.fit)
+    odd, shared = tuple(odd_groups(choice)), shared_by(choice.fit) or round_excluded(choice.fit, _whitened(choice))
     if mine:
         p_value = min(family_wise(choice.candidates, choice.posterior.without(k), k, rng) for k in mine)
     else:
         p_value = min(any_structure(choice.candidates, choice.posterior.left), *(group.p_value for group in odd), 1.0)
     depends = (*(group.name for group in odd[:1]), *depends)
     if shared is not None:
-        p_value, depends = min(p_value, shared.p_value), tuple(dict.fromkeys((*depends, shared.name)))
-    background = _background(choice)
+        p_value = min(p_value, shared.p_value)
+        if shared.name not in depends and not (shared.name == "place" and "x" in depends):
+            depends = (*depends, shared.name)
+    background, branches = _background(choice), branches_of(choice)
+    known = (*depends, f"joint {branches.joint}" if branches else "")  # what these leave of a joint is no scatter
     return Unexplained(
         p_value,
         THRESHOLDS.left if named else THRESHOLDS.left_alone,
         depends,
         (*(_discrepancy(choice, k, covariate.name) for k, covariate in mine.items()), *background),
-        {covariate.name: _shape(choice, k) for k, covariate in mine.items()},
+        choice,
         {covariate.name: choice.way(k).acts_on for k, covariate in mine.items()},
         held.smooth_gain if held is not None and (mine or background) else None,
         odd,
         shared,
-        branches_of(choice),
-        scattered_readings(choice),
+        branches,
+        tuple(one for one in scattered_readings(choice) if f"joint {one.joint}" not in known),
+        _shared_error(choice),
     )
+
+
+def _shared_error(choice: Choice) -> SharedError | None:
+    """The error that records of one posture share; None if that is chance, or small beside that of a record."""
+    noise, fit = choice.posterior.space.gram.products.noise, choice.design.fit
+    postures = noise.postures
+    if postures.p_value >= THRESHOLDS.left or postures.ratio < THRESHOLDS.large:
+        return None
+    of_record = np.sqrt(choice.posterior.left.variance) * fit.distance_of(noise.covariances)
+    return SharedError(float(postures.ratio * of_record), postures.ratio, postures.p_value)
+
+
+def _whitened(choice: Choice) -> Array:
+    """How far tips are off beside all that was found, in units of the noise; what a posture shares counts once (n, 3)."""
+    noise = choice.held.products.noise
+    off = noise.whitening @ choice.design.deviations(choice.tips)[:, :, None]
+    return noise.postures.whitened(off[:, :3])[:, :, 0]
 
 
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     """The joints whose readings scatter more than stated, the largest first."""
-    fit, scatter = choice.design.fit, choice.scatter
-    if scatter is None or fit.problem.setup.encoder_noise is None:
+    fit = choice.design.fit
+    if noise_is_known(fit) or fit.problem.setup.encoder_noise is None:
         return ()
-    chain, noise = fit.problem.model.arm.chain, fit.distance_of(fit.stated_noise)
-    rows = zip(chain.moving_rows(), scatter.readings, chain.prismatic, scatter.at_tips, strict=True)
-    found = [ScatteredReadings(int(row), float(u), bool(slides), float(tip)) for row, u, slides, tip in rows]
-    return tuple(sorted((one for one in found if one.at_tips > THRESHOLDS.large * noise), key=lambda one: -one.at_tips))
+    scatter, chain, noise = choice.scatter_left, fit.problem.model.arm.chain, fit.distance_of(fit.stated_noise)
+    found = []
+    for j, row in enumerate(chain.moving_rows()):
+        at_tips, log_ratio = float(scatter.at_tips[j]), float(scatter.log_ratios[j])
+        if at_tips > THRESHOLDS.large * noise:
+            chance = min(1.0, 0.5 * scatter.readings.size * float(chi2_sf(2.0 * log_ratio, 1)))
+            size, slides = float(scatter.readings[j]), bool(chain.prismatic[j])
+            found.append(ScatteredReadings(int(row), size, slides, at_tips, log_ratio, chance))
+    return tuple(sorted(found, key=lambda one: -one.at_tips))
 
 
 def excess_of(extended: Fit) -> float:
@@ -184,9 +251,8 @@ def excess_of(extended: Fit) -> float:
 def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
     """The size of a covariate's part, at its posterior mean."""
     left, columns = choice.posterior.left, choice.design.blocks[block].columns
-    own = left.places[block]
-    information = choice.posterior.space.base(0).strip(block)[:, columns]
-    sizes = _sizes(choice, information, left.estimate[own], left.covariance[own, own])
+    own, absorbed = left.places[block], choice.posterior.space.base(0).whitened[:, columns]
+    sizes = _sizes(choice, choice.design.columns(block), absorbed, left.estimate[own], left.covariance[own, own])
     return Discrepancy(name, *sizes, choice.posterior.probability(block))
 
 
@@ -195,8 +261,10 @@ def _background(choice: Choice) -> list[Discrepancy]:
     left = choice.posterior.left
     if not left.base.amplitude:
         return []
-    background = Background(left)
-    rms, u = _sizes(choice, background.information, background.estimate, background.covariance)
+    background, products = Background(left), left.base.gram.products
+    columns, weights = products.background
+    absorbed = choice.posterior.space.base(0).whitened[:, columns] @ weights
+    rms, u = _sizes(choice, products.background_columns, absorbed, background.estimate, background.covariance)
     noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
     there = float(1.0 - choice.posterior.amplitudes[0])
     if there < THRESHOLDS.settled or rms < THRESHOLDS.negligible * noise:
@@ -204,41 +272,21 @@ def _background(choice: Choice) -> list[Discrepancy]:
     return [Discrepancy(BACKGROUND, rms, u, there)]
 
 
-def _sizes(choice: Choice, information: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
-    """Root mean square displacement of tips, and its standard uncertainty [m]: of what recalibration leaves of it.
+def _sizes(choice: Choice, columns: Array, absorbed: Array, estimate: Array, covariance: Array) -> tuple[float, float]:
+    """Root mean square displacement of the used records' tips, and its standard uncertainty [m]: of what recalibration
+    leaves of it.
 
-    ``information`` (q, q) is of the records in units of their noise, geometry at its best.
+    Args:
+        choice: what was found.
+        columns: displacement by one unit of each parameter (n, 3 or 6, q).
+        absorbed: their products with the nuisances, divided by the factor of these (nuisances, q).
+        estimate, covariance: of the parameters (q,), (q, q).
     """
-    rows, noise = choice.posterior.space.gram.free, choice.design.fit.distance_of(choice.design.fit.residual_noise)
-    squares = estimate @ information @ estimate, np.einsum("ij,ji->", information, covariance)
-    rms, u = (noise * np.sqrt(max(float(each), 0.0) / rows) for each in squares)
-    return float(rms), float(u)
-
-
-def _shape(choice: Choice, block: int) -> pd.DataFrame:
-    """The smooth correction over a covariate, record by record, and what the records say of it."""
-    design, way = choice.design, choice.way(block)
-    left, columns = choice.posterior.left, design.blocks[block].columns
-    step = left.estimate[left.places[block]]
-    count = len(way.quantities)
-    # Each function has one column for each quantity; the first function is the constant where there is one.
-    sizes = way.functions @ (step * design.scales[columns]).reshape(-1, count)
-    axes = _axes(design, block, way, count)
-    off = design.deviations(choice.tips)[:, :3]
-    each = sizes - np.einsum("nij,ni->nj", axes, off) / np.square(axes).sum(axis=1)
-    covariate = choice.covariate(block)
-    table = covariate.values.copy()
-    for k, (name, unit) in enumerate(way.quantities.items()):
-        table[name], table[f"{name}_of_record"] = sizes[:, k] / unit, each[:, k] / unit
-    return table[choice.fit.used].sort_values(list(covariate.values.columns), ignore_index=True)
-
-
-def _axes(design: Design, block: int, way: Carried, count: int) -> Array:
-    """Shift of the tip for one unit of each quantity (n, 3, quantities)."""
-    strongest = np.argmax(
-        np.abs(way.functions), axis=1
-    )  # a column is a function times the shift; divide by one that is there
-    of_tips = design.columns(block)[:, :3]
-    own = (of_tips / design.scales[design.blocks[block].columns]).reshape(len(strongest), 3, -1, count)
-    row = np.arange(len(strongest))
-    return np.asarray(own[row, :, strongest] / way.functions[row, strongest][:, None, None])
+    design, factor = choice.design, choice.posterior.space.base(0).factor
+    left = columns - design.columns(None) @ scipy.linalg.solve_triangular(factor, absorbed, lower=True, trans=1)
+    stay = design.deviations(design.tips)
+    moved = [(design.deviations(design.tips + left[:, :, k]) - stay)[choice.fit.used, :3] for k in range(len(estimate))]
+    rows = np.stack(moved, axis=2)
+    squares = np.square(rows @ estimate).sum(), np.einsum("nij,jk,nik->", rows, covariance, rows, optimize=True)
+    rms, u = (float(np.sqrt(max(float(each), 0.0) / len(rows))) for each in squares)
+    return rms, u

@@ -83,7 +83,7 @@ def _value(reading: Reading, value: float, expanded: float) -> str:
             places = max(0, int(np.floor(np.log10(max(abs(value), expanded)))) + digits)
             text = f"{value:.{places}e} ± {expanded:.1e}"
         else:
-            text = " ± ".join(f"{round(number, digits):.{max(digits, 0)}f}" for number in (value, expanded))
+            text = " ± ".join(f"{round(number, digits):z.{max(digits, 0)}f}" for number in (value, expanded))
     space = "" if reading.unit[:1] in ("", "°", "·") else " "
     return f"{reading.name} {text}{space}{reading.unit}"
 

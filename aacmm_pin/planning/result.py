@@ -25,6 +25,10 @@ DECIDED = 0.95
 """Causes are told apart when the chance of the right decision is this large."""
 
 
+LEAST_CHANGE = 0.005
+"""A probability of a right decision that grows by less is not worth new records."""
+
+
 @dataclass(frozen=True, eq=False)
 class Tried(Shown):
     """A set-up that was considered.
@@ -131,6 +135,11 @@ class MeasurementPlan(Shown):
         options = [*self.options, *(["--set-up-arm set_up.toml"] if self.changes_arm else [])]
         split = f"--split {text_of(one)} {text_of(other)}"
         command = " ".join(["aacmm-pin plan", arm, split, f"--records {len(self.records)}", *options, "-o plan.csv"])
+        if self.before is not None and self.after.probability - self.before.probability < LEAST_CHANGE:
+            return (
+                f"records such as these tell {one.label} from {other.label} with a probability of "
+                f"{self.before.probability:.2f}, and more would add nothing: if they do not, something else acts"
+            )
         odds = f"from {0.5 if self.before is None else self.before.probability:.2f} to {self.after.probability:.2f}"
         if not self.decided:
             odds += self._more or ", not enough yet"

@@ -16,10 +16,11 @@ from aacmm_pin.calibration.fit import NO_SCATTER
 from aacmm_pin.calibration.result import residuals_by_record
 from aacmm_pin.calibration.shared_exclusions import exclusions_of
 from aacmm_pin.diagnosis import Diagnosis, Finding
+from aacmm_pin.diagnosis.branches import Branches
 from aacmm_pin.diagnosis.cross_validation import Gain
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import BACKGROUND, Unexplained
+from aacmm_pin.diagnosis.unexplained import BACKGROUND, ScatteredReadings, SharedError, Unexplained
 from aacmm_pin.effects import Effect, State
 from aacmm_pin.effects.labels import in_words, listed, name_in_words, probability, several_in_words, values_in_words
 from aacmm_pin.report import plots
@@ -142,7 +143,10 @@ def _wrong_in_words(result: Diagnosis) -> str:
     text = f"the simulation {text}" if text else "no cause is missing in the simulation"
     if result.no_better:
         text += f", but adding {'it' if len(causes) == 1 else 'them'} does not help to predict held-out records"
-    return f"{text}; its stated values are off by unusually much: {_named(values, result.model.arm)}" if values else text
+    if not values:
+        return text
+    off = f"stated values are off by unusually much: {_named(values, result.model.arm)}"
+    return f"the simulation's {off}" if result.verdict == "unexplained" and not causes else f"{text}; its {off}"
 
 
 def _named(findings: Sequence[Finding], arm: Arm) -> str:
@@ -175,7 +179,7 @@ def _doubts_in_words(result: Diagnosis) -> Iterator[str]:
     words = {
         "contradicted references": "; ".join(result.contradicted),
         "few causes shown": f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude",
-        "cause not named": f"{listed(result.otherwise)} would be found with {count(out, 'excluded record')}",
+        "cause not named": f"{labels_in_words(result, result.otherwise)} would be found with {count(out, 'record')} more",
         "below zero": f"nature has no {several_in_words([f.effect for f in findings if f.below_zero], arm)} below zero",
         "cause not borne out": unconfirmed and f"held-out records do not confirm {several_in_words(unconfirmed, arm)}",
         "structure left": f"structure is left beyond chance ({_beside_threshold(left)})",
@@ -199,21 +203,17 @@ def _not_explained(result: Diagnosis) -> str:
     turned = result.extended.noise.scatters.turn if result.extended.stated else 0.0
     if turned:
         more += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
-    depends, branches = listed(result.unexplained.depends_on), result.unexplained.branches
-    if not depends and result.unexplained.has_background:
-        more = f"the residuals have structure of {_background(result.unexplained)} that no single column explains"
+    left_over = result.unexplained
+    depends = listed(["the order of the records" if name == "record" else name for name in left_over.depends_on])
+    larger = left > THRESHOLDS.much_more * result.noise or turned > 0.0
+    if not depends and left_over.has_background:
+        more = f"the residuals have structure of {_background(left_over)} that no single column explains"
     elif depends:
         way = f"depend on {depends} in a way that none of the causes tried has"
-        larger = left > THRESHOLDS.much_more * result.noise or turned > 0.0
         more = f"{more} and {way}" if larger else f"the residuals {way}"
-    first = [*([] if branches is None else [str(branches)]), *map(str, result.unexplained.readings), *_shared(result)]
-    return "; ".join([*first, more])
-
-
-def _shared(result: Diagnosis) -> list[str]:
-    """The error that records of one posture share."""
-    ratio = result.choice.held.products.noise.postures.ratio
-    return [f"records of one posture share an error {ratio:.1f} times that of a record"] if ratio else []
+    elif left_over.apart and not larger:
+        more = ""
+    return "; ".join(filter(None, [*map(str, left_over.apart), more]))
 
 
 def _background(left: Unexplained) -> str:
@@ -259,7 +259,8 @@ def gain_in_words(result: Diagnosis) -> str:
 def _left_in_words(result: Diagnosis) -> str:
     """What is left of the residuals."""
     if result.extended.scatters:
-        return f"the residuals scatter by {length(result.extended.unmodelled)} per coordinate beyond the stated noise"
+        scatter = f"the residuals scatter by {length(result.extended.unmodelled)} per coordinate"
+        return f"{scatter}, which counts as noise" if not result.extended.stated else f"{scatter} beyond the stated noise"
     return "the arm agrees with the records to within their noise"
 
 
@@ -272,8 +273,7 @@ def unexplained_document(left: Unexplained) -> Document:
 def unexplained_in_words(left: Unexplained) -> str:
     """What structure is left, or that none is."""
     p, covariates = p_equals(left.p_value), [*left.acts_on]
-    found = [*([] if left.branches is None else [left.branches]), *left.readings]
-    branches = "".join(f"{capital(str(each))}. " for each in found)
+    branches = "".join(f"{capital(each)}. " for each in (*map(_with_its_chance, left.apart), *_excluded(left)))
     if not covariates and left.has_background:
         worth = (
             "" if left.gain is None else f" On held-out records it removes {percent(left.gain)} of what the causes leave."
@@ -285,13 +285,27 @@ def unexplained_in_words(left: Unexplained) -> str:
     if not covariates:
         if left.groups:
             return f"{branches}Groups of records do not agree with the others ({p})."
-        what = "Structure over a column is" if left.left else "Nothing else is" if branches else "Nothing is"
+        if left.excluded is not None:
+            return branches.strip()
+        what = "Structure over a column is" if left.left else "No structure over a column is"
         return f"{branches}{what} left beyond chance ({_beside_threshold(left)})."
     worth = "" if left.gain is None else f" On held-out records it removes {percent(left.gain)} of what the causes leave."
     return (
         f"{branches}The residuals depend on {listed(covariates)} ({p}) in a way that no cause of the library has. The "
         f"extended arm does not have this; --with-discrepancy saves it.{worth}"
     )
+
+
+def _with_its_chance(one: Branches | ScatteredReadings | SharedError) -> str:
+    """A statement with the number that it rests on."""
+    rests_on = f"log likelihood ratio {one.log_ratio:.1f}" if isinstance(one, Branches) else p_equals(one.p_value)
+    return f"{one} ({rests_on})"
+
+
+def _excluded(left: Unexplained) -> list[str]:
+    """What the excluded records share."""
+    shared = left.excluded
+    return [] if shared is None else [f"{shared.excluded} of the {shared.of} excluded records have {shared.where}"]
 
 
 # Tables ------------------------------------------------------------------------------------------------------------------

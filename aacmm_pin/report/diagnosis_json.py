@@ -13,7 +13,7 @@ from aacmm_pin.diagnosis import Alias, Diagnosis, Finding, Gain, Unexplained
 from aacmm_pin.diagnosis.branches import Branches
 from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.posterior import Posterior
-from aacmm_pin.diagnosis.unexplained import Discrepancy, ScatteredReadings
+from aacmm_pin.diagnosis.unexplained import Discrepancy, ScatteredReadings, SharedError
 from aacmm_pin.effects import Effect
 from aacmm_pin.effects.conditions import COLUMNS
 
@@ -146,6 +146,7 @@ def _unexplained(left: Unexplained) -> dict[str, Any]:
     summary["groups"] = [asdict(group) for group in left.groups]
     summary["branches"] = _branches(left.branches)
     summary["scattered_readings"] = [_scatter(readings) for readings in left.readings]
+    summary["shared_by_postures"] = _shared(left.shared_by_postures)
     return summary
 
 
@@ -153,12 +154,19 @@ def _branches(branches: Branches | None) -> dict[str, Any] | None:
     if branches is None:
         return None
     half_width = _amount("half_width", branches.half_width, branches.slides)
-    return {"joint": branches.joint, **half_width}
+    return {"joint": branches.joint, **half_width, "log_likelihood_ratio": branches.log_ratio}
 
 
 def _scatter(readings: ScatteredReadings) -> dict[str, Any]:
     scatter = _amount("scatter", readings.scatter, readings.slides)
-    return {"joint": readings.joint, **scatter, "rms_mm": readings.at_tips / MM}
+    chance = {"log_likelihood_ratio": readings.log_ratio, "p_value": readings.p_value}
+    return {"joint": readings.joint, **scatter, "rms_mm": readings.at_tips / MM, **chance}
+
+
+def _shared(error: SharedError | None) -> dict[str, float] | None:
+    if error is None:
+        return None
+    return {"rms_mm": error.rms / MM, "times_a_record": error.times, "p_value": error.p_value}
 
 
 def _amount(name: str, value: float, slides: bool) -> dict[str, float]:

@@ -9,9 +9,10 @@ from aacmm_pin.diagnosis import Alias, Diagnosis, Finding
 from aacmm_pin.diagnosis.result import too_good
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect, ZeroDrift
+from aacmm_pin.effects.labels import listed
 from aacmm_pin.planning import advice
 
-PLACE, SCALE = ("x", "y", "z"), "scale"
+PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
 ORDER = ("record", "time")
 """The same, of the order in which records were taken."""
@@ -31,7 +32,7 @@ def next_measurements(result: Diagnosis) -> str:
     if unexplained.readings and not unexplained.depends_on:
         joint = unexplained.readings[0].joint
         return (
-            f"repeat some postures with joint {joint} from both sides and under other loads: its encoder or gear is not as "
+            f"take some postures with joint {joint} from both sides and under other loads: its encoder or gear is not as "
             "modelled"
         )
     if verdict == "unexplained" and unexplained.excluded is not None and unexplained.excluded.name in ORDER:
@@ -48,13 +49,25 @@ def next_measurements(result: Diagnosis) -> str:
         )
     if unexplained.groups and unexplained.depends_on[:1] == (unexplained.groups[0].name,):
         return f"set up {unexplained.groups[0].name} anew and repeat its records; diagnose the others without it"
+    if unexplained.shared_by_postures is not None and not unexplained.depends_on:
+        return (
+            "take the same postures on another day, with the stand or the references elsewhere: that shows whether the "
+            "error that the records of one posture share is of the arm, of the set-up or of the references"
+        )
+    if verdict == "unexplained" and not unexplained.depends_on and unexplained.has_background:
+        return "more records, at other postures, and note what else changes: what is left depends on no single column"
+    if verdict == "unexplained" and not unexplained.depends_on and _repeats(result):
+        return (
+            "check columns, units and reference frame, and note what changes from posture to posture: repeats show the "
+            "true noise, and the residuals are larger than what was stated"
+        )
     if verdict == "unexplained" and not unexplained.depends_on:
         return (
             "repeat some postures with everything alike: the scatter of repeats is the true noise; if it is as stated, "
             "check columns, units and reference frame, and note what else changes"
         )
     if verdict == "unexplained":
-        return f"{_otherwise(unexplained.depends_on)}, and repeat some records with all alike"
+        return _otherwise(unexplained.depends_on) + _and_repeat(result)
     doubtful = [finding for finding in findings if finding.probability < THRESHOLDS.settled]
     if doubtful:
         return _to_tell(result, doubtful)
@@ -71,11 +84,33 @@ def next_measurements(result: Diagnosis) -> str:
             "if they are right, more records at other postures may tell what acts like it"
         )
     if verdict == "inconclusive":
-        return "more records, at other postures: something is left in the residuals that may be another cause"
+        return f"more records, at other postures: {_open(result)}"
     drifts = [finding.effect for finding in findings if isinstance(finding.effect, ZeroDrift)]
     if ends := [drift.until_s for drift in drifts if drift.until_s is not None]:
         return f"records after {max(ends):.4g} s, by the same clock: whether the drift stops or goes on is open"
     return "nothing is open; check the extended arm on new records, over all ranges of its joints, with aacmm-pin correct"
+
+
+def _open(result: Diagnosis) -> str:
+    """What keeps a diagnosis with findings from being sure."""
+    doubts = result.doubts
+    if "structure left" in doubts:
+        return "something is left in the residuals that may be another cause"
+    if "more causes" in doubts:
+        return "a cause acts that these do not name"
+    if "starts disagree" in doubts:
+        return "several sets of causes explain these nearly alike"
+    return "these do not confirm what was found yet"
+
+
+def _repeats(result: Diagnosis) -> bool:
+    """Whether postures repeat."""
+    return bool(result.choice.held.products.noise.postures.count.max(initial=1.0) > 1.0)
+
+
+def _and_repeat(result: Diagnosis) -> str:
+    """Repeats show the noise, where there are none yet."""
+    return "" if _repeats(result) else ", and repeat some records with all alike"
 
 
 def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
@@ -95,10 +130,7 @@ def _to_tell(result: Diagnosis, doubtful: Sequence[Finding]) -> str:
         return _planned(result, finding, alike)
     first = doubtful[0]
     on = first.aliases[0].label if first.aliases else "all that was recorded"
-    return (
-        f"to tell {first.label} from anything else that depends on {on}, {_otherwise((on,))}, and repeat some records "
-        "with all alike"
-    )
+    return f"to tell {first.label} from anything else that depends on {on}, {_otherwise((on,))}{_and_repeat(result)}"
 
 
 def _to_tell_sets(result: Diagnosis) -> str:
@@ -133,11 +165,11 @@ def _otherwise(depends_on: Sequence[str]) -> str:
     others = [name for name in depends_on if name not in (*joints, *places, SCALE)]
     found = []
     if joints:
-        found.append(f"touch the same places in postures with other angles of {', '.join(joints)}")
+        found.append(f"touch the same places in postures with other angles of {listed(joints)}")
     if places:
         found.append("measure the same postures with the stand of the arm elsewhere, which tells the room from the arm")
     if SCALE in depends_on:
         found.append("measure a length that is known from elsewhere, which tells whether the references or the arm are off")
     if others:
-        found.append(f"repeat some postures with another {', another '.join(others)} and all else unchanged")
+        found.append(f"take some postures again with another {', another '.join(others)} and all else unchanged")
     return ", ".join(found)

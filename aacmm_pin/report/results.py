@@ -28,6 +28,7 @@ from aacmm_pin.report import (
     plots,
     procedure,
     residual_tables,
+    structure_shapes,
 )
 from aacmm_pin.report.document import document_of
 from aacmm_pin.report.html import fragment, page
@@ -52,6 +53,7 @@ __all__ = [
     "procedure",
     "residual_tables",
     "save",
+    "structure_shapes",
 ]
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import Calibration, calibrate
-from aacmm_pin.calibration.shared_exclusions import together
+from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.measurements.records import Measurements
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report.calibration import calibration_summary, verdict
@@ -109,18 +109,42 @@ def test_one_of_a_few_records_is_a_mishap(sino6: Arm) -> None:
     assert not found.exclusions.doubtful
 
 
-def test_excluded_records_of_one_time(sino6: Arm, rng: np.random.Generator) -> None:
-    """By brute force: of random ones hardly any seem to be of one time; four of a hundred that follow one another do."""
+def test_excluded_records_that_are_neighbours(sino6: Arm, rng: np.random.Generator) -> None:
+    """By brute force: of random ones hardly any seem to be neighbours; those of one time, joint or place do."""
     data = Measurements.of(random_postures(sino6, 100, rng))
     often = 0
     for count in (3, 5, 15):
-        for _ in range(300):
+        for _ in range(100):
             excluded = rng.permutation(100) < count
-            often += together(excluded, ~excluded, data)[0].any()
-    assert often <= 4  # of 900, expected are less than 0.9
-    for rows, told in ((slice(96, 100), True), (slice(40, 44), False), (slice(40, 47), True)):
-        excluded = np.zeros(100, dtype=bool)
-        excluded[rows] = True
-        stretch, chance = together(excluded, ~excluded, data)
-        assert (stretch.any(), chance < 1e-3) == (told, told)
-        assert not told or (stretch == excluded).all()
+            often += bool(clusters(sino6, data, excluded, ~excluded))
+    assert often <= 4  # of 300, expected are less than 0.6
+    tips = sino6.positions(data.q)
+    apart, rows = np.linalg.norm(tips - tips[50], axis=1).argsort(), np.arange(100)
+    for inside, name in (
+        (rows[96:100], "record"),
+        (rows[40:44], ""),
+        (rows[40:47], "record"),
+        (data.q[:, 2].argsort()[20:30], "joint 3"),
+        (apart[:8], "place"),
+    ):
+        excluded = np.isin(rows, inside)
+        found = clusters(sino6, data, excluded, ~excluded)
+        assert [cluster.shared.name for cluster in found] == ([name] if name else [])
+        assert not name or (found[0].records == excluded).all()
+
+
+def test_repeats_of_one_posture_are_one(sino6: Arm, rng: np.random.Generator) -> None:
+    data = Measurements.of(np.repeat(random_postures(sino6, 30, rng), 4, axis=0))
+    excluded = np.arange(120) // 4 == 7
+    assert clusters(sino6, data, excluded, ~excluded) == []
+
+
+def test_a_session_says_more_than_its_rows(sino6: Arm) -> None:
+    data = simulate_measurements(sino6, "free", RECORDS, rng=np.random.default_rng(2))
+    late = np.arange(RECORDS) >= RECORDS - 12
+    moved = Measurements.of(data.q, data.reference + late[:, None] * [0.005, -0.006, 0.002])
+    session = np.where(late, "b", "a").astype(object)
+    told = replace(moved, conditions=replace(moved.conditions, session=session))
+    shared = calibrate(sino6, told, hold_out=False).exclusions.shared
+    assert shared is not None
+    assert (shared.name, shared.excluded) == ("session", 12)

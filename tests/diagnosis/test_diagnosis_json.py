@@ -141,9 +141,15 @@ SUMMARY = fields(
                 "smooth_correction_gain": none_or(number(most=1.0)),
                 "groups": several(fields({"name": text, "records": count, "times": SIZE, "p_value": SHARE})),
                 "scattered_readings": several(
-                    fields({"joint": count, "rms_mm": SIZE}, {"scatter_rad": SIZE, "scatter_mm": SIZE})
+                    fields(
+                        {"joint": count, "rms_mm": SIZE, "log_likelihood_ratio": SIZE, "p_value": SHARE},
+                        {"scatter_rad": SIZE, "scatter_mm": SIZE},
+                    )
                 ),
-                "branches": none_or(fields({"joint": count}, {"half_width_rad": SIZE, "half_width_mm": SIZE})),
+                "branches": none_or(
+                    fields({"joint": count, "log_likelihood_ratio": SIZE}, {"half_width_rad": SIZE, "half_width_mm": SIZE})
+                ),
+                "shared_by_postures": none_or(fields({"rms_mm": SIZE, "times_a_record": SIZE, "p_value": SHARE})),
             }
         ),
         "not_tried": several(fields({"column": text, "causes": several(lambda v: v in CAUSES)})),

@@ -573,6 +573,27 @@ def test_records_that_are_excluded_together_are_no_gross_errors(sino6: Arm, shar
     assert diagnose(sino6, scattered, **NOISE, hold_out=False, progress=False).verdict == "no-discrepancy"
 
 
+def with_a_bump(arm: Arm, number: int, size: float, seed: int) -> Measurements:
+    """An eccentricity of joint 3; so many records more within 0.15 m of a place round which the references are shifted."""
+    rng = np.random.default_rng(seed)
+    postures = random_postures(arm, 6000, rng)
+    tips = arm.positions(postures)
+    apart = np.linalg.norm(tips - tips[0], axis=1)
+    q = rng.permutation([*postures[-200:], *postures[np.flatnonzero(apart < 0.15)[:number]]])
+    moved = np.linalg.norm(arm.positions(q) - tips[0], axis=1)
+    shift = size * np.exp(-0.5 * np.square(moved / 0.1))[:, None] * np.array([0.6, 0.0, 0.8])
+    hidden = ErrorModel(arm, (EncoderEccentricity(3, values=(1e-4, 4e-5)),))
+    read = q + 8e-6 * rng.standard_normal(q.shape)
+    return Measurements.of(read, hidden.predict(q) + shift + 1e-5 * rng.standard_normal(shift.shape))
+
+
+@pytest.mark.parametrize("seed", [4, again(1)])
+def test_a_bump_in_the_room_is_no_gross_errors(sino6: Arm, seed: int) -> None:
+    found = diagnose(sino6, with_a_bump(sino6, 10, 9e-5, seed), **NOISE, hold_out=False, progress=False)
+    assert found.verdict == "unexplained"
+    assert {"x", "place"} & set(found.unexplained.depends_on)
+
+
 def test_a_target_that_is_unknown_again_is_found_anew(sino6: Arm, rng: np.random.Generator) -> None:
     known = ErrorModel(sino6, (StylusOffset(values=(0.01, 0.02, 0.03), u=(1e-5, 1e-5, 1e-5)),))
     now = ErrorModel(sino6, (StylusOffset(values=(0.03, 0.0, 0.01)),))
