@@ -149,7 +149,7 @@ def test_what_is_left_is_said_by_the_threshold_of_the_verdict(sino6: Arm) -> Non
     for p_value in (1.0, 0.5, 0.006, 1e-4):
         left = replace(found.unexplained, p_value=p_value)
         words = unexplained_in_words(left)
-        assert words.startswith("Nothing") == (p_value >= left.threshold)
+        assert words.startswith("No") == (p_value >= left.threshold)
         assert f"threshold {left.threshold:g}" in words
         doubts = doubts_of(found.findings, left.left, 0.0, (90, 100))
         assert ("structure left" in doubts) == left.left
