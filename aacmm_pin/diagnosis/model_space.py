@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -162,7 +162,7 @@ class ModelSpace:
         self._marginals: dict[Blocks, Marginal] = {}
         self._additions: dict[Blocks, Array] = {}
         self._widths: dict[Blocks, Array] = {}
-        self._among = lru_cache(RECENT)(Base.among)
+        self._among: dict[tuple[Blocks, int, bool], Array] = {}
 
     def base(self, amplitude: int, as_stated: bool = False) -> Base:
         """Nuisances and the background of an amplitude integrated over."""
@@ -178,8 +178,12 @@ class ModelSpace:
 
     def conditional(self, state: State, as_stated: bool = False) -> Conditional:
         """What is left of every block beside a set."""
-        base = self.base(state.amplitude, as_stated)
-        return Conditional(base, state.blocks, state.widths, self.likelihood, self._among(base, state.blocks))
+        base, key = self.base(state.amplitude, as_stated), (state.blocks, state.amplitude, as_stated)
+        if key not in self._among:
+            for oldest in [*self._among][: len(self._among) + 1 - RECENT]:
+                del self._among[oldest]
+            self._among[key] = base.among(state.blocks)
+        return Conditional(base, state.blocks, state.widths, self.likelihood, self._among[key])
 
     def log_prior(self, blocks: Blocks) -> float:
         """Log prior odds of a set of blocks against none, without its widths."""

@@ -95,6 +95,10 @@ class Waves:
     kind: Literal["waves"] = "waves"
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
+    def __post_init__(self) -> None:
+        if not 1 <= self.order <= MOST_FUNCTIONS:
+            raise AacmmError(f"waves of {self.of}: expected an order from 1 to {MOST_FUNCTIONS}, got {self.order}")
+
     @property
     def number(self) -> int:
         """How many functions there are."""

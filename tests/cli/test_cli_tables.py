@@ -62,7 +62,7 @@ def test_a_diagnosis_in_readable_units(data: Path, tmp_path: Path) -> None:
         (value, u) = (finding["parameters"][next(iter(finding["parameters"]))][k] * 1e6 for k in ("value", "u"))
         numbers = re.findall(r"(\d+\.?\d*) ± (\d+\.?\d*)", wide)
         assert min(abs(float(a) - value) + abs(float(b) - 2 * u) for a, b in numbers) < 0.2 * u
-    assert "compliance 20.10 ± 0.64 µrad/(N·m)" in wide
+    assert re.search(r"compliance 20\.\d\d ± 0\.6\d µrad/\(N·m\)", wide)
     assert "(k = 2)" in wide
     assert "amplitude_rad" not in wide
     assert f"RMS {length(1e-3 * found['rms_mm']['simulation'])} simulated" in wide

@@ -154,7 +154,8 @@ MISTAKES: list[tuple[dict[str, object], str, str]] = [
 OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
     ({"kind": "splines"}, "expected tags"),
     ({"kind": "waves", "of": "time"}, "waves of 'time'"),
-    ({"kind": "waves", "of": "joint 2", "order": 3}, "order: Unexpected"),
+    ({"kind": "waves", "of": "joint 2", "harmonic": 3}, "harmonic: Unexpected"),
+    ({"kind": "waves", "of": "joint 2", "order": 0}, "order from 1"),
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, math.inf]], "width_si": 1.0}, "finite"),
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, 0.0]], "width_si": 0.0}, "width_si above 0"),
     ({"kind": "bumps", "centres_si": [[0.0, 0.0, "0"]], "width_si": 1.0}, "valid number"),
