@@ -25,6 +25,8 @@ from aacmm_pin.measurements.records import Measurements
 
 SMOOTH = (5, 20)
 """Numbers of cosines over the ranks of a covariate: a slow change; one with many turns, where it may shift the tip."""
+ORDERS = (1, 2, 3)
+"""Waves per turn of an error of a joint that another joint's angle makes."""
 GEAR_ORDERS = (2, 3, 4, 6)
 """Waves per turn of a gear's error that a load changes."""
 LATER = 3
@@ -149,14 +151,20 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
     """Each joint, which may shift the tip along the body before it, or turn another joint."""
     for joint in joints:
+        found = _of(joint.name, state.q[:, joint.number], [f"before {joint.row}"], state, joint.column)
+        if found is None or joint.slides:
+            yield found
+            continue
+        waves = [Waves(joint.name, constant=True, order=order) for order in ORDERS]
         others = [other.error for other in joints if other != joint]
-        yield _of(joint.name, state.q[:, joint.number], [f"before {joint.row}", *others], state, joint.column)
+        turning = [Carried.of((wave,), error, state) for wave in waves for error in others]
+        yield replace(found, variants=(*found.variants, *turning))
 
 
 def _of_columns(measurements: Measurements, state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
     """Recorded conditions, the operator and unknown columns."""
     conditions = state.conditions
-    turning = ["room", *(joint.error for joint in joints)]
+    turning = ["room", "target", *(joint.error for joint in joints)]
     anywhere = [*turning, "lengths"]
     if conditions.time is not None:
         yield _of("time", conditions.time, anywhere, state, TIME)

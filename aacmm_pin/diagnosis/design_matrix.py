@@ -30,8 +30,6 @@ AT_ONCE = 100
 """Columns that are worked out at once …"""
 NUMBERS_AT_ONCE = 1_000_000
 """… or as many as have so many numbers, where that is fewer."""
-TYPICAL_MISTAKE = 1e-3
-"""Usual distance by which a target sat elsewhere, where one group of records was set up differently [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,6 +258,6 @@ def _typical(source: tuple[Effect, ...] | Carried, left: float) -> Array:
     if isinstance(source, tuple):
         return np.array([term.typical for effect in source for term in effect.terms])
     shift = max(TYPICAL_SHIFT, left)
-    sizes = {"angle": TYPICAL_TURN * shift, "lengths": TYPICAL_GROWTH * shift, "target": TYPICAL_MISTAKE}
+    sizes = {"angle": TYPICAL_TURN * shift, "lengths": TYPICAL_GROWTH * shift}
     typical = sizes.get(source.carrier.split(" ")[0], shift)
     return np.full(source.functions.shape[1] * len(source.quantities), typical)

@@ -111,7 +111,7 @@ def diagnose(
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged = (choice.fit, *([] if findings else [alone]))
     contradicted = tuple(dict.fromkeys(place for one in judged for place in contradicted_places(one)))
-    worse = _no_better(model.arm, findings, held)
+    worse = _no_better(model.arm, findings, held, bool(choice.covariates))
     doubts = doubts_of(
         findings,
         unexplained.left,
@@ -149,15 +149,17 @@ def diagnose(
     return result
 
 
-def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None) -> bool:
+def _no_better(arm: Arm, findings: Sequence[Finding], held: Gain | None, structure: bool) -> bool:
     """Whether there are causes among the findings with which held-out records are not predicted better beyond doubt.
 
-    Values of the geometry are in the recalibrated arm as well, and places of seats in neither.
+    Values of the geometry are in the recalibrated arm as well, and places of seats in neither. Beside ``structure`` it is
+    enough that each cause is borne out beside it.
     """
     if held is None or held.beyond_doubt:
         return False
-    effects = [finding.effect for finding in findings if not finding.effect.corrects_seat]
-    return any(not geometric_parameters(arm, effect) for effect in effects)
+    causes = [f for f in findings if not (f.effect.corrects_seat or geometric_parameters(arm, f.effect))]
+    borne_out = structure and all(f.brought is not None and f.borne_out for f in causes)
+    return bool(causes) and not borne_out
 
 
 def _require_residuals(measurements: Measurements, recalibrated: Fit) -> None:

@@ -111,12 +111,21 @@ class Posterior:
         each = [self.space.marginal(blocks).amplitudes * weight for blocks, weight in likely.items()]
         return np.asarray(np.sum(each, axis=0) / sum(likely.values()))
 
+    @cached_property
+    def causes_alone(self) -> Conditional:
+        """What is left beside the causes of the median probability model, without covariates and background."""
+        best = self.space.marginal(self.median).best
+        kept = [(k, w) for k, w in zip(best.blocks, best.widths, strict=True) if self.space.candidates.is_cause(k)]
+        return self.space.conditional(State(tuple(k for k, _ in kept), tuple(w for _, w in kept), 0))
+
     def uncertainty_of_the_set(self, block: int) -> Array:
-        """By how much a block's covariance is larger than in the median probability model, for other sets hold it too
-        (q, q), in units of the design's scales: law of total variance, about the estimate of that model.
+        """By how much a cause's covariance is larger than beside the other causes of the median probability model alone
+        (q, q), in units of the design's scales.
+
+        Other sets hold it too, and structure beside it: law of total variance, about the estimate with these causes alone.
         """
-        own = self.left.places[block]
-        about, inside = self.left.estimate[own], self.left.covariance[own, own]
+        alone = self.causes_alone
+        about, inside = alone.estimate[alone.places[block]], alone.covariance[alone.places[block], alone.places[block]]
         holding = {s: w for s, w in self.weights.items() if block in s and w >= THRESHOLDS.worth_listing}
         total = np.zeros_like(inside)
         for blocks, weight in holding.items():
