@@ -292,8 +292,9 @@ def test_what_residuals_may_depend_on(sino6: Arm, rng: np.random.Generator) -> N
     records = Measurements.of(q, sino6.positions(q), conditions=Conditions(n, time=time, session=session))
     found = {covariate.name: covariate for covariate in covariates(sino6, records)}
     angles = [f"angle {row}" for row in range(1, 7)]
-    assert [way.carrier for way in found["joint 3"].variants] == ["before 3", *(a for a in angles if a != "angle 3")]
-    assert [way.carrier for way in found["time"].variants] == ["room", *angles, "lengths", "room", "room"]
+    others = [angle for angle in angles if angle != "angle 3"]
+    assert [way.carrier for way in found["joint 3"].variants] == ["before 3", *others * 3]
+    assert [way.carrier for way in found["time"].variants] == ["room", "target", *angles, "lengths", "room", "room"]
 
     def same(functions: Array, columns: Sequence[Array]) -> None:
         wanted = np.stack(columns, axis=1)
