@@ -93,10 +93,12 @@ def _largest_odds(candidates: Candidates, left: Conditional, rng: np.random.Gene
 
 def any_structure(candidates: Candidates, left: Conditional) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
-    covariates = [k for k in range(len(candidates.blocks)) if not candidates.is_cause(k)]
-    chances = [chance(left, k) for k in covariates]
-    smallest = min(chances, default=1.0)
-    return min(1.0, len(chances) * smallest)
+    products, chances = left.base.gram.products, []
+    for size, own in products.of_size.items():
+        gain, _ = gains(left.informations(size), left.residual[products.columns[size]][:, :, None])
+        ratios = 2.0 * gain[:, -1, 0] / left.variance  # with the largest width, as in likelihood_ratio
+        chances += [float(chi2_sf(ratio, size)) for ratio, k in zip(ratios, own, strict=True) if not candidates.is_cause(k)]
+    return min(1.0, len(chances) * min(chances, default=1.0))
 
 
 def retained(left: Conditional, block: int) -> float:
