@@ -97,7 +97,9 @@ def any_structure(candidates: Candidates, left: Conditional) -> float:
     for size, own in products.of_size.items():
         gain, _ = gains(left.informations(size), left.residual[products.columns[size]][:, :, None])
         ratios = 2.0 * gain[:, -1, 0] / left.variance  # with the largest width, as in likelihood_ratio
-        chances += [float(chi2_sf(ratio, size)) for ratio, k in zip(ratios, own, strict=True) if not candidates.is_cause(k)]
+        chances += [
+            float(chi2_sf(ratio, size)) for ratio, k in zip(ratios, own.tolist(), strict=True) if not candidates.is_cause(k)
+        ]
     return min(1.0, len(chances) * min(chances, default=1.0))
 
 
