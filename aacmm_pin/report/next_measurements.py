@@ -13,7 +13,7 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect, ZeroDrift
 from aacmm_pin.effects.labels import listed
 from aacmm_pin.planning import advice
-from aacmm_pin.report.numbers import length
+from aacmm_pin.report.numbers import lengths
 
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
@@ -26,7 +26,7 @@ def next_measurements(result: Diagnosis) -> str:
     """What would settle what a diagnosis leaves open; beside structure also which of two causes acts."""
     first = _first(result)
     if result.verdict == "unexplained" and result.cannot_tell_apart:
-        return f"{first}; then {_to_tell_sets(result)}"
+        return f"{first}; also: {_to_tell_sets(result)}"
     return first
 
 
@@ -105,10 +105,11 @@ def _first(result: Diagnosis) -> str:
 def _as_held_out(result: Diagnosis) -> str:
     """Which number of the extended arm at new records to compare with which."""
     by = "aacmm-pin correct with the extended arm states their RMS distance from the references"
-    held = result.held_out
+    sizes, held = result.rms, result.held_out
     if held is None:
-        return f"{by}, to be compared with that of these records, {length(result.rms['extended'])}"
-    return f"{by}, which was {length(rms(held.extended))} on held-out records"
+        return f"{by}, to be compared with that of these records, {lengths(sizes.values())[2]}"
+    *_, size = lengths([*sizes.values(), rms(held.extended)])
+    return f"{by}, which was {size} on held-out records"
 
 
 def _open(result: Diagnosis) -> str:

@@ -27,6 +27,7 @@ from aacmm_pin.errors import OutputError
 from aacmm_pin.measurements.simulate import simulate_measurements
 from aacmm_pin.report import html, results
 from aacmm_pin.report.diagnosis import (
+    alternatives,
     diagnosis_document,
     gain_in_words,
     line_to_remember,
@@ -156,6 +157,11 @@ def test_doubt_is_told_with_the_rivals(eccentric: Diagnosis, tmp_path: Path) -> 
         assert words in verdict_in_words(result)
     assert "encoder gain" not in verdict_in_words(result)
     assert look_alikes(result)["label"].tolist()[:1] == ["encoder_eccentricity:2"]  # the other one is out of the question
+    assert sum(map(float, alternatives(with_sets(eccentric, **shares))["probability"])) == 1.0
+    beside = replace(result, verdict="unexplained", doubts=("more causes",))
+    assert "not named" in verdict_in_words(beside)
+    assert "do not distinguish" in card(beside)
+    assert all(label.replace("__", ":") in beside.next_measurements for label in [*shares][:2])
     unexplained = replace(eccentric, verdict="unexplained")
     assert ranking(unexplained)["p"].tolist()[0] == "< 1e-16"
     results.save(unexplained, tmp_path / "report.html")
