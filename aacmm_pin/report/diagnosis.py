@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.display import two_digits
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.calibration.cross_validation import rms
@@ -22,6 +23,7 @@ from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import BACKGROUND, ScatteredReadings, SharedError, Unexplained
 from aacmm_pin.effects import Effect, State
+from aacmm_pin.effects.discrepancy import Discrepancy
 from aacmm_pin.effects.labels import in_words, listed, name_in_words, probability, several_in_words, values_in_words
 from aacmm_pin.report import plots
 from aacmm_pin.report.calibration import KINDS, excluded_records, exclusions_in_words, files
@@ -38,7 +40,7 @@ from aacmm_pin.report.document import (
     blank_axes,
     document_of,
 )
-from aacmm_pin.report.numbers import capital, count, length, lengths, p_equals, p_value, percent
+from aacmm_pin.report.numbers import capital, count, length, length_unit, lengths, p_equals, p_value, percent
 from aacmm_pin.report.plots.groups import held_out_parts, place_in_words
 from aacmm_pin.report.plots.partial_residuals import is_constant, state_of
 from aacmm_pin.report.plots.residual_vectors import models, two_models
@@ -54,6 +56,8 @@ ALTERNATIVES = 3
 """So many other sets of causes are named where the mass is on several."""
 WORST = 5
 """Groups that the table names; the figure has all."""
+COVARIATES = {"record": "the order of the records", "x": "place", "y": "place", "z": "place"}
+"""What residuals may depend on, in words, where its name is none."""
 
 
 @document_of.register
@@ -89,7 +93,7 @@ def diagnosis_document(result: Diagnosis, summary: dict[str, Any] | None = None,
 
 
 def verdict_in_words(result: Diagnosis) -> str:
-    """One sentence: what the simulation lacks, that it lacks nothing, or that these records cannot tell."""
+    """What the simulation lacks, that nothing was found, or that these records cannot tell; then what else is in doubt."""
     wrong = _wrong_in_words(result)
     if result.verdict == "unexplained":
         text = f"{_not_explained(result)}{f'; in addition, {wrong}' if result.findings else ''}"
@@ -100,9 +104,9 @@ def verdict_in_words(result: Diagnosis) -> str:
     else:
         after = "recalibration and extension" if result.findings else "recalibration"
         text = f"{wrong}. After {after}, {_left_in_words(result)}"
-    if result.contradicted and result.verdict in ("unexplained", "ambiguous"):
-        text += f"; in addition, {'; '.join(result.contradicted)}"
-    return f"{_excluded_in_words(result)}{result.model.arm.name}: {text}."
+    beside = _doubts_in_words(result) if result.verdict in ("unexplained", "ambiguous") else ()
+    doubts = "".join(f" {capital(doubt)}." for doubt in beside)
+    return f"{_excluded_in_words(result)}{result.model.arm.name}: {text}.{doubts}"
 
 
 def _ambiguous(result: Diagnosis, wrong: str) -> str:
@@ -111,11 +115,12 @@ def _ambiguous(result: Diagnosis, wrong: str) -> str:
     others = [(labels, share) for labels, share in result.alternatives.items() if set(labels) != found]
     likely = [(labels, share) for labels, share in others if share >= THRESHOLDS.rival][:ALTERNATIVES] or others[:1]
     named = [
-        f"{labels_in_words(result, labels) or 'nothing'} (probability {probability(share)})" for labels, share in likely
+        f"{labels_in_words(result, labels) or 'nothing'} (probability of this set {probability(share)})"
+        for labels, share in likely
     ]
     if not found:
         return f"these records do not settle what the simulation lacks: {listed(named, 'or')}"
-    return f"{wrong}; instead it may be {listed(named, 'or')}"
+    return f"{wrong}; instead it may lack {listed(named, 'or')}"
 
 
 def _excluded_in_words(result: Diagnosis) -> str:
@@ -140,7 +145,7 @@ def _wrong_in_words(result: Diagnosis) -> str:
         ("may have values that are no longer right for", [f for f in doubtful if f.was]),
     ]
     text = " and ".join(f"{how} {_named(some, result.model.arm)}" for how, some in told if some)
-    text = f"the simulation {text}" if text else "no cause is missing in the simulation"
+    text = f"the simulation {text}" if text else _none_found(result)
     if result.no_better:
         text += f", but adding {'it' if len(causes) == 1 else 'them'} does not help to predict held-out records"
     if not values:
@@ -149,11 +154,16 @@ def _wrong_in_words(result: Diagnosis) -> str:
     return f"the simulation's {off}" if result.verdict == "unexplained" and not causes else f"{text}; its {off}"
 
 
+def _none_found(result: Diagnosis) -> str:
+    """That no cause was found, and how probable it is that none acts."""
+    return f"no cause was found that the simulation lacks (probability that none acts: {probability(1.0 - result.more)})"
+
+
 def _named(findings: Sequence[Finding], arm: Arm) -> str:
-    """Findings in a row, behind those in doubt their probability."""
+    """Findings in a row, behind those in doubt their inclusion probability."""
     sure = several_in_words([f.effect for f in findings if f.probability >= THRESHOLDS.settled], arm)
     doubtful = [f for f in findings if f.probability < THRESHOLDS.settled]
-    named = [f"{in_words(f.effect, arm)} (probability {probability(f.probability)})" for f in doubtful]
+    named = [f"{in_words(f.effect, arm)} (inclusion probability {probability(f.probability)})" for f in doubtful]
     return listed([sure, *named] if sure else named)
 
 
@@ -176,13 +186,14 @@ def _doubts_in_words(result: Diagnosis) -> Iterator[str]:
     (seen, of), left, out = result.visible, result.unexplained, int(result.extended.excluded.sum())
     findings, more, arm = result.findings, probability(result.more), result.model.arm
     unconfirmed = [] if "no better" in result.doubts else [f.effect for f in findings if not f.borne_out]
+    unsaid = result.verdict != "unexplained"
     words = {
         "contradicted references": "; ".join(result.contradicted),
         "few causes shown": f"these records would show only {seen} of {count(of, 'cause')} of typical magnitude",
         "cause not named": f"{labels_in_words(result, result.otherwise)} would be found with {count(out, 'record')} more",
         "below zero": f"nature has no {several_in_words([f.effect for f in findings if f.below_zero], arm)} below zero",
         "cause not borne out": unconfirmed and f"held-out records do not confirm {several_in_words(unconfirmed, arm)}",
-        "structure left": f"structure is left beyond chance ({_beside_threshold(left)})",
+        "structure left": unsaid and f"structure is left beyond chance ({_beside_threshold(left)})",
         "starts disagree": "two explorations of the sets of causes found different ones",
         "more causes": f"something acts that is not named (probability {more}, threshold {THRESHOLDS.settled:g})",
     }
@@ -190,8 +201,9 @@ def _doubts_in_words(result: Diagnosis) -> Iterator[str]:
 
 
 def _beside_threshold(left: Unexplained) -> str:
-    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001``."""
-    return f"{p_equals(left.p_value)}, threshold {left.threshold:g}"
+    """The p-value of what is left, and below which something is: ``p = 0.02, threshold 0.001 beside what was named``."""
+    where = "where nothing was named" if left.threshold == THRESHOLDS.left_alone else "beside what was named"
+    return f"{p_equals(left.p_value)}, threshold {left.threshold:g} {where}"
 
 
 def _not_explained(result: Diagnosis) -> str:
@@ -204,8 +216,11 @@ def _not_explained(result: Diagnosis) -> str:
     if turned:
         more += f", and the orientations scatter by {turned / UM:.3g} µrad more than stated"
     left_over = result.unexplained
-    depends = listed(["the order of the records" if name == "record" else name for name in left_over.depends_on])
-    larger = left > THRESHOLDS.much_more * result.noise or turned > 0.0
+    names = [COVARIATES.get(name, name) for name in left_over.depends_on]
+    depends = listed([*dict.fromkeys(names)])
+    shared = left_over.shared_by_postures
+    known = result.noise * np.hypot(1.0, 0.0 if shared is None else shared.times)
+    larger = left > THRESHOLDS.much_more * known or turned > 0.0
     if not depends and left_over.has_background:
         more = f"the residuals have structure of {_background(left_over)} that no single column explains"
     elif depends:
@@ -213,7 +228,7 @@ def _not_explained(result: Diagnosis) -> str:
         more = f"{more} and {way}" if larger else f"the residuals {way}"
     elif left_over.apart and not larger:
         more = ""
-    return "; ".join(filter(None, [*map(str, left_over.apart), more]))
+    return "; ".join(filter(None, [*map(apart_in_words, left_over.apart), more]))
 
 
 def _background(left: Unexplained) -> str:
@@ -236,7 +251,8 @@ def labels_in_words(result: Diagnosis, labels: Sequence[str]) -> str:
 def line_to_remember(result: Diagnosis) -> str:
     """Sizes of residuals by the three models, the noise, and the gain on held-out records."""
     simulated, recalibrated, extended, noise = lengths(result.rms.values())
-    sizes = f"RMS {simulated} simulated → {recalibrated} recalibrated → {extended} extended; noise alone {noise}."
+    alone = "noise alone" if result.extended.stated else "scatter"
+    sizes = f"RMS {simulated} simulated → {recalibrated} recalibrated → {extended} extended; {alone} {noise}."
     return f"{sizes} {gain_in_words(result)}"
 
 
@@ -245,9 +261,11 @@ def gain_in_words(result: Diagnosis) -> str:
     held = result.held_out
     if held is None:
         return "Nothing was held out, so the gain on other records is not known."
+    if np.array_equal(held.extended, held.recalibrated, equal_nan=True):
+        return "The extended and the recalibrated arm are the same, so there is no gain on held-out records."
     low, high = held.interval
     nothing = "" if held.beyond_doubt or high < -THRESHOLDS.least_gain else ", not significant"
-    counted = f" {count(held.excluded, 'excluded record')} included." if held.excluded else ""
+    counted = f" {_of_extended(held)}".rstrip()
     if result.findings and result.extended.thinned:
         counted += " It need not hold at new postures: the extended arm excludes too many records."
     return (
@@ -274,14 +292,10 @@ def unexplained_in_words(left: Unexplained) -> str:
     """What structure is left, or that none is."""
     p, covariates = p_equals(left.p_value), [*left.acts_on]
     branches = "".join(f"{capital(each)}. " for each in (*map(_with_its_chance, left.apart), *_excluded(left)))
+    on_held_out = "of what the causes leave on held-out records"
+    worth = "" if left.gain is None else f" A smooth correction removes {percent(left.gain)} {on_held_out}."
     if not covariates and left.has_background:
-        worth = (
-            "" if left.gain is None else f" On held-out records it removes {percent(left.gain)} of what the causes leave."
-        )
-        return (
-            f"{branches}Structure of {_background(left)} is left that no single column explains. The extended arm does not "
-            f"have it; --with-discrepancy saves it.{worth}"
-        )
+        return f"{branches}Structure of {_background(left)} is left that no single column explains.{worth}"
     if not covariates:
         if left.groups:
             return f"{branches}Groups of records do not agree with the others ({p})."
@@ -289,23 +303,47 @@ def unexplained_in_words(left: Unexplained) -> str:
             return branches.strip()
         what = "Structure over a column is" if left.left else "No structure over a column is"
         return f"{branches}{what} left beyond chance ({_beside_threshold(left)})."
-    worth = "" if left.gain is None else f" On held-out records it removes {percent(left.gain)} of what the causes leave."
-    return (
-        f"{branches}The residuals depend on {listed(covariates)} ({p}) in a way that no cause of the library has. The "
-        f"extended arm does not have this; --with-discrepancy saves it.{worth}"
-    )
+    return f"{branches}The residuals depend on {listed(covariates)} ({p}) in a way that no cause of the library has.{worth}"
+
+
+def _saved_in_words(result: Diagnosis) -> str:
+    """What the extended arm has of what no cause explains."""
+    parts = [each.covariate for each in result.unexplained.discrepancy]
+    if not parts:
+        return ""
+    said, lost = [], result.not_saved
+    if saved := listed([name for name in parts if name not in lost]):
+        there = any(isinstance(effect, Discrepancy) for effect in result.model.effects)
+        has = "has this discrepancy too" if there else "does not have this; --with-discrepancy saves it"
+        said.append(f"The extended arm {has}: {saved}.")
+    if lost:
+        said.append(f"No arm file can have the discrepancy over {listed(lost)}, which is not known of new readings.")
+    return " ".join(said)
+
+
+def apart_in_words(one: Branches | ScatteredReadings | SharedError) -> str:
+    """What is left beside structure over a column."""
+    if not isinstance(one, SharedError):
+        return str(one)
+    shared, own = (two_digits(size / UM) for size in (one.rms, one.rms / one.times))
+    return f"records of one posture share an error of {shared} µm (RMS), beside {own} µm of each record's own"
 
 
 def _with_its_chance(one: Branches | ScatteredReadings | SharedError) -> str:
     """A statement with the number that it rests on."""
     rests_on = f"log likelihood ratio {one.log_ratio:.1f}" if isinstance(one, Branches) else p_equals(one.p_value)
-    return f"{one} ({rests_on})"
+    return f"{apart_in_words(one)} ({rests_on})"
 
 
 def _excluded(left: Unexplained) -> list[str]:
     """What the excluded records share."""
     shared = left.excluded
-    return [] if shared is None else [f"{shared.excluded} of the {shared.of} excluded records have {shared.where}"]
+    if shared is None:
+        return []
+    if shared.excluded == 1:
+        return [f"records round an excluded one have {shared.where}"]
+    how_many = "all" if shared.excluded == shared.of else f"{shared.excluded} of"
+    return [f"{how_many} {shared.of} excluded records have {shared.where}"]
 
 
 # Tables ------------------------------------------------------------------------------------------------------------------
@@ -336,9 +374,13 @@ def ranking(result: Diagnosis) -> pd.DataFrame:
 
 
 def alternatives(result: Diagnosis) -> pd.DataFrame:
-    """The sets of causes, most probable first: causes, probability."""
-    likely = [(labels, share) for labels, share in result.alternatives.items() if share >= LEAST_SET]
-    rows = [(labels_in_words(result, labels) or "none", probability(share)) for labels, share in likely[:SETS]]
+    """The sets of causes, most probable first: causes, probability; last all others together."""
+    likely = [(labels, share) for labels, share in result.alternatives.items() if share >= LEAST_SET][:SETS]
+    rows = [(labels_in_words(result, labels) or "none", probability(share)) for labels, share in likely]
+    others = len(result.alternatives) - len(likely)
+    rest = 1.0 - sum(share for _, share in likely)
+    if others:
+        rows.append((count(others, "other set"), probability(max(rest, 0.0))))
     return pd.DataFrame(rows, columns=["causes", "probability"])
 
 
@@ -414,17 +456,14 @@ def rms_figure(result: Diagnosis) -> Figure:
 
 
 def _wrong(result: Diagnosis) -> list[Block]:
-    title, table = Heading("Where the simulation is wrong"), result.residual_groups.copy()
+    title, table = Heading("Where the simulation is wrong"), result.residual_groups
     if table.empty:
         return [title, Paragraph("There are too few records to compare groups.", detail=True)]
     height = 0.5 - 2.2 * (-table["by"].nunique() // 3)
-    table["where"] = [place_in_words(by, group) for by, group in zip(table["by"], table["group"], strict=True)]
-    sizes = [f"{name}_mm" for name in ("simulation", "predicted", "extended")]
-    worst = table[["where", "records", *sizes, "times_predicted"]]
-    beside, times, line = "what the stated uncertainties and the noise predict", "times predicted", "dashed"
+    predicted, beside, line = "predicted", "what the stated uncertainties and the noise predict", "dashed"
     if table["predicted_mm"].equals(table["noise_mm"]):
-        worst = worst.rename(columns={"predicted_mm": "noise_mm"})
-        beside, times, line = "the noise, as no uncertainty is stated that would predict more", "times noise", "dotted"
+        predicted, beside, line = "noise", "the noise, as no uncertainty is stated that would predict more", "dotted"
+    worst = _worst(result, predicted)
     return [
         title,
         Figure(
@@ -437,11 +476,25 @@ def _wrong(result: Diagnosis) -> list[Block]:
         Table(
             worst,
             f"Where the simulation is wrong most, beside {beside} (RMS)",
-            {"times_predicted": ".1f"},
-            {"times_predicted": times},
+            {f"times {predicted}": ".2f"},
             most=WORST,
         ),
+        Paragraph("" if len(worst) else f"The simulation is in no group of records more wrong than {beside}."),
     ]
+
+
+def _worst(result: Diagnosis, predicted: str) -> pd.DataFrame:
+    """Groups that are farther off than predicted, the worst first, in the unit of the RMS of all."""
+    table = result.residual_groups
+    worse = table[table["times_predicted"] > 1.0]
+    unit, scale = length_unit(max(result.rms.values()))
+    found = pd.DataFrame({"where": list(map(place_in_words, worse["by"], worse["group"]))}, index=worse.index)
+    found["records"] = worse["records"]
+    heads = {"simulation": "simulation", "predicted": predicted, "extended": "extended"}
+    for name, head in heads.items():
+        found[f"{head} [{unit}]"] = worse[f"{name}_mm"] * (MM / scale)
+    found[f"times {predicted}"] = worse["times_predicted"]
+    return found
 
 
 def _causes(result: Diagnosis) -> list[Block]:
@@ -466,8 +519,9 @@ def _causes(result: Diagnosis) -> list[Block]:
         Table(
             alternatives(result),
             "Sets of causes that may act, with their probabilities",
-            explained="The probabilities of all sets add up to one; those of less than 1 % are not listed.",
+            explained="The probabilities of all sets add up to one; those of less than 1 % are added up.",
         ),
+        Bullets([f"These records do not distinguish {labels_in_words(result, each)}." for each in result.cannot_tell_apart]),
         Table(
             look_alikes(result),
             "Aliases: causes with a similar effect in these records",
@@ -545,9 +599,13 @@ def _held_out(result: Diagnosis) -> list[Block]:
 
 def _counted(held: Gain) -> str:
     """Which excluded records count in the gain."""
-    words = f"{count(held.excluded, 'record')} that only the extended arm excludes count too. " * bool(held.excluded)
-    out = f"{count(held.gross_errors, 'record')} that both arms exclude do not count. " * bool(held.gross_errors)
-    return f"{words}{out}".strip()
+    out = f"Not counted: {count(held.gross_errors, 'record')} that both arms exclude." * bool(held.gross_errors)
+    return f"{_of_extended(held)} {out}".strip()
+
+
+def _of_extended(held: Gain) -> str:
+    """How many records count in the gain though the extended arm excludes them."""
+    return f"Counted too: {count(held.excluded, 'record')} that only the extended arm excludes." * bool(held.excluded)
 
 
 def _left(result: Diagnosis) -> list[Block]:
@@ -560,7 +618,8 @@ def _left(result: Diagnosis) -> list[Block]:
         )
         for name in left.shapes
     ]
-    return [Heading("What no cause explains"), *_structure(left), *shapes, *excluded_records(result.excluded)]
+    saved = Paragraph(_saved_in_words(result))
+    return [Heading("What no cause explains"), *_structure(left), saved, *shapes, *excluded_records(result.excluded)]
 
 
 def _structure(left: Unexplained) -> list[Block]:

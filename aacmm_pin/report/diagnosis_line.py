@@ -35,8 +35,8 @@ def _clauses(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _sizes(diagnosis: Diagnosis) -> str:
-    sizes = diagnosis.rms.items()
-    each = [f"{size / MM:.4f} mm {BY_MODEL[name]}" for name, size in sizes]
+    words = BY_MODEL if diagnosis.extended.stated else BY_MODEL | {"noise": "of scatter"}
+    each = [f"{size / MM:.4f} mm {words[name]}" for name, size in diagnosis.rms.items()]
     return ", ".join(each)
 
 

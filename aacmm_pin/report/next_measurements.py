@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aacmm_pin._support.threads import one_blas_thread
+from aacmm_pin.calibration.cross_validation import rms
+from aacmm_pin.calibration.shared_exclusions import LABELS
 from aacmm_pin.diagnosis import Alias, Diagnosis, Finding
 from aacmm_pin.diagnosis.result import too_good
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect, ZeroDrift
 from aacmm_pin.effects.labels import listed
 from aacmm_pin.planning import advice
+from aacmm_pin.report.numbers import lengths
 
 PLACE, SCALE = ("x", "y", "z", "place"), "scale"
 """Names of what :mod:`aacmm_pin.diagnosis.covariates` calls so."""
@@ -20,7 +23,15 @@ ORDER = ("record", "time")
 
 @one_blas_thread
 def next_measurements(result: Diagnosis) -> str:
-    """What would settle what a diagnosis leaves open."""
+    """What would settle what a diagnosis leaves open; beside structure also which of two causes acts."""
+    first = _first(result)
+    if result.verdict == "unexplained" and result.cannot_tell_apart:
+        return f"{first}; also: {_to_tell_sets(result)}"
+    return first
+
+
+def _first(result: Diagnosis) -> str:
+    """What to measure first."""
     verdict, findings, unexplained, (seen, of) = result.verdict, result.findings, result.unexplained, result.visible
     if too_good(result.extended):
         return "check what was stated of the noise, and its unit: beside noise that large no cause can show, in any records"
@@ -88,7 +99,17 @@ def next_measurements(result: Diagnosis) -> str:
     drifts = [finding.effect for finding in findings if isinstance(finding.effect, ZeroDrift)]
     if ends := [drift.until_s for drift in drifts if drift.until_s is not None]:
         return f"records after {max(ends):.4g} s, by the same clock: whether the drift stops or goes on is open"
-    return "nothing is open; check the extended arm on new records, over all ranges of its joints, with aacmm-pin correct"
+    return f"nothing is open; take new records over all ranges of the joints: {_as_held_out(result)}"
+
+
+def _as_held_out(result: Diagnosis) -> str:
+    """Which number of the extended arm at new records to compare with which."""
+    by = "aacmm-pin correct with the extended arm states their RMS distance from the references"
+    sizes, held = result.rms, result.held_out
+    if held is None:
+        return f"{by}, to be compared with that of these records, {lengths(sizes.values())[2]}"
+    *_, size = lengths([*sizes.values(), rms(held.extended)])
+    return f"{by}, which was {size} on held-out records"
 
 
 def _open(result: Diagnosis) -> str:
@@ -170,6 +191,11 @@ def _otherwise(depends_on: Sequence[str]) -> str:
         found.append("measure the same postures with the stand of the arm elsewhere, which tells the room from the arm")
     if SCALE in depends_on:
         found.append("measure a length that is known from elsewhere, which tells whether the references or the arm are off")
-    if others:
-        found.append(f"take some postures again with another {', another '.join(others)} and all else unchanged")
+    labels = [name for name in others if name.split()[0] in LABELS]
+    if labels:
+        found.append(f"take some postures again with another {', another '.join(labels)} and all else unchanged")
+    if numbers := [name for name in others if name not in (*labels, *ORDER)]:
+        found.append(f"take some postures again at another time, when {listed(numbers)} is not the same")
+    elif set(others) & set(ORDER):
+        found.append("take some postures again at another time, with all else unchanged")
     return ", ".join(found)
