@@ -304,7 +304,7 @@ def _of_target(after: Fit) -> list[str]:
     offsets = [effect for effect in after.solution.effects if isinstance(effect, StylusOffset) and effect.marker is None]
     return [
         f"the target is {np.linalg.norm(offset.values) / MM:.4g} mm from the tip of {after.problem.model.arm.name}, and is "
-        "the tip of the calibrated arm; with a label in the column marker the tip stays where it was"
+        "the tip of the calibrated arm; to keep the tip where it was, give the target a label in the column marker"
         for offset in offsets
     ]
 
@@ -370,8 +370,8 @@ def _of_noise(after: Fit) -> list[str]:
             )
     elif after.unmodelled > 0:
         found.append(
-            f"the records scatter more than stated: {after.scatter_in_words} per coordinate were added; what the arm lacks "
-            "moves its tips by about as much, and is not in their U"
+            f"the records scatter more than stated: {after.scatter_in_words} per coordinate were added; if the arm lacks "
+            "something, it moves the tips by about as much, and U of the tips does not contain it"
         )
         found += _farther_off(after)
     return found
@@ -425,9 +425,9 @@ def notes_of(after: Fit) -> list[str]:
             "reference frame right?"
         )
     units = [term.unit for effect in problem.vector.effects for term in effect.terms]
-    free = [unit for unit, stated in zip(units, problem.stated, strict=True) if not stated]
-    if any(unit in ASSEMBLED for unit in free):
-        count = f"{len(free)} parameter{'s' * (len(free) != 1)}"
+    free = {name: u for name, u, stated in zip(problem.vector.names, units, problem.stated, strict=True) if not stated}
+    if any(unit in ASSEMBLED for unit in free.values()):
+        count = f"{len(free)} parameters" if len(free) > MOST_NAMED else ", ".join(free)
         found.append(
             f"uncertainty of {count} not given: taken as ±{ASSEMBLED['m'] / MM:g} mm and "
             f"±{ASSEMBLED['rad'] / DEG:.0f}° for geometry, wide enough not to matter where the data say something"
