@@ -56,14 +56,22 @@ def page() -> Iterator[Page]:
 
 
 LONGEST = (
-    "test_diagnosis_of_real_arms",
+    "test_sound_verdicts",
     "test_blind_gate",
-    "test_real_arms",
+    "test_diagnosis_of_real_arms",
     "test_diagnosis",
     "test_documented_code",
-    "test_report",
+    "test_accept",
+    "test_configurations",
+    "test_diagnosis_document",
     "test_likeness",
-    "test_sound_verdicts",
+    "test_cli",
+    "test_prediction",
+    "test_diagnosis_edges",
+    "test_guards",
+    "test_report",
+    "test_real_arms",
+    "test_names_paths_texts",
 )
 """Files that take twenty seconds or more, the longest first."""
 

@@ -87,6 +87,7 @@ def off(spot: BlindSpot, report: dict[str, Any]) -> float:
     return spot.off(np.array(report["predicted_m"]))
 
 
+@pytest.mark.long
 def test_all_twelve_causes_are_named_and_corrected(tmp_path: Path) -> None:
     spot = BlindSpot.of(1)
     assert min(spot.visibility.values()) > VISIBLE  # no joint of this mount is without gravity

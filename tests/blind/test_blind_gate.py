@@ -104,9 +104,15 @@ def off(row: Row) -> dict[str, float]:
     return away
 
 
+def task_of(case: Row) -> runs.Task:
+    """Without the gain on held-out records, which has no part in what is named; the study has it."""
+    given = {name: value for name, value in case.items() if name != "seed"}
+    return runs.Task(case["seed"], given, options=("--no-held-out",))
+
+
 @pytest.mark.parametrize("group", CASES)
 def test_nothing_sure_is_wrong_and_enough_is_right(group: str) -> None:
-    rows = [runs.perform(runs.Task(case["seed"], {k: v for k, v in case.items() if k != "seed"})) for case in CASES[group]]
+    rows = [runs.perform(task_of(case)) for case in CASES[group]]
     found = [outcome(row) for row in rows]
     assert not (bad := [o for o in found if o["error"] or o["wrong"] or o["named"]]), told(bad)
     wrong = [o for o in found if not o["right"]]

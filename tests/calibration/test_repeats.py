@@ -26,7 +26,7 @@ def several(table: pd.DataFrame, times: int) -> Measurements:
     return Measurements.from_frame(pd.concat([table] * times, ignore_index=True))
 
 
-@pytest.mark.parametrize("plan", ["free", "seats"])
+@pytest.mark.parametrize("plan", [pytest.param("free", marks=pytest.mark.long), "seats"])
 def test_a_file_appended_to_itself_says_the_same(sino6: Arm, rng: np.random.Generator, plan: Any) -> None:
     model = ErrorModel(sino6).with_effects(EncoderEccentricity(3, values=(2e-4, 1e-4)))
     table = simulate_measurements(model, plan, 60, rng=rng, seats=6).to_frame()

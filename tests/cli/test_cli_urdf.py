@@ -183,6 +183,7 @@ def test_an_arm_file_of_a_robot_goes_through_every_command(robot: tuple[Path, Pa
     refused("correct", truth, records, said=["truth.toml: urdf.sha256:", "was changed"])
 
 
+@pytest.mark.parametrize("robot", ["ur5_robot.urdf tool0"], indirect=True)
 def test_a_calibrated_and_an_extended_robot_are_files(robot: tuple[Path, Path, Path], tmp_path: Path) -> None:
     truth, records, urdf = robot
     stated = [records, *HALF_WIDTHS, "--encoder-noise-rad", "1e-6", "--reference-noise-mm", "0.001", "--no-held-out"]

@@ -278,7 +278,8 @@ def test_nonsense_in_the_arm_file_is_named(arms: dict[str, Arm], tmp_path: Path)
         (entry,) = content.pop("effects")
         path = tmp_path / "odd.toml"
         refused = []
-        for key, odd in itertools.product([*example.structure(), "parameters", "uncertainty", "new_field"], NONSENSE):
+        of_all = ["parameters", "uncertainty", "new_field"] if example is EXAMPLES[0] else []
+        for key, odd in itertools.product([*example.structure(), *of_all], NONSENSE):
             path.write_text(tomli_w.dumps(content | {"effects": [entry | {key: odd}]}), encoding="utf-8")
             try:
                 (loaded,) = ErrorModel.load(path).effects
@@ -288,7 +289,7 @@ def test_nonsense_in_the_arm_file_is_named(arms: dict[str, Arm], tmp_path: Path)
                 stated = tuple(odd) if isinstance(odd, list) else odd
                 assert getattr(loaded, key, None) == stated or (key, odd) in (("parameters", {}), ("uncertainty", {}))
         assert all(place.startswith(f"{path}: effects[1]") for place in refused)
-        assert len(refused) >= 3 * len(NONSENSE) - 2
+        assert len(refused) >= len(of_all) * len(NONSENSE) - 2
 
 
 def test_missing_condition_names_the_column(arms: dict[str, Arm], rng: np.random.Generator) -> None:
@@ -606,9 +607,10 @@ def test_link_bends_as_the_beam_equation_says(sino6: Arm, q: Array, bodies: Bodi
     Pieces of the tube stand for its even weight to 1/(their number)².
     """
     frames = placements(sino6, q)
+    some = range(0, len(q), 4)  # each takes many pieces
     for link in (3, 5):
-        expected = np.array([bent(bodies, k, link, frames[k]) for k in range(len(q))])
-        found = columns(sino6, LinkBending(link=link), q, Conditions(len(q)))[:, :, 0]
+        expected = np.array([bent(bodies, k, link, frames[k]) for k in some])
+        found = columns(sino6, LinkBending(link=link), q[::4], Conditions(len(some)))[:, :, 0]
         close(found, expected, 2e-6 * np.abs(expected).max())
         assert np.abs(expected).max() > 1e-4
 

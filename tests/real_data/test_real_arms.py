@@ -199,6 +199,9 @@ def test_table_and_urdf_tell_the_same(
     assert list(found.fit.excluded) == list(usual.fit.excluded)
 
 
+@pytest.mark.parametrize(
+    "measured", ["ur10", "fanuc", "iiwa14", pytest.param("panda", marks=pytest.mark.long)], indirect=True
+)
 def test_where_the_search_starts(measured: Measured, rng: np.random.Generator) -> None:
     """Every value of the table is off by up to 2 mm or 0.5°."""
     file = measured.case.arm().file

@@ -34,7 +34,7 @@ def blind(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Diagnosis]:
     @cache
     def of(cause: str | None, seed: int = 3, plan: str = "free", outliers: float = 0.0) -> Diagnosis:
         path = tmp_path_factory.mktemp("blind") / "data.csv"
-        draw(seed, cause, plan=plan, records=150 if plan == "free" else 300, outliers=outliers).write(path)
+        draw(seed, cause, plan=plan, records=150, outliers=outliers).write(path)
         probe = 12e-6 if plan != "free" else None
         records = Measurements.read(path)
         return diagnose(ErrorModel.load("sino6"), records, encoder_noise=READINGS, reference_noise=12e-6, probe_noise=probe)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
@@ -19,7 +21,7 @@ from aacmm_pin.errors import AacmmError, MeasurementFileError, OutputError
 from aacmm_pin.report.acceptance import CheckDetails, acceptance_document
 from aacmm_pin.report.html import page as page_of
 from aacmm_pin.report.plots.history import charts_drawn, plot_history
-from aacmm_pin.verification import History
+from aacmm_pin.verification import AcceptanceResult, History
 from tests.browser import Page as Browser
 from tests.verification.test_accept import everything, rows
 
@@ -34,10 +36,16 @@ def touches(path: Path, size: float) -> Path:
     return path
 
 
-def history(folder: Path, sizes: list[float]) -> History:
+@cache
+def checked(size: float) -> AcceptanceResult:
+    with TemporaryDirectory() as folder:
+        return accept(touches(Path(folder) / "t.csv", size))
+
+
+def history(sizes: list[float]) -> History:
     found = History()
     for month, size in enumerate(sizes):
-        found = found.with_check(accept(touches(folder / "t.csv", size)), START + timedelta(days=30 * month))
+        found = found.with_check(checked(size), START + timedelta(days=30 * month))
     return found
 
 
@@ -47,30 +55,30 @@ SIZES = [0.020, 0.022, 0.019, 0.021, 0.024, 0.018, 0.023, 0.017]
 @pytest.mark.parametrize(("latest", "left"), [(0.0307, False), (0.0308, True), (0.0102, True)])
 def test_limits_are_those_of_individuals_charts(tmp_path: Path, latest: float, left: bool) -> None:
     """Moving ranges 2, 3, 2, 3, 6, 5, 6 µm: their mean 27/7 µm, the mean of the values 20.5 µm."""
-    found = history(tmp_path, [*SIZES, latest])
+    found = history([*SIZES, latest])
     chart = next(chart for chart in found.charts() if chart.figure == "SPAT.Max")
     assert (chart.centre, *chart.limits) == pytest.approx((20.5e-6, *(20.5e-6 + s * 2.66 * 27e-6 / 7 for s in (-1, 1))))
     assert (chart.left, "SPAT.Max" in str(found)) == (left, left)
-    wild = history(tmp_path, [0.001, 0.02, 0.002, 0.021, 0.003, 0.022, 0.004, 0.023, 0.05]).charts()[0]
+    wild = history([0.001, 0.02, 0.002, 0.021, 0.003, 0.022, 0.004, 0.023, 0.05]).charts()[0]
     assert (np.isnan(wild.limits[0]), wild.limits[1], wild.left) == (True, pytest.approx(61.4e-6), False)
-    few = next(chart for chart in history(tmp_path, [*SIZES[1:], 1.0]).charts() if chart.figure == "SPAT.Max")
+    few = next(chart for chart in history([*SIZES[1:], 1.0]).charts() if chart.figure == "SPAT.Max")
     assert np.isnan(few.limits).all()
     assert not few.left
 
 
 def test_a_failed_check_does_not_widen_the_limits(tmp_path: Path) -> None:
     """In one month the arm is 2.5 times worse, by its MPE or not; later ones are judged as if that were not there."""
-    usual = history(tmp_path, [*SIZES, 0.0201, 0.0231])
+    usual = history([*SIZES, 0.0201, 0.0231])
     (expected,) = (chart.limits for chart in usual.charts() if chart.figure == "SPAT.Max")
     for mpe in ({}, {"SPAT.Max": 4e-5}):
-        found = history(tmp_path, [*SIZES, 0.0201])
+        found = history([*SIZES, 0.0201])
         for month, size in ((10, 0.05), (11, 0.0231)):
             result = accept(touches(tmp_path / "t.csv", size), mpe=mpe)
             found = found.with_check(result, START + timedelta(days=30 * month))
         (chart,) = (chart for chart in found.charts() if chart.figure == "SPAT.Max")
         assert (chart.limits, chart.counted.tolist()) == (expected, [True] * 9 + [False])
         assert {row["figure"]: row["checks_counted"] for row in found.summary()} == {"SPAT.Max": 9, "SPAT.2s": 9}
-    two = history(tmp_path, SIZES[:1]).with_check(result, START + timedelta(days=30))
+    two = history(SIZES[:1]).with_check(result, START + timedelta(days=30))
     failed = two.with_check(accept(touches(tmp_path / "t.csv", 0.05), mpe=mpe), START + timedelta(days=60))
     last = accept(touches(tmp_path / "t.csv", 0.0202))
     assert failed.with_check(last, START + timedelta(days=90)).charts()[0].counted.tolist() == [True, True, False]
@@ -108,7 +116,7 @@ def test_a_check_is_appended_once(tmp_path: Path) -> None:
 
 def test_an_instrument_is_one_however_it_is_written(tmp_path: Path) -> None:
     path = tmp_path / "checks.csv"
-    history(tmp_path, SIZES).save(path)
+    history(SIZES).save(path)
     table = pd.read_csv(path)
     table.assign(instrument=(["Arm7", "ARM7", "Arm7 "] * len(table))[: len(table)]).to_csv(path, index=False)
     found = History.read(path).with_check(accept(touches(tmp_path / "t.csv", 0.05)), START + timedelta(days=999), "arm7")
@@ -148,7 +156,7 @@ def test_further_figures_of_a_check_join_it(tmp_path: Path) -> None:
 )
 def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -> None:
     path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
-    history(tmp_path, SIZES).save(path)
+    history(SIZES).save(path)
     table = pd.read_csv(path, dtype=str, keep_default_na=False)
     table.loc[4, column] = cell
     table.to_csv(path, index=False)
@@ -167,7 +175,7 @@ def test_damaged_histories_are_refused(tmp_path: Path, column: str, cell: str) -
 
 
 def test_times_are_of_one_zone(tmp_path: Path) -> None:
-    history(tmp_path, SIZES).save(path := tmp_path / "checks.csv")
+    history(SIZES).save(path := tmp_path / "checks.csv")
     times = pd.read_csv(path)["time"]
     path.write_text(path.read_text().replace("2026-01-31T00:00:00+00:00", "2026-01-31T02:00:00+02:00"))
     assert History.read(path).checks["time"].tolist() == pd.to_datetime(times, utc=True).tolist()
@@ -181,9 +189,9 @@ def test_a_pipe_is_no_history(tmp_path: Path) -> None:
 
 def test_only_what_was_read_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "checks.csv"
-    history(tmp_path, SIZES[:2]).save(path)
+    history(SIZES[:2]).save(path)
     read = History.read(path)
-    history(tmp_path, SIZES[:3]).checks.to_csv(path, index=False)  # somebody else meanwhile
+    history(SIZES[:3]).checks.to_csv(path, index=False)  # somebody else meanwhile
     with pytest.raises(OutputError, match="meanwhile"):
         read.save(path)
     for force in (False, True):
@@ -194,7 +202,7 @@ def test_only_what_was_read_is_replaced(tmp_path: Path) -> None:
 
 def test_charts_have_dates_and_say_what_their_marks_are(tmp_path: Path) -> None:
     """A check a month, or of one day: then with the time; of the marks those that are there."""
-    monthly, daily = history(tmp_path, [*SIZES, 0.05]), history(tmp_path, [0.02])
+    monthly, daily = history([*SIZES, 0.05]), history([0.02])
     for hour in (2, 4):
         daily = daily.with_check(accept(touches(tmp_path / "t.csv", 0.02 + hour * 1e-4)), START + timedelta(hours=hour))
     first, last = START, START + timedelta(days=240)
@@ -218,7 +226,7 @@ def test_charts_have_dates_and_say_what_their_marks_are(tmp_path: Path) -> None:
 
 
 def test_charts_that_are_not_drawn_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    checks = history(tmp_path, SIZES)
+    checks = history(SIZES)
     assert "not drawn" not in plot_history(checks).legends[0].get_title().get_text()
     monkeypatch.setattr("aacmm_pin.report.plots.history.MOST", 1)
     assert "1 of 2 figures not drawn" in plot_history(checks).legends[0].get_title().get_text()
@@ -236,7 +244,7 @@ def test_a_test_report_is_one_sheet(tmp_path: Path, page: Browser) -> None:
     for arms in ({}, {"nominal": arm, "extended": arm}):
         result = accept(tmp_path / "touches.csv", arms, mpe=mpe)
         table.assign(z_mm=table["z_mm"] * 1.0001).to_csv(tmp_path / "before.csv", index=False)
-        checks = history(tmp_path, SIZES).with_check(accept(tmp_path / "before.csv", arms), START + timedelta(days=270))
+        checks = history(SIZES).with_check(accept(tmp_path / "before.csv", arms), START + timedelta(days=270))
         checks = checks.with_check(result, START + timedelta(days=300))
         assert len(charts_drawn(checks)) == min(12, len(checks.charts()))
         told = CheckDetails(START, "no. 12", {"humidity": "45 %"}, checks)

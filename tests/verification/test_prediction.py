@@ -145,7 +145,7 @@ def test_predictions_are_those_of_the_exact_chain(sino6: Arm, few: Path, tmp_pat
     """Figures of arms that are drawn and touch exactly, judged from their files, beside the predicted distribution."""
     found = predict_acceptance(str(few), {"sino6": sino6}, encoder_noise=8e-6, runs=100, progress=False)
     procedure, ranks = Procedure.read(few, sino6), []
-    for seed in range(12):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         true = perturbed_model(ErrorModel(sino6), rng)
         noise = Noise.of(6, encoder=8e-6)
@@ -153,7 +153,7 @@ def test_predictions_are_those_of_the_exact_chain(sino6: Arm, few: Path, tmp_pat
         procedure.filled(records, ErrorModel(sino6)).to_csv(tmp_path / "filled.csv", index=False)
         values = {f.definition.name: abs(f.evaluated.value) for f in accept(tmp_path / "filled.csv").figures}
         ranks.append([np.mean(f.magnitudes < values[f.definition.name]) for f in found.figures])
-    mean = np.mean(ranks, axis=0)  # of uniform ranks 0.5 ± 0.083
+    mean = np.mean(ranks, axis=0)  # of uniform ranks 0.5 ± 0.118
     assert (np.abs(mean - 0.5) < 0.3).all(), dict(zip((f.definition.name for f in found.figures), mean, strict=True))
     assert abs(np.mean(ranks) - 0.5) < 0.17
 

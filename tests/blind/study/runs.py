@@ -30,13 +30,14 @@ TRIES, FAR_AWAY = 10, 10_000_000
 @dataclass(frozen=True)
 class Task:
     """The file of a seed in a family, with fields of :class:`~blind.regimes.Regime` that are not drawn; ``limit`` is the
-    CPU time that the command may take [s].
+    CPU time that the command may take [s], ``options`` are more of its options.
     """
 
     seed: int
     given: Mapping[str, Any] = field(default_factory=dict)
     limit: float = 60.0
     family: str = "regimes"
+    options: tuple[str, ...] = ()
 
 
 def perform(task: Task) -> Row:
@@ -49,7 +50,7 @@ def perform(task: Task) -> Row:
         start = time.process_time()
         try:
             with _limited(task.limit):
-                result = CliRunner().invoke(app, ["diagnose", *file.words(folder), "--json", "-"])
+                result = CliRunner().invoke(app, ["diagnose", *file.words(folder), *task.options, "--json", "-"])
             if result.exit_code == 0:
                 row["said"] = json.loads(result.stdout)
             else:
