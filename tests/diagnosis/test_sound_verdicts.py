@@ -319,7 +319,7 @@ def test_a_look_alike_at_a_seat_has_a_seat_and_no_joint() -> None:
     ]
 
 
-def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 150) -> Diagnosis:
+def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 300) -> Diagnosis:
     """Of records of an arm that is known to have a compliance of joint 2, with another value or with causes besides."""
     known = JointCompliance(joint=2, values=(2e-5,), u=(2e-7,))
     truth = ErrorModel(sino6, (known.at((value,)), *new))
