@@ -1,4 +1,4 @@
-"""Every number that the commands write for fixed inputs, so that a change which should change none can be held to it.
+"""Every number and every name that the commands write for fixed inputs, so that a change is held to those it should keep.
 
 ``python -m tests.kept_numbers NUMBERS.json`` runs all commands, and with two such files lists what differs.
 ``python -m tests.kept_numbers few`` writes anew the few that a test holds, in ``kept_numbers.json``.
@@ -30,6 +30,9 @@ from aacmm_pin.cli.root_command import app
 NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
 AT_SEATS = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.01 --probe-noise-mm 0.005"
 FREE, SEATS = "simulate sino6 --plan free", "simulate sino6 --plan seats --records 120"
+BARS = "simulate sino6 --plan ball-bar --seats 4 --records 90 --bar-length-mm 400"
+AT_BARS = "--encoder-noise-rad 8e-6 --probe-noise-mm 0.005 --length-noise-mm 0.002"
+HALF_WIDTHS = "--translation-half-width-mm 0.5 --rotation-half-width-rad 1e-3"
 POINT = "--point 33.6323 -671.8702 182.9355"
 FEW = [
     "urdf sino6 -o sino6.urdf",
@@ -59,14 +62,36 @@ MORE = [
     "diagnose sino6 free.csv --json unstated.json",
     "correct seats.toml seats.csv -o seats-corrected.csv",
     f"plan sino6 --data warm.csv {NOISE} --records 10 -o best.csv --json best.json",
+    f"plan sino6 --for calibration {NOISE} --records 20 --postures 300 -o geometry.csv --json geometry.json",
+    "plan sino6 --for acceptance --range-mm 1000 -o procedure.csv",
+    f"simulate sino6 --plan procedure.csv {AT_SEATS} --seed 5 -o touches.csv",
+    "accept sino6 touches.csv --mpe SPAT.Max=0.15 --json accept.json",
+    "accept sino6 procedure.csv --predict --runs 20 --json predict.json",
+    f"{BARS} --effect joint_compliance:3,compliance_rad_per_nm=2e-5 --seed 6 -o bars.csv",
+    f"calibrate sino6 bars.csv {AT_BARS} --target unknown --json bars-calibrate.json",
+    f"diagnose sino6 bars.csv {AT_BARS} --target unknown --json bars-diagnose.json",
+    f"{FREE} --records 60 --orientation-noise-rad 50urad --effect encoder_gain:2 --seed 7 -o oriented.csv",
+    f"diagnose sino6 oriented.csv {NOISE} --json oriented-diagnose.json",
+    f"{FREE} --records 100 --effect thermal_expansion:expansion_per_k=4e-5 --seed 8 -o warmer.csv",
+    f"diagnose warm.toml warmer.csv {NOISE} --reference-frame external --json changed.json",
+    "correct warm.toml warmer.csv --commands -o commands.csv",
+    f"diagnose sino6 free.csv {NOISE} --with-discrepancy --extended-arm described.toml --json described.json",
+    f"calibrate --urdf sino6.urdf --frame tip {HALF_WIDTHS} free.csv {NOISE} --json urdf-calibrate.json",
 ]
+Value = float | str
 KEPT = Path(__file__).with_suffix(".json")
+NAMES = {"verdict", "doubts", "cause", "causes", "joint", "covariate", "depends_on", "kind", "name", "label", "unit", "code"}
+"""Keys of strings that are compared."""
+OWN_UNITS = {"u", "standard_uncertainty_si", "covariance", "covariance_mm2"}
+"""Keys of numbers that are compared however small they are."""
+SMALLEST = 1e-300
+"""Of p-values, whose logarithms are compared."""
 OTHERWISE = {"seconds", "version", "source", "commit", "date"}
 """Keys whose values may differ from run to run."""
 
 
-def numbers_of(commands: list[str]) -> dict[str, float]:
-    """Runs the commands in one new folder; every number of every file they write, by file and place in it."""
+def numbers_of(commands: list[str]) -> dict[str, Value]:
+    """Runs the commands in one new folder; every number and name in every file they write, by file and place in it."""
     with TemporaryDirectory() as name, contextlib.chdir(name):
         for command in tqdm(commands, unit="command"):
             done = CliRunner().invoke(app, command.split())
@@ -75,9 +100,10 @@ def numbers_of(commands: list[str]) -> dict[str, float]:
         return {f"{p.name}/{place}": v for p in sorted(Path().iterdir()) for place, v in _flat(_read(p))}
 
 
-def of_results(numbers: Mapping[str, float]) -> dict[str, float]:
+def of_results(numbers: Mapping[str, Value]) -> dict[str, Value]:
     """Without tables of records and postures, rounded so that they do not fill the page."""
-    return {place: float(f"{v:.10g}") for place, v in numbers.items() if place.split("/")[0].endswith((".json", ".toml"))}
+    chosen = {place: value for place, value in numbers.items() if place.split("/")[0].endswith((".json", ".toml"))}
+    return {place: v if isinstance(v, str) else float(f"{v:.10g}") for place, v in chosen.items()}
 
 
 def _read(path: Path) -> Any:
@@ -106,7 +132,7 @@ def _words(value: str) -> list[float | str]:
     return [number(word) for word in value.split()]
 
 
-def _flat(value: Any, place: str = "") -> Iterator[tuple[str, float]]:
+def _flat(value: Any, place: str = "") -> Iterator[tuple[str, Value]]:
     if isinstance(value, Mapping):
         for key, inner in value.items():
             if key not in OTHERWISE:
@@ -116,16 +142,32 @@ def _flat(value: Any, place: str = "") -> Iterator[tuple[str, float]]:
             yield from _flat(inner, f"{place}[{k}]")
     elif isinstance(value, bool | int | float):
         yield place, float(value)
+    elif isinstance(value, str) and _key(place) in NAMES:
+        yield place, value
 
 
-def differences(old: Mapping[str, float], new: Mapping[str, float], relative: float) -> list[str]:
-    """What one has and the other lacks, and numbers that differ by more than ``relative`` of the larger."""
+def _key(place: str) -> str:
+    """The last key in a place, without numbers in lists."""
+    return place.rpartition(".")[2].partition("[")[0]
+
+
+def differences(old: Mapping[str, Value], new: Mapping[str, Value], relative: float) -> list[str]:
+    """What one has and the other lacks, names that differ, and numbers that do by more than ``relative`` of the larger."""
     found = [f"- {place}" for place in old.keys() - new.keys()] + [f"+ {place}" for place in new.keys() - old.keys()]
-    for place in old.keys() & new.keys():
-        a, b = old[place], new[place]
-        if not (math.isclose(a, b, rel_tol=relative, abs_tol=1e-12) or (math.isnan(a) and math.isnan(b))):
-            found.append(f"{place}: {a!r} {b!r}")
-    return sorted(found)
+    both = ((place, old[place], new[place]) for place in old.keys() & new.keys())
+    return sorted(found + [f"{place}: {a!r} {b!r}" for place, a, b in both if not _same(place, a, b, relative)])
+
+
+def _same(place: str, a: Value, b: Value, relative: float) -> bool:
+    """Whether two values are the same; of standard uncertainties and covariances in their own units, however small."""
+    if isinstance(a, str) or isinstance(b, str):
+        return a == b
+    if math.isnan(a) and math.isnan(b):
+        return True
+    if _key(place) == "p_value":
+        a, b = (math.log10(max(each, SMALLEST)) for each in (a, b))
+    small = 0.0 if _key(place) in OWN_UNITS else 1e-12
+    return math.isclose(a, b, rel_tol=relative, abs_tol=small)
 
 
 def main(words: list[str]) -> int:

@@ -24,6 +24,7 @@ def explore(space: ModelSpace, starts: Iterable[Blocks] = ()) -> Posterior:
     other.run()
     apart = _total_variation(space, walk.values, other.values)
     walk.values.update(other.values)
+    walk.best = max(walk.best, other.best)
     if apart > THRESHOLDS.agreement:
         before = dict(walk.values)
         walk.exchanged.clear()
@@ -83,11 +84,12 @@ class Walk:
 
     Attributes:
         values: log posterior of each set visited; an approximation where that is far lower than the best.
+        best: largest log posterior.
         expansions: of how many sets all additions may still be ranked.
     """
 
     def __init__(self, space: ModelSpace, starts: Iterable[Blocks]) -> None:
-        self.space, self.values = space, dict[Blocks, float]()
+        self.space, self.values, self.best = space, dict[Blocks, float](), -np.inf
         self.expanded, self.exchanged = set[Blocks](), set[Blocks]()
         self.expansions = THRESHOLDS.expansions
         for start in starts:
@@ -97,11 +99,6 @@ class Walk:
         """Of the sets visited."""
         best = self.best - self.space.marginal(()).log_posterior
         return Posterior(self.space, weights_of(self.values), best, total_variation)
-
-    @property
-    def best(self) -> float:
-        """Largest log posterior."""
-        return max(self.values.values())
 
     def run(self, least: float = THRESHOLDS.expanded, exchanges: bool = True) -> None:
         """Expand the best sets, and exchange members of those that hold the mass before weaker ones are expanded.
@@ -124,7 +121,8 @@ class Walk:
                 break
 
     def _look_at(self, blocks: Blocks) -> None:
-        self.values[blocks] = self.space.marginal(blocks).log_posterior
+        value = self.space.marginal(blocks).log_posterior
+        self.values[blocks], self.best = value, max(self.best, value)
 
     def _visit(self, blocks: Blocks, about: float) -> None:
         """Look at a set if it is not far lower than the best; far ones keep what is known about them."""
@@ -140,31 +138,41 @@ class Walk:
             self._visit(without_block(blocks, k), value)
 
     def _visit_additions(self, blocks: Blocks) -> list[int]:
-        """Visit the additions to a set; all that are possible, the most probable first."""
+        """Visit the additions to a set that are within reach; the most probable additions."""
         self.expansions -= blocks not in self.expanded
         self.expanded.add(blocks)
         self._look_at(blocks)
         values = self.space.additions(blocks)
         possible = np.flatnonzero(np.isfinite(values))
-        order: list[int] = possible[np.argsort(-values[possible], kind="stable")].tolist()
-        self.space.gram.prepare(k for k in order if values[k] > self.best - THRESHOLDS.close)
-        for k in order:
+        order = possible[np.argsort(-values[possible], kind="stable")]
+        best = self.best
+        self.space.gram.prepare(order[values[order] > best - THRESHOLDS.close].tolist())
+        for k in order[values[order] > best - THRESHOLDS.reach].tolist():
             self._visit(with_block(blocks, k), float(values[k]))
-        return order
+        leading: list[int] = order[: THRESHOLDS.instead].tolist()
+        return leading
 
     def _exchange(self, blocks: Blocks) -> None:
-        """Visit the set with others in the place of each member: one, or two; until a better set is found."""
+        """Visit the set with one or two in the place of a member, or one in that of several; until a better set is found."""
         self.exchanged.add(blocks)
         candidates, before = self.space.candidates, self.best
+        for rest in self._without_contained(blocks):
+            self._visit_additions(rest)
         for k in blocks:
             rest = without_block(blocks, k)
-            order, values, least = self._visit_additions(rest), self.space.additions(rest), self.values[rest]
+            leading, values, least = self._visit_additions(rest), self.space.additions(rest), self.values[rest]
             least += THRESHOLDS.imitated * (self.best - least)
-            for first in dict.fromkeys([*order[: THRESHOLDS.instead], *self._contained_in(rest, k)]):
+            for first in dict.fromkeys([*leading, *self._contained_in(rest, k)]):
                 if candidates.owner(first) != candidates.owner(k) and values[first] > least:
                     self._visit_additions(with_block(rest, first))
             if self.best > before:
                 return
+
+    def _without_contained(self, blocks: Blocks) -> list[Blocks]:
+        """The set without the members that one candidate contains, for each that contains several."""
+        candidates = self.space.candidates
+        each = [tuple(k for k in blocks if candidates.owner(k) not in inside) for inside in candidates.contained.values()]
+        return [rest for rest in dict.fromkeys(each) if len(rest) < len(blocks) - 1]
 
     def _contained_in(self, rest: Blocks, block: int) -> list[int]:
         """The best block, beside ``rest``, of each candidate that a block's candidate contains."""

@@ -37,7 +37,7 @@ from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects import Effect
 
-MOST_ROUNDS = 6
+MOST_ROUNDS = 10
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles long before this."""
 FEWEST_BACK = 3
 """So many records have to make sense at once before they are more than gross errors."""
