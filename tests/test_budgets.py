@@ -1,0 +1,191 @@
+"""No room grows: tokens, dense functions, wide lines, sentences below the report and names from inner modules, room by room.
+
+Each table has what the package has now. Who makes a room smaller lowers its number; who needs more writes down why.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import tokenize
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tests.test_rooms import MODULES, ROOMS
+
+TOKENS: dict[str, int] = {
+    "errors": 500,
+    "_support": 7400,
+    "arm": 20700,
+    "effects": 26400,
+    "postures": 27000,
+    "measurements": 17700,
+    "accuracy": 13100,
+    "calibration": 39400,
+    "diagnosis": 40000,
+    "planning": 13200,
+    "verification": 17200,
+    "papers": 11900,
+    "report": 57400,
+    "cli": 15300,
+}
+"""Code without comments and docstrings: unlike lines, they do not fall when a line is packed fuller."""
+DENSE: dict[str, int] = {
+    "errors": 1,
+    "_support": 6,
+    "arm": 40,
+    "effects": 75,
+    "postures": 56,
+    "measurements": 46,
+    "accuracy": 23,
+    "calibration": 95,
+    "diagnosis": 88,
+    "planning": 28,
+    "verification": 39,
+    "papers": 55,
+    "report": 150,
+    "cli": 8,
+}
+"""Functions of which one statement has more than :data:`MOST_NODES` syntax nodes on average."""
+MOST_NODES = 23.0
+WIDE: dict[str, int] = {
+    "errors": 8,
+    "_support": 105,
+    "arm": 287,
+    "effects": 433,
+    "postures": 334,
+    "measurements": 289,
+    "accuracy": 233,
+    "calibration": 592,
+    "diagnosis": 463,
+    "planning": 186,
+    "verification": 241,
+    "papers": 247,
+    "report": 832,
+    "cli": 236,
+}
+"""Lines of more than 100 characters."""
+SENTENCES: dict[str, int] = {
+    "_support": 10,
+    "arm": 10,
+    "effects": 27,
+    "postures": 12,
+    "measurements": 45,
+    "accuracy": 21,
+    "calibration": 58,
+    "diagnosis": 6,
+    "planning": 23,
+    "verification": 39,
+    "papers": 9,
+}
+"""English of six words or more that is neither a docstring nor raised: the report says it."""
+INNER: dict[str, int] = {
+    "effects": 50,
+    "postures": 34,
+    "measurements": 27,
+    "accuracy": 51,
+    "calibration": 66,
+    "diagnosis": 98,
+    "planning": 67,
+    "verification": 55,
+    "papers": 23,
+    "report": 202,
+    "cli": 107,
+}
+"""Names that a room takes from inner modules of other rooms, and not from their faces."""
+CONSTANTS = 101
+"""Names of module constants with several values."""
+
+LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
+SAY_IT = ("report", "cli", "errors")
+FREE = ("_support", "errors")
+"""Rooms from whose modules everybody takes what is needed."""
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def of_room(room: str) -> list[Path]:
+    return [path for module, path in MODULES.items() if module.split(".")[0] == room]
+
+
+def is_docstring(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def docstrings(tree: ast.Module) -> Iterator[ast.Expr]:
+    """Of modules, classes and functions, and those behind attributes and constants."""
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            yield from filter(is_docstring, body)
+
+
+def tokens(path: Path) -> int:
+    said = {(node.lineno, node.col_offset) for node in docstrings(tree_of(path))}
+    text = io.StringIO(path.read_text(encoding="utf-8"))
+    code = (each for each in tokenize.generate_tokens(text.readline) if each.type not in LAYOUT)
+    return sum(not (each.type == tokenize.STRING and each.start in said) for each in code)
+
+
+def dense(path: Path) -> int:
+    return sum(density(node) > MOST_NODES for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef))
+
+
+def density(function: ast.FunctionDef) -> float:
+    """Syntax nodes for each statement."""
+    nodes = [node for statement in function.body if not is_docstring(statement) for node in ast.walk(statement)]
+    return len(nodes) / max(sum(isinstance(node, ast.stmt) for node in nodes), 1)
+
+
+def wide(path: Path) -> int:
+    return sum(len(line) > 100 for line in path.read_text(encoding="utf-8").splitlines())
+
+
+def sentences(path: Path) -> int:
+    tree = tree_of(path)
+    said = {id(node) for raised in ast.walk(tree) if isinstance(raised, ast.Raise) for node in ast.walk(raised)}
+    said |= {id(node.value) for node in docstrings(tree)}
+    texts = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str))
+    return sum(len(re.findall(r"[A-Za-z]{2,}", text.value)) >= 6 for text in texts if id(text) not in said)
+
+
+def from_inner_modules(path: Path) -> int:
+    room, found = path.relative_to(MODULES["__init__"].parent).parts[0].removesuffix(".py"), 0
+    for node in ast.walk(tree_of(path)):
+        parts = (node.module or "").split(".") if isinstance(node, ast.ImportFrom) else [""]
+        if len(parts) > 2 and parts[0] == "aacmm_pin" and parts[1] not in (room, *FREE):
+            found += len(node.names)  # type: ignore[attr-defined]
+    return found
+
+
+MEASURES = [(tokens, TOKENS), (dense, DENSE), (wide, WIDE), (sentences, SENTENCES), (from_inner_modules, INNER)]
+
+
+def measured(measure: object) -> dict[str, int]:
+    rooms = [room for room in ROOMS if not (measure is sentences and room in SAY_IT)]
+    return {room: sum(map(measure, of_room(room))) for room in rooms}  # type: ignore[call-overload]
+
+
+@pytest.mark.parametrize(("measure", "budget"), MEASURES, ids=[measure.__name__ for measure, _ in MEASURES])
+def test_no_room_grows(measure: object, budget: dict[str, int]) -> None:
+    found = measured(measure)
+    assert {room: count for room, count in found.items() if count > budget.get(room, 0)} == {}
+
+
+def test_a_constant_has_one_value() -> None:
+    values = defaultdict[str, set[str]](set)
+    for path in MODULES.values():
+        for node in tree_of(path).body:
+            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+            names = [each.id for each in targets if isinstance(each, ast.Name) and each.id.lstrip("_").isupper()]
+            for name in names:
+                values[name].add(ast.unparse(node.value))  # type: ignore[attr-defined]
+    assert sum(len(each) > 1 for each in values.values()) <= CONSTANTS
