@@ -257,7 +257,7 @@ def _discrepancy(choice: Choice, block: int, name: str) -> Discrepancy:
 
 
 def _background(choice: Choice) -> list[Discrepancy]:
-    """The background at its most probable amplitude; none where it may be zero, or is negligible."""
+    """The background at its most probable amplitude; none where it may be zero, is negligible, or smaller than its u."""
     left = choice.posterior.left
     if not left.base.amplitude:
         return []
@@ -267,7 +267,7 @@ def _background(choice: Choice) -> list[Discrepancy]:
     rms, u = _sizes(choice, products.background_columns, absorbed, background.estimate, background.covariance)
     noise = choice.design.fit.distance_of(choice.design.fit.residual_noise)
     there = float(1.0 - choice.posterior.amplitudes[0])
-    if there < THRESHOLDS.settled or rms < THRESHOLDS.negligible * noise:
+    if there < THRESHOLDS.settled or rms < max(THRESHOLDS.negligible * noise, u):
         return []
     return [Discrepancy(BACKGROUND, rms, u, there)]
 
