@@ -538,8 +538,8 @@ def test_advice(sino6: Arm) -> None:
     free = simulate_measurements(sino6, "free", 60, rng=np.random.default_rng(1))
     text = advice(sino6, split, free, **NOISE)
     labels = "joint_compliance:2,compliance_rad_per_nm=2e-06 encoder_eccentricity:2"
-    assert f"aacmm-pin plan sino6 --split {labels} --records 40 --encoder-noise-rad" in text
-    assert " -o plan.csv" in text
+    noise = "--reference-noise-mm 0.012 --encoder-noise-rad 8e-06"
+    assert f"aacmm-pin plan sino6 --split {labels} --records 40 {noise} -o plan.csv" in text
     assert cause_of(labels.split()[0], ErrorModel(sino6)) == split[0]
     at_seats = simulate_measurements(sino6, "seats", 60, rng=np.random.default_rng(1))
     assert "--reference seats" in advice(sino6, split, at_seats, reference_frame="base", **NOISE)
