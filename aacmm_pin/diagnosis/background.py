@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -27,14 +26,9 @@ class Background:
         base = self.left.base
         return self.left.step[base.nuisances : len(base.factor)]
 
-    @cached_property
-    def _factor(self) -> Array:
-        """Lower triangular factor of the posterior precision, all nuisances eliminated (r, r)."""
-        first = self.left.base.nuisances
-        return self.left.base.factor[first:, first:]
-
     @property
     def covariance(self) -> Array:
         """Posterior covariance of the coefficients (r, r)."""
-        inverse = np.linalg.inv(self._factor)
+        first = self.left.base.nuisances
+        inverse = np.linalg.inv(self.left.base.factor[first:, first:])  # the nuisances are eliminated
         return np.asarray(self.left.variance * inverse.T @ inverse)

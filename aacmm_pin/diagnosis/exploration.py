@@ -63,13 +63,12 @@ def _grown_without(space: ModelSpace, blocks: Blocks, block: int) -> Blocks:
     barred = space.candidates.owners == space.candidates.owner(block)
     at = without_block(blocks, block)
     while True:
-        more, less = np.where(barred, -np.inf, space.additions(at)), space.removals(at)
-        further = with_block(at, int(np.argmax(more)))
-        if less.max(initial=-np.inf) > more.max():
-            further = without_block(at, at[int(np.argmax(less))])
-        if not max(more.max(), less.max(initial=-np.inf)) > space.marginal(at).log_posterior - THRESHOLDS.close:
-            return at
-        if not space.marginal(further).log_posterior > space.marginal(at).log_posterior:
+        now = space.marginal(at).log_posterior
+        more = np.where(barred, -np.inf, space.additions(at))
+        steps = [(float(more.max()), with_block(at, int(np.argmax(more))))]
+        steps += [(about, without_block(at, k)) for k, about in zip(at, space.removals(at).tolist(), strict=True)]
+        about, further = max(steps, key=lambda step: step[0])
+        if about <= now - THRESHOLDS.close or space.marginal(further).log_posterior <= now:
             return at
         at = further
 

@@ -121,6 +121,11 @@ class State(NamedTuple):
     widths: tuple[int, ...]
     amplitude: int
 
+    def of(self, kept: Sequence[int]) -> State:
+        """Some of the blocks, with their widths; all else is as in it."""
+        width = dict(zip(self.blocks, self.widths, strict=True))
+        return State(tuple(kept), tuple(width[k] for k in kept), self.amplitude)
+
 
 class Marginal(NamedTuple):
     """Log posterior of a set of blocks, its widths and the background's amplitude summed over; and the best of these."""
@@ -180,8 +185,8 @@ class ModelSpace:
         """What is left of every block beside a set."""
         base, key = self.base(state.amplitude, as_stated), (state.blocks, state.amplitude, as_stated)
         if key not in self._among:
-            for oldest in [*self._among][: len(self._among) + 1 - RECENT]:
-                del self._among[oldest]
+            if len(self._among) == RECENT:
+                del self._among[next(iter(self._among))]
             self._among[key] = base.among(state.blocks)
         return Conditional(base, state.blocks, state.widths, self.likelihood, self._among[key])
 

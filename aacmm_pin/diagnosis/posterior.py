@@ -10,7 +10,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.diagnosis.linear_model import Conditional
-from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace, State
+from aacmm_pin.diagnosis.model_space import Blocks, ModelSpace
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 
@@ -75,9 +75,7 @@ class Posterior:
     def without(self, block: int) -> Conditional:
         """What is left beside the median probability model without one of its blocks; all else is as in it."""
         best = self.space.marginal(self.median).best
-        kept = [(k, width) for k, width in zip(best.blocks, best.widths, strict=True) if k != block]
-        blocks, widths = (tuple(each) for each in zip(*kept, strict=True)) if kept else ((), ())
-        return self.space.conditional(State(blocks, widths, best.amplitude))
+        return self.space.conditional(best.of([k for k in best.blocks if k != block]))
 
     def strength(self, block: int) -> float:
         """Log posterior odds of the median probability model with one of its blocks against without."""
@@ -115,8 +113,8 @@ class Posterior:
     def causes_alone(self) -> Conditional:
         """What is left beside the causes of the median probability model, without covariates and background."""
         best = self.space.marginal(self.median).best
-        kept = [(k, w) for k, w in zip(best.blocks, best.widths, strict=True) if self.space.candidates.is_cause(k)]
-        return self.space.conditional(State(tuple(k for k, _ in kept), tuple(w for _, w in kept), 0))
+        causes = best.of([k for k in best.blocks if self.space.candidates.is_cause(k)])
+        return self.space.conditional(causes._replace(amplitude=0))
 
     def uncertainty_of_the_set(self, block: int) -> Array:
         """By how much a cause's covariance is larger than beside the other causes of the median probability model alone
@@ -124,18 +122,26 @@ class Posterior:
 
         Other sets hold it too, and structure beside it: law of total variance, about the estimate with these causes alone.
         """
-        alone = self.causes_alone
-        about, inside = alone.estimate[alone.places[block]], alone.covariance[alone.places[block], alone.places[block]]
-        holding = {s: w for s, w in self.weights.items() if block in s and w >= THRESHOLDS.worth_listing}
-        total = np.zeros_like(inside)
-        for blocks, weight in holding.items():
-            there = self.beside(blocks)
-            place = there.places[block]
-            off = there.estimate[place] - about
-            total += weight * (there.covariance[place, place] + np.outer(off, off))
-        more = total / max(sum(holding.values()), THRESHOLDS.worth_listing) - inside
-        values, vectors = np.linalg.eigh(more)
+        place = self.causes_alone.places[block]
+        values, vectors = np.linalg.eigh(self._of_other_sets[block] - self.causes_alone.covariance[place, place])
         return np.asarray(vectors * np.maximum(values, 0.0) @ vectors.T)
+
+    @cached_property
+    def _of_other_sets(self) -> dict[int, Array]:
+        """Of each cause, its mean covariance in the sets that hold it, about the estimate with the causes alone (q, q)."""
+        alone = self.causes_alone
+        total = {k: np.zeros((alone.design_blocks[k].size,) * 2) for k in alone.blocks}
+        held = dict.fromkeys(alone.blocks, 0.0)
+        likely = {blocks: weight for blocks, weight in self.weights.items() if weight >= THRESHOLDS.worth_listing}
+        for blocks, weight in likely.items():
+            there = self.beside(blocks)
+            covariance = there.covariance
+            for k in set(blocks) & held.keys():
+                place = there.places[k]
+                off = there.estimate[place] - alone.estimate[alone.places[k]]
+                total[k] += weight * (covariance[place, place] + np.outer(off, off))
+                held[k] += weight
+        return {k: total[k] / max(held[k], THRESHOLDS.worth_listing) for k in alone.blocks}
 
 
 def inclusion(space: ModelSpace, weights: Mapping[Blocks, float]) -> Array:
