@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_rooms import MODULES, ROOMS
+from tests.test_rooms import MODULES, ROOMS, imports
 
 TOKENS: dict[str, int] = {
     "errors": 500,
@@ -158,12 +158,9 @@ def sentences(path: Path) -> int:
 
 
 def from_inner_modules(path: Path) -> int:
-    room, found = path.relative_to(MODULES["__init__"].parent).parts[0].removesuffix(".py"), 0
-    for node in ast.walk(tree_of(path)):
-        parts = (node.module or "").split(".") if isinstance(node, ast.ImportFrom) else [""]
-        if len(parts) > 2 and parts[0] == "aacmm_pin" and parts[1] not in (room, *FREE):
-            found += len(node.names)  # type: ignore[attr-defined]
-    return found
+    room = path.relative_to(MODULES["__init__"].parent).parts[0].removesuffix(".py")
+    taken = [name.split(".") for name in imports(path) if name.startswith("aacmm_pin.")]
+    return sum(len(parts) > 3 and parts[1] not in (room, *FREE) for parts in taken)
 
 
 MEASURES = [(tokens, TOKENS), (dense, DENSE), (wide, WIDE), (sentences, SENTENCES), (from_inner_modules, INNER)]

@@ -44,16 +44,20 @@ class Alias(Shown):
 
 
 def likelihood_ratio(left: Conditional, block: int) -> tuple[float, int]:
-    """Of a block: at most χ² when it is not there, and its degrees of freedom.
+    """Of a block: at most χ² when it is not there, and its degrees of freedom."""
+    gradient = left.residual[left.design_blocks[block].columns]
+    (ratio,) = _likelihood_ratios(left, left.information(block)[None], gradient[None])
+    return float(ratio), gradient.size
 
-    Its parameters are known to within the largest width. Else columns of which the records tell next to nothing would
+
+def _likelihood_ratios(left: Conditional, informations: Array, gradients: Array) -> Array:
+    """Of blocks with informations (b, q, q) and gradients (b, q): (b,).
+
+    Their parameters are known to within the largest width. Else columns of which the records tell next to nothing would
     explain everything: an arm that shrinks to a point meets every unknown seat.
     """
-    gradient = left.residual[left.design_blocks[block].columns]
-    prior = np.eye(gradient.size) / WIDTHS.max() ** 2
-    information = left.information(block) + prior
-    step = np.linalg.solve(information, gradient)
-    return float(gradient @ step) / left.variance, gradient.size
+    gain, _ = gains(informations, gradients[:, :, None])
+    return np.asarray(2.0 * gain[:, np.argmax(WIDTHS), 0] / left.variance)
 
 
 def chance(left: Conditional, block: int) -> float:
@@ -93,13 +97,11 @@ def _largest_odds(candidates: Candidates, left: Conditional, rng: np.random.Gene
 
 def any_structure(candidates: Candidates, left: Conditional) -> float:
     """Chance of as much structure over any covariate when there is none: Bonferroni's bound."""
-    products, chances = left.base.gram.products, []
+    products, chances = left.base.gram.products, list[float]()
     for size, own in products.of_size.items():
-        gain, _ = gains(left.informations(size), left.residual[products.columns[size]][:, :, None])
-        ratios = 2.0 * gain[:, -1, 0] / left.variance  # with the largest width, as in likelihood_ratio
-        chances += [
-            float(chi2_sf(ratio, size)) for ratio, k in zip(ratios, own.tolist(), strict=True) if not candidates.is_cause(k)
-        ]
+        ratios = _likelihood_ratios(left, left.informations(size), left.residual[products.columns[size]])
+        covariates = [not candidates.is_cause(k) for k in own.tolist()]
+        chances += chi2_sf(ratios[covariates], size).tolist()
     return min(1.0, len(chances) * min(chances, default=1.0))
 
 
