@@ -19,8 +19,9 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Carrier
 from aacmm_pin.effects.encoder import LEAST_SPREAD
-from aacmm_pin.effects.smooth_functions import Bumps, Cosines, Smooth, Waves, product_of
+from aacmm_pin.effects.smooth_functions import Bumps, Cosines, Moment, Smooth, Waves, product_of
 from aacmm_pin.effects.state import State
+from aacmm_pin.effects.tube import tubes
 from aacmm_pin.measurements.records import Measurements
 
 SMOOTH = (5, 20)
@@ -29,6 +30,8 @@ ORDERS = (1, 2, 3)
 """Waves per turn of an error of a joint that another joint's angle makes."""
 GEAR_ORDERS = (2, 3, 4, 6)
 """Waves per turn of a gear's error that a load changes."""
+LEAST_MOMENT = 0.1
+"""A moment that other joints than its own change by less is no load of its own [N·m]."""
 LATER = 3
 """Number of cosines over the ranks of the time with which an error of a joint changes."""
 SLOPES = 2
@@ -47,7 +50,7 @@ class Carried:
 
     Attributes:
         functions: (n, m), root mean square one, the constant first: whatever depends on something also has a mean.
-        carrier: name of a :class:`aacmm_pin.effects.discrepancy.Carrier`; the axes of ``room`` are those of the references.
+        carrier: name of a :class:`aacmm_pin.effects.discrepancy.Carrier`.
         smooth: the same functions at any records, but for their ``size``; None of what new records do not have.
         size: root mean square of each at these records (m,).
     """
@@ -145,7 +148,8 @@ def covariates(arm: Arm, measurements: Measurements) -> list[Covariate]:
     there = filter(None, single)
     found = [_with_time(covariate, state.conditions) for covariate in there]
     of_tip = [_place(state), _scale(state)]
-    return [*found, *_products(state, moving), *of_tip, *_groups(measurements)]
+    of_joints = [*_products(state, moving), *_of_loads(state, moving)]
+    return [*found, *of_joints, *of_tip, *_groups(measurements)]
 
 
 def _of_joints(state: State, joints: Sequence[Joint]) -> Iterator[Covariate | None]:
@@ -165,7 +169,8 @@ def _of_columns(measurements: Measurements, state: State, joints: Sequence[Joint
     """Recorded conditions, the operator and unknown columns."""
     conditions = state.conditions
     turning = ["room", "target", *(joint.error for joint in joints)]
-    anywhere = [*turning, "lengths"]
+    growing = [f"tube {row}" for row in tubes(state.arm)]
+    anywhere = [*turning, "lengths", "tubes", *growing]
     if conditions.time is not None:
         yield _of("time", conditions.time, anywhere, state, TIME)
     if conditions.temperature is not None:
@@ -263,6 +268,28 @@ def _over_time(state: State, joint: Joint, time: Array) -> Covariate:
     way = Carried.of(functions, joint.error, state)
     values = joint.table(state).join(TIME.table(time))
     return Covariate(f"{joint.name} × time", (joint.name, "time"), (way,), values)
+
+
+def _of_loads(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:
+    """The error of a gear that the weight on it changes.
+
+    By all of the weight's moment, or by the part that only other joints change.
+    """
+    if state.arm.masses is None:
+        return
+    for joint in joints:
+        if joint.slides:
+            continue
+        moments = Moment(joint.name), Moment.beyond_own_angle(joint.name, state)
+        if np.ptp(moments[1].values(state)) < LEAST_MOMENT:
+            continue
+        gears = [Waves(joint.name, order=order) for order in GEAR_ORDERS]
+        loaded = itertools.product(gears, moments)
+        variants = [Carried.of(functions, joint.error, state) for functions in loaded]
+        load = f"moment {joint.row}"
+        column = Column(f"moment{joint.row}_nm").table(moments[0].values(state)[:, 0])
+        values = joint.table(state).join(column)
+        yield Covariate(f"{joint.name} × {load}", (joint.name, load), tuple(variants), values)
 
 
 def _place(state: State) -> Covariate:

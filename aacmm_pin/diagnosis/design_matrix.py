@@ -10,7 +10,6 @@ from itertools import groupby
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin.arm.chain import axis
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.parameter_vector import ParameterVector
@@ -18,6 +17,7 @@ from aacmm_pin.calibration.variance_components import information_of_seats
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Effect, JointZeroOffset
+from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.state import State
 
 TYPICAL_SHIFT = 2e-5
@@ -145,7 +145,8 @@ class Design:
     @property
     def of_angles(self) -> Array:
         """Displacement by one unit of each joint (n, 3 or 6, nq) [m/rad, or m/m where it slides]."""
-        return self._calibrated.of_angles
+        rows = self.fit.problem.model.arm.chain.moving_rows()
+        return self._calibrated.columns([JointZeroOffset(row) for row in rows])
 
     @cached_property
     def _kept(self) -> dict[int | None, Array]:
@@ -219,7 +220,7 @@ class _Calibrated:
         given = ParameterVector(arm, (*problem.model.effects, *fit.solution.effects))
         self.state = Columns.of(self.drawn, given.effects).at(given.values)
         self.frame = point.frame.rotation if problem.external else np.eye(3)
-        self.rows = arm.chain.moving_rows()
+        self._of_carriers = dict[str, Array]()
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """∂(pose)/∂parameters of effects that are all zero, in the frame of the references (n, 3 or 6, p) [m/unit]."""
@@ -231,26 +232,15 @@ class _Calibrated:
     def carried(self, way: Carried) -> Array:
         """Shift of the tip by each function on each axis of the carrier (n, 3 or 6, functions · axes) [m/unit]."""
         axes = self._axes(way.carrier)
-        if missing := self.state.coordinates - axes.shape[1]:  # what shifts the tip alone turns nothing
-            axes = np.pad(axes, ((0, 0), (0, missing), (0, 0)))
         return np.asarray(np.einsum("nm,nij->nimj", way.functions, axes).reshape(*axes.shape[:2], -1))
 
-    @cached_property
-    def of_angles(self) -> Array:
-        return self.columns([JointZeroOffset(row) for row in self.rows])
-
-    def _axes(self, carrier: str) -> Array:
-        what, _, row = carrier.partition(" ")
-        if what == "room":
-            return np.broadcast_to(np.eye(3), (self.state.n, 3, 3))
-        if what == "target":
-            return np.asarray(self.frame @ self.state.rotation[-1])
-        if what == "before":
-            return np.asarray(self.frame @ self.state.rotation[axis(int(row)) - 1])
-        if what in ("angle", "slide"):
-            number = self.rows.index(int(row))
-            return self.of_angles[:, :, number : number + 1]
-        return np.asarray((self.state.position @ self.frame.T)[:, :, None])
+    def _axes(self, name: str) -> Array:
+        """Shift of the tip by one unit on each axis of a carrier (n, 3 or 6, axes)."""
+        if name not in self._of_carriers:
+            constant = Part(Carrier(name), ())
+            unit = Discrepancy(name, (constant,), constant.coefficients)
+            self._of_carriers[name] = self.columns([unit])
+        return self._of_carriers[name]
 
 
 def _typical(source: tuple[Effect, ...] | Carried, left: float) -> Array:
@@ -258,6 +248,6 @@ def _typical(source: tuple[Effect, ...] | Carried, left: float) -> Array:
     if isinstance(source, tuple):
         return np.array([term.typical for effect in source for term in effect.terms])
     shift = max(TYPICAL_SHIFT, left)
-    sizes = {"angle": TYPICAL_TURN * shift, "lengths": TYPICAL_GROWTH * shift}
-    typical = sizes.get(source.carrier.split(" ")[0], shift)
+    sizes = {"rad": TYPICAL_TURN * shift, "1": TYPICAL_GROWTH * shift}
+    typical = sizes.get(Carrier(source.carrier).kind.unit, shift)
     return np.full(source.functions.shape[1] * len(source.quantities), typical)

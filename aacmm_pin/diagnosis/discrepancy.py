@@ -56,13 +56,11 @@ def described_model(known: ErrorModel, choice: Choice, problem_of: ProblemOf, ba
         problem_of: the calibration problem with causes estimated, and with others held.
         background: whether the background is there.
     """
-    fit = choice.design.fit
-    rotation = fit.solution.point.frame.rotation if fit.problem.external else None
     taken = {effect.label for effect in known.effects}
     covariates = described_by(choice, choice.covariates)
-    named = covariate_effects(covariates, _prior_u(choice), rotation, taken)
+    named = covariate_effects(covariates, _prior_u(choice), taken)
     taken |= {effect.label for effect in named}
-    held = [_background(choice, rotation, taken)] if background else []
+    held = [_background(choice, taken)] if background else []
     causes = [free(effect) for effect in choice.effects]
     refit = fit_of(problem_of([*causes, *named], held), used=choice.fit.used)
     return calibrated_beside(refit, held[0]) if held else calibrated_model(refit)
@@ -78,7 +76,7 @@ def _prior_u(choice: Choice) -> Array:
     return np.concatenate(widths)
 
 
-def _background(choice: Choice, rotation: Array | None, taken: Collection[str]) -> Discrepancy:
+def _background(choice: Choice, taken: Collection[str]) -> Discrepancy:
     """The background at its most probable amplitude."""
     design, left = choice.design, choice.posterior.left
     columns, weights = left.base.gram.products.background
@@ -86,13 +84,12 @@ def _background(choice: Choice, rotation: Array | None, taken: Collection[str]) 
     described = described_by(choice, blocks)
     in_si = design.scales[columns][:, None] * weights
     found = Background(left)
-    return background_effect(described, in_si, found.estimate, found.covariance, rotation, taken)
+    return background_effect(described, in_si, found.estimate, found.covariance, taken)
 
 
 def covariate_effects(
     described: Sequence[Described],
     prior_u: Array,
-    rotation: Array | None = None,
     taken: Collection[str] = (),
 ) -> list[Discrepancy]:
     """Effects to be estimated, one for each covariate that new records have too, see :func:`lost` for the others.
@@ -101,16 +98,13 @@ def covariate_effects(
         described: covariates, each with its variant.
         prior_u: prior standard deviations of the coefficients of their functions, those of each on all axes together, one
             covariate after the other (p,) [m, rad, m/m].
-        rotation: axes of the base in the frame of the references (3, 3), along whose axes the tip shifts in the room; None
-            where the two frames are one.
         taken: labels of effects that the arm has already: another one has a number behind its name.
     """
     effects, labels = list[Discrepancy](), set(taken)
     for (name, way), own in zip(described, _slices(described), strict=True):
         if way.smooth is None:
             continue
-        conversion = coefficients_of_effect(way, rotation)
-        u = np.sqrt(np.square(conversion) @ np.square(prior_u[own]))
+        u = coefficients_of_effect(way) * prior_u[own]
         effect = _new(name, (_part(way),), len(u), labels)
         effects.append(effect.at(effect.values, u))
         labels.add(effect.label)
@@ -122,7 +116,6 @@ def background_effect(
     weights: Array,
     estimate: Array,
     covariance: Array,
-    rotation: Array | None = None,
     taken: Collection[str] = (),
 ) -> Discrepancy:
     """A background of many covariates as one effect: its size, 1 ± u, and :data:`FACTORS` factors, each 0 ± 1.
@@ -137,14 +130,14 @@ def background_effect(
             (p, r) [m, rad, m/m].
         estimate: of the directions (r,), not all zero.
         covariance: of these, positive definite (r, r).
-        rotation, taken: see :func:`covariate_effects`.
+        taken: see :func:`covariate_effects`.
     """
     size_u, factors = _factors(estimate, covariance)
     directions = np.column_stack([weights @ estimate, _rounded(weights @ factors)])
     parts = []
     for (_, way), own in zip(described, _slices(described), strict=True):
         if way.smooth is not None:
-            rows = coefficients_of_effect(way, rotation) @ directions[own]
+            rows = coefficients_of_effect(way)[:, None] * directions[own]
             parts.append(replace(_part(way), directions=tuple(map(tuple, rows.tolist()))))
     values, u = np.zeros(directions.shape[1]), np.ones(directions.shape[1])
     values[0], u[0] = 1.0, size_u
@@ -246,12 +239,12 @@ def _slices(described: Sequence[Described]) -> list[slice]:
     return found
 
 
-def coefficients_of_effect(way: Carried, rotation: Array | None = None) -> Array:
-    """What makes coefficients of an effect, along the axes of the base, of those of a covariate (q, q)."""
-    axes = np.eye(Carrier(way.carrier).axes)
-    if rotation is not None and way.carrier == "room":
-        axes = rotation.T
-    return np.asarray(np.kron(np.diag(1.0 / way.size), axes), dtype=np.float64)
+def coefficients_of_effect(way: Carried) -> Array:
+    """Factors from coefficients of a covariate to those of an effect (q,).
+
+    The functions of a covariate have root mean square one.
+    """
+    return np.repeat(1.0 / way.size, Carrier(way.carrier).axes)
 
 
 def _part(way: Carried) -> Part:

@@ -17,13 +17,16 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.effect import Displacement, Effect, Term, about_axis, twist
 from aacmm_pin.effects.smooth_functions import Cosines, Smooth, as_filed, as_read, needs_of, product_of
 from aacmm_pin.effects.state import State
+from aacmm_pin.effects.thermal import growth_of_body
+from aacmm_pin.effects.tube import tubes
 from aacmm_pin.errors import AacmmError
 
-CARRIERS = re.compile(r"room|target|lengths|(before|angle|slide) [1-9]\d{0,2}")
+CARRIERS = re.compile(r"room|target|lengths|tubes|(before|angle|slide|tube) [1-9]\d{0,2}")
 """What the functions may act on, see :class:`Carrier`."""
 DIGITS = 7
 """Significant digits of a direction in a file: 1e-7 of any displacement is far below the noise of any arm."""
 OF_TIP = dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
+GROWTH = {"growth_um_per_m": 1e-6}
 
 
 class Kind(NamedTuple):
@@ -48,7 +51,9 @@ KINDS = {
     "before": Kind("the tip shifts along the body before joint {row}", OF_TIP, "m", 2e-5),
     "angle": Kind("the angle of joint {row} is off", {"delta{row}_urad": 1e-6}, "rad", 4e-5),
     "slide": Kind("the position of joint {row} is off", {"delta{row}_um": 1e-6}, "m", 2e-5),
-    "lengths": Kind("all lengths grow", {"growth_um_per_m": 1e-6}, "1", 2e-5),
+    "lengths": Kind("all lengths grow", GROWTH, "1", 2e-5),
+    "tubes": Kind("the long tubes grow", GROWTH, "1", 2e-5),
+    "tube": Kind("the tube of row {row} grows", GROWTH, "1", 2e-5),
 }
 """By the name of a carrier without its row."""
 
@@ -60,14 +65,15 @@ class Carrier:
     Attributes:
         name: ``room`` (the tip shifts along the axes of the base), ``target`` (along those of the last body),
             ``before j`` (along those of the body before row j), ``angle j`` (the angle of row j; ``slide j`` of one that
-            slides), ``lengths`` (the distance of the tip from the base grows).
+            slides), ``lengths`` (the distance of the tip from the base grows), ``tubes`` (all long bodies
+            grow), ``tube j`` (the body of row j does).
     """
 
     name: str
 
     def __post_init__(self) -> None:
         if not CARRIERS.fullmatch(self.name):
-            expected = "expected room, target, before j, angle j, slide j or lengths, j the number of a row"
+            expected = "expected room, target, lengths, tubes, or before j, angle j, slide j, tube j of row j"
             raise AacmmError(f"a discrepancy acts on {self.name!r}, {expected}")
 
     @property
@@ -104,13 +110,20 @@ class Carrier:
     def _with_row(self, text: str) -> str:
         return text.format(row=self.name.partition(" ")[2])
 
-    def displacement(self, state: State, shifts: Array) -> Displacement:
-        """The place that moves, by ``shifts`` along the axes of the carrier (n, axes, p) [m, rad, m/m per unit]."""
+    def displacements(self, state: State, shifts: Array) -> list[Displacement]:
+        """The places that move.
+
+        Args:
+            shifts: along the axes of the carrier (n, axes, p) [m, rad, m/m per unit].
+        """
         if self.what in ("angle", "slide"):
-            return about_axis(state, self.row, shifts[:, 0])
+            return [about_axis(state, self.row, shifts[:, 0])]
+        if self.what in ("tube", "tubes"):
+            rows = tubes(state.arm) if self.what == "tubes" else [state.known_row(self.row)]
+            return [moved for row in rows for moved in growth_of_body(state, row, shifts[:, 0])]
         if self.what == "lengths":
             shifts = state.position[:, :, None] * shifts
-        return Displacement(self._place(state), twist(shifts))
+        return [Displacement(self._place(state), twist(shifts))]
 
     def _place(self, state: State) -> int:
         """The place along whose axes the tip shifts."""
@@ -140,13 +153,13 @@ class Part:
         functions = math.prod(each.number for each in self.functions)
         return functions * self.carrier.axes
 
-    def displacement(self, state: State) -> Displacement:
+    def displacements(self, state: State) -> list[Displacement]:
         """By one unit of each parameter."""
         rows = np.array(self.directions) if self.directions else np.eye(self.coefficients)
         of_functions = rows.reshape(-1, self.carrier.axes, rows.shape[1])
         functions = product_of(self.functions, state)
         shifts = np.tensordot(functions, of_functions, 1)
-        return self.carrier.displacement(state, shifts)
+        return self.carrier.displacements(state, shifts)
 
     def filed(self) -> DiscrepancyPart:
         """The part as an arm file has it."""
@@ -232,7 +245,7 @@ class Discrepancy(Effect):
 
     def displacements(self, state: State) -> list[Displacement]:
         """The functions along the axes of their carriers."""
-        return [part.displacement(state) for part in self.parts]
+        return [moved for part in self.parts for moved in part.displacements(state)]
 
     def filed(self) -> DiscrepancyEntry:
         """The discrepancy as an arm file has it."""

@@ -112,6 +112,43 @@ class Waves:
 
 
 @dataclass(frozen=True)
+class Moment:
+    """Moment of the weights about the axis of one joint, by the masses of the arm.
+
+    A first order of the joint's angle may be subtracted.
+
+    Attributes:
+        of: ``joint 2``.
+        less_nm: constant, and factors of ``cos q`` and ``sin q``, that are subtracted [N·m].
+    """
+
+    of: str
+    less_nm: Point = (0.0, 0.0, 0.0)
+    kind: Literal["moment"] = "moment"
+    number: ClassVar[int] = 1
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    @staticmethod
+    def beyond_own_angle(of: str, state: State) -> Moment:
+        """The part that the joint's own angle does not give, by least squares over the records."""
+        whole = Moment(of).values(state)[:, 0]
+        first_order = Waves(of, constant=True).values(state)
+        (c0, c1, c2), *_ = np.linalg.lstsq(first_order, whole, rcond=None)
+        return Moment(of, (float(c0), float(c1), float(c2)))
+
+    def values(self, state: State) -> Array:
+        """The moment in records (n, 1) [N·m].
+
+        Raises:
+            UnsupportedArmError: the arm states no masses.
+        """
+        row = _row_of(self.of)
+        moment = state.along_axis(row, state.moment_at_axis(row))
+        less = Waves(self.of, constant=True).values(state) @ self.less_nm
+        return np.asarray((moment - less)[:, None])
+
+
+@dataclass(frozen=True)
 class Bumps:
     """``exp(-½ (r / width)²)`` of the tip's distance r from each of some places.
 
@@ -142,11 +179,16 @@ class Bumps:
         return np.asarray(np.exp(-0.5 * np.square(distance / self.width_si)))
 
 
-Smooth = Cosines | Waves | Bumps
+Smooth = Cosines | Waves | Moment | Bumps
 _FILED: TypeAdapter[Smooth] = TypeAdapter(Annotated[Smooth, Field(discriminator="kind")])
 
 _JOINT = r"joint [1-9]\d{0,2}"
-OF_KIND = {"cosines": rf"{_JOINT}|time|temperature", "waves": _JOINT, "bumps": "place"}
+OF_KIND = {
+    "cosines": rf"{_JOINT}|time|temperature",
+    "waves": _JOINT,
+    "moment": _JOINT,
+    "bumps": "place",
+}
 """What functions of each kind may be of."""
 
 
@@ -196,5 +238,11 @@ def _recorded(of: str, state: State) -> Array:
         MissingConditionError: the records lack it.
         AacmmError: the arm has no such joint.
     """
-    what, _, row = of.partition(" ")
-    return state.angle(int(row)) if what == "joint" else state.conditions.require(what, f"the discrepancy over {of}")
+    if of.startswith("joint "):
+        return state.angle(_row_of(of))
+    return state.conditions.require(of, f"the discrepancy over {of}")
+
+
+def _row_of(joint: str) -> int:
+    """Row of ``joint 2``."""
+    return int(joint.removeprefix("joint "))

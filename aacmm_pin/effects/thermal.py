@@ -38,10 +38,7 @@ class ThermalExpansion(Effect):
         found = []
         for row in rows:
             warmer = self._warmer(state, row)
-            for place in (axis(row), end(row)) if row else (end(0),):
-                length = _length_before(state, place)
-                if length.any():
-                    found.append(Displacement(place, twist((warmer[:, None] * length)[:, :, None])))
+            found += growth_of_body(state, row, warmer[:, None])
         return found
 
     def _warmer(self, state: State, row: int) -> Array:
@@ -51,6 +48,21 @@ class ThermalExpansion(Effect):
         if conditions.link_temperature is not None and conditions.temperature is None:
             return np.asarray(conditions.link_temperature.mean(axis=1) - reference)  # the stand: nobody measured it
         return np.asarray(conditions.require("temperature", self.label) - reference)
+
+
+def growth_of_body(state: State, row: int, growth: Array) -> list[Displacement]:
+    """The lengths of body ``row`` (0: what stands before row 1).
+
+    Args:
+        growth: relative, per unit of each parameter (n, p) [1/unit].
+    """
+    found = []
+    for place in (axis(row), end(row)) if row else (end(0),):
+        length = _length_before(state, place)
+        if length.any():
+            shifts = length[:, None] * growth[:, None]
+            found.append(Displacement(place, twist(shifts)))
+    return found
 
 
 def _length_before(state: State, place: int) -> Array:

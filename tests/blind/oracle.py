@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,12 @@ from blind.machine import GEOMETRY
 from blind.regimes import RegimeFile
 from blind.truth import Hidden
 
+TOLD_APART = 13.0
+"""λ that a rival leaves from which two causes are told apart: in 90 % of such files their likelihood ratio is above 19."""
+SLIPS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+"""Parts of the records before which a rival slips."""
+DRIFTS = (600.0, 1800.0, 5400.0)
+"""Time constants of a rival [s]."""
 STEP = 1e-2
 """Of finite differences, in typical sizes of the parameter."""
 SPLIT = 14
@@ -57,12 +64,54 @@ class Oracle:
 
     def visible(self, fault: Hidden, refitted: Sequence[Hidden] = ()) -> float:
         """λ of a hidden fault, beside all others, whose values are known unless they are ``refitted``."""
-        left = self.projected(self.real.shift_by(fault, self.q, self.conditions))
-        columns = [column for other in refitted for column in self._columns_of(_as_named(other))]
-        if columns:
-            basis = self._basis(columns)
-            left = left - basis @ (basis.T @ left)
+        left = self._left(fault, refitted)
         return float(left @ left)
+
+    def rivals(self, fault: Hidden, refitted: Sequence[Hidden] = ()) -> dict[str, float]:
+        """Other causes of the library that these records do not tell from a hidden one, and λ that each leaves of it.
+
+        A free curve is none: it can do what any encoder does, at the price of its many parameters.
+        """
+        left = self._left(fault, refitted)
+        beside = self._others(refitted)
+        found: dict[str, float] = {}
+        for rival in self._library:
+            if rival.key == fault.key:
+                continue
+            basis = self._basis([*beside, *self._columns_of(_as_named(rival))])
+            rest = float(left @ left - np.square(basis.T @ left).sum())
+            found[rival.key] = min(rest, found.get(rival.key, np.inf))
+        return {key: rest for key, rest in found.items() if rest < TOLD_APART}
+
+    @cached_property
+    def _library(self) -> list[Hidden]:
+        """Every cause of the plant's library at every place, with each value of what is not linear."""
+        causes = [cause for cause in workshop.SIZES if cause not in GEOMETRY]
+        places = [(cause, row) for cause in causes for row in workshop.rows_for(cause, self.real.arm)]
+        return [Hidden(cause, row, inner) for cause, row in places for inner in self._inner(cause)]
+
+    def _inner(self, cause: str) -> list[dict[str, float]]:
+        """Values of what is not linear in a cause."""
+        if cause == "joint_periodic_error":
+            return [{"order": order} for order in workshop.ORDERS]
+        if cause == "encoder_slip":
+            return [{"time_s": float(time)} for time in np.quantile(self.conditions.time, SLIPS)]
+        if cause == "zero_drift":
+            return [{"time_constant_s": time} for time in DRIFTS]
+        return [{}]
+
+    def _left(self, fault: Hidden, refitted: Sequence[Hidden]) -> Array:
+        """Of what a fault does, the part that neither the nuisance nor the refitted faults can do."""
+        left = self.projected(self.real.shift_by(fault, self.q, self.conditions))
+        columns = self._others(refitted)
+        if not columns:
+            return left
+        basis = self._basis(columns)
+        return np.asarray(left - basis @ (basis.T @ left))
+
+    def _others(self, refitted: Sequence[Hidden]) -> list[Array]:
+        """Columns of faults that are refitted."""
+        return [column for other in refitted for column in self._columns_of(_as_named(other))]
 
     def power(self, fault: Hidden, refitted: Sequence[Hidden] = ()) -> float:
         """Chance that one who knows everything else sees the fault at :data:`ALPHA`."""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import tomli_w
 
@@ -17,7 +18,8 @@ from aacmm_pin.arm.arm import Arm
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.discrepancy import Carrier, Discrepancy, Part
 from aacmm_pin.effects.error_model import ErrorModel
-from aacmm_pin.effects.smooth_functions import MOST_KNOTS, Bumps, Cosines, Smooth, Waves
+from aacmm_pin.effects.smooth_functions import MOST_KNOTS, Bumps, Cosines, Moment, Smooth, Waves
+from aacmm_pin.effects.state import State
 from aacmm_pin.errors import AacmmError, ArmFileError, MissingConditionError
 from tests.by_pinocchio import placements
 
@@ -25,6 +27,8 @@ TIME = Cosines("time", (0.0, 100.0, 400.0), (0.5, 5.0, 9.5), 10, 2)
 PLACES = Bumps(((0.1, 0.2, 0.3), (-0.3, 0.4, 0.5)), 0.4)
 WAVES = (Waves("joint 2", constant=True), Waves("joint 4"))
 N = 7
+LONG = [2, 4, 5]
+"""Rows, from 0, of the arm's bodies longer than 0.15 m."""
 
 
 def records(arm: Arm, rng: np.random.Generator) -> tuple[Array, Conditions]:
@@ -37,6 +41,9 @@ def one(carrier: str, *functions: Smooth) -> Discrepancy:
     part = Part(Carrier(carrier), functions)
     values = 1e-6 * (1.0 + np.arange(part.coefficients))
     return Discrepancy("something", (part,), part.coefficients, values=tuple(values), u=tuple(0.1 * values))
+
+
+GEAR = one("angle 3", Waves("joint 3", order=4), Moment("joint 3", (1.0, -2.0, 0.5)))
 
 
 def shared() -> Discrepancy:
@@ -83,6 +90,34 @@ def test_moves_the_tip_as_pinocchio_says(
     )
 
 
+@pytest.mark.parametrize(("carrier", "grow"), [("tubes", LONG), ("tube 5", [4])])
+def test_tubes_grow_as_longer_ones_do(sino6: Arm, rng: np.random.Generator, carrier: str, grow: list[int]) -> None:
+    q, conditions = records(sino6, rng)
+    growth = 1e-6
+    effect = Discrepancy("something", (Part(Carrier(carrier), ()),), 1, values=(growth,))
+    assert sino6.file is not None
+    joints = list(sino6.file.joints)
+    for number in grow:
+        row, factor = joints[number], 1.0 + growth
+        joints[number] = row.model_copy(update={"a_mm": row.a_mm * factor, "d_mm": row.d_mm * factor})
+    longer = Arm.from_file(sino6.file.model_copy(update={"joints": joints}))
+    found = ErrorModel(sino6, [effect]).predict(q, conditions)
+    np.testing.assert_allclose(found, longer.positions(q), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("row", [1, 2, 3, 5])
+def test_moment_is_the_torque_that_pinocchio_says(sino6: Arm, rng: np.random.Generator, row: int) -> None:
+    q, conditions = records(sino6, rng)
+    state = State(sino6, q, conditions, sino6.chain.tip)
+    data = sino6.model.createData()
+    torques = [pin.computeGeneralizedGravity(sino6.model, data, each)[row - 1] for each in q]
+    of = f"joint {row}"
+    np.testing.assert_allclose(Moment(of).values(state)[:, 0], np.negative(torques), rtol=0, atol=1e-9)
+    own = np.stack([np.ones(N), np.cos(q[:, row - 1]), np.sin(q[:, row - 1])], axis=1)
+    rest = Moment.beyond_own_angle(of, state).values(state)
+    np.testing.assert_allclose(own.T @ rest, 0.0, atol=1e-9)
+
+
 def test_ranks_are_the_same_at_new_records(rng: np.random.Generator) -> None:
     few = rng.permutation(np.repeat([3.0, 1.0, 7.0], [4, 2, 6]))
     below = np.array([1.0, 4.0, 9.0])[np.searchsorted([1.0, 3.0, 7.0], few)] / 12.0
@@ -96,7 +131,7 @@ def test_ranks_are_the_same_at_new_records(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(ends[[0, 3]], ends[[1, 2]])
 
 
-@pytest.mark.parametrize("effect", [one("before 3", TIME), one("angle 2", *WAVES), one("lengths"), shared()])
+@pytest.mark.parametrize("effect", [one("before 3", TIME), one("angle 2", *WAVES), one("lengths"), GEAR, shared()])
 def test_arm_file_brings_it_back(sino6: Arm, rng: np.random.Generator, tmp_path: Path, effect: Discrepancy) -> None:
     q, conditions = records(sino6, rng)
     model, path = ErrorModel(sino6, ["encoder_gain:3,gain=1e-4", effect]), tmp_path / "extended.toml"

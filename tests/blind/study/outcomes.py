@@ -53,6 +53,7 @@ def outcome(row: Row) -> Row:
     - ``alike``: one of the hidden causes, or one that nobody could tell from it (a free curve is not excused), is named;
     - ``right``: ``alike``, or nothing named where nothing is hidden;
     - ``seen``, ``found``: hidden causes that the oracle sees, and those of them that are named surely;
+    - ``apart``, ``found apart``: of these, those that no other cause of the library could be;
     - ``false``: names that are neither hidden nor like something hidden;
     - ``structure named``: what is said of the unexplained holds all covariates of a structure outside the library that the
       records show;
@@ -66,7 +67,8 @@ def outcome(row: Row) -> Row:
     alike = bool(excused & names)
     structure = row["truth"]["structure"]
     silent = not names and verdict in ("no-discrepancy", "inconclusive", *(["unexplained"] if structure else []))
-    seen = [h["key"] for h in hidden if h["power"] >= SEEN]
+    seen = [h for h in hidden if h["power"] >= SEEN]
+    found = [h for h in seen if stated.get(h["key"], 0.0) >= SURE]
     return {
         "seed": row["seed"],
         "family": row["family"],
@@ -87,7 +89,9 @@ def outcome(row: Row) -> Row:
         "alike": alike if hidden else None,
         "right": error is None and (alike if hidden else silent),
         "seen": len(seen),
-        "found": sum(stated.get(key, 0.0) >= SURE for key in seen),
+        "found": len(found),
+        "apart": sum(not h["rivals"] for h in seen),
+        "found apart": sum(not h["rivals"] for h in found),
         "false": len(names - excused),
         "structure named": _all_named(structure, said),
         "stated": [*stated.values()],
@@ -174,6 +178,7 @@ def _figures(runs: pd.DataFrame) -> Row:
         "named where nothing is hidden": rate(runs["named"]),
         "hidden cause named": rate(runs["alike"]),
         f"causes seen, stated ≥ {SURE:g}": share(int(runs["found"].sum()), int(runs["seen"].sum())),
+        f"causes told apart, stated ≥ {SURE:g}": share(int(runs["found apart"].sum()), int(runs["apart"].sum())),
         "files with false names": rate(runs["false"] > 0),
         "structure named": rate(runs["structure named"]),
         "statements": sum(map(len, runs["stated"])),

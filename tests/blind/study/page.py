@@ -43,6 +43,7 @@ A cause is named if its probability is at least 0.5. Intervals cover 95 %.
 | named where nothing is hidden | a cause is named; an `inconclusive` verdict is an abstention |
 | hidden cause named | one of the hidden causes, or the same as one, is named, whatever the verdict |
 | causes seen, stated ≥ 0.95 | of the hidden causes that an oracle with power 0.9 sees, those with that probability |
+| causes told apart, stated ≥ 0.95 | of these, causes of which every other cause of the library leaves λ ≥ 13 |
 | files with false names | a name is not that of a hidden cause, nor the same as one |
 | structure named | all covariates of the structure outside the library are named; of structures with λ ≥ 50 |
 | stated minus true | mean stated probability of the findings less the share of those that are hidden under this very name |

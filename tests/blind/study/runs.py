@@ -20,7 +20,7 @@ from blind.families import family_file
 from blind.machine import GEOMETRY
 from blind.oracle import ALIKE, Oracle
 from blind.regimes import RegimeFile
-from blind.study.outcomes import key_of
+from blind.study.outcomes import SEEN, key_of
 from blind.truth import Hidden
 
 Row = dict[str, Any]
@@ -92,7 +92,8 @@ def _limited(seconds: float) -> Iterator[None]:
 def _truth(file: RegimeFile, said: Row | None) -> Row:
     """What was hidden, what the oracle sees of it, and which of the named causes nobody could tell from it.
 
-    ``lambda`` of a cause is beside known values of all others, ``power`` beside values of the other causes that are fitted.
+    ``lambda`` of a cause is beside known values of all others, ``power`` beside values of the other causes that are fitted;
+    ``rivals`` are other causes that the records do not tell from it.
     """
     oracle = Oracle(file) if file.machine.faults else None
     named = {key_of(finding): finding for finding in (said or {}).get("findings", [])}
@@ -106,6 +107,7 @@ def _truth(file: RegimeFile, said: Row | None) -> Row:
         row |= {"lambda": oracle.visible(fault), "aliases": {name: c for name, c in cosines.items() if c > ALIKE}}
         others = [other for other in file.hidden if other is not fault]
         row |= {"lambda_refitted": oracle.visible(fault, others), "power": oracle.power(fault, others)}
+        row["rivals"] = oracle.rivals(fault, others) if row["power"] >= SEEN else {}
         hidden.append(row)
     structure = _structure(file, oracle, named)
     return {"hidden": hidden, "structure": structure, "noise_mm": 1e3 * file.noise_rms, "outliers": file.outliers}
