@@ -62,7 +62,7 @@ WIDE: dict[str, int] = {
     "measurements": 289,
     "accuracy": 233,
     "calibration": 592,
-    "diagnosis": 458,
+    "diagnosis": 456,
     "planning": 186,
     "verification": 241,
     "papers": 247,

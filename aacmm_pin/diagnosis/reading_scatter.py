@@ -65,15 +65,16 @@ class ReadingScatter:
             groups.append(np.where(fit.observations.oriented[:, None, None], np.eye(width)[:, 3:], 0.0))
         alone = len(groups)
         groups += [by_reading[:, :, j : j + 1] for j in range(by_reading.shape[2])]
-        enlarged = off / np.sqrt(left)
+        enlarged = np.where(np.isfinite(off), off, 0.0) / np.sqrt(left)
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
         stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
-        search = _Components(stated, groups, np.where(np.isfinite(enlarged), enlarged, 0.0), counts)
+        search = _Components(stated, groups, enlarged, counts)
         tip = max(fit.noise.scatters.tip, np.sqrt(LEAST))
         start = np.array([tip**2, max(fit.noise.scatters.turn, np.sqrt(LEAST)) ** 2][:alone])
         lever = np.square(by_reading[counts, :3]).sum(axis=1).mean(axis=0)
         first = FIRST_SHARE * tip**2 / np.maximum(lever, LEAST_LEVER**2)
-        apart = _Components(stated, groups, postures.whitened(search.off[:, :, None])[:, :, 0], counts)
+        own = postures.whitened(enlarged[:, :, None])[:, :, 0]
+        apart = _Components(stated, groups, own, counts)
         log_ratios = apart.sure_ratios(np.concatenate([start, first]), alone)
         whole = search.best(np.concatenate([start, np.where(log_ratios > 0.0, first, 0.0)]))
         readings, covariances = np.sqrt(whole[alone:]), search.covariances(whole)
@@ -91,24 +92,31 @@ class _Components:
     """``C = N + Σ v_c F_c F_cᵀ`` for the residuals of the records that count."""
 
     def __init__(self, stated: Array, groups: list[Array], off: Array, counts: NDArray[np.bool_]) -> None:
-        self.stated, self.groups, self.off, self.counts = stated, groups, off, counts
+        self.stated = stated
+        self.squares = np.stack([group @ group.transpose(0, 2, 1) for group in groups])
+        self.off, self.of_stated = off[counts], stated[counts]
+        self.of_each = self.squares[:, counts]
 
     def covariances(self, variances: Array) -> Array:
         """Of each residual (n, k, k)."""
-        parts = zip(variances, self.groups, strict=True)
-        return np.asarray(self.stated + sum(v * (group @ group.transpose(0, 2, 1)) for v, group in parts))
+        return np.asarray(self.stated + np.tensordot(variances, self.squares, 1))
+
+    def _of_those_that_count(self, variances: Array) -> Array:
+        """Covariances of the residuals that count (m, k, k)."""
+        return np.asarray(self.of_stated + np.tensordot(variances, self.of_each, 1))
 
     def best(self, variances: Array) -> Array:
         """The likeliest variances; those that are zero stay zero."""
-        groups = [group[self.counts] for group in self.groups]
+        acting = np.flatnonzero(variances)
+        of_each = self.of_each[acting].reshape(len(acting), -1)
+        found = variances.copy()
         for _ in range(STEPS):
-            inverse = np.linalg.inv(self.covariances(variances)[self.counts])
-            pulled = np.einsum("nij,nj->ni", inverse, self.off[self.counts])
-            for c, group in enumerate(groups):
-                found = np.square(np.einsum("niq,ni->nq", group, pulled)).sum()
-                expected = np.einsum("niq,nij,njq->", group, inverse, group, optimize=True)
-                variances[c] *= np.sqrt(found / max(float(expected), LEAST))
-        return variances
+            inverse = np.linalg.inv(self._of_those_that_count(found))
+            pulled = inverse @ self.off[:, :, None]
+            pulls = pulled @ pulled.transpose(0, 2, 1)
+            squares, expected = of_each @ pulls.ravel(), of_each @ inverse.ravel()
+            found[acting] *= np.sqrt(squares / np.maximum(expected, LEAST))
+        return found
 
     def sure_ratios(self, start: Array, alone: int) -> Array:
         """Log likelihood with each variance from number ``alone`` on over that without it; 0 below the threshold.
@@ -117,10 +125,10 @@ class _Components:
         """
         found, chosen = np.zeros(start.size), np.arange(start.size) >= alone
         none = self.log_likelihood(self.best(np.where(chosen, 0.0, start)))
-        if self.log_likelihood(self.best(start.copy())) - none < THRESHOLDS.readings:
+        if self.log_likelihood(self.best(start)) - none < THRESHOLDS.readings:
             return found[alone:]
         while chosen.any():
-            whole = self.log_likelihood(self.best(start.copy()))
+            whole = self.log_likelihood(self.best(start))
             number = np.flatnonzero(chosen)
             without = (self.best(np.where(np.arange(start.size) == k, 0.0, start)) for k in number)
             each = np.array([whole - self.log_likelihood(rest) for rest in without])
@@ -134,7 +142,6 @@ class _Components:
 
     def log_likelihood(self, variances: Array) -> float:
         """Log likelihood, up to a constant."""
-        whole = self.covariances(variances)[self.counts]
-        off = self.off[self.counts]
-        squares = np.einsum("ni,ni->", off, np.linalg.solve(whole, off[:, :, None])[:, :, 0])
+        whole, off = self._of_those_that_count(variances), self.off[:, :, None]
+        squares = np.sum(off * np.linalg.solve(whole, off))
         return float(-0.5 * (np.linalg.slogdet(whole)[1].sum() + squares))
