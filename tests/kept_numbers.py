@@ -31,6 +31,7 @@ NOISE = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.012"
 AT_SEATS = "--encoder-noise-rad 8e-6 --reference-noise-mm 0.01 --probe-noise-mm 0.005"
 FREE, SEATS = "simulate sino6 --plan free", "simulate sino6 --plan seats --records 120"
 BARS = "simulate sino6 --plan ball-bar --seats 4 --records 90 --bar-length-mm 400"
+TOUCHED = "--encoder-noise-rad 8e-6 --probe-noise-mm 0.005"
 AT_BARS = "--encoder-noise-rad 8e-6 --probe-noise-mm 0.005 --length-noise-mm 0.002"
 HALF_WIDTHS = "--translation-half-width-mm 0.5 --rotation-half-width-rad 1e-3"
 POINT = "--point 33.6323 -671.8702 182.9355"
@@ -64,17 +65,17 @@ MORE = [
     f"plan sino6 --data warm.csv {NOISE} --records 10 -o best.csv --json best.json",
     f"plan sino6 --for calibration {NOISE} --records 20 --postures 300 -o geometry.csv --json geometry.json",
     "plan sino6 --for acceptance --range-mm 1000 -o procedure.csv",
-    f"simulate sino6 --plan procedure.csv {AT_SEATS} --seed 5 -o touches.csv",
+    f"simulate sino6 --plan procedure.csv {TOUCHED} --seed 5 -o touches.csv",
     "accept sino6 touches.csv --mpe SPAT.Max=0.15 --json accept.json",
     "accept sino6 procedure.csv --predict --runs 20 --json predict.json",
     f"{BARS} --effect joint_compliance:3,compliance_rad_per_nm=2e-5 --seed 6 -o bars.csv",
     f"calibrate sino6 bars.csv {AT_BARS} --target unknown --json bars-calibrate.json",
     f"diagnose sino6 bars.csv {AT_BARS} --target unknown --json bars-diagnose.json",
-    f"{FREE} --records 60 --orientation-noise-rad 50urad --effect encoder_gain:2 --seed 7 -o oriented.csv",
+    f"{FREE} --records 60 --orientation-noise-rad 50urad --effect encoder_gain:2,gain=2e-4 --seed 7 -o oriented.csv",
     f"diagnose sino6 oriented.csv {NOISE} --json oriented-diagnose.json",
     f"{FREE} --records 100 --effect thermal_expansion:expansion_per_k=4e-5 --seed 8 -o warmer.csv",
     f"diagnose warm.toml warmer.csv {NOISE} --reference-frame external --json changed.json",
-    "correct warm.toml warmer.csv --commands -o commands.csv",
+    "correct warm.toml warmer.csv --commands --nominal sino6 -o commands.csv",
     f"diagnose sino6 free.csv {NOISE} --with-discrepancy --extended-arm described.toml --json described.json",
     f"calibrate --urdf sino6.urdf --frame tip {HALF_WIDTHS} free.csv {NOISE} --json urdf-calibrate.json",
 ]
