@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -51,16 +52,16 @@ class Candidates:
     @staticmethod
     def of(design: Design, library: Sequence[Variants]) -> Candidates:
         """One cause is expected, shared by the causes' prior weights; of each, one variant is."""
-        weights = np.array([candidate[0].usual for candidate in library])
-        rest = len(design.names) - len(library)
-        share = [THRESHOLDS.library * weights / weights.sum(), np.full(rest, (1.0 - THRESHOLDS.library) / max(rest, 1))]
-        log_prior = np.log(np.concatenate(share))
+        log_prior = _log_prior_of_candidates(library, len(design.names))
         records = design.fit.problem.measurements
-        each = [_shares(variants, prior, records) for variants, prior in zip(library, log_prior, strict=False)]
-        each += [np.full(k, -np.log(k)) for k in np.bincount([b.candidate for b in design.blocks])[len(library) :]]
-        within = np.concatenate(each)
-        owners = np.array([b.candidate for b in design.blocks], dtype=np.intp)
-        return Candidates(design, log_prior[owners] + within, _contained(library))
+        of_causes = zip(library, log_prior, strict=False)
+        within = [_shares(variants, prior, records) for variants, prior in of_causes]
+        owners = _owners(design)
+        variants_of = np.bincount(owners)
+        for count in variants_of[len(library) :]:
+            within.append(np.full(count, -np.log(count)))
+        log_odds = log_prior[owners] + np.concatenate(within)
+        return Candidates(design, log_odds, _contained(library))
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -70,7 +71,7 @@ class Candidates:
     @cached_property
     def owners(self) -> Index:
         """Candidate of every block (blocks,)."""
-        return np.array([b.candidate for b in self.blocks], dtype=np.intp)
+        return _owners(self.design)
 
     def owner(self, block: int) -> int:
         """Candidate of a block."""
@@ -83,14 +84,34 @@ class Candidates:
     @cached_property
     def containers(self) -> dict[int, frozenset[int]]:
         """For each candidate that others contain, their numbers."""
-        inside = {c for members in self.contained.values() for c in members}
-        return {c: frozenset(k for k, members in self.contained.items() if c in members) for c in inside}
+        found = defaultdict[int, set[int]](set)
+        for container, members in self.contained.items():
+            for member in members:
+                found[member].add(container)
+        return {member: frozenset(containers) for member, containers in found.items()}
 
     def barred(self, blocks: Blocks) -> NDArray[np.bool_]:
         """Which blocks cannot stand beside these: of the same candidates, what these contain, and what contains these."""
-        owners = {self.owner(k) for k in blocks}
-        struck = owners.union(*(self.contained.get(c, ()) for c in owners), *(self.containers.get(c, ()) for c in owners))
+        struck = set[int]()
+        for owner in {self.owner(k) for k in blocks}:
+            struck.add(owner)
+            struck |= self.contained.get(owner, frozenset())
+            struck |= self.containers.get(owner, frozenset())
         return np.isin(self.owners, list(struck))
+
+
+def _owners(design: Design) -> Index:
+    """Candidate of every block (blocks,)."""
+    return np.array([block.candidate for block in design.blocks], dtype=np.intp)
+
+
+def _log_prior_of_candidates(library: Sequence[Variants], count: int) -> Array:
+    """Log prior odds of each candidate, causes before covariates (count,)."""
+    weights = np.array([variants[0].usual for variants in library])
+    covariates = count - len(library)
+    of_causes = THRESHOLDS.library * weights / weights.sum()
+    of_covariates = np.full(covariates, (1.0 - THRESHOLDS.library) / max(covariates, 1))
+    return np.asarray(np.log(np.concatenate([of_causes, of_covariates])))
 
 
 def _shares(variants: Variants, log_prior: float, records: Measurements) -> Array:
@@ -99,18 +120,21 @@ def _shares(variants: Variants, log_prior: float, records: Measurements) -> Arra
     Another inner value than that of a known cause is a change of this one and a new cause, each with these odds.
     """
     shares = np.log([effect.share(records) for effect in variants])
-    if len(variants) > 1 and is_change(variants[0]) and variants[0].inner:
-        return np.concatenate([[0.0], shares[1:] - log_sum(shares[1:]) + log_prior])
-    return np.asarray(shares - log_sum(shares))
+    new_beside_change = len(variants) > 1 and is_change(variants[0]) and variants[0].inner
+    if not new_beside_change:
+        return np.asarray(shares - log_sum(shares))
+    new = shares[1:] - log_sum(shares[1:])
+    return np.concatenate([[0.0], new + log_prior])
 
 
 def _contained(library: Sequence[Variants]) -> dict[int, frozenset[int]]:
     number = {(effect.cause, effect.place): k for k, (effect, *_) in enumerate(library)}
-    found: dict[int, set[int]] = {}
+    found = defaultdict[int, set[int]](set)
     for k, (effect, *_) in enumerate(library):
         for freer in effect.contained_in:
-            if (owner := number.get((freer, effect.place))) is not None:
-                found.setdefault(owner, set()).add(k)
+            owner = number.get((freer, effect.place))
+            if owner is not None:
+                found[owner].add(k)
     return {owner: frozenset(causes) for owner, causes in found.items()}
 
 
@@ -124,7 +148,8 @@ class State(NamedTuple):
     def of(self, kept: Sequence[int]) -> State:
         """Some of the blocks, with their widths; all else is as in it."""
         width = dict(zip(self.blocks, self.widths, strict=True))
-        return State(tuple(kept), tuple(width[k] for k in kept), self.amplitude)
+        widths = tuple(width[k] for k in kept)
+        return State(tuple(kept), widths, self.amplitude)
 
 
 class Marginal(NamedTuple):
@@ -183,7 +208,8 @@ class ModelSpace:
 
     def conditional(self, state: State, as_stated: bool = False) -> Conditional:
         """What is left of every block beside a set."""
-        base, key = self.base(state.amplitude, as_stated), (state.blocks, state.amplitude, as_stated)
+        base = self.base(state.amplitude, as_stated)
+        key = (state.blocks, state.amplitude, as_stated)
         if key not in self._among:
             if len(self._among) == RECENT:
                 del self._among[next(iter(self._among))]
@@ -200,12 +226,15 @@ class ModelSpace:
         Log marginal likelihood, plus the log prior odds of inclusion, plus the equal prior of widths and amplitudes. It does
         not depend on the order of the blocks.
         """
-        order = sorted(range(len(state.blocks)), key=lambda k: state.blocks[k])
-        blocks, widths = (tuple(each[k] for k in order) for each in (state.blocks, state.widths))
-        return self.conditional(State(blocks, widths, state.amplitude)).log_evidence + self._log_prior(blocks)
+        ordered = state.of(sorted(state.blocks))
+        log_evidence = self.conditional(ordered).log_evidence
+        return log_evidence + self._log_prior(ordered.blocks)
 
     def _log_prior(self, blocks: Blocks) -> float:
-        return self.log_prior(blocks) - float(len(blocks) * np.log(WIDTHS.size) + np.log(len(self.amplitudes)))
+        """With the equal prior of widths and amplitudes."""
+        of_widths = len(blocks) * np.log(WIDTHS.size)
+        of_amplitude = np.log(len(self.amplitudes))
+        return self.log_prior(blocks) - float(of_widths + of_amplitude)
 
     def marginal(self, blocks: Blocks) -> Marginal:
         """The set's log posterior, summed over its widths and the amplitudes; kept.
@@ -218,29 +247,37 @@ class ModelSpace:
 
     def _summed(self, blocks: Blocks) -> Marginal:
         state = self._near(blocks)
-        found, peaks = self._over_amplitudes(state), dict[int, Peak]()
+        found = self._over_amplitudes(state)
+        peaks = dict[int, Peak]()
         while (best := int(np.argmax(found))) not in peaks:
             peaks[best] = self._peak(state._replace(amplitude=best))
             state = peaks[best].state
             found = self._over_amplitudes(state)
-        for k in np.flatnonzero(found > found.max() - COUNTS).tolist():
+        counting = np.flatnonzero(found > found.max() - COUNTS)
+        for k in counting.tolist():
             if k not in peaks:
                 peaks[k] = self._peak(state._replace(amplitude=k))
         for k, peak in peaks.items():
             found[k] = peak.total
         top = max(peaks.values(), key=lambda peak: peak.largest)
-        return Marginal(float(log_sum(found)), top.state, np.exp(found - log_sum(found)))
+        total = float(log_sum(found))
+        return Marginal(total, top.state, np.exp(found - total))
 
     def _near(self, blocks: Blocks) -> State:
         """A state of the set near the best: widths and amplitude of a set with one block less, if one is known."""
         for k, block in enumerate(blocks):
-            if (known := self._marginals.get((*blocks[:k], *blocks[k + 1 :]))) is not None:
-                widths, first = known.best.widths, self._first_width(known.best.blocks, block)
-                return State(blocks, (*widths[:k], first, *widths[k:]), known.best.amplitude)
+            rest = (*blocks[:k], *blocks[k + 1 :])
+            known = self._marginals.get(rest)
+            if known is None:
+                continue
+            widths = list(known.best.widths)
+            widths.insert(k, self._first_width(rest, block))
+            return State(blocks, tuple(widths), known.best.amplitude)
         return State(blocks, (FIRST_WIDTH,) * len(blocks), 0)
 
     def _first_width(self, beside: Blocks, block: int) -> int:
-        return int(self._widths[beside][block]) if beside in self._widths else FIRST_WIDTH
+        known = self._widths.get(beside)
+        return FIRST_WIDTH if known is None else int(known[block])
 
     def _peak(self, state: State) -> Peak:
         """The best widths at the state's amplitude, changed one at a time."""
@@ -248,7 +285,8 @@ class ModelSpace:
         while True:
             values = at.over_widths[:, :-1]
             largest = values.max(axis=1)
-            more = largest - values[np.arange(len(values)), list(at.widths)]
+            members = np.arange(len(values))
+            more = largest - values[members, list(at.widths)]
             if more.max(initial=0.0) <= LEAST_GAIN:
                 break
             member = int(np.argmax(more))
@@ -256,8 +294,8 @@ class ModelSpace:
             widths[member] = int(np.argmax(values[member]))
             at = replace(at, widths=tuple(widths))
         own = at.log_evidence + log_prior
-        total = own + float((log_sum(values) - largest).sum())
-        return Peak(own, total, state._replace(widths=at.widths))
+        along_widths = log_sum(values) - largest
+        return Peak(own, own + float(along_widths.sum()), state._replace(widths=at.widths))
 
     def _over_amplitudes(self, state: State) -> Array:
         """Log posterior of the state with each amplitude (amplitudes,).
@@ -265,8 +303,10 @@ class ModelSpace:
         It has one top: upwards and downwards from the state's amplitude, those beyond a negligible one are not asked.
         """
         found = np.full(len(self.amplitudes), -np.inf)
-        for way in (range(state.amplitude, found.size), range(state.amplitude - 1, -1, -1)):
-            for k in way:
+        upwards = range(state.amplitude, found.size)
+        downwards = range(state.amplitude - 1, -1, -1)
+        for direction in (upwards, downwards):
+            for k in direction:
                 found[k] = self.log_posterior(state._replace(amplitude=k))
                 if found[k] < found.max() - NEGLIGIBLE:
                     break
@@ -280,7 +320,8 @@ class ModelSpace:
         """
         if blocks not in self._additions:
             marginal = self.marginal(blocks)
-            there = [one.additions - one.log_evidence + weight for one, weight in self._near_best(marginal, lower=True)]
+            near = self._near_best(marginal, lower=True)
+            there = [at.additions - at.log_evidence + weight for at, weight in near]
             factors = np.logaddexp.reduce(there, axis=0)
             self._widths[blocks] = np.argmax(factors, axis=1)
             gain = log_sum(factors) - np.log(WIDTHS.size)
@@ -294,17 +335,21 @@ class ModelSpace:
         Widths are the best with it. Amplitudes are the best and the next higher.
         """
         marginal, found = self.marginal(blocks), []
-        for one, weight in self._near_best(marginal, lower=False):
-            each = one.over_widths
-            found.append(weight + each[:, -1] - log_sum(each[:, :-1]) + np.log(WIDTHS.size))
+        for at, weight in self._near_best(marginal, lower=False):
+            values = at.over_widths
+            with_it = log_sum(values[:, :-1]) - np.log(WIDTHS.size)
+            found.append(weight + values[:, -1] - with_it)
+        loss = np.logaddexp.reduce(found, axis=0)
         odds = self.candidates.log_odds[list(blocks)]
-        return np.asarray(marginal.log_posterior + np.logaddexp.reduce(found, axis=0) - odds)
+        return np.asarray(marginal.log_posterior + loss - odds)
 
     def _near_best(self, marginal: Marginal, lower: bool) -> list[tuple[Conditional, float]]:
         """A set at its best amplitude and at the next one, each with its log weight."""
         best = marginal.best.amplitude
         following = best - 1 if lower else best + 1
-        amplitudes = sorted({best, int(np.clip(following, 0, len(self.amplitudes) - 1))})
-        weights = np.log(np.maximum(marginal.amplitudes[amplitudes], LEAST_WEIGHT))
+        last = len(self.amplitudes) - 1
+        amplitudes = sorted({best, min(max(following, 0), last)})
+        at_least = np.maximum(marginal.amplitudes[amplitudes], LEAST_WEIGHT)
+        weights = np.log(at_least)
         there = [self.conditional(marginal.best._replace(amplitude=k)) for k in amplitudes]
         return list(zip(there, weights - log_sum(weights), strict=True))

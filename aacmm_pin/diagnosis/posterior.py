@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -54,14 +55,15 @@ class Posterior:
         """The median probability model: the candidates more probable than not, each by its most probable variant (Barbieri,
         Berger 2004, Ann. Stat. 32).
         """
-        of_blocks: dict[int, float] = {}
+        of_blocks = defaultdict[int, float](float)
         for blocks, weight in self.weights.items():
             for k in blocks:
-                of_blocks[k] = of_blocks.get(k, 0.0) + weight
+                of_blocks[k] += weight
         best: dict[int, int] = {}
         for k in sorted(of_blocks, key=lambda k: (-of_blocks[k], k)):
             best.setdefault(self.space.candidates.owner(k), k)
-        return tuple(sorted(k for owner, k in best.items() if self.inclusion[owner] >= THRESHOLDS.named))
+        named = (k for k in best.values() if self.probability(k) >= THRESHOLDS.named)
+        return tuple(sorted(named))
 
     def beside(self, blocks: Blocks) -> Conditional:
         """What is left beside a set, at its best widths and amplitude."""
@@ -75,45 +77,57 @@ class Posterior:
     def without(self, block: int) -> Conditional:
         """What is left beside the median probability model without one of its blocks; all else is as in it."""
         best = self.space.marginal(self.median).best
-        return self.space.conditional(best.of([k for k in best.blocks if k != block]))
+        kept = [k for k in best.blocks if k != block]
+        return self.space.conditional(best.of(kept))
 
     def strength(self, block: int) -> float:
         """Log posterior odds of the median probability model with one of its blocks against without."""
-        without = tuple(k for k in self.median if k != block)
-        return self.space.marginal(self.median).log_posterior - self.space.marginal(without).log_posterior
+        kept = tuple(k for k in self.median if k != block)
+        whole, without = (self.space.marginal(blocks) for blocks in (self.median, kept))
+        return whole.log_posterior - without.log_posterior
 
     @cached_property
     def causes(self) -> dict[tuple[str, ...], float]:
         """Probability of each set of causes, by their labels, the most probable first; they add up to one."""
-        names, found = self.space.candidates.design.names, dict[tuple[str, ...], float]()
+        candidates = self.space.candidates
+        found = defaultdict[tuple[str, ...], float](float)
         for blocks, weight in self.weights.items():
-            owners = sorted({self.space.candidates.owner(k) for k in blocks if self.space.candidates.is_cause(k)})
-            labels = tuple(names[owner] for owner in owners)
-            found[labels] = found.get(labels, 0.0) + weight
-        return {labels: min(found[labels], 1.0) for labels in sorted(found, key=lambda labels: -found[labels])}
+            owners = {candidates.owner(k) for k in blocks if candidates.is_cause(k)}
+            labels = tuple(candidates.design.names[owner] for owner in sorted(owners))
+            found[labels] += weight
+        ordered = sorted(found, key=lambda labels: -found[labels])
+        return {labels: min(found[labels], 1.0) for labels in ordered}
 
     def beyond(self, named: Collection[str]) -> float:
         """Probability that a cause acts which is not among the named."""
-        return min(float(sum(weight for labels, weight in self.causes.items() if not set(labels) <= set(named))), 1.0)
+        known = set(named)
+        others = (weight for labels, weight in self.causes.items() if not known.issuperset(labels))
+        return min(float(sum(others)), 1.0)
 
     def instead(self, owner: int) -> Array:
         """Probability that each candidate is in the set and ``owner`` is not (candidates,)."""
-        candidates = self.space.candidates
-        rest = {s: w for s, w in self.weights.items() if owner not in {candidates.owner(k) for k in s}}
-        return inclusion(self.space, rest)
+        owned = [k for k, block in enumerate(self.space.candidates.blocks) if block.candidate == owner]
+        without = {s: w for s, w in self.weights.items() if not set(owned) & set(s)}
+        return inclusion(self.space, without)
+
+    @cached_property
+    def _likely(self) -> dict[Blocks, float]:
+        """Sets worth listing, with their weights."""
+        return {s: w for s, w in self.weights.items() if w >= THRESHOLDS.worth_listing}
 
     @cached_property
     def amplitudes(self) -> Array:
         """Probability of each amplitude of the background (amplitudes,)."""
-        likely = {blocks: weight for blocks, weight in self.weights.items() if weight >= THRESHOLDS.worth_listing}
-        each = [self.space.marginal(blocks).amplitudes * weight for blocks, weight in likely.items()]
-        return np.asarray(np.sum(each, axis=0) / sum(likely.values()))
+        weights = [*self._likely.values()]
+        of_sets = [self.space.marginal(blocks).amplitudes for blocks in self._likely]
+        return np.average(of_sets, axis=0, weights=weights)
 
     @cached_property
     def causes_alone(self) -> Conditional:
         """What is left beside the causes of the median probability model, without covariates and background."""
         best = self.space.marginal(self.median).best
-        causes = best.of([k for k in best.blocks if self.space.candidates.is_cause(k)])
+        kept = filter(self.space.candidates.is_cause, best.blocks)
+        causes = best.of([*kept])
         return self.space.conditional(causes._replace(amplitude=0))
 
     def uncertainty_of_the_set(self, block: int) -> Array:
@@ -123,17 +137,18 @@ class Posterior:
         Other sets hold it too, and structure beside it: law of total variance, about the estimate with these causes alone.
         """
         place = self.causes_alone.places[block]
-        values, vectors = np.linalg.eigh(self._of_other_sets[block] - self.causes_alone.covariance[place, place])
+        alone = self.causes_alone.covariance[place, place]
+        values, vectors = np.linalg.eigh(self._of_other_sets[block] - alone)
         return np.asarray(vectors * np.maximum(values, 0.0) @ vectors.T)
 
     @cached_property
     def _of_other_sets(self) -> dict[int, Array]:
         """Of each cause, its mean covariance in the sets that hold it, about the estimate with the causes alone (q, q)."""
         alone = self.causes_alone
-        total = {k: np.zeros((alone.design_blocks[k].size,) * 2) for k in alone.blocks}
+        sizes = {k: alone.design_blocks[k].size for k in alone.blocks}
+        total = {k: np.zeros((size, size)) for k, size in sizes.items()}
         held = dict.fromkeys(alone.blocks, 0.0)
-        likely = {blocks: weight for blocks, weight in self.weights.items() if weight >= THRESHOLDS.worth_listing}
-        for blocks, weight in likely.items():
+        for blocks, weight in self._likely.items():
             there = self.beside(blocks)
             covariance = there.covariance
             for k in set(blocks) & held.keys():
@@ -156,6 +171,7 @@ def weights_of(values: Mapping[Blocks, float]) -> dict[Blocks, float]:
     """Weights of sets by their log posteriors, the largest first; sets out of reach are not among them."""
     best = max(values.values())
     near = {blocks: value for blocks, value in values.items() if value > best - THRESHOLDS.reach}
-    weights = {blocks: float(np.exp(near[blocks] - best)) for blocks in sorted(near, key=lambda s: (-near[s], s))}
+    ordered = sorted(near, key=lambda blocks: (-near[blocks], blocks))
+    weights = {blocks: float(np.exp(near[blocks] - best)) for blocks in ordered}
     total = sum(weights.values())
     return {blocks: weight / total for blocks, weight in weights.items()}
