@@ -13,6 +13,7 @@ from aacmm_pin.errors import AacmmError, ShapeError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 RANGES = {
     "m": plausible.COORDINATE,
     "rad": plausible.READING,

@@ -9,15 +9,14 @@ import io
 import math
 import time
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support.angles import spread_angles
-from aacmm_pin._support.checks import Array, Index, vector, whole
+from aacmm_pin._support.checks import Array, Index, Mask, vector, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.output_files import whole_file
@@ -26,7 +25,6 @@ from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
-from aacmm_pin.accuracy.map_checkpoint import MapCheckpoint, digits
 from aacmm_pin.accuracy.tip_sensitivity import caveats
 from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
 from aacmm_pin.arm.arm import Arm
@@ -65,6 +63,46 @@ MOST_BYTES = 4_000_000_000
 """Size of a file: a map of a million cells has a tenth of it."""
 
 
+class Variable(NamedTuple):
+    """A variable of a map.
+
+    Attributes:
+        name: in the file.
+        source: what is found of each cell.
+        unit: of :data:`UNITS`.
+        text: its long name.
+        kind: of its numbers.
+        more: dimensions behind those of the cells.
+    """
+
+    name: str
+    source: str
+    unit: str
+    text: str
+    kind: type = float
+    more: tuple[str, ...] = ()
+
+
+VARIABLES = (
+    Variable("reachable", "reachable", "1", "1 where a configuration reaches the cell, limits apart", np.int8),
+    Variable("complete", "complete", "1", "0 where postures form families or the search ended early", np.int8),
+    Variable(
+        "sector_works", "works", "1", "1 where the sector's centre has a configuration in limits", np.int8, ("sector",)
+    ),
+    Variable("working_sectors", "count", "1", "number of working sectors", np.int32),
+    Variable("flexibility", "flexibility", "1", "working over theoretical sectors (eq. 1)"),
+    Variable("arc_fraction", "arc_fraction", "1", "working over theoretical range of swivel"),
+    Variable("comprehensive_mm3", "comprehensive", "mm3", "comprehensive accuracy (eq. 15)"),
+    Variable("best_mm3", "best", "mm3", "smallest accuracy volume of a sector's centre"),
+    Variable("worst_mm3", "worst", "mm3", "largest accuracy volume of a sector's centre"),
+    Variable("smallest_u_mm", "least_u", "mm", "smallest standard uncertainty of a sector's centre"),
+    Variable("largest_u_mm", "most_u", "mm", "largest standard uncertainty of a sector's centre"),
+    Variable("smallest_u_theta_deg", "least_u_q", "degree", "configuration with the smallest u", more=("joint",)),
+    Variable("best_theta_deg", "best_q", "degree", "configuration with the smallest volume", more=("joint",)),
+    Variable("worst_theta_deg", "worst_q", "degree", "configuration with the largest volume", more=("joint",)),
+)
+
+
 @dataclass(frozen=True, eq=False)
 class WorkspaceMap(Shown):
     """Flexibility and accuracy over the half-plane.
@@ -88,7 +126,8 @@ class WorkspaceMap(Shown):
     @property
     def caveats(self) -> tuple[str, ...]:
         """That cells in reach have no sectors, where some have none."""
-        without = int((self.data["reachable"].values.astype(bool) & np.isnan(self.data["flexibility"].values)).sum())
+        no_sectors = np.isnan(self.data["flexibility"].values)
+        without = int(np.sum(self._reachable & no_sectors))
         if not without:
             return ()
         return (
@@ -98,13 +137,19 @@ class WorkspaceMap(Shown):
 
     def working_sectors(self) -> dict[int, int]:
         """Number of reachable cells for each number of working sectors."""
-        counts = self.data["working_sectors"].values[self.data["reachable"].values.astype(bool)]
-        return {k: int(n) for k, n in enumerate(np.bincount(counts, minlength=self.sectors + 1))}
+        working = self.data["working_sectors"].values[self._reachable]
+        counts = np.bincount(working, minlength=self.sectors + 1)
+        return dict(enumerate(counts.tolist()))
+
+    @property
+    def _reachable(self) -> Mask:
+        """Which cells a configuration reaches, limits apart (x, z)."""
+        return np.asarray(self.data["reachable"].values.astype(bool))
 
     @property
     def unreachable(self) -> int:
         """Number of cells whose centre no configuration reaches, limits apart."""
-        return int((self.data["reachable"].values == 0).sum())
+        return int(np.sum(~self._reachable))
 
     @property
     def incomplete(self) -> int:
@@ -112,7 +157,10 @@ class WorkspaceMap(Shown):
 
         Their singular postures form families, a curve could not be followed, or the search ended at its limit of work.
         """
-        return int((self.data["complete"].values == 0).sum()) if "complete" in self.data else 0
+        if "complete" not in self.data:
+            return 0
+        complete = self.data["complete"].values
+        return int(np.sum(complete == 0))
 
     @property
     def not_included(self) -> tuple[str, ...]:
@@ -183,7 +231,6 @@ def map_workspace(
     conditions: Conditions | None = None,
     method: Method = "zonotope",
     workers: Workers = 1,
-    parts: str | Path | None = None,
     progress: bool = True,
 ) -> WorkspaceMap:
     """Flexibility, comprehensive accuracy, best and worst configuration of the wrist over the half-plane.
@@ -199,12 +246,10 @@ def map_workspace(
         conditions: of one record, which hold everywhere; see :func:`accuracy_volume`.
         method: how accuracy volumes are found (not ``monte-carlo``).
         workers: how many processes, or a ``concurrent.futures.Executor``; a piece of work is several hundred cells.
-        parts: a folder for what is done; of a map that was interrupted, that is not worked out again.
         progress: show a bar in a notebook, or on stderr at a terminal.
 
     Raises:
-        AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an uncertainty; ``parts`` of
-            another map.
+        AacmmError: sizes below 1, an extent in the wrong order or with negative x, nothing has an uncertainty.
         ShapeError: ``conditions`` of more than one record.
         UnknownNameError: no such method for a map.
         UnsupportedArmError: no DH table, or one without the joints that this needs; see :func:`accuracy_volume`.
@@ -221,36 +266,20 @@ def map_workspace(
     probe = _probe(model, conditions, method)
     points = np.stack(np.meshgrid(*_centres(box, cells), indexing="ij"), axis=-1).reshape(-1, 3)
     pieces = chunks(len(points), CELLS_AT_ONCE)
-    kept = None if parts is None else MapCheckpoint.of(parts, _question(arm, probe, box, cells, sectors))
-    merged: dict[str, Array] = {}
-    with bar(progress, f"map of {arm.name}", "cell", total=len(points)) as moving:
-
-        def take(number: int, found: dict[str, Array]) -> None:
-            part = pieces[number]
-            for name, values in found.items():
-                if name not in merged:
-                    merged[name] = np.empty((len(points), *values.shape[1:]), values.dtype)
-                merged[name][part] = values
-            moving.update(part.stop - part.start)
-
-        todo = []
-        for number, part in enumerate(pieces):
-            found = None if kept is None else kept.load(number, part.stop - part.start)
-            if found is None:
-                todo.append(number)
-            else:
-                take(number, found)
-        jobs = (_Job(model, conditions, points[pieces[number]], sectors, method) for number in todo)
-        with results(_work, jobs, workers) as worked:
-            for place, found in worked:
-                if kept is not None:
-                    kept.save(todo[place], found)
-                take(todo[place], found)
+    jobs = [_Job(model, conditions, points[piece], sectors, method) for piece in pieces]
+    found = dict[int, dict[str, Array]]()
+    cells_bar = bar(progress, f"map of {arm.name}", "cell", total=len(points))
+    with cells_bar as moving, results(_work, jobs, workers) as worked:
+        for number, arrays in worked:
+            found[number] = arrays
+            moving.update(len(jobs[number].points))
+    in_order = [found[number] for number in range(len(jobs))]
+    merged = {name: np.concatenate([arrays[name] for arrays in in_order]) for name in in_order[0]}
     seconds = time.perf_counter() - started
     data = _dataset(arm, merged, box, cells, sectors, method, seconds)
-    untold = WorkspaceMap(data, seconds)
-    told = {"caveats": (*untold.caveats, *map_caveats(arm, extent)), "not_included": probe.not_included}
-    return WorkspaceMap(data.assign_attrs({name: "; ".join(words) for name, words in told.items()}), seconds)
+    all_caveats = (*WorkspaceMap(data, seconds).caveats, *map_caveats(arm, extent))
+    data = data.assign_attrs(caveats="; ".join(all_caveats), not_included="; ".join(probe.not_included))
+    return WorkspaceMap(data, seconds)
 
 
 @dataclass(frozen=True)
@@ -270,11 +299,20 @@ def _work(job: _Job) -> dict[str, Array]:
     known = wrist_curves(wrist, job.points, FEW_PER_TURN)
     components = Components(Swivel(dh, arm.up), wrist_system(wrist, job.points), job.points, known.curves, wrist)
     found = Sectors.of(components, arm.limits, job.sectors)
-    reachable, complete = np.zeros(len(job.points), dtype=bool), np.full(len(job.points), not known.degenerate)
-    reachable[[*(curve.problem for curve in known.curves), *known.families]] = True
-    complete[[curve.problem for curve in known.curves if not curve.closed] + [*known.families, *known.unfinished]] = False
-    result = {"reachable": reachable, "complete": complete, "works": found.working, "flexibility": found.zeta}
-    return result | {"arc_fraction": arc_fractions(components, arm.limits)} | _accuracies(job, found)
+    with_curves = [curve.problem for curve in known.curves]
+    not_closed = [curve.problem for curve in known.curves if not curve.closed]
+    reachable = np.zeros(len(job.points), dtype=bool)
+    reachable[[*with_curves, *known.families]] = True
+    complete = np.full(len(job.points), not known.degenerate)
+    complete[[*not_closed, *known.families, *known.unfinished]] = False
+    of_cells = {
+        "reachable": reachable,
+        "complete": complete,
+        "works": found.working,
+        "flexibility": found.zeta,
+        "arc_fraction": arc_fractions(components, arm.limits),
+    }
+    return of_cells | _accuracies(job, found)
 
 
 def _accuracies(job: _Job, found: Sectors) -> dict[str, Array]:
@@ -342,27 +380,6 @@ def _probe(model: Arm | ErrorModel, conditions: Conditions | None, method: Metho
     return accuracy_volume(model, q, conditions=conditions, at=WRIST, method=method)
 
 
-def _question(arm: Arm, probe: AccuracyVolume, box: Array, cells: tuple[int, int], sectors: int) -> dict[str, Any]:
-    """All that the numbers of a map depend on; causes, uncertainties and conditions by what they do to some postures."""
-    dh = arm.require_dh(MAP, WRIST_ROW)
-    return {
-        "version": version("aacmm-pin"),
-        "arm": arm.name,
-        "convention": dh.convention,
-        "rows": digits(dh.values()),
-        "moving": dh.moving.tolist(),
-        "limits_rad": digits(arm.limits),
-        "up": digits(arm.up),
-        "extent_mm": digits(box / MM),
-        "cells": list(cells),
-        "cells_of_a_part": CELLS_AT_ONCE,
-        "sectors": sectors,
-        "method": probe.method,
-        "volumes_mm3": digits(probe.volume / MM3),
-        "u_mm": digits(probe.u / MM),
-    }
-
-
 def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[str, ...]:
     """Why the half-plane y = 0 does not stand for all of space with this arm, and what is not in its uncertainties.
 
@@ -390,9 +407,13 @@ def map_caveats(arm: Arm, extent: ArrayLike | None = None) -> tuple[str, ...]:
 
 def _centres(box: Array, cells: tuple[int, int]) -> tuple[Array, Array, Array]:
     """Cell centres along x, y (0 alone) and z [m]."""
-    x = box[0] + (np.arange(cells[0]) + 0.5) * (box[1] - box[0]) / cells[0]
-    z = box[2] + (np.arange(cells[1]) + 0.5) * (box[3] - box[2]) / cells[1]
-    return x, np.zeros(1), z
+    return _middles(box[0], box[1], cells[0]), np.zeros(1), _middles(box[2], box[3], cells[1])
+
+
+def _middles(low: float, high: float, count: int) -> Array:
+    """Middles of equal intervals (count,)."""
+    width = (high - low) / count
+    return np.asarray(low + (np.arange(count) + 0.5) * width)
 
 
 def _dataset(
@@ -404,33 +425,18 @@ def _dataset(
     method: str,
     seconds: float,
 ) -> xr.Dataset:
-    x, _, z = _centres(box, cells)
+    import xarray as xr
 
     merged = merged | {"count": merged["works"].sum(axis=1)}
-
-    def over_cells(name: str, unit: str, text: str, kind: type = float) -> Any:
-        values: Any = merged.pop(name).astype(kind, copy=False)
-        if UNITS[unit] != 1.0:
-            values /= UNITS[unit]
-        dims = ("x_mm", "z_mm", *{"works": ("sector",)}.get(name, ("joint",) if name.endswith("_q") else ()))
-        return dims, values.reshape(cells + values.shape[1:]), {"units": unit, "long_name": text}
-
-    variables = {
-        "reachable": over_cells("reachable", "1", "1 where a configuration reaches the cell, limits apart", np.int8),
-        "complete": over_cells("complete", "1", "0 where postures form families or the search ended early", np.int8),
-        "sector_works": over_cells("works", "1", "1 where the sector's centre has a configuration in limits", np.int8),
-        "working_sectors": over_cells("count", "1", "number of working sectors", np.int32),
-        "flexibility": over_cells("flexibility", "1", "working over theoretical sectors (eq. 1)"),
-        "arc_fraction": over_cells("arc_fraction", "1", "working over theoretical range of swivel"),
-        "comprehensive_mm3": over_cells("comprehensive", "mm3", "comprehensive accuracy (eq. 15)"),
-        "best_mm3": over_cells("best", "mm3", "smallest accuracy volume of a sector's centre"),
-        "worst_mm3": over_cells("worst", "mm3", "largest accuracy volume of a sector's centre"),
-        "smallest_u_mm": over_cells("least_u", "mm", "smallest standard uncertainty of a sector's centre"),
-        "largest_u_mm": over_cells("most_u", "mm", "largest standard uncertainty of a sector's centre"),
-        "smallest_u_theta_deg": over_cells("least_u_q", "degree", "configuration with the smallest u"),
-        "best_theta_deg": over_cells("best_q", "degree", "configuration with the smallest volume"),
-        "worst_theta_deg": over_cells("worst_q", "degree", "configuration with the largest volume"),
-    }
+    x, _, z = _centres(box, cells)
+    variables = {}
+    for variable in VARIABLES:
+        values: Array = merged[variable.source].astype(variable.kind)
+        if variable.unit != "1":
+            values = values / UNITS[variable.unit]
+        dims = ("x_mm", "z_mm", *variable.more)
+        attrs = {"units": variable.unit, "long_name": variable.text}
+        variables[variable.name] = (dims, values.reshape(cells + values.shape[1:]), attrs)
     centres = sector_centres(sectors) / DEG
     coordinates = {
         "x_mm": ("x_mm", x / MM, {"units": "mm", "long_name": "distance from joint axis 1"}),
@@ -448,6 +454,4 @@ def _dataset(
         "extent_mm": (box / MM).tolist(),
         "seconds": seconds,
     }
-    import xarray as xr
-
     return xr.Dataset(variables, coordinates, attributes)

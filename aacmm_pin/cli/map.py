@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, cast
 
 import numpy as np
@@ -30,10 +29,6 @@ def run(
     ] = None,
     method: Annotated[str, typer.Option(help="One of zonotope, jointwise, ellipsoid.")] = "zonotope",
     processes: Annotated[int, typer.Option(min=1, help="Worker processes.")] = 1,
-    parts: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Keep what is done here; an interrupted map goes on from it."),
-    ] = None,
     output: Output = None,
     plot: Plot = None,
     json_: Json = None,
@@ -47,7 +42,7 @@ def run(
         for caveat in map_caveats(model.arm, extent):
             note(f"note: {caveat}")
         method_ = cast(Method, method)
-        result = map_workspace(model, cells, sectors, extent=extent, method=method_, workers=processes, parts=parts)
+        result = map_workspace(model, cells, sectors, extent=extent, method=method_, workers=processes)
         for caveat in result.caveats:
             note(f"note: {caveat}")
         if result.unreachable == cells[0] * cells[1]:

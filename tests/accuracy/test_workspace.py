@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,8 @@ import pytest
 import xarray as xr
 
 from aacmm_pin._support.checks import Array
-from aacmm_pin._support.output_files import whole_file
-from aacmm_pin.accuracy import map_checkpoint, workspace
+from aacmm_pin.accuracy import workspace
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
-from aacmm_pin.accuracy.map_checkpoint import MapCheckpoint
 from aacmm_pin.accuracy.volume import accuracy_volume
 from aacmm_pin.accuracy.workspace import WorkspaceMap, map_caveats, map_workspace
 from aacmm_pin.arm.arm import Arm
@@ -311,64 +308,6 @@ def test_two_processes_and_parts_of_a_map_do_not_show(extended: ErrorModel, monk
     two.data.attrs.pop("seconds")
     xr.testing.assert_identical(one.data, two.data)
     xr.testing.assert_allclose(one.data, whole.data, rtol=1e-6)
-
-
-def test_two_maps_may_begin_the_same_parts_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def after_another(path: Path) -> AbstractContextManager[Path]:
-        monkeypatch.undo()
-        MapCheckpoint.of(path.parent, {"sectors": 3})
-        return whole_file(path)
-
-    monkeypatch.setattr(map_checkpoint, "whole_file", after_another)
-    mine = MapCheckpoint.of(tmp_path / "parts", {"sectors": 3})
-    assert mine == MapCheckpoint.of(tmp_path / "parts", {"sectors": 3})
-
-
-def test_an_interrupted_map_goes_on_from_its_parts(
-    extended: ErrorModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(workspace, "CELLS_AT_ONCE", 2)
-    folder, work, done = tmp_path / "parts", workspace._work, []
-    asked: dict[str, Any] = {"cells": (2, 3), "sectors": 4, "extent": BOX, "progress": False}
-
-    def second_fails(job: Any) -> dict[str, Array]:
-        if len(done) == 1:
-            raise KeyboardInterrupt
-        done.append(job)
-        return work(job)
-
-    monkeypatch.setattr(workspace, "_work", second_fails)
-    with pytest.raises(KeyboardInterrupt):
-        map_workspace(extended, parts=folder, **asked)
-    monkeypatch.setattr(workspace, "_work", lambda job: done.append(job) or work(job))
-    continued = map_workspace(extended, parts=folder, **asked)
-    assert len(done) == 3, "a part was worked out twice"
-    again, afresh = map_workspace(extended, parts=folder, **asked), map_workspace(extended, **asked)
-    assert len(done) == 6, "a map that was complete was worked out again"
-    for other in (again, afresh):
-        other.data.attrs["seconds"] = continued.data.attrs["seconds"]
-        xr.testing.assert_identical(continued.data, other.data)
-
-    hotter = Conditions(1, temperature=np.array([35.0]))
-    stiffer = extended.with_effects(extended.effects[0].at(tuple(2 * v for v in extended.effects[0].values)))
-    for model, changed in ((extended, {"sectors": 5}), (extended, {"conditions": hotter}), (stiffer, {})):
-        with pytest.raises(AacmmError, match="parts of another map"):
-            map_workspace(model, parts=folder, **(asked | changed))
-    part = folder / "part000002.nc"
-    whole = part.read_bytes()
-    for damaged in (whole[:100], whole[:4], b"", b"\x89HDF\r\n\x1a\n" + whole[8:], whole[:-100]):
-        part.write_bytes(damaged)
-        with pytest.raises(AacmmError, match=r"^[^\n]*part000002\.nc: cannot be read as a part of a map[^\n]*$"):
-            map_workspace(extended, parts=folder, **asked)
-    for name in ("part000002.nc", "question.json"):
-        (folder / name).unlink()
-        (folder / name).symlink_to("/dev/zero")
-        with pytest.raises(AacmmError, match=rf"^[^\n]*{name}: is no regular file[^\n]*$"):
-            map_workspace(extended, parts=folder, **asked)
-    with pytest.raises(AacmmError, match="new folder"):
-        map_workspace(extended, parts=tmp_path, **asked)
-    with pytest.raises(AacmmError, match="cannot be used"):
-        map_workspace(extended, parts=part, **asked)
 
 
 def test_an_elbow_that_stays_in_one_plane_has_no_sectors() -> None:

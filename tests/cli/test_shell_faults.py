@@ -204,7 +204,6 @@ def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.M
     done("urdf", "sino6", "-o", "arm.urdf")
     urdf = ["--urdf", "arm.urdf", "--frame", "tip"]
     done("calibrate", *urdf, "--translation-half-width-mm", "0.3", "data.csv", *NOISE, "--no-held-out", "-o", "of_urdf.toml")
-    done("map", "sino6", "--cells", "2", "2", "--parts", "parts", "--json", "-")
     read = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     (tmp_path / "link.urdf").symlink_to("arm.urdf")
     for words, inputs in (
@@ -228,7 +227,6 @@ def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.M
         (["accept", "of_urdf.toml", "data.csv", "-o"], ["arm.urdf"]),
         (["show", "of_urdf.toml", "-o"], ["arm.urdf"]),
         (["configurations", "of_urdf.toml", *POINT, "-o"], ["arm.urdf"]),
-        (["map", "sino6", "--cells", "2", "2", "--parts", "parts", "-o"], ["parts/part000001.nc", "parts/question.json"]),
         (["--plugin", "hose.py", "urdf", "sino6", "-o"], ["hose.py"]),
         (["--plugin", "imports_more", "urdf", "sino6", "-o"], ["imports_more.py"]),
     ):
@@ -237,10 +235,6 @@ def test_no_command_replaces_what_it_reads(tmp_path: Path, monkeypatch: pytest.M
     for name in ("imports_more", "more_of_it"):
         sys.modules.pop(name)
     refused("--plugin", "imports_more", "urdf", "sino6", "-o", "more_of_it.py", "--force", said=["more_of_it.py", "is read"])
-    assert {path: path.read_bytes() for path in read} == read
-    (tmp_path / "parts" / "part000001.nc").unlink()
-    words = ["map", "sino6", "--cells", "2", "2", "--parts", "parts", "-o", "parts/part000001.nc", "--force"]
-    refused(*words, said=["part000001.nc", "is read"])
     assert {path: path.read_bytes() for path in read} == read
 
 
